@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swarmwright import Experiment, _engine
-from swarmwright.display.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.display.figures.style import COLORS, INK, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -182,7 +182,7 @@ def _boxes(field: "Axes", found: Sequence[Pair]) -> None:
         )
         for box in drawn["boxes"]:
             box.set(facecolor=color, alpha=0.6, edgecolor=INK)
-    dress(field)
+    style_axes(field)
     labels = [one.controller.replace("_", " ") for one in found]
     slanted: dict[str, Any] = (
         {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if len(found) > 6 else {}

@@ -18,8 +18,8 @@ from swarmwright import compare
 from swarmwright.analysis.significance import difference, holm
 from swarmwright.analysis.table import number
 from swarmwright.common.formatting import format_p_value
-from swarmwright.display.figures.comparison import apart
-from swarmwright.display.figures.style import COLORS, PAPER, SOFT, dress, new_figure, save
+from swarmwright.display.figures.comparison import spread_points
+from swarmwright.display.figures.style import COLORS, PAPER, SOFT, new_figure, save, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -140,8 +140,8 @@ def draw(axes: "Axes", quoted: Quoted, found: list[Row]) -> None:
         seen = row.values[row.values >= left]
         if len(seen):
             axes.plot(
-                seen, place + apart(seen), "o", markersize=6, color=color, alpha=0.75, markeredgecolor=PAPER,
-                markeredgewidth=0.7,
+                seen, place + spread_points(seen), "o", markersize=6, color=color, alpha=0.75,
+                markeredgecolor=PAPER, markeredgewidth=0.7,
             )  # fmt: skip
         hidden = len(row.values) - len(seen)
         if hidden:
@@ -153,7 +153,7 @@ def draw(axes: "Axes", quoted: Quoted, found: list[Row]) -> None:
     axes.set_xlim(left, best + 0.06 * (best - left))
     axes.set_ylim(len(found) - 0.4, -0.6)
     axes.set_yticks(range(len(found)), [row.name for row in found])
-    dress(axes, x=f"best fitness after {EVALUATIONS:,} evaluations (more is better)")
+    style_axes(axes, x=f"best fitness after {EVALUATIONS:,} evaluations (more is better)")
     axes.grid(visible=False, axis="y")
     axes.set_title(quoted.title, loc="left", fontsize=12, fontweight="bold")
 

@@ -20,7 +20,7 @@ from scipy import stats
 
 from benchmarks.kept import finished, read, write
 from swarmwright import Experiment, Run, transfer
-from swarmwright.display.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.display.figures.style import COLORS, INK, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -179,7 +179,7 @@ def draw(found: Sequence[Design]) -> "Figure":
                     medianprops={"color": INK},
                 )
                 drawn["boxes"][0].set(facecolor=color, alpha=0.6, edgecolor=INK)
-        dress(field)
+        style_axes(field)
         field.set_title(mission, fontsize=11, color=INK)
         field.set_xticks([0, 1], ["as\ndesigned", "pseudo-\nreality"])
     handles = [

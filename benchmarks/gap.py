@@ -24,7 +24,7 @@ from benchmarks.missions import chosen
 from benchmarks.places import PLACES, PREFIX, Place, running
 from benchmarks.processes import Broker, embedded
 from swarmwright import Run, transfer
-from swarmwright.display.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.display.figures.style import COLORS, INK, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -142,7 +142,7 @@ def draw(found: Sequence[Loss]) -> "Figure":
             )
             for box in drawn["boxes"]:
                 box.set(facecolor=color, alpha=0.6, edgecolor=INK)
-        dress(field)
+        style_axes(field)
         field.set_title(mission, fontsize=11, color=INK)
         field.set_xticks(range(len(simulators) + 1), ["arena", *simulators])
     handles = [

@@ -15,9 +15,9 @@ from ruamel.yaml import YAML
 from swarmwright import Episodes
 from swarmwright.display import Scene
 from swarmwright.display._bodies import Bodies
-from swarmwright.display._look import BORDER, rgb
-from swarmwright.display._robots import robots
-from swarmwright.display.drawing import frame, lay
+from swarmwright.display._look import BORDER, to_rgb
+from swarmwright.display._robots import draw_robots
+from swarmwright.display.drawing import draw_ground, prepare_axes
 from swarmwright.display.figures.style import COLORS, INK, new_figure
 
 if TYPE_CHECKING:
@@ -54,12 +54,12 @@ def draw(values: dict[str, Any]) -> "Figure":
     scene = Episodes("arena", {"mission": values}, seeds=[SEED]).scene()
     figure = new_figure(WIDTH, HEIGHT)
     axes = figure.subplots()
-    frame(axes, scene)
-    lay(axes, scene)
-    bodies = Bodies.of(scene.bodies)
+    prepare_axes(axes, scene)
+    draw_ground(axes, scene)
+    bodies = Bodies.from_bodies(scene.bodies)
     agents = bodies.has("agent")
-    color = np.tile(np.array(rgb(COLORS[0])) / 255, (int(agents.sum()), 1))
-    robots(axes, bodies, agents, color, 72 * WIDTH / (scene.width + 2 * BESIDE), valued=False)
+    color = np.tile(np.array(to_rgb(COLORS[0])) / 255, (int(agents.sum()), 1))
+    draw_robots(axes, bodies, agents, color, 72 * WIDTH / (scene.width + 2 * BESIDE), valued=False)
     axes.set_xlim(-BESIDE, scene.width + BESIDE)
     axes.set_ylim(-ABOVE, scene.height + ABOVE)
     x, y = (values["start"]["rectangle"][side] for side in "xy")
@@ -107,7 +107,7 @@ def _show_keys(axes: "Axes", scene: Scene, values: dict[str, Any]) -> None:
     light, obstacle, start = values["lights"][0], values["obstacles"][0], values["start"]["rectangle"]
     walls, x, y = values["walls"]["rectangle"], nest["rectangle"]["x"], nest["rectangle"]["y"]
     wide, high = (side / 2 for side in walls)
-    robot = min(Bodies.of(scene.bodies), key=lambda body: body.y)
+    robot = min(Bodies.from_bodies(scene.bodies), key=lambda body: body.y)
     at, radius = source["circle"]["center"], source["circle"]["radius"]
     above, below, east, west = high + 0.12, -high - 0.22, wide + 0.16, -wide - 0.5
     keys: tuple[tuple[str, Point, Point, str, str], ...] = (

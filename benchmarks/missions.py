@@ -31,7 +31,7 @@ from benchmarks.processes import Broker, embedded
 from swarmwright import Experiment, Run, post_evaluate
 from swarmwright.analysis.significance import holm
 from swarmwright.common.statistics import Estimate, estimate
-from swarmwright.display.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.display.figures.style import COLORS, INK, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -230,7 +230,7 @@ def draw(cells: Sequence[Cell]) -> "Figure":
             reach = [cell.mean.high - cell.mean.mean if cell.mean.high is not None else 0.0 for cell in of]
             places = [names.index(cell.simulator) + shift for cell in of]
             field.errorbar(places, means, reach, fmt="o", color=color, markersize=5, capsize=3, label=kind)
-        dress(field)
+        style_axes(field)
         field.set_title(mission.replace("_", " "), fontsize=11, color=INK)
         field.set_xticks(range(len(names)), names)
     for field in fields[len(missions) :]:

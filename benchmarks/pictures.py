@@ -28,9 +28,9 @@ from benchmarks.processes import Broker, embedded
 from swarmwright import Run
 from swarmwright.controllers.controller import Controller
 from swarmwright.display import Bodies, Recording, Scene
-from swarmwright.display._look import rgb
-from swarmwright.display._robots import robots
-from swarmwright.display.drawing import lay
+from swarmwright.display._look import to_rgb
+from swarmwright.display._robots import draw_robots
+from swarmwright.display.drawing import draw_ground
 from swarmwright.display.figures.style import COLORS, INK, new_figure
 from swarmwright.runs.replay import Replay
 
@@ -85,18 +85,20 @@ def _panel(field: "Axes", scenes: Sequence[Scene]) -> None:
     field.set(xlim=(0, scene.width), ylim=(0, scene.height), aspect="equal", xticks=[], yticks=[])
     for side in field.spines.values():
         side.set_visible(False)
-    for drawn in lay(field, scene):
+    for drawn in draw_ground(field, scene):
         if isinstance(drawn, Line2D) and drawn.get_marker() == "o":  # a lamp hides what is below it
             drawn.set_markersize(3)
-    bodies = Bodies.of(scene.bodies)
+    bodies = Bodies.from_bodies(scene.bodies)
     agents = bodies.has("agent")
-    ways = np.array([[(body.x, body.y) for body in Bodies.of(one.bodies)] for one in scenes])[:, agents]
-    color = np.array(rgb(COLORS[0])) / 255
+    ways = np.array([[(body.x, body.y) for body in Bodies.from_bodies(one.bodies)] for one in scenes])[
+        :, agents
+    ]
+    color = np.array(to_rgb(COLORS[0])) / 255
     field.add_collection(
         LineCollection(list(ways.transpose(1, 0, 2)), colors=color, alpha=0.45, linewidths=0.8, zorder=2.0)
     )
     scale = 72 * PANEL / scene.width
-    robots(field, bodies, agents, np.tile(color, (int(agents.sum()), 1)), scale, valued=False)
+    draw_robots(field, bodies, agents, np.tile(color, (int(agents.sum()), 1)), scale, valued=False)
 
 
 def main() -> None:

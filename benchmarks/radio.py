@@ -17,7 +17,7 @@ from scipy import stats
 
 from benchmarks.kept import finished
 from swarmwright import Experiment, post_evaluate
-from swarmwright.display.figures.style import COLORS, dress, new_figure
+from swarmwright.display.figures.style import COLORS, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,7 +96,7 @@ def draw(found: NDArray[np.float64]) -> "Figure":
             "linestyle": ("-", "--")[kind],
         }
         axes.errorbar(at, means, halves, label=name, **style)
-    dress(axes, x="probability that a message is lost", y="robots in the largest group")
+    style_axes(axes, x="probability that a message is lost", y="robots in the largest group")
     axes.set_ylim(0, float(MISSION["robots"]))
     axes.legend(frameon=False)
     return figure

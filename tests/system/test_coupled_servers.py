@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import Experiment
 from swarmwright.export.proxy_model import Address, proxy_model
-from swarmwright.export.simulation_fmu import LIBRARY, model_fmu
+from swarmwright.export.simulation_fmu import LIBRARY, build_model_fmu
 from swarmwright.simulations.fmu.coupling import coupled
 from swarmwright.simulations.fmu.instances import FmuError
 from swarmwright.simulations.fmu.program import Coupled
@@ -37,7 +37,7 @@ def test_steps_are_those_of_the_parts_and_a_lost_server_is_named(
         experiment = Experiment.from_mapping({"simulation": simulation})
         files[kind.title] = tmp_path / f"{kind.title}.fmu"
         model = proxy_model(experiment, Address(embedded.url))
-        files[kind.title].write_bytes(model_fmu(model, fmi="3.0", name=kind.title))
+        files[kind.title].write_bytes(build_model_fmu(model, fmi="3.0", name=kind.title))
     for server in servers.values():
         server.until_event("ready", seconds=100)
     force, place, thrust = (

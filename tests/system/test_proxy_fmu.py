@@ -14,7 +14,7 @@ from fmpy.validation import validate_fmu
 
 from swarmwright import Experiment, InputError, _engine, optimize
 from swarmwright.export.proxy_model import Address, proxy_model
-from swarmwright.export.simulation_fmu import LIBRARY, model_fmu
+from swarmwright.export.simulation_fmu import LIBRARY, build_model_fmu
 from tests.conftest import ROOT, free_port
 from tests.fmus import Driven, driving
 from tests.system.brokers import BrokerProcess
@@ -36,7 +36,7 @@ def proxy(tmp_path: Path, cleanup: ExitStack) -> Proxy:
         experiment = {"simulation": "minisim", "parameters": PARAMETERS, **experiment}
         model = proxy_model(Experiment.from_mapping(experiment), Address(url), agents)
         file = tmp_path / f"server{len(list(tmp_path.glob('*.fmu')))}.fmu"
-        file.write_bytes(model_fmu(model, fmi=fmi, name="server"))
+        file.write_bytes(build_model_fmu(model, fmi=fmi, name="server"))
         assert validate_fmu(str(file)) == []
         return cleanup.enter_context(driving(file))
 
@@ -171,7 +171,9 @@ def test_attached_back_it_gives_the_record_of_minisim(
     serve(embedded.url)
     experiment = Experiment.from_mapping({"simulation": "minisim", "parameters": PARAMETERS})
     file = tmp_path / "server.fmu"
-    file.write_bytes(model_fmu(proxy_model(experiment, Address(embedded.url)), fmi="2.0", name="server"))
+    file.write_bytes(
+        build_model_fmu(proxy_model(experiment, Address(embedded.url)), fmi="2.0", name="server")
+    )
     records = []
     for simulation, parameters in (("minisim", PARAMETERS), (str(file), {})):
         run = optimize(

@@ -345,16 +345,16 @@ class Comparison:
 
         Raises InputError for another style or width, and for a metric that a run has not recorded.
         """
-        from swarmwright.display.figures.style import Page, on
+        from swarmwright.display.figures.style import Page, use_page
 
-        with on(Page.of(style, width, title)):
+        with use_page(Page.from_options(style, width, title)):
             return self._drawn(x, metrics)
 
     def _drawn(self, x: str, metrics: Names | None) -> "Figure":
         """Return `figure` for the present page."""
         from swarmwright.analysis.designs import designs_of
         from swarmwright.display.figures.comparison import draw
-        from swarmwright.display.figures.metrics import of_groups, runs_of, title_of_groups
+        from swarmwright.display.figures.metrics import draw_groups, runs_of, title_of_groups
 
         designs = designs_of(self.tasks, self.labels)
         if metrics is None:
@@ -363,7 +363,7 @@ class Comparison:
             raise InputError("metrics: groups solve several tasks; compare the runs of each task alone")
         runs = runs_of(designs)
         names = select_names(runs, metrics)
-        return of_groups(designs, [MetricCurves(run, names) for run in runs], title_of_groups(designs), x=x)
+        return draw_groups(designs, [MetricCurves(run, names) for run in runs], title_of_groups(designs), x=x)
 
     @check_arguments
     def plot(

@@ -680,7 +680,7 @@ def _with_checked_files(command: Any) -> Any:  # noqa: ANN401 - click's decorato
         if picture is not None:
             from swarmwright.display.figures import style
 
-            style.check(picture)
+            style.check_figure_path(picture)
         if table is not None:
             from swarmwright.analysis.table import CSV, check
 

@@ -396,7 +396,7 @@ def _audit_words(audit: Mapping[str, int]) -> str:
 
 def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of a state machine or behaviour tree; for a team, those of each group."""
-    from swarmwright.controllers.kinds import words_of
+    from swarmwright.controllers.kinds import describe_controller
     from swarmwright.controllers.modules.grammar import is_modules
     from swarmwright.controllers.modules.machine_texts import controller_text
     from swarmwright.controllers.teams import parts_of
@@ -404,7 +404,7 @@ def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
     if is_modules(specification):
         yield from controller_text(specification).splitlines()
     for name, part in parts_of(specification).items():
-        yield f"{escape_line(name)}: {words_of(part)}"
+        yield f"{escape_line(name)}: {describe_controller(part)}"
         yield from (f"  {row}" for row in _controller(part))
 
 

@@ -58,7 +58,7 @@ def command(
     output = Output(as_json=as_json)
     if source.is_dir():
         target = file or source / "controller.png"
-        style.check(target)
+        style.check_figure_path(target)
         run = Run.open(source)
         chosen = choose(run, generation, candidate)
         specification = chosen.specification
@@ -74,7 +74,7 @@ def command(
         if generation is not None or candidate is not None:
             raise click.UsageError(f"{source}: is one controller; --generation and --candidate are for runs.")
         target = file or source.with_suffix(".png")
-        style.check(target)
+        style.check_figure_path(target)
         specification = Controller.load(source).specification
         drawn = figure(specification, title=source.name, simulation=_describe(simulation))
     style.save(drawn, target)

@@ -103,7 +103,7 @@ def command(
     from swarmwright.common.errors import InputError
     from swarmwright.experiment.derived import with_environment
     from swarmwright.export.proxy_model import Address, proxy_model
-    from swarmwright.export.simulation_fmu import model_fmu
+    from swarmwright.export.simulation_fmu import build_model_fmu
     from swarmwright.export.simulation_model import Model
     from swarmwright.export.writing import write
     from swarmwright.simulations.catalogue import title
@@ -130,8 +130,8 @@ def command(
         )
         model = proxy_model(experiment, address, agents)
     else:
-        model = Model.of(experiment.simulation, experiment.parameters)
-    write({file.name: model_fmu(model, fmi=f"{fmi}.0", name=name)}, file.parent, force=force)
+        model = Model.from_simulation(experiment.simulation, experiment.parameters)
+    write({file.name: build_model_fmu(model, fmi=f"{fmi}.0", name=name)}, file.parent, force=force)
     origin = f", by servers on {address.broker}" if proxy else ""
     printer.text(f"{file}: {label}, FMI {fmi}.0{origin}")
     about: dict[str, object] = {"file": str(file), "simulation": label, "fmi": f"{fmi}.0"}

@@ -84,14 +84,14 @@ def command(
     reported and excluded, and the exit status is 1.
     """
     from swarmwright.cli._comparison import ComparisonOptions, single_run
-    from swarmwright.display.figures.style import Page, on
+    from swarmwright.display.figures.style import Page, use_page
 
     compared = ComparisonOptions.from_options(options)
-    page = Page.of(style, width, title)
+    page = Page.from_options(style, width, title)
     output = Output(as_json=as_json)
     run = single_run(runs) if compared == ComparisonOptions() else None
     if run is not None:
-        with on(page):
+        with use_page(page):
             _draw_single(output, run, file or run / "plot.png", x, _parse_metrics(metrics))
         return 0
     return _draw_several(
@@ -112,7 +112,7 @@ def _draw_single(output: Output, folder: Path, file: Path, x: str, metrics: "Nam
     from swarmwright.runs.diversity import diversity
     from swarmwright.runs.metric_curves import MetricCurves, select_names
 
-    style.check(file)
+    style.check_figure_path(file)
     run = Run.open(folder)
     if not run.history:
         raise InputError(f"{folder}: holds no finished generation to draw")
@@ -147,11 +147,11 @@ def _draw_several(
 ) -> int:
     from swarmwright.cli._comparison import show_comparison
     from swarmwright.display.figures import style
-    from swarmwright.display.figures.style import on
+    from swarmwright.display.figures.style import use_page
 
-    style.check(file)
+    style.check_figure_path(file)
     comparison, status = show_comparison(output, runs, compared)
-    with on(page):
+    with use_page(page):
         style.save(comparison._drawn(x, metrics), file)
     output.text(f"The figure is in {file}")
     return status

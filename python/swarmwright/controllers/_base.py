@@ -1,4 +1,4 @@
-"""What every representation does."""
+"""The base class of representations."""
 
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
@@ -14,13 +14,13 @@ from swarmwright.common.problems import format_value
 from swarmwright.common.random_numbers import Stream, Streams
 
 MANY = 1 << 22
-"""So many numbers may be drawn at once: they take 32 MB."""
+"""Largest number of float64 values drawn at once; they take 32 MB."""
 _DRAWS = 16
-"""A number beyond its bounds is drawn again so often; then the bound counts."""
+"""How often a number beyond its bounds is redrawn before it is clipped."""
 FEW = 1 << 15
-"""So many are computed with at once: arrays of them stay in the processor's caches."""
+"""Size of the arrays used in one computation, in numbers; they fit into the processor's caches."""
 
-_MADE_OF = {
+_DERIVED_OPERATORS = {
     "initial": {"initials"},
     "mutate": {"mutations", "perturbations"},
     "crossover": {"crossovers", "matings"},
@@ -29,14 +29,14 @@ _MADE_OF = {
     "distances": {"distances_among", "matings"},
     "distances_among": {"matings"},
 }
-"""What calls an operator by default."""
+"""Operators whose default implementation calls the key."""
 
 
 class RepresentationOptions(Options):
     """Options of every representation."""
 
     kind: str = ""
-    """The name of the representation; each has its own."""
+    """Name of the representation."""
 
 
 class Representation(ABC):
@@ -48,9 +48,10 @@ class Representation(ABC):
     these alone, so any method evolves any representation. Operators are pure: they return new arrays and take
     their randomness from the stream they are given.
 
-    Each has a form for many genomes (`initials`, `mutations`, `crossovers`, `distances_among`, `matings`),
-    which methods call. By default that is a loop; a representation may be faster, but must give the same
-    bits. A subclass that redefines an operator of one genome and not its form for many gets the loop back.
+    Each operator has a batch form (`initials`, `mutations`, `crossovers`, `distances_among`, `matings`),
+    which methods call. By default it is a loop; a representation may override it with a faster implementation
+    that returns the same bits. A subclass that overrides an operator but not its batch form gets the loop
+    back.
 
     Args:
         options: this representation's section of the experiment.
@@ -68,11 +69,11 @@ class Representation(ABC):
     and scale genes refuse such a representation."""
 
     shape: ClassVar[tuple[int, int] | None] = None
-    """(sensors, actuators) that its controllers have; the constructor raises InputError for others. None: any
-    numbers."""
+    """(sensors, actuators) of its controllers; the constructor raises InputError for other numbers. None:
+    any."""
     steers: ClassVar[bool] = True
-    """Whether its controllers steer agents. False for values that go to the simulation before an episode, and
-    which therefore fit any numbers of sensors and actuators."""
+    """Whether its controllers steer agents. False for parameters that the simulation gets before an episode;
+    these fit any numbers of sensors and actuators."""
 
     def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
         self.options = options
@@ -84,10 +85,10 @@ class Representation(ABC):
         return f"<{type(self).__name__}: {self.sensors} sensors, {self.actuators} actuators>"
 
     def __init_subclass__(cls, **options: Any) -> None:  # noqa: ANN401 - those of other base classes
-        """Let forms for many genomes follow the operators that a subclass redefines."""
+        """Reset the batch forms of operators that a subclass overrides."""
         super().__init_subclass__(**options)
         defined = set(vars(cls))
-        for operator, forms in _MADE_OF.items():
+        for operator, forms in _DERIVED_OPERATORS.items():
             if operator in defined:
                 for form in forms - defined:
                     setattr(cls, form, getattr(Representation, form))
@@ -107,10 +108,10 @@ class Representation(ABC):
 
     @property
     def initial_range(self) -> Limits:
-        """Between which values each gene of `initial` lies: finite, within `bounds`, the lower one smaller.
+        """Range of each gene of `initial`: finite, within `bounds`, lower < upper.
 
-        Methods that need a center and a size of steps take them from here. Default: the bounds; -1 to 1 for a
-        gene that lacks one.
+        Methods that need a center and a step size derive them from it. Default: the bounds; -1 to 1 for a
+        gene without bounds.
         """
         lower, upper = self.bounds
         bounded = np.isfinite(lower) & np.isfinite(upper)
@@ -118,7 +119,7 @@ class Representation(ABC):
 
     @abstractmethod
     def architecture(self) -> dict[str, Any]:
-        """Return what all controllers have in common: a specification without its weights.
+        """Return the part of the specification that all controllers share: everything but the weights.
 
         See protocol/schemas/controller.schema.json.
         """
@@ -155,8 +156,8 @@ class Representation(ABC):
         return {**self.architecture(), "weights": shortest(self.weights(row[np.newaxis])[0])}
 
     @property
-    def given(self) -> Genome | None:
-        """A genome that the options name to start from, as `start_from` does; None without one."""
+    def start_genome(self) -> Genome | None:
+        """The genome that the options name as the start of the evolution; None without one."""
         return None
 
     @abstractmethod
@@ -185,20 +186,20 @@ class Representation(ABC):
         """
 
     @abstractmethod
-    def distance(self, one: Genome, other: Genome) -> float:
-        """Return how different two genomes are, (genome_size,) each.
+    def distance(self, genome: Genome, other: Genome) -> float:
+        """Return the distance between two genomes, (genome_size,) each.
 
         It is finite, at least 0, 0 for equal ones, and the same for both orders.
         """
 
-    def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
+    def distances(self, genome: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        found: Any = [self.distance(one, other) for other in others]
+        distances: Any = [self.distance(genome, other) for other in others]
         if is_plug_in(type(self)):
-            found = numbers(
-                self, "distance", found, (len(others),), "distances", some=False, dtype=np.float64
+            distances = numbers(
+                self, "distance", distances, (len(others),), "distances", some=False, dtype=np.float64
             )
-        return np.array(found, dtype=np.float64)
+        return np.array(distances, dtype=np.float64)
 
     def initials(self, streams: Streams) -> Genomes:
         """Return a random genome for each stream, (n, genome_size)."""
@@ -211,7 +212,7 @@ class Representation(ABC):
 
         severity, probability: as in `mutate`.
 
-        Streams may have been drawn from before; each goes on where it is, and counts as used up afterwards.
+        Streams may have been used before; each continues at its position and is used up afterwards.
         """
         return self._rows(
             "mutate",
@@ -242,7 +243,7 @@ class Representation(ABC):
         """
         if self.continuous:
             low, high = self.initial_range
-            return around(parents, streams, spread[:, np.newaxis] * (high / 2 - low / 2), self.bounds)
+            return sample_around(parents, streams, spread[:, np.newaxis] * (high / 2 - low / 2), self.bounds)
         rows = zip(parents, streams, spread.tolist(), fresh.tolist(), strict=True)
         return self._rows(
             "mutate",
@@ -253,7 +254,7 @@ class Representation(ABC):
         )
 
     def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
-        """Return numbers by which genomes are compared: those of equal controllers are equal.
+        """Return features for comparing genomes: equal controllers have equal features.
 
         Args:
             genomes: (n, genome_size).
@@ -276,9 +277,9 @@ class Representation(ABC):
     def matings(
         self, genomes: Genomes, mothers: NDArray[np.int64], partners: NDArray[np.int64], streams: Streams
     ) -> Genomes:
-        """Return a child of each of n mothers and the most different one of its partners, see `crossovers`.
+        """Return a child of each of n mothers and its most distant partner, see `crossovers`.
 
-        Of equally different ones the first is the father.
+        On a tie, the first of the partners is the father.
 
         Args:
             genomes: (m, genome_size).
@@ -291,23 +292,25 @@ class Representation(ABC):
         return self.crossovers(genomes[mothers], genomes[fathers], streams)
 
     def distances_among(
-        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+        self, genomes: Genomes, indices: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Return the distances of genomes that are named by their index.
+        """Return the distances between genomes, given by their indices.
 
         Args:
             genomes: (m, genome_size).
-            ones: (n,), indices 0 to m - 1.
+            indices: (n,), indices 0 to m - 1.
             others: (n, k), indices 0 to m - 1.
 
         Returns:
-            (n, k), the distance of each of `ones` to each in its row of `others`.
+            (n, k), the distance of each of `indices` to each in its row of `others`.
         """
-        rows = [self.distances(genomes[one], genomes[row]) for one, row in zip(ones, others, strict=True)]
+        rows = [
+            self.distances(genomes[index], genomes[row]) for index, row in zip(indices, others, strict=True)
+        ]
         return np.array(rows, dtype=np.float64).reshape(others.shape)
 
     def _rows(self, operator: str, genomes: list[Genome]) -> Genomes:
-        """Return what an operator of one genome made, as rows."""
+        """Return the results of a single-genome operator as an array, checked for plug-ins."""
         if is_plug_in(type(self)):
             size = (self.genome_size,)
             genomes = [
@@ -316,8 +319,10 @@ class Representation(ABC):
         return np.array(genomes, dtype=np.float32).reshape(len(genomes), self.genome_size)
 
 
-def around(centers: Genomes, streams: Streams, deviations: NDArray[np.float64], bounds: Limits) -> Genomes:
-    """Return numbers of normal distributions, drawn again while they are beyond the bounds.
+def sample_around(
+    centers: Genomes, streams: Streams, deviations: NDArray[np.float64], bounds: Limits
+) -> Genomes:
+    """Sample normal distributions; numbers beyond the bounds are redrawn.
 
     Args:
         centers: (n, numbers), within the bounds.
@@ -325,17 +330,17 @@ def around(centers: Genomes, streams: Streams, deviations: NDArray[np.float64], 
         deviations: standard deviations, (n, numbers).
         bounds: lowest and highest values, (numbers,) each.
     """
-    (lower, upper), begin = bounds, centers.astype(np.float64)
-    found = begin + deviations * streams.normals(centers.shape[1])
+    (lower, upper), means = bounds, centers.astype(np.float64)
+    samples = means + deviations * streams.normals(centers.shape[1])
     for _ in range(_DRAWS):
-        beyond = (found < lower) | (found > upper)
+        beyond = (samples < lower) | (samples > upper)
         if not beyond.any():
             break
-        found = np.where(beyond, begin + deviations * streams.normals(centers.shape[1]), found)
-    return np.clip(found, lower, upper).astype(np.float32)
+        samples = np.where(beyond, means + deviations * streams.normals(centers.shape[1]), samples)
+    return np.clip(samples, lower, upper).astype(np.float32)
 
 
-def in_parts(count: int, each: int) -> list[slice]:
-    """Return slices of `count` things of `each` numbers, so that arrays of a part stay small."""
+def split_rows(count: int, each: int) -> list[slice]:
+    """Return slices of `count` rows of `each` numbers, small enough for the caches."""
     step = max(1, FEW // max(each, 1))
     return [slice(first, first + step) for first in range(0, count, step)]

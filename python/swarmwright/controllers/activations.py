@@ -8,23 +8,23 @@ STEEP = "steep_sigmoid"
 STEEPNESS = 4.924273
 
 
-def of_nodes(specification: Mapping[str, Any]) -> tuple[str, str]:
+def find_activations(specification: Mapping[str, Any]) -> tuple[str, str]:
     """Return the activation of the hidden nodes and that of the output nodes of a network.
 
-    They are equal if all nodes have the same, and in a layered network without hidden nodes.
+    Both are equal if all nodes share one function, and in a layered network without hidden nodes.
     """
     activation = str(specification["activation"])
     output = str(specification.get("output_activation") or activation)
     return output if specification.get("hidden") == [] else activation, output
 
 
-def in_words(specification: Mapping[str, Any]) -> str:
+def describe_activations(specification: Mapping[str, Any]) -> str:
     """Return the activation functions: `tanh`, or `tanh, linear outputs`."""
-    hidden, output = of_nodes(specification)
+    hidden, output = find_activations(specification)
     return output if hidden == output else f"{hidden}, {output} outputs"
 
 
-def words(specification: Mapping[str, Any]) -> str:
+def describe_network(specification: Mapping[str, Any]) -> str:
     """Return kind, sizes and activations: `layered, 4-8-1, tanh`."""
     sensors, actuators = specification.get("sensors"), specification.get("actuators")
     hidden = specification.get("hidden")
@@ -33,5 +33,5 @@ def words(specification: Mapping[str, Any]) -> str:
         middle = hidden if isinstance(hidden, list) else [] if hidden is None else [hidden]
         parts.append("-".join(str(size) for size in (sensors, *middle, actuators)))
     if "activation" in specification:
-        parts.append(in_words(specification))
+        parts.append(describe_activations(specification))
     return ", ".join(parts)

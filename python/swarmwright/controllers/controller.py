@@ -20,25 +20,25 @@ from swarmwright.common.problems import format_value
 from swarmwright.controllers.kinds import kind_of
 from swarmwright.controllers.modules.grammar import ACTUATORS, PYTHON_KIND, SENSORS
 from swarmwright.controllers.modules.machine import Swarm
-from swarmwright.controllers.modules.registered import find
+from swarmwright.controllers.modules.registered import import_modules
 from swarmwright.controllers.teams import is_team, parts_of
 
 _LARGEST_FILE_BYTES = 1 << 28
-"""Bytes of a file."""
+"""Size limit of controller files, in bytes."""
 
 
 class Controller:
     """A callable that maps sensor values to actuators, for one agent or a swarm; or simulation parameters.
 
     Call it with an array of shape (sensors,) for one agent or (agents, sensors) for a swarm; it returns
-    float32 of shape (actuators,) or (agents, actuators), each number in -1..1, the same bits as in every
-    simulation server. Each agent (row) keeps its state between calls, where the representation has
-    one; `reset` begins a new episode. Several episodes at once, and agents that end before others, need a
-    state for each agent of each episode: `Episodes.run(controller)` keeps them; elsewhere, take a copy
-    (`copy.copy`) for each agent. In a team, rows belong to its groups of agents in their order; what a
-    row has beyond the sensors of the agent's group does not count, and what it has beyond its actuators is 0.
-    A parameter set steers no agents: it has `parameters` and cannot be
-    called. It can be pickled and copied; a copy is at the start of an episode.
+    float32 of shape (actuators,) or (agents, actuators), each number in -1..1, bit-identical to the
+    results of every simulation server. Each agent (row) keeps its state between calls if the representation
+    has a state; `reset` begins a new episode. Several episodes at once, and agents that end before others,
+    need a state for each agent of each episode: `Episodes.run(controller)` keeps these states; elsewhere, use
+    a copy (`copy.copy`) for each agent. In a team, rows belong to its groups of agents in their order; values
+    beyond the sensors of the agent's group are ignored, and those beyond its actuators are 0. A parameter set
+    steers no agents: it has `parameters` and cannot be called. Controllers can be pickled and copied; a copy
+    is at the start of an episode.
 
     Args:
         specification: mapping or JSON text, see protocol/schemas/controller.schema.json.
@@ -61,16 +61,16 @@ class Controller:
                 self._text = json.dumps(dict(specification), allow_nan=False)
             except (TypeError, ValueError, RecursionError) as error:
                 raise InputError(f"controller: cannot be written as JSON: {error}") from error
-        self._swarm = self._in_python()
-        self._whole: _engine.Controller | None = None  # as the engine has read it, at the start of an episode
+        self._swarm = self._python_swarm()
+        self._whole: _engine.Controller | None = None  # parsed by the engine, at the start of an episode
         if self._swarm is None:
             with engine_errors("controller: "):
                 self._whole = _engine.Controller(self._text)
         self._agents: list[_engine.Controller] = []
         self._started = 0
 
-    def _in_python(self) -> Swarm | None:
-        """Return what steps a machine with modules in Python; None for a controller that the engine steps."""
+    def _python_swarm(self) -> Swarm | None:
+        """Return the stepper of a machine with modules in Python; None if the engine steps the controller."""
         if f'"{PYTHON_KIND}"' not in self._text:
             return None
         try:
@@ -80,34 +80,33 @@ class Controller:
             return Swarm(values, np.array([values["weights"]], dtype=np.float32))
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise InputError(
-                f"controller: is not a machine of modules: {describe_exception(error)}"
+                f"controller: invalid machine of modules: {describe_exception(error)}"
             ) from error
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read a controller: a specification (JSON), a run's `best.json`, or a run folder.
 
-        Or a machine or tree of the built-in behaviours and conditions in YAML, as `swarmwright export --to
-        machine` writes it and people edit it. Raises InputError when there is none.
+        A machine or tree of the built-in behaviours and conditions may be in YAML, as written by `swarmwright
+        export --to machine`. Raises InputError when the file is not a controller.
         """
         file = path_of("path", path, "a controller or a run folder")
         if file.is_dir():
             file /= "best.json"
         if file.suffix in {".yaml", ".yml"}:
-            from swarmwright.controllers.kinds.modules.representation import specification_of
+            from swarmwright.controllers.kinds.modules.representation import read_specification
 
-            return cls(specification_of(file))
+            return cls(read_specification(file))
         values = _read(file)
         if isinstance(values, dict) and isinstance(values.get("controller"), dict):
             values = values["controller"]
         if not isinstance(values, dict):
             raise InputError(
-                f"{file}: is not a controller; a specification is a JSON object with version, kind, "
-                "weights, .."
+                f"{file}: is not a controller; expected a JSON object with version, kind, weights, .."
             )
         try:
             if values.get("kind") == PYTHON_KIND:
-                _find_modules(values, file.parent)
+                _import_modules(values, file.parent)
             return cls(values)
         except InputError as error:
             raise InputError(f"{file}: {error}") from error
@@ -130,17 +129,17 @@ class Controller:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Values of a parameter set, by name, as the simulation gets them; {} for what steers agents."""
+        """Values of a parameter set by name, as the simulation gets them; {} for other controllers."""
         return {} if self._whole is None or self._is_team else self._whole.parameters
 
     @property
     def sensors(self) -> int:
-        """Numbers that an agent senses; 0 for a parameter set."""
+        """Number of sensor values of an agent; 0 for a parameter set."""
         return SENSORS if self._whole is None else self._whole.sensors
 
     @property
     def actuators(self) -> int:
-        """Numbers that an agent is steered by; 0 for a parameter set."""
+        """Number of actuator values of an agent; 0 for a parameter set."""
         return ACTUATORS if self._whole is None else self._whole.actuators
 
     @cached_property
@@ -149,21 +148,21 @@ class Controller:
         return self._swarm is None and kind_of(self.specification).stateless
 
     def reset(self) -> None:
-        """Begin a new episode: forget all state, and how many agents there are."""
+        """Begin a new episode: discard the state of all agents and their number."""
         self._agents = []
         self._started = 0
 
     def __call__(self, sensors: ArrayLike) -> NDArray[np.float32]:
         """Return the actuators for the sensors of one agent or of a swarm, see the class.
 
-        Raises InputError for another shape, a number that is not finite, a parameter set, and, where agents
-        have a state or differ, another number of agents than in the call before: rows would take over each
+        Raises InputError for another shape, a number that is not finite, a parameter set, and, if agents have
+        a state or differ, another number of agents than in the previous call: rows would take over each
         other's state.
         """
         if not self.sensors:
             raise InputError(
-                "controller: is a parameter set, which steers no agents; see its `parameters`, or use "
-                "`simulate`"
+                "controller: a parameter set steers no agents and cannot be called; read its "
+                "`parameters`, or use `simulate`"
             )
         values = float32_of("sensors", sensors)
         if values.ndim not in {1, 2} or values.shape[-1] != self.sensors:
@@ -177,7 +176,7 @@ class Controller:
         if not len(rows):  # no agent acts now
             return np.zeros((0, self.actuators), dtype=np.float32)
         if self._swarm is not None:
-            return self._stepped(self._swarm, rows, whole=values.ndim == 2)
+            return self._step_swarm(self._swarm, rows, whole=values.ndim == 2)
         assert self._whole is not None
         if self._is_stateless:
             agents = [self._whole] * len(rows)
@@ -188,10 +187,10 @@ class Controller:
                     self._agents = [self._whole.of_agent(agent) for agent in range(len(rows))]
             self._started = len(rows)
             agents = self._agents
-        actuators = _stepped(agents, rows, self.actuators)
+        actuators = _step_agents(agents, rows, self.actuators)
         return actuators if values.ndim == 2 else actuators[0]
 
-    def _stepped(self, swarm: Swarm, rows: NDArray[np.float32], *, whole: bool) -> NDArray[np.float32]:
+    def _step_swarm(self, swarm: Swarm, rows: NDArray[np.float32], *, whole: bool) -> NDArray[np.float32]:
         self._check_agents(len(rows))
         if not self._started:
             swarm.restart(np.zeros(len(rows), dtype=np.int64))
@@ -202,9 +201,9 @@ class Controller:
     def _check_agents(self, agents: int) -> None:
         if self._started not in {0, agents}:
             raise InputError(
-                f"sensors: {agents} agent(s) now, {self._started} before, and each row keeps the state of "
-                "its agent; where agents or episodes end one by one, use Episodes.run(controller), or a copy "
-                "of the controller for each agent (copy.copy); call reset() only to begin a new episode"
+                f"sensors: {agents} agent(s) now, {self._started} before, but each row keeps the state of "
+                "its agent. Call reset() to begin a new episode; if agents end at different steps, use "
+                "Episodes.run(controller) or a copy of the controller (copy.copy) for each agent"
             )
 
     @cached_property
@@ -244,17 +243,17 @@ class Controller:
 
 
 class ControlledEpisodes:
-    """A controller for the agents of several episodes; each agent of each episode has a state of its own.
+    """A controller for the agents of several episodes, with a separate state for each agent of each episode.
 
     Args:
-        controller: steers agents; its own state is left as it is.
+        controller: steers the agents; its state does not change.
     """
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self._swarm = controller._in_python()  # another one, at the start of an episode
+        self._swarm = controller._python_swarm()  # a new one, at the start of an episode
         self._whole = controller._whole
-        self._places: dict[tuple[int, int], int] = {}  # in the swarm, of an agent of an episode
+        self._rows: dict[tuple[int, int], int] = {}  # (episode, agent): row in the swarm
         self._agents: dict[tuple[int, int], _engine.Controller] = {}
 
     def __call__(
@@ -269,46 +268,46 @@ class ControlledEpisodes:
 
         Raises InputError for an agent that belongs to no group of a team.
         """
-        who = list(zip(episodes.tolist(), agents.tolist(), strict=True))
+        keys = list(zip(episodes.tolist(), agents.tolist(), strict=True))
         if self._swarm is not None:
-            return self._swarm.step(self._placed(self._swarm, who), sensors)
+            return self._swarm.step(self._find_rows(self._swarm, keys), sensors)
         if self._controller._is_stateless:
             return self._controller(sensors)
         assert self._whole is not None
         with engine_errors("controller: "):
-            for agent in who:
-                if agent not in self._agents:
-                    self._agents[agent] = self._whole.of_agent(agent[1])
-        return _stepped([self._agents[agent] for agent in who], sensors, self._controller.actuators)
+            for key in keys:
+                if key not in self._agents:
+                    self._agents[key] = self._whole.of_agent(key[1])
+        return _step_agents([self._agents[key] for key in keys], sensors, self._controller.actuators)
 
-    def _placed(self, swarm: Swarm, who: list[tuple[int, int]]) -> NDArray[np.int64]:
-        """Return the places of agents in the swarm, which grows for those that have not acted before."""
-        before = len(self._places)
-        for agent in who:
-            self._places.setdefault(agent, len(self._places))
-        if (after := len(self._places)) > before:
+    def _find_rows(self, swarm: Swarm, keys: list[tuple[int, int]]) -> NDArray[np.int64]:
+        """Return the rows of agents in the swarm, which grows by those that have not acted before."""
+        before = len(self._rows)
+        for key in keys:
+            self._rows.setdefault(key, len(self._rows))
+        if (after := len(self._rows)) > before:
             owners = np.zeros(after, dtype=np.int64)
             if before:
                 swarm.extend(owners, before, after)
             else:
                 swarm.restart(owners)
-        return np.array([self._places[agent] for agent in who], dtype=np.int64)
+        return np.array([self._rows[key] for key in keys], dtype=np.int64)
 
 
-def _stepped(
+def _step_agents(
     agents: Sequence[_engine.Controller], rows: NDArray[np.float32], actuators: int
 ) -> NDArray[np.float32]:
-    """Return what agents do, (agents, actuators); 0 for what an agent of a team has not."""
-    made = np.zeros((len(rows), actuators), dtype=np.float32)
+    """Return the actuators of agents, (agents, actuators); 0 beyond those of an agent's group."""
+    actuator_rows = np.zeros((len(rows), actuators), dtype=np.float32)
     with engine_errors("sensors: "):
-        for agent, row, values in zip(agents, rows, made, strict=True):
+        for agent, row, values in zip(agents, rows, actuator_rows, strict=True):
             step = agent.step(row)
             values[: len(step)] = step
-    return made
+    return actuator_rows
 
 
 def genome_beside(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
-    """Return the genome that a run's `best.json` has beside its controller; None where there is none."""
+    """Return the genome beside the controller in a run's `best.json`; None if the file has none."""
     values = None if file.suffix in {".yaml", ".yml"} else _read(file)
     if not isinstance(values, dict) or not isinstance(values.get("controller"), dict):
         return None
@@ -316,26 +315,25 @@ def genome_beside(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
 
 
 def _read(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
-    """Return what a file says. Raises InputError when it cannot be read or is not JSON."""
+    """Parse a JSON file. Raises InputError when it cannot be read or is not JSON."""
     try:
         return loads(read_bytes(file, _LARGEST_FILE_BYTES))
     except FileNotFoundError:
-        raise InputError(f"{file}: there is no such file") from None
+        raise InputError(f"{file}: file not found") from None
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{file}: is not text: a controller is a specification in JSON, such as best.json of a run and "
-            "controller.json of a bundle, a run folder, or a machine in YAML; exported models and code are "
-            "not read"
+            f"{file}: is not a text file. Pass a specification in JSON (best.json of a run, controller.json "
+            "of a bundle), a run folder, or a machine in YAML; exported models and code cannot be loaded"
         ) from error
     except ValueError as error:
         raise InputError(f"{file}: is not valid JSON: {error}") from error
 
 
-def _find_modules(specification: Mapping[str, Any], folder: Path) -> None:
-    """Import the code of modules that are named by files, where it is in the folder, or in that run."""
+def _import_modules(specification: Mapping[str, Any], folder: Path) -> None:
+    """Import the modules that are named by files, from this folder or this run."""
     try:
-        find(specification, folder)
+        import_modules(specification, folder)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"controller: is not a machine of modules: {describe_exception(error)}") from error
+        raise InputError(f"controller: invalid machine of modules: {describe_exception(error)}") from error

@@ -1,7 +1,7 @@
 """Diagrams of state machines: states on a circle, arrows from state to state, labels that do not overlap.
 
-Lengths are inches. Labels lie on their arrows or beside them, near the state from which these come; those
-without space are left out.
+Lengths are in inches. Labels lie on or beside their arrow, near its source; labels without space are left
+out.
 """
 
 import math
@@ -28,11 +28,11 @@ _FONT_SIZE_POINTS = 9.0  # points, of labels
 _LETTER = 0.66 * _FONT_SIZE_POINTS / 72
 _LABEL_HEIGHT = 1.25 * _FONT_SIZE_POINTS / 72
 _PAD = 0.03  # around a label
-_LOOP = 0.52  # how far a way from a state to itself leads away from it
+_LOOP = 0.52  # length of an arrow from a state to itself
 _LEAST_RING = 1.55  # radius of the circle of states
-_LEAST_SIZE = 5.6  # so wide is the note below
+_LEAST_SIZE = 5.6  # width of the note below the diagram
 _BENDS = (0.12, 0.2, 0.3, 0.42, 0.55, -0.12, -0.22, -0.32, -0.45, 0.04, -0.04)
-"""Of an arrow to its right, as a share of its length, in the order in which they are tried."""
+"""Bends of an arrow to its right, as a share of its length, in the order in which they are tried."""
 _CLEAR = 0.1  # between an arrow and other states
 _APART = 0.14  # between an arrow and the one back
 _POINTS = 33  # of an arrow
@@ -45,7 +45,7 @@ _MOST_COLUMNS = 3
 
 @dataclass(frozen=True)
 class Node:
-    """A state: below its number a name, which can be empty; faint: no episode comes to it."""
+    """A state, drawn with its number and name, which can be empty; faint: no episode reaches it."""
 
     name: str = ""
     faint: bool = False
@@ -53,7 +53,7 @@ class Node:
 
 @dataclass(frozen=True)
 class Arrow:
-    """A way from a state to another or itself; an empty label is not written."""
+    """A transition from a state to another or to itself; an empty label is not drawn."""
 
     source: int
     target: int
@@ -64,13 +64,13 @@ class Arrow:
 
 @dataclass(frozen=True)
 class _Way:
-    """Where an arrow is drawn: points of its path, and points along it."""
+    """The geometry of an arrow: control points of its path, and points along it."""
 
     path: tuple[Point, ...]
     along: NDArray[np.float64]
 
 
-def figure_with_list(
+def new_figure_with_list(
     title: str,
     about: str,
     inside: float,
@@ -79,10 +79,11 @@ def figure_with_list(
     letters: int,
     highest: float = 40.0,
 ) -> "tuple[Figure, Axes]":
-    """Return a figure with a list, and the square axes of so many inches beside it.
+    """Return a figure with a list, and the square axes beside it.
 
-    blocks: lines that stay in one column. letters: in the longest line. highest: inches; what does not fit
-    into three columns of that height is left out, and the list says so.
+    inside: size of the axes in inches. blocks: lines that stay in one column. letters: of the longest line.
+    highest: largest height in inches; lines that do not fit into three columns of this height are left out,
+    and the list says so.
     """
     columns = _columns(
         blocks, int(max(inside, _LOWEST_LIST) / _LIST_LINE), int((highest - _TOP - _FOOT) / _LIST_LINE)
@@ -90,7 +91,7 @@ def figure_with_list(
     height = max(inside, _LIST_LINE * max(len(column) for column in columns)) + _TOP + _FOOT
     width = inside + 2 * _MARGIN + len(columns) * (letters * _LIST_LETTER + _MARGIN)
     figure = new_figure(width, height)
-    # Everything has its place in inches.
+    # All positions are in inches.
     figure.set_layout_engine("none")
     axes = figure.add_axes((_MARGIN / width, 1 - (_TOP + inside) / height, inside / width, inside / height))
     for index, column in enumerate(columns):
@@ -105,17 +106,18 @@ def figure_with_list(
     return figure, axes
 
 
-def _columns(blocks: Sequence[Sequence[str]], wanted: int, most: int) -> list[list[str]]:
-    """Share blocks out among columns of about the same height, none of which is empty.
+def _columns(blocks: Sequence[Sequence[str]], target_lines: int, most: int) -> list[list[str]]:
+    """Distribute blocks over columns of about the same height, none of which is empty.
 
-    wanted: lines of a column, more only where there are too many columns. most: lines of the highest column.
+    target_lines: lines of a column; more only if there would be too many columns. most: lines of the longest
+    column.
     """
     lines = [line for block in blocks for line in block]
     if len(lines) > _MOST_COLUMNS * most:
-        left_out = len(lines) - _MOST_COLUMNS * most + 1
-        lines = [*lines[:-left_out], f"and {left_out:,} lines more"]
+        omitted = len(lines) - _MOST_COLUMNS * most + 1
+        lines = [*lines[:-omitted], f"and {omitted:,} lines more"]
         return [lines[first : first + most] for first in range(0, len(lines), most)]
-    count = min(-(-len(lines) // wanted), _MOST_COLUMNS)
+    count = min(-(-len(lines) // target_lines), _MOST_COLUMNS)
     columns: list[list[str]] = [[]]
     for block in blocks:
         if len(columns) < count and len(columns[-1]) + len(block) / 2 > len(lines) / count:
@@ -127,7 +129,7 @@ def _columns(blocks: Sequence[Sequence[str]], wanted: int, most: int) -> list[li
 
 
 class Diagram:
-    """Where states, arrows and labels are: `size` inches wide and high.
+    """Layout of states, arrows and labels, `size` inches wide and high.
 
     first_color: index of the colour of state 0.
     """
@@ -142,30 +144,30 @@ class Diagram:
         gap = 2 * self.radius + max(0.75 if named else 0.7, longest + 0.15)
         self._ring = 0.0 if count == 1 else max(_LEAST_RING, gap / (2 * math.sin(math.pi / count)))
         self.size = max(2 * (self._ring + self.radius + _LOOP + max(longest / 2, 0.2) + 0.1), _LEAST_SIZE)
-        self.places = [place_of(index, count, self._ring) for index in range(count)]
-        self.ways = self._all_ways()
-        self.labels = self._all_labels()
+        self.positions = [position_of(index, count, self._ring) for index in range(count)]
+        self.ways = self._route_arrows()
+        self.labels = self._place_labels()
 
-    def _all_ways(self) -> list[_Way]:
-        found: dict[tuple[int, int], _Way] = {}
+    def _route_arrows(self) -> list[_Way]:
+        ways: dict[tuple[int, int], _Way] = {}
         # Short ones first: they have the least choice.
-        for arrow in sorted(self._arrows, key=lambda arrow: self._far(arrow.source, arrow.target)):
-            if (arrow.source, arrow.target) not in found:
-                back = found.get((arrow.target, arrow.source))
-                found[arrow.source, arrow.target] = self._way(arrow.source, arrow.target, back)
-        return [found[arrow.source, arrow.target] for arrow in self._arrows]
+        for arrow in sorted(self._arrows, key=lambda arrow: self._length(arrow.source, arrow.target)):
+            if (arrow.source, arrow.target) not in ways:
+                back = ways.get((arrow.target, arrow.source))
+                ways[arrow.source, arrow.target] = self._way(arrow.source, arrow.target, back)
+        return [ways[arrow.source, arrow.target] for arrow in self._arrows]
 
-    def _far(self, source: int, target: int) -> float:
-        return math.dist(self.places[source], self.places[target])
+    def _length(self, source: int, target: int) -> float:
+        return math.dist(self.positions[source], self.positions[target])
 
     def _way(self, source: int, target: int, back: _Way | None) -> _Way:
-        """Return the first way that is clear of other states and of the way back; else the clearest."""
+        """Return the first route that is clear of other states and of the arrow back; else the clearest."""
         if source == target:
-            return self._loop(self.places[source])
-        others = np.array([at for index, at in enumerate(self.places) if index not in {source, target}])
+            return self._loop(self.positions[source])
+        others = np.array([at for index, at in enumerate(self.positions) if index not in {source, target}])
         best: tuple[float, _Way] | None = None
         for bend in _BENDS:
-            way = _arc(self.places[source], self.places[target], bend, self.radius)
+            way = _arc(self.positions[source], self.positions[target], bend, self.radius)
             space = 1.0
             if len(others):
                 space = _nearest(way.along, others) - self.radius - _CLEAR
@@ -179,9 +181,9 @@ class Diagram:
         assert best is not None
         return best[1]
 
-    def _loop(self, place: Point) -> _Way:
-        """Return a way from a state outwards and back."""
-        x, y = place
+    def _loop(self, position: Point) -> _Way:
+        """Return a route from a state outwards and back."""
+        x, y = position
         out = math.atan2(y, x) if (x, y) != (0.0, 0.0) else math.pi / 2
         r = self.radius
 
@@ -198,23 +200,23 @@ class Diagram:
         along = (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d
         return _Way(path, along)
 
-    def _all_labels(self) -> list[Box | None]:
-        """Return where the label of each arrow is written; None: there is no space for it."""
+    def _place_labels(self) -> list[Box | None]:
+        """Return the box of each arrow's label; None: there is no space for it."""
         placed: list[Box] = []
         boxes: list[Box | None] = [None] * len(self._arrows)
-        # What loops and short arrows have least of: places.
+        # Loops and short arrows have the fewest positions.
         order = sorted(range(len(self._arrows)), key=lambda index: len(self._candidates(index)))
         for index in order:
             if not self._arrows[index].label:
                 continue
-            box = self._best_place(index, placed)
+            box = self._place_label(index, placed)
             boxes[index] = box
             if box is not None:
                 placed.append(box)
         return boxes
 
     def _candidates(self, index: int) -> NDArray[np.float64]:
-        """Return the middles of places for a label, the best ones first."""
+        """Return candidate centers for a label, best first."""
         arrow, way = self._arrows[index], self.ways[index]
         if arrow.source == arrow.target:
             middle = _POINTS // 2
@@ -226,18 +228,18 @@ class Diagram:
         middles, ahead = way.along[chosen], np.gradient(way.along, axis=0)[chosen]
         # On the arrow, or else right or left of it.
         side = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.hypot(*ahead.T)[:, None]
-        beside = side * (np.abs(side) @ self._half(index) + 0.02)[:, None]
+        beside = side * (np.abs(side) @ self._half_size(index) + 0.02)[:, None]
         return np.concatenate([middles, middles + beside, middles - beside])
 
-    def _half(self, index: int) -> NDArray[np.float64]:
+    def _half_size(self, index: int) -> NDArray[np.float64]:
         """Return half the width and height of a label's box."""
         return np.array([_width(self._arrows[index].label), _LABEL_HEIGHT + 2 * _PAD]) / 2
 
-    def _best_place(self, index: int, placed: Sequence[Box]) -> Box | None:
-        """Return the box of a label on nothing else, near its state and on few other arrows."""
-        half = self._half(index)
+    def _place_label(self, index: int, placed: Sequence[Box]) -> Box | None:
+        """Return a free box for a label, near its state and on few other arrows."""
+        half = self._half_size(index)
         middles = self._candidates(index)
-        nodes = np.array(self.places)
+        nodes = np.array(self.positions)
         away = np.maximum(np.abs(middles[:, None] - nodes) - half, 0)
         free = (np.hypot(*away.transpose(2, 0, 1)) > self.radius + 0.02).all(axis=1)
         if placed:
@@ -264,7 +266,7 @@ class Diagram:
             box is None and bool(arrow.label) for arrow, box in zip(self._arrows, self.labels, strict=True)
         )
         if missing:
-            note += f" · {missing} number{'s' if missing > 1 else ''} without space: see the list"
+            note += f" · {missing} number{'s' if missing > 1 else ''} without space, see the list"
         half = self.size / 2
         axes.set_xlim(-half, half)
         axes.set_ylim(-half, half)
@@ -296,46 +298,46 @@ class Diagram:
     def _draw_states(self, axes: "Axes") -> None:
         from matplotlib.patches import Circle
 
-        for index, (place, node) in enumerate(zip(self.places, self._nodes, strict=True)):
+        for index, (position, node) in enumerate(zip(self.positions, self._nodes, strict=True)):
             color = SOFT if node.faint else state_color(self._first_color + index)
             line = (4.0 if index == 0 else 2.0) if not node.faint else 1.4
             axes.add_patch(
                 Circle(
-                    place, self.radius, facecolor=PAPER, edgecolor=color, zorder=5, linewidth=line,
+                    position, self.radius, facecolor=PAPER, edgecolor=color, zorder=5, linewidth=line,
                     linestyle="--" if node.faint else "-",
                 )
             )  # fmt: skip
             text: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 7, "parse_math": False}
             text["color"] = SOFT if node.faint else INK
-            name = _short(node.name)
+            name = _wrap_name(node.name)
             up = 0.13 if name else 0.0
-            axes.text(place[0], place[1] + up, str(index), fontsize=13, fontweight="bold", **text)
+            axes.text(position[0], position[1] + up, str(index), fontsize=13, fontweight="bold", **text)
             if name:
                 low = 0.13 + 0.04 * name.count("\n")
-                axes.text(place[0], place[1] - low, name, fontsize=7.5, linespacing=1.05, **text)
+                axes.text(position[0], position[1] - low, name, fontsize=7.5, linespacing=1.05, **text)
 
 
 def _width(label: str) -> float:
-    """Return how wide the box of a label is, at most."""
+    """Return an upper bound of the width of a label's box."""
     return len(label) * _LETTER + 2 * _PAD
 
 
-def _short(name: str) -> str:
-    """Return a name in at most two lines that fit into a circle."""
+def _wrap_name(name: str) -> str:
+    """Wrap a name into at most two lines that fit into a circle."""
     lines = textwrap.wrap(name, 12)
     if len(lines) > 2:
         lines = [lines[0], lines[1][:10] + "…"]
     return "\n".join(lines)
 
 
-def place_of(index: int, states: int, ring: float) -> Point:
-    """Return where a state is on the circle, state 0 on top; a single one is in the middle."""
+def position_of(index: int, states: int, ring: float) -> Point:
+    """Return the position of a state on the circle, state 0 on top; a single state is in the middle."""
     angle = 2 * math.pi * index / states
     return ring * math.sin(angle), ring * math.cos(angle)
 
 
 def _arc(source: Point, target: Point, bend: float, radius: float) -> _Way:
-    """Return a way that keeps to its right, by a share of its length."""
+    """Return a route that bends to its right, by a share of its length."""
     (x0, y0), (x1, y1) = source, target
     middle = ((x0 + x1) / 2 + bend * (y1 - y0), (y0 + y1) / 2 - bend * (x1 - x0))
     path = (_towards(source, middle, radius), middle, _towards(target, middle, radius + 0.02))
@@ -344,11 +346,11 @@ def _arc(source: Point, target: Point, bend: float, radius: float) -> _Way:
     return _Way(path, (1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
 
 
-def _towards(place: Point, other: Point, radius: float) -> Point:
-    """Return the point on a state's border in the direction of another place."""
-    share = radius / math.dist(place, other)
-    return place[0] + share * (other[0] - place[0]), place[1] + share * (other[1] - place[1])
+def _towards(center: Point, target: Point, radius: float) -> Point:
+    """Return the point on a state's border in the direction of another point."""
+    share = radius / math.dist(center, target)
+    return center[0] + share * (target[0] - center[0]), center[1] + share * (target[1] - center[1])
 
 
-def _nearest(along: NDArray[np.float64], places: NDArray[np.float64]) -> float:
-    return float(np.hypot(*(along[:, None] - places).transpose(2, 0, 1)).min())
+def _nearest(along: NDArray[np.float64], points: NDArray[np.float64]) -> float:
+    return float(np.hypot(*(along[:, None] - points).transpose(2, 0, 1)).min())

@@ -1,4 +1,4 @@
-"""What figures of controllers are drawn from."""
+"""Input of the figures of controllers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import Any, Self
 
 _NAME_CHARACTERS = 24
-"""Letters of a name; of a longer one the beginning and the end are drawn.
+"""Longest name that is drawn in full; of longer names the beginning and the end are drawn.
 
-Names of several kinds of robots begin with those of the kinds, and end with the sensor's.
+With several kinds of robots, names begin with the kind and end with the sensor.
 """
 
 
@@ -21,16 +21,16 @@ class Drawing:
     title: str = ""
     """Above the figure."""
     simulation: Mapping[str, Any] | None = None
-    """Its description, for the names of sensors and actuators, which are numbered without."""
+    """Description of the simulation, for the names of sensors and actuators; None: they are numbered."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """The experiment's `controller`, which knows the ranges of parameters."""
     first_color: int = 0
-    """Index of the colour of state 0; each group of a team has colours of its own."""
+    """Index of the colour of state 0; each group of a team has its own colours."""
 
     @cached_property
     def names(self) -> "Names":
         """The names of sensors and actuators."""
-        return Names.of(self.specification, self.simulation)
+        return Names.from_specification(self.specification, self.simulation)
 
 
 @dataclass(frozen=True)
@@ -41,22 +41,24 @@ class Names:
     actuators: tuple[str, ...]
 
     @classmethod
-    def of(cls, specification: Mapping[str, Any], simulation: Mapping[str, Any] | None = None) -> Self:
-        """Return the names in a simulation's description if their number fits, else numbered ones."""
+    def from_specification(
+        cls, specification: Mapping[str, Any], simulation: Mapping[str, Any] | None = None
+    ) -> Self:
+        """Return the names in a simulation's description if their number matches, else numbered names."""
         described = simulation or {}
         return cls(
-            _fitting(described.get("sensor_names", ()), "sensor", int(specification["sensors"])),
-            _fitting(described.get("actuator_names", ()), "actuator", int(specification["actuators"])),
+            _label_values(described.get("sensor_names", ()), "sensor", int(specification["sensors"])),
+            _label_values(described.get("actuator_names", ()), "actuator", int(specification["actuators"])),
         )
 
 
-def _fitting(names: Sequence[str], what: str, count: int) -> tuple[str, ...]:
+def _label_values(names: Sequence[str], noun: str, count: int) -> tuple[str, ...]:
     if len(names) == count:
-        return tuple(map(_abbreviated, names))
-    return tuple(f"{what} {index}" for index in range(count))
+        return tuple(map(_abbreviate, names))
+    return tuple(f"{noun} {index}" for index in range(count))
 
 
-def _abbreviated(name: str) -> str:
+def _abbreviate(name: str) -> str:
     if len(name) <= _NAME_CHARACTERS:
         return name
     last = _NAME_CHARACTERS // 2

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.plain_figures import use_plain_settings
 from swarmwright.controllers.drawing import Drawing, Names
-from swarmwright.controllers.kinds import drawn
+from swarmwright.controllers.kinds import draw_controller
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,11 +27,11 @@ def figure(
     Args:
         specification: the controller as plain values, see protocol/schemas/controller.schema.json.
         title: above the figure.
-        simulation: its description, for the names of sensors and actuators, which are numbered without.
+        simulation: its description, for the names of sensors and actuators; without it, they are numbered.
         options: the experiment's `controller`, which knows the ranges of parameters.
-        first_color: index of the colour of state 0; each group of a team has colours of its own.
+        first_color: index of the colour of state 0; each group of a team has its own colours.
 
     Raises:
         InputError: a controller of this kind cannot be drawn.
     """
-    return drawn(Drawing(specification, title, simulation, options or {}, first_color))
+    return draw_controller(Drawing(specification, title, simulation, options or {}, first_color))

@@ -1,4 +1,4 @@
-"""Specifications of several controllers in one: of the kind `team`."""
+"""Specifications of the kind `team`: a controller for each group of agents."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,18 +7,18 @@ from swarmwright import _engine
 from swarmwright.common.errors import engine_errors
 
 TEAM = "team"
-"""The kind of such specifications."""
+"""Kind of these specifications."""
 
 
 def is_team(specification: Mapping[str, Any]) -> bool:
-    """Whether groups of agents have controllers of their own."""
+    """Whether the specification has a controller for each group of agents."""
     return specification.get("kind") == TEAM
 
 
 def parts_of(specification: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the controller of each group of a team, with its weights; empty for other controllers.
 
-    Raises InputError for a specification that is not one.
+    Raises InputError for an invalid specification.
     """
     if not is_team(specification):
         return {}

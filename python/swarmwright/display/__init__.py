@@ -1,4 +1,4 @@
-"""Pictures of episodes: in the terminal, as a still, an animation, a video, a page to play."""
+"""Display of episodes: in the terminal, as a still, an animation, a video, or a page with playback."""
 
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import COLORS, PARTS, Caption, Part, Playable, Recording, Shown, record

@@ -15,18 +15,18 @@ Numbers = NDArray[np.float32]
 
 
 class Bodies(Sequence[Body]):
-    """Bodies as arrays: a sequence of `Body` that does not keep an object for each.
+    """Bodies as arrays: a sequence of `Body` without an object for each.
 
     Args:
-        x: (bodies,), in the scene's unit, as y and radius.
+        x: (bodies,), in the scene's unit, like y and radius.
         y: (bodies,)
-        kind: of all, or one for each.
-        state: of all, or one for each.
-        radius: of all, or (bodies,).
-        heading: (bodies,), radians counter-clockwise from the x axis; NaN or None where there is none.
-        value: (bodies,), numbers that give colours; NaN or None where there is none.
-        labels: a text for each, or None.
-        agent: (bodies,), which agent each is; -1 where it does not say.
+        kind: of all bodies, or one for each.
+        state: of all bodies, or one for each.
+        radius: of all bodies, or (bodies,).
+        heading: (bodies,), radians counter-clockwise from the x axis; NaN or None: no heading.
+        value: (bodies,), numbers that determine colours; NaN or None: no value.
+        labels: a text for each body, or None.
+        agent: (bodies,), index of the agent; -1 if not given.
 
     Raises ValueError when arrays have different lengths.
 
@@ -55,9 +55,9 @@ class Bodies(Sequence[Body]):
         self.agent = np.full(count, -1) if agent is None else np.asarray(agent, dtype=np.int64)
         kinds = [kind] * count if isinstance(kind, str) else list(kind)
         states = [state] * count if isinstance(state, str) else list(state)
-        for name, given in (("kind", kinds), ("state", states), ("agent", self.agent), ("labels", labels)):
-            if given is not None and len(given) != count:
-                raise ValueError(f"{name}: {len(given)} found, expected {count}, one for each body")
+        for name, values in (("kind", kinds), ("state", states), ("agent", self.agent), ("labels", labels)):
+            if values is not None and len(values) != count:
+                raise ValueError(f"{name}: {len(values)} found, expected {count}, one for each body")
         self.labels = None if labels is None else list(labels)
         index: dict[tuple[str, str], int] = {}
         self.look = np.array(
@@ -68,11 +68,11 @@ class Bodies(Sequence[Body]):
         self.ray_numbers: Numbers = np.empty((0, 4), np.float32)
 
     @classmethod
-    def of(cls, bodies: Sequence[Body]) -> "Bodies":
-        """Return bodies as arrays."""
+    def from_bodies(cls, bodies: Sequence[Body]) -> "Bodies":
+        """Convert bodies to arrays."""
         if isinstance(bodies, Bodies):
             return bodies
-        made = cls(
+        arrays = cls(
             [body.x for body in bodies],
             [body.y for body in bodies],
             [body.kind for body in bodies],
@@ -84,38 +84,38 @@ class Bodies(Sequence[Body]):
             [-1 if body.agent is None else body.agent for body in bodies],
         )
         rays = [(index, ray) for index, body in enumerate(bodies) for ray in body.rays]
-        made.ray_body = np.array([index for index, _ in rays], dtype=np.uint32)
+        arrays.ray_body = np.array([index for index, _ in rays], dtype=np.uint32)
         numbers = [
             (ray.angle, ray.start, ray.length, np.nan if ray.reading is None else ray.reading)
             for _, ray in rays
         ]
-        made.ray_numbers = np.array(numbers, dtype=np.float32).reshape(-1, 4)
-        return made
+        arrays.ray_numbers = np.array(numbers, dtype=np.float32).reshape(-1, 4)
+        return arrays
 
     @classmethod
-    def around(cls, bodies: "BodyArrays", rays: "RayArrays") -> Self:
-        """Return the engine's arrays."""
-        made = cls.__new__(cls)
-        made.x, made.y, made.radius = bodies["x"], bodies["y"], bodies["radius"]
-        made.heading, made.value, made.agent = bodies["heading"], bodies["value"], bodies["agent"]
-        made.looks, made.look, made.labels = bodies["looks"], bodies["look"], bodies["labels"]
-        made.ray_body, made.ray_numbers = rays["body"], rays["numbers"]
-        return made
+    def from_arrays(cls, bodies: "BodyArrays", rays: "RayArrays") -> Self:
+        """Wrap the engine's arrays."""
+        instance = cls.__new__(cls)
+        instance.x, instance.y, instance.radius = bodies["x"], bodies["y"], bodies["radius"]
+        instance.heading, instance.value, instance.agent = bodies["heading"], bodies["value"], bodies["agent"]
+        instance.looks, instance.look, instance.labels = bodies["looks"], bodies["look"], bodies["labels"]
+        instance.ray_body, instance.ray_numbers = rays["body"], rays["numbers"]
+        return instance
 
-    def moved(self, x: Numbers, y: Numbers, heading: Numbers) -> "Bodies":
-        """Return the same bodies elsewhere."""
-        made = type(self).__new__(type(self))
-        made.__dict__.update(self.__dict__)
-        made.x, made.y, made.heading = x, y, heading
-        return made
+    def with_positions(self, x: Numbers, y: Numbers, heading: Numbers) -> "Bodies":
+        """Return a copy at other positions."""
+        copy = type(self).__new__(type(self))
+        copy.__dict__.update(self.__dict__)
+        copy.x, copy.y, copy.heading = x, y, heading
+        return copy
 
     def has(self, *kinds: str) -> NDArray[np.bool_]:
-        """Return which are of these kinds, (bodies,)."""
-        there = np.array([kind in kinds for kind, _ in self.looks], dtype=bool)
-        return there[self.look] if len(there) else np.zeros(0, dtype=bool)
+        """Return which bodies are of these kinds, (bodies,)."""
+        is_kind = np.array([kind in kinds for kind, _ in self.looks], dtype=bool)
+        return is_kind[self.look] if len(is_kind) else np.zeros(0, dtype=bool)
 
     def agents(self) -> NDArray[np.int64]:
-        """Return which agent each is, (bodies,), -1 for what is none."""
+        """Return the agent index of each body, (bodies,), -1 for bodies that are not agents."""
         if (self.agent >= 0).any():
             return self.agent
         is_agent = self.has("agent")
@@ -130,24 +130,24 @@ class Bodies(Sequence[Body]):
     def __getitem__(self, index: slice) -> list[Body]: ...
     def __getitem__(self, index: int | slice) -> Body | list[Body]:
         if isinstance(index, slice):
-            return [self[place] for place in range(*index.indices(len(self)))]
-        place = range(len(self))[index]
-        kind, state = self.looks[self.look[place]]
+            return [self[item] for item in range(*index.indices(len(self)))]
+        position = range(len(self))[index]
+        kind, state = self.looks[self.look[position]]
         rays = tuple(
             Ray(float(angle), float(length), float(start), _number_or_none(reading))
-            for angle, start, length, reading in self.ray_numbers[self.ray_body == place]
+            for angle, start, length, reading in self.ray_numbers[self.ray_body == position]
         )
-        agent = int(self.agent[place])
+        agent = int(self.agent[position])
         return Body(
-            kind, float(self.x[place]), float(self.y[place]), state, float(self.radius[place]),
-            _number_or_none(self.heading[place]), _number_or_none(self.value[place]),
-            self.labels[place] if self.labels else "", agent if agent >= 0 else None, rays,
+            kind, float(self.x[position]), float(self.y[position]), state, float(self.radius[position]),
+            _number_or_none(self.heading[position]), _number_or_none(self.value[position]),
+            self.labels[position] if self.labels else "", agent if agent >= 0 else None, rays,
         )  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Sequence) or len(self) != len(other):
             return NotImplemented
-        return all(body == two for body, two in zip(self, other, strict=True))
+        return all(first == second for first, second in zip(self, other, strict=True))
 
     __hash__ = None  # type: ignore[assignment] # arrays can change
 
@@ -156,11 +156,11 @@ class Bodies(Sequence[Body]):
         return f"Bodies({len(self)} of {names})" if names else "Bodies(0)"
 
 
-def scene_of(arrays: "SceneArrays") -> Scene:
-    """Return the engine's scene."""
+def scene_from_arrays(arrays: "SceneArrays") -> Scene:
+    """Convert the engine's arrays to a scene."""
     links = arrays["links"]
-    bodies = Bodies.around(arrays["bodies"], arrays["rays"])
-    return Scene.around(arrays["scene"], bodies, links)  # type: ignore[arg-type] # rows are pairs
+    bodies = Bodies.from_arrays(arrays["bodies"], arrays["rays"])
+    return Scene.from_parts(arrays["scene"], bodies, links)  # type: ignore[arg-type] # rows are pairs
 
 
 def _numbers(name: str, value: Any, count: int) -> Numbers:  # noqa: ANN401 - an array or a number

@@ -1,4 +1,4 @@
-"""Episodes as the display sees them: recorded, with what is known of the controller and what is drawn."""
+"""Recorded episodes, and options for drawing them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 
 from swarmwright.common.engine_types import SceneFields
 from swarmwright.common.groups import Kind
-from swarmwright.display._bodies import Bodies, scene_of
+from swarmwright.display._bodies import Bodies, scene_from_arrays
 from swarmwright.display._scene import Scene
 from swarmwright.display._trace import Trace, Tracer
 from swarmwright.display.machines import Machines
@@ -28,10 +28,10 @@ class Playable(Protocol):
         """Seconds between two frames when shown."""
 
     def step(self) -> None:
-        """Move on by one step."""
+        """Advance by one step."""
 
     def scene(self) -> SceneFields:
-        """The scene, see `Scene.of`."""
+        """The scene, see `Scene.from_fields`."""
 
     def text(self, columns: int, color: bool, rows: int, unicode: bool) -> str:
         """The scene as text: at most `rows` lines of at most `columns` characters.
@@ -44,8 +44,8 @@ class Playable(Protocol):
 class Recording:
     """A whole episode: the scene before the first step and after each.
 
-    fitness_so_far: at each scene, more is better. step_size: seconds between two scenes when shown.
-    trace: what agents sensed and did, where that is known.
+    fitness_so_far: fitness at each scene, larger is better. step_size: seconds between two scenes when shown.
+    trace: sensors and actuators of agents, if known.
     """
 
     scenes: tuple[Scene, ...]
@@ -55,7 +55,9 @@ class Recording:
 
     def __post_init__(self) -> None:
         arrays = tuple(
-            scene if isinstance(scene.bodies, Bodies) else replace(scene, bodies=Bodies.of(scene.bodies))
+            scene
+            if isinstance(scene.bodies, Bodies)
+            else replace(scene, bodies=Bodies.from_bodies(scene.bodies))
             for scene in self.scenes
         )
         object.__setattr__(self, "scenes", arrays)
@@ -67,8 +69,8 @@ class Recording:
 
 
 def record(episode: Playable) -> Recording:
-    """Step an episode to its end and keep every scene, and what agents sensed and did where it says so."""
-    tracer = Tracer.of(episode)
+    """Step an episode to its end and record every scene, and sensors and actuators if available."""
+    tracer = Tracer.from_episode(episode)
     scenes = [_scene(episode)]
     fitness_so_far = [episode.fitness]
     while not episode.done:
@@ -84,16 +86,16 @@ def record(episode: Playable) -> Recording:
 
 def _scene(episode: Playable) -> Scene:
     arrays = getattr(episode, "scene_arrays", None)
-    return Scene.of(episode.scene()) if arrays is None else scene_of(arrays())
+    return Scene.from_fields(episode.scene()) if arrays is None else scene_from_arrays(arrays())
 
 
 @dataclass(frozen=True)
 class Part:
-    """One of the episodes that a page shows beside each other.
+    """One of the episodes that a page shows side by side.
 
-    name: what it is called there. machines: of the controllers of its agents. sensor_names, actuator_names:
-    of an agent; those without a name are numbered. kinds: of agents, where the simulation has several.
-    step_seconds: of a step in the simulated world, where known.
+    name: its name on the page. machines: state machines of the agents' controllers. sensor_names,
+    actuator_names: of an agent; numbered if empty. kinds: kinds of agents, if the simulation has several.
+    step_seconds: simulated seconds of a step, if known.
     """
 
     recording: Recording
@@ -105,32 +107,32 @@ class Part:
     step_seconds: float | None = None
 
     @classmethod
-    def of(cls, shows: "Recording | Part") -> "Part":
-        """Return an episode, with no more known of it where it is a recording."""
+    def from_recording(cls, shows: "Recording | Part") -> "Part":
+        """Return a part; a recording becomes a part without further information."""
         return cls(shows) if isinstance(shows, Recording) else shows
 
     @property
     def kind_names(self) -> tuple[str, ...]:
-        """The names of the kinds of agents, which bodies of the kind agent have as their state."""
+        """Names of the kinds of agents, which are the states of bodies of the kind agent."""
         groups = self.machines.groups or ()
         return tuple(dict.fromkeys([*(kind.name for kind in self.kinds), *(group.name for group in groups)]))
 
 
 PARTS = ("trails", "rays", "links", "labels")
-"""What can be drawn or left out."""
+"""Parts of a picture that are optional."""
 
 
 COLORS = ("auto", "state", "value", "controller")
-"""What can give bodies their colours."""
+"""Sources of the bodies' colours."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What is drawn beside bodies: a page shows it at first, and can show all.
+    """Optional parts of a picture; on a page, those that are shown initially.
 
-    labels: True or False, or None: True, but on a page with more than 100 labelled bodies False at first.
-    colors: what gives bodies their colours: their kind and state, their value, or the state of the agent's
-    controller where that is a state machine. auto: the value where there is one, on a page the controller.
+    labels: True or False, or None: True, except on a page with more than 100 labelled bodies, initially.
+    colors: source of the bodies' colours: kind and state, value, or the state of the agent's controller if it
+    is a state machine. auto: the value if there is one, on a page the controller.
     """
 
     trails: bool = True
@@ -142,8 +144,8 @@ class Shown:
 
 @dataclass(frozen=True)
 class Caption:
-    """A title, and facts below it."""
+    """A title and facts below it."""
 
     title: str = ""
     facts: tuple[tuple[str, str], ...] = ()
-    """Name and value of each."""
+    """Pairs of name and value."""

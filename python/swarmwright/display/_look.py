@@ -1,4 +1,4 @@
-"""How things look: the one table of shapes and colours for pages, stills, animations and videos."""
+"""Shapes and colours shared by pages, stills, animations and videos."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -25,7 +25,7 @@ LIGHT = {
     "other-3": "#B59A00",
     "other-4": "#222222",
 }
-"""Colours of bodies on a light ground, by name; pages have them as CSS variables."""
+"""Colours of bodies on a light background, by name; CSS variables on pages."""
 DARK = {
     "free": "#56B4E9",
     "good": "#2BBF93",
@@ -38,13 +38,13 @@ DARK = {
     "other-3": "#D8C54A",
     "other-4": "#ECEFF1",
 }
-"""The same on a dark ground."""
+"""The same for a dark background."""
 FLOOR = {"light": ("#2E2E2E", "#D0D0C9", "#FFFFFF"), "dark": ("#000000", "#3D444B", "#D5D9DC")}
-"""Black, middle grey and white floor on a light and a dark ground, such that robots show on all."""
+"""Black, middle grey and white floor on a light and a dark background; robots are visible on all of them."""
 VALUES = ("#440154", "#3B528B", "#21918C", "#5EC962", "#FDE725")
-"""From the least to the greatest value (viridis)."""
+"""Colours from the smallest to the largest value (viridis)."""
 STATES_LIGHT = {f"state-{state}": color for state, color in enumerate(STATE_COLORS)}
-"""Colours of the states of controllers on a light ground."""
+"""Colours of controller states on a light background."""
 STATES_DARK = {
     "state-0": "#56B4E9",
     "state-1": "#AA4433",
@@ -71,13 +71,13 @@ STATES_DARK = {
     "state-22": "#9900BB",
     "state-23": "#00DD77",
 }
-"""The same on a dark ground."""
+"""The same for a dark background."""
 STATES = tuple(STATES_LIGHT)
-"""Colours of the states of controllers, in their order; more states have them again."""
+"""Colours of controller states in order; they repeat for more states."""
 OTHERS = ("other-1", "other-2", "other-3", "other-4")
-"""Colours of unknown kinds and states, in the order in which they are seen; terminals have these alone."""
+"""Colours of unknown kinds and states in order of appearance; terminals have only these."""
 _UNKNOWN = (*OTHERS, *STATES[DISTINCT_STATES:])
-"""The same with those of more kinds and states."""
+"""The same, with colours for more kinds and states."""
 
 SHAPES = {
     "circle": ("o", "M1 0A1 1 0 1 1-1 0A1 1 0 1 1 1 0Z"),
@@ -94,7 +94,7 @@ SHAPES = {
 }
 """Each shape as matplotlib's marker and as an SVG path around (0, 0) with radius 1."""
 _FREE_SHAPES = ("diamond", "pentagon", "hexagon")
-"""Shapes of unknown kinds, in the order in which they are seen."""
+"""Shapes of unknown kinds in order of appearance."""
 
 KNOWN = {
     ("agent", ""): ("circle", "free"),
@@ -111,15 +111,15 @@ KNOWN = {
 }
 """Shape and colour by kind and state."""
 CELLS = ("blockade", "exit")
-"""What fills a cell of a grid, one unit wide and high."""
+"""Kinds that fill a cell of a grid, one unit wide and high."""
 MOVING = ("agent", "defender")
-"""What leaves a trail."""
+"""Kinds that leave a trail."""
 LED = "led"
-"""The kind of marks on robots; those without a state are off and are not shown."""
+"""The kind of LEDs on robots; LEDs without a state are off and not drawn."""
 STRETCH = "wall"
-"""The kind of coloured parts of walls: with a heading they are lines, and legends do not count them."""
+"""The kind of coloured wall sections; with a heading they are lines, without an entry in legends."""
 HALO_WIDTH, HALO_SHARE = 1.6, 0.6
-"""Width in points, and opacity, of the light line below rays and links, which are thin."""
+"""Width in points and opacity of the light line below thin rays and links."""
 SHADES = 16
 
 
@@ -131,7 +131,7 @@ class Look(NamedTuple):
 
 
 class Marker(NamedTuple):
-    """How matplotlib draws it: area in points squared, layer (higher is above)."""
+    """A matplotlib marker: area in points squared, layer (higher is above)."""
 
     color: str
     marker: str
@@ -140,13 +140,12 @@ class Marker(NamedTuple):
 
 
 class Looks:
-    """How the bodies of an episode look, the same in all its scenes and on everything that shows it.
+    """Looks of the bodies of an episode, the same in all scenes and media.
 
-    Styles of the scenes come first; then kinds and states of KNOWN look as there. A kind that is not there
-    gets a shape, and a state that is not there a colour, in the order in which they are first seen, so that
-    no two look alike as long as there are shapes and colours.
+    Styles of the scenes have precedence; then kinds and states of KNOWN. Unknown kinds get a shape and
+    unknown states a colour in order of appearance, all different as long as there are shapes and colours.
 
-    own: the colours of styles by the names that they have here, on a light and on a dark ground.
+    custom_colors: the colours of styles by generated name, for a light and a dark background.
     """
 
     def __init__(self, scenes: Iterable[Scene]) -> None:
@@ -154,15 +153,15 @@ class Looks:
         self._shapes = {kind: shape for (kind, _), (shape, _) in reversed(KNOWN.items())}
         self._unknown = 0
         self._styles: dict[tuple[str, str], Style] = {}
-        self.own: dict[str, tuple[str, str]] = {}
-        known: tuple[object, object] = (None, None)
+        self.custom_colors: dict[str, tuple[str, str]] = {}
+        previous: tuple[object, object] = (None, None)
         for scene in scenes:
             for style in scene.styles:
                 self._styles[style.kind, style.state] = style
-            bodies = Bodies.of(scene.bodies)
-            if (bodies.looks, len(self._styles)) == known:
+            bodies = Bodies.from_bodies(scene.bodies)
+            if (bodies.looks, len(self._styles)) == previous:
                 continue
-            known = (bodies.looks, len(self._styles))
+            previous = (bodies.looks, len(self._styles))
             for kind, state in bodies.looks:
                 self._add(kind, state)
 
@@ -170,11 +169,11 @@ class Looks:
         if (kind, state) in self._looks:
             return
         style = self._styles.get((kind, state)) or self._styles.get((kind, ""))
-        color = self._named(style.color) if style is not None and style.color else None
+        color = self._name_color(style.color) if style is not None and style.color else None
         shape = style.shape if style is not None else ""
-        known = KNOWN.get((kind, state))
-        if known is not None:
-            self._looks[kind, state] = Look(shape or known[0], color or known[1])
+        default = KNOWN.get((kind, state))
+        if default is not None:
+            self._looks[kind, state] = Look(shape or default[0], color or default[1])
             return
         if not shape and kind not in self._shapes:
             strangers = len(self._shapes) - len({kind for kind, _ in KNOWN})
@@ -184,14 +183,14 @@ class Looks:
             self._unknown += 1
         self._looks[kind, state] = Look(shape or self._shapes[kind], color)
 
-    def _named(self, color: str) -> str:
-        """Return the name of a style's colour."""
+    def _name_color(self, color: str) -> str:
+        """Return the name of a style's colour, generated at its first use."""
         light = color.upper()
-        for name, (known, _) in self.own.items():
-            if known == light:
+        for name, (existing, _) in self.custom_colors.items():
+            if existing == light:
                 return name
-        name = f"own-{len(self.own) + 1}"
-        self.own[name] = (light, lightened(light))
+        name = f"own-{len(self.custom_colors) + 1}"
+        self.custom_colors[name] = (light, lighten(light))
         return name
 
     def __getitem__(self, look: tuple[str, str]) -> Look:
@@ -199,19 +198,19 @@ class Looks:
         return self._looks[look]
 
     def color(self, look: tuple[str, str]) -> str:
-        """Return the colour of a kind and state on a light ground, as '#0072B2'."""
+        """Return the colour of a kind and state on a light background, as '#0072B2'."""
         name = self._looks[look].color
-        return self.own[name][0] if name in self.own else (LIGHT | STATES_LIGHT)[name]
+        return self.custom_colors[name][0] if name in self.custom_colors else (LIGHT | STATES_LIGHT)[name]
 
     def plain(self) -> dict[str, dict[str, str]]:
-        """Return label -> shape and name of the colour, in the order in which they are seen."""
+        """Return label -> shape and name of the colour, in order of appearance."""
         return {
             label(kind, state): {"shape": look.shape, "color": look.color}
             for (kind, state), look in self._looks.items()
         }
 
-    def all(self) -> list[tuple[str, str]]:
-        """Return kinds and states, in the order in which they are seen."""
+    def names(self) -> list[tuple[str, str]]:
+        """Return kinds and states, in order of appearance."""
         return list(self._looks)
 
     def marker(self, look: tuple[str, str], agent_size: float) -> Marker:
@@ -227,14 +226,14 @@ class Looks:
         return Marker(self.color(look), SHAPES[self._looks[look].shape][0], size, layer)
 
 
-def css(own: Mapping[str, tuple[str, str]] | None = None) -> str:
-    """Return the colours of bodies and floors as CSS, for light and dark; own: see `Looks`."""
-    own = own or {}
+def format_css(custom_colors: Mapping[str, tuple[str, str]] | None = None) -> str:
+    """Return the colours of bodies and floors as CSS for both themes; custom_colors: see `Looks`."""
+    custom_colors = custom_colors or {}
 
-    def variables(theme: str, colors: dict[str, str], place: int) -> str:
+    def variables(theme: str, colors: dict[str, str], theme_index: int) -> str:
         floor = {f"floor-{index}": color for index, color in enumerate(FLOOR[theme])}
         values = {f"value-{index}": color for index, color in enumerate(VALUES)}
-        mine = {name: pair[place] for name, pair in own.items()}
+        mine = {name: pair[theme_index] for name, pair in custom_colors.items()}
         return " ".join(f"--{n}: {v.lower()};" for n, v in {**colors, **floor, **values, **mine}.items())
 
     dark = variables("dark", DARK | STATES_DARK, 1)
@@ -246,78 +245,78 @@ def css(own: Mapping[str, tuple[str, str]] | None = None) -> str:
 
 
 def agent_size(scene: Scene) -> float:
-    """Marker area of an agent in points squared: smaller the more there are."""
-    return marker_area(int(Bodies.of(scene.bodies).has("agent").sum()))
+    """Return the marker area of an agent in points squared; it decreases with the number of agents."""
+    return marker_area(int(Bodies.from_bodies(scene.bodies).has("agent").sum()))
 
 
 def marker_area(count: int) -> float:
-    """Marker area in points squared where there are so many."""
+    """Return the marker area in points squared for a number of bodies."""
     return min(max(1800.0 / max(count, 1), 8.0), 90.0)
 
 
-def moving(bodies: Bodies) -> NDArray[np.bool_]:
+def is_moving(bodies: Bodies) -> NDArray[np.bool_]:
     """Return which bodies can leave a trail, (bodies,)."""
     return bodies.has(*MOVING) | (~np.isnan(bodies.heading) & ~bodies.has(STRETCH))
 
 
 def label(kind: str, state: str, kinds: Sequence[str] = ()) -> str:
-    """What legends call a body. kinds: names of kinds of agents, which stand alone."""
+    """Return the label of a body in legends. kinds: names of kinds of agents, which are used alone."""
     if kind == "agent" and any(state == name or state.startswith(f"{name}, ") for name in kinds):
         return state
     return f"{kind}, {state}" if state else kind
 
 
-def rgb(color: str) -> tuple[int, int, int]:
-    """'#0072B2' -> (0, 114, 178)."""
+def to_rgb(color: str) -> tuple[int, int, int]:
+    """Convert '#0072B2' to (0, 114, 178)."""
     return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
 
 
-def hexadecimal(channels: NDArray[np.float64]) -> str:
-    """Channels, 0..1, -> '#0072B2'."""
+def to_hex(channels: NDArray[np.float64]) -> str:
+    """Convert channels in 0..1 to '#0072B2'."""
     return "#" + "".join(f"{round(255 * float(channel)):02X}" for channel in channels)
 
 
-def mixed(color: str, ground: str, share: float) -> str:
-    """A colour thinned with its background; share 1 is the colour, 0 the background."""
-    channels = (round(b + share * (c - b)) for c, b in zip(rgb(color), rgb(ground), strict=True))
+def mix(color: str, ground: str, share: float) -> str:
+    """Mix a colour with its background; share 1 is the colour, 0 the background."""
+    channels = (round(b + share * (c - b)) for c, b in zip(to_rgb(color), to_rgb(ground), strict=True))
     return "#" + "".join(f"{channel:02X}" for channel in channels)
 
 
 def is_bright(colors: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether dark lines are seen on colours better than white ones; colours: (..., 3), 0..1."""
+    """Whether dark lines are more visible on colours than white lines; colors: (..., 3), 0..1."""
     return np.asarray(colors @ np.array([0.3, 0.59, 0.11]) > 0.6)
 
 
 def floor_color(grey: float) -> str:
-    """Return what a grey value (0 black to 1 white) of the floor is drawn as, on a light ground."""
+    """Return the colour of a grey floor (0 black to 1 white) on a light background."""
     black, middle, white = FLOOR["light"]
-    return mixed(middle, black, 2 * grey) if grey < 0.5 else mixed(white, middle, 2 * grey - 1)
+    return mix(middle, black, 2 * grey) if grey < 0.5 else mix(white, middle, 2 * grey - 1)
 
 
 _NEAR_GREY = 0.01
-"""Levels of pictures with 8 bits are not exactly one half."""
+"""Tolerance of grey levels, since 8-bit pictures have no exact half."""
 
 
-def floor_words(grey: float, names: Iterable[str]) -> str:
-    """Return what legends call parts of the floor with one grey value."""
-    named = ((0.0, "black floor"), (0.5, "grey floor"), (1.0, "white floor"))
-    near = (name for level, name in named if abs(grey - level) < _NEAR_GREY)
-    color = next(near, f"floor, grey {grey:.3g}")
-    given = ", ".join(dict.fromkeys(name for name in names if name and f"{name} floor" != color))
-    return f"{color} ({given})" if given else color
+def describe_floor(grey: float, names: Iterable[str]) -> str:
+    """Return the label of a grey floor in legends."""
+    levels = ((0.0, "black floor"), (0.5, "grey floor"), (1.0, "white floor"))
+    matches = (name for level, name in levels if abs(grey - level) < _NEAR_GREY)
+    color = next(matches, f"floor, grey {grey:.3g}")
+    name_list = ", ".join(dict.fromkeys(name for name in names if name and f"{name} floor" != color))
+    return f"{color} ({name_list})" if name_list else color
 
 
-def floors(*scenes: Scene) -> dict[float, str]:
-    """Return what legends call the floor and its parts in all of some scenes, by grey value."""
-    named: dict[float, list[str]] = {}
+def floor_labels(*scenes: Scene) -> dict[float, str]:
+    """Return the labels of the floor and its patches in scenes, by grey value."""
+    names_by_grey: dict[float, list[str]] = {}
     for scene in scenes:
-        for part in ([] if scene.floor is None else [whole(scene)]) + list(scene.patches):
-            named.setdefault(round(float(part.grey), 3), []).append(part.name)
-    return {grey: floor_words(grey, names) for grey, names in sorted(named.items())}
+        for part in ([] if scene.floor is None else [floor_patch(scene)]) + list(scene.patches):
+            names_by_grey.setdefault(round(float(part.grey), 3), []).append(part.name)
+    return {grey: describe_floor(grey, names) for grey, names in sorted(names_by_grey.items())}
 
 
-def whole(scene: Scene) -> Patch:
-    """Return the floor of a scene that has one, with its edge."""
+def floor_patch(scene: Scene) -> Patch:
+    """Return the floor of a scene as a patch."""
     floor = scene.floor if isinstance(scene.floor, Patch) else Patch(float(scene.floor or 0.0))
     if len(floor.points):
         return floor
@@ -325,49 +324,51 @@ def whole(scene: Scene) -> Patch:
 
 
 def value_colors(shares: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return colours of shares (0..1) of the range of values: (n, 3), 0..1."""
-    anchors = np.array([rgb(color) for color in VALUES]) / 255
+    """Return the colours of relative values (0..1): (n, 3), 0..1."""
+    anchors = np.array([to_rgb(color) for color in VALUES]) / 255
     at = np.linspace(0, 1, len(anchors))
     clipped = np.clip(shares, 0, 1)
     return np.stack([np.interp(clipped, at, anchors[:, channel]) for channel in range(3)], axis=1)
 
 
-def lightened(color: str) -> str:
-    """Return a colour with enough contrast on a dark ground."""
+def lighten(color: str) -> str:
+    """Lighten a colour to have enough contrast on a dark background."""
     share = 1.0
-    while share > 0.1 and luminance(mixed(color, PAPER, share)) < _DARK_LEAST:
+    while share > 0.1 and luminance(mix(color, PAPER, share)) < _DARK_LEAST:
         share -= 0.05
-    return mixed(color, PAPER, share)
+    return mix(color, PAPER, share)
 
 
 _DARK_LEAST = 0.22
-"""Relative luminance that is seen well on a dark ground."""
+"""Least relative luminance on a dark background."""
 
 
 def luminance(color: str) -> float:
     """Return the relative luminance of WCAG 2, 0..1."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.array(rgb(color)) / 255]
+    linear = [
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.array(to_rgb(color)) / 255
+    ]
     return float(0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2])
 
 
-def palette(
-    own: Iterable[str] = (), grounds: Iterable[str] = (), *, values: bool = False, states: int = 0
+def build_palette(
+    custom: Iterable[str] = (), grounds: Iterable[str] = (), *, values: bool = False, states: int = 0
 ) -> list[int]:
-    """Every colour of a picture with its shades, as red, green, blue, red, ... (0..255); at most 256.
+    """Return all colours of a picture with shades, as red, green, blue, red, ... (0..255); at most 256.
 
-    own: colours of bodies, beside those of kinds that are known. grounds: colours of the floor. values:
-    whether bodies are coloured by values. states: how many states of controllers give bodies their colours.
+    custom: colours of bodies, beside the default colours. grounds: colours of the floor. values: whether
+    bodies are coloured by value. states: number of controller states that determine colours.
     """
-    known = set(LIGHT.values())
-    grounds, own = list(grounds)[:24], [color for color in own if color not in known][:24]
+    defaults = set(LIGHT.values())
+    grounds, custom = list(grounds)[:24], [color for color in custom if color not in defaults][:24]
     further = [state_color(state) for state in range(min(states, len(STATES)))]
-    shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER, *own, *further]))
-    exact = [PAPER, FIELD, GRID, mixed(GRID, FIELD, 0.5), *grounds]
+    shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER, *custom, *further]))
+    exact = [PAPER, FIELD, GRID, mix(GRID, FIELD, 0.5), *grounds]
     if values:
-        exact += [hexadecimal(color) for color in value_colors(_RAMP)]
+        exact += [to_hex(color) for color in value_colors(_RAMP)]
     shades = min(SHADES, (256 - len(exact)) // len(shaded))
-    colors = [rgb(mixed(color, FIELD, 1 - i / shades)) for color in shaded for i in range(shades)]
-    return [channel for color in [*colors, *map(rgb, exact)] for channel in color]
+    colors = [to_rgb(mix(color, FIELD, 1 - i / shades)) for color in shaded for i in range(shades)]
+    return [channel for color in [*colors, *map(to_rgb, exact)] for channel in color]
 
 
 _RAMP = np.linspace(0, 1, 24)

@@ -1,4 +1,4 @@
-"""What a simulation looks like at one moment."""
+"""The scene of a simulation at one step."""
 
 import math
 import re
@@ -21,15 +21,15 @@ Point = tuple[float, float]
 """x and y, in the scene's unit."""
 
 STYLE_SHAPES = ("circle", "cross", "triangle", "star", "square", "diamond", "pentagon", "hexagon")
-"""What a style can have."""
+"""Shapes of styles."""
 
 
 @dataclass(frozen=True)
 class Ray:
     """The line of sight of a body's sensor.
 
-    angle: from the body's heading, radians counter-clockwise. length: how far it goes from where it begins,
-    `start` from the middle of the body, in the scene's unit. reading: what the sensor says, 0 to 1.
+    angle: from the body's heading, radians counter-clockwise. start: distance of its beginning from the
+    middle of the body. length: from its beginning, in the scene's unit. reading: of the sensor, 0 to 1.
     """
 
     angle: float
@@ -40,15 +40,15 @@ class Ray:
 
 @dataclass(frozen=True)
 class Body:
-    """One thing in a scene.
+    """An object or agent in a scene.
 
     kind: agent, defender, goal, exit, blockade, obstacle, ... state: free, arrived, caught, crashed, out, or
     empty. x, y, radius: in the scene's unit, metres or cells; y points up; radius 0 is a point. heading:
-    where it looks, radians counter-clockwise from the x axis; bodies with a heading are drawn in their true
-    size (with radius 0, as large as marks), those of the kind wall as lines, as far to both sides as the
-    radius says. A body of the kind led is drawn on top of others, and left out without a state: so LEDs of
-    robots can be on and off. value: a number that gives it a colour, see `Scale`. label: a short text beside
-    it. agent: which agent it is; bodies of the kind agent that do not say so are the agents in their order.
+    radians counter-clockwise from the x axis; bodies with a heading are drawn in true size (with radius 0, as
+    large as markers), those of the kind wall as lines, one radius to both sides. A body of the kind led is
+    drawn on top of others, and only if it has a state, so that LEDs can be on and off. value: a number that
+    determines its colour, see `Scale`. label: a short text beside it. agent: index of the agent; bodies of
+    the kind agent without an index are numbered in order.
     """
 
     kind: str
@@ -67,7 +67,7 @@ class Body:
 class Patch:
     """A part of the floor: a polygon, or a circle around its only point.
 
-    grey: 0 black to 1 white. points: corners in order. name: what legends call it.
+    grey: 0 black to 1 white. points: corners in order. name: its name in legends.
     """
 
     grey: float
@@ -88,7 +88,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Wall:
-    """A line from point to point, or with `solid` the corners of a polygon that is filled."""
+    """A line from point to point, or with `solid`, a filled polygon with these corners."""
 
     points: Sequence[Point]
     solid: bool = False
@@ -107,9 +107,9 @@ class Light:
 class Style:
     """The look of bodies of a kind and state.
 
-    color: "#rrggbb", or empty for what they get anyway; on dark pages it is lightened where needed. shape:
-    circle, cross, triangle, star, square, diamond, pentagon, hexagon, or empty. Without a state it holds for
-    all states of the kind that have no style.
+    color: "#rrggbb", or empty for the default; it is lightened on dark pages if needed. shape: circle, cross,
+    triangle, star, square, diamond, pentagon, hexagon, or empty. A style without a state applies to all
+    states of the kind that have no style.
     """
 
     kind: str
@@ -120,7 +120,7 @@ class Style:
 
 @dataclass(frozen=True)
 class Scale:
-    """What the values of bodies are: a name with the unit, and the values with the first and last colour."""
+    """The scale of the bodies' values: a name with the unit, and the values of the first and last colour."""
 
     name: str
     low: float
@@ -131,16 +131,16 @@ class Scale:
 class Scene:
     """A two-dimensional world at one step; positions are from its bottom left corner.
 
-    width, height: its extent in metres or cells. message: a line to show above. bodies: what lies below
-    first; a list of `Body`, or `Bodies` for thousands. grid: whether it consists of cells, which people
-    number from (0, 0) at the top left.
+    width, height: its extent in metres or cells. message: a line to show above. bodies: from bottom to top; a
+    list of `Body`, or `Bodies` for thousands. grid: whether it consists of cells, which are numbered from (0,
+    0) at the top left.
 
-    floor: its colour, 0 black to 1 white, or a patch where it does not fill the world. patches: parts of the
-    floor with colours of their own, what lies below first; they end where the floor ends. walls, lights: what
-    stands there. links: pairs of indices of bodies, of which the second hears the first. styles: looks that
-    the simulation chooses. scale: what the values of bodies are; left out: from the least to the greatest.
+    floor: its colour, 0 black to 1 white, or a patch if it does not fill the world. patches: coloured parts
+    of the floor, from bottom to top, clipped to the floor. walls, lights: walls and lamps. links: pairs of
+    indices of bodies, of which the second hears the first. styles: looks defined by the simulation. scale:
+    scale of the bodies' values; default: from the smallest to the largest.
 
-    origin: where the bottom left corner is in the simulation's own coordinates, (x, y): axes show those.
+    origin: coordinates of the bottom left corner in the simulation, (x, y), for the axes.
     """
 
     width: float
@@ -159,20 +159,23 @@ class Scene:
     origin: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def of(cls, fields: SceneFields) -> Self:
-        """Make a scene of what the engine returns."""
+    def from_fields(cls, fields: SceneFields) -> Self:
+        """Create a scene from the engine's fields."""
         rays: dict[int, list[Ray]] = {}
         for ray in fields.get("rays", []):
-            made = Ray(ray["angle"], ray["length"], ray["start"], ray.get("reading"))
-            rays.setdefault(ray["body"], []).append(made)
+            rays.setdefault(ray["body"], []).append(
+                Ray(ray["angle"], ray["length"], ray["start"], ray.get("reading"))
+            )
         bodies = tuple(
             Body(**body, rays=tuple(rays.get(index, ()))) for index, body in enumerate(fields["bodies"])
         )
-        return cls.around(fields, bodies, [(first, second) for first, second in fields.get("links", [])])
+        return cls.from_parts(fields, bodies, [(first, second) for first, second in fields.get("links", [])])
 
     @classmethod
-    def around(cls, fields: SceneFields, bodies: Sequence[Body], links: Sequence[tuple[int, int]]) -> Self:
-        """Make a scene of these bodies and links; all else is the engine's."""
+    def from_parts(
+        cls, fields: SceneFields, bodies: Sequence[Body], links: Sequence[tuple[int, int]]
+    ) -> Self:
+        """Create a scene from bodies and links, and the engine's other fields."""
         floor, scale = fields.get("floor"), fields.get("scale")
         return cls(
             fields["width"],
@@ -195,7 +198,7 @@ class Scene:
         )
 
     def plain(self) -> SceneFields:
-        """Return what the engine takes. Raises ValueError or TypeError for what cannot be drawn."""
+        """Convert to the engine's fields. Raises ValueError or TypeError for invalid values."""
         bodies = list(self.bodies)
         fields: SceneFields = {
             "width": _number("width", self.width),
@@ -217,9 +220,9 @@ class Scene:
         if len(self.lights):
             fields["lights"] = [_light(f"lights[{i}]", light) for i, light in enumerate(self.lights)]
         rays = [
-            _ray(f"bodies[{index}].rays[{place}]", index, ray)
+            _ray(f"bodies[{index}].rays[{number}]", index, ray)
             for index, body in enumerate(bodies)
-            for place, ray in enumerate(body.rays)
+            for number, ray in enumerate(body.rays)
         ]
         if rays:
             fields["rays"] = rays
@@ -234,8 +237,8 @@ class Scene:
             fields["scale"] = {"name": _text("scale.name", self.scale.name), "low": low, "high": high}
         return fields
 
-    def of_kind(self, *kinds: str) -> list[Body]:
-        """The bodies of these kinds, in their order."""
+    def find_bodies(self, *kinds: str) -> list[Body]:
+        """Return the bodies of these kinds, in order."""
         return [body for body in self.bodies if body.kind in kinds]
 
 
@@ -248,129 +251,131 @@ def _patch(fields: PatchFields) -> Patch:
     return Patch(fields["grey"], tuple((x, y) for x, y in fields["points"]), fields["radius"], fields["name"])
 
 
-def _plain(place: str, body: Any) -> BodyFields:  # noqa: ANN401 - whatever the code of a simulation says
+def _plain(field: str, body: Any) -> BodyFields:  # noqa: ANN401 - from user code
     if not isinstance(body, Body):
-        raise TypeError(f"{place}: {body!r} found, expected a swarmwright.display.Body")
+        raise TypeError(f"{field}: {body!r} found, expected a swarmwright.display.Body")
     fields: BodyFields = {
-        "kind": _text(f"{place}.kind", body.kind),
-        "x": _number(f"{place}.x", body.x),
-        "y": _number(f"{place}.y", body.y),
-        "state": _text(f"{place}.state", body.state),
-        "radius": _number(f"{place}.radius", body.radius, least=0.0),
+        "kind": _text(f"{field}.kind", body.kind),
+        "x": _number(f"{field}.x", body.x),
+        "y": _number(f"{field}.y", body.y),
+        "state": _text(f"{field}.state", body.state),
+        "radius": _number(f"{field}.radius", body.radius, least=0.0),
     }
     if not body.kind:
-        raise ValueError(f"{place}.kind: it is empty, expected a name such as agent")
+        raise ValueError(f"{field}.kind: is empty, expected a name such as agent")
     if body.heading is not None:
-        fields["heading"] = _number(f"{place}.heading", body.heading)
+        fields["heading"] = _number(f"{field}.heading", body.heading)
     if body.value is not None:
-        fields["value"] = _number(f"{place}.value", body.value)
+        fields["value"] = _number(f"{field}.value", body.value)
     if body.label:
-        fields["label"] = _text(f"{place}.label", body.label)
+        fields["label"] = _text(f"{field}.label", body.label)
     if body.agent is not None:
-        fields["agent"] = _index(f"{place}.agent", body.agent)
+        fields["agent"] = _index(f"{field}.agent", body.agent)
     return fields
 
 
-def _floor(place: str, floor: Any) -> PatchFields:  # noqa: ANN401 - see `_plain`
+def _floor(field: str, floor: Any) -> PatchFields:  # noqa: ANN401 - see `_plain`
     patch = floor if isinstance(floor, Patch) else Patch(floor)
-    grey = _number(place if patch is not floor else f"{place}.grey", patch.grey, least=0.0, most=1.0)
-    points = _points(f"{place}.points", patch.points)
-    if len(points) == 2 or (not points and not place.startswith("floor")):
-        found = "2 points" if points else "no points"
-        raise ValueError(f"{place}.points: {found} found, expected one (a circle) or at least three")
-    radius = _number(f"{place}.radius", patch.radius, least=0.0)
-    return {"grey": grey, "points": points, "radius": radius, "name": _text(f"{place}.name", patch.name)}
+    grey = _number(field if patch is not floor else f"{field}.grey", patch.grey, least=0.0, most=1.0)
+    points = _points(f"{field}.points", patch.points)
+    if len(points) == 2 or (not points and not field.startswith("floor")):
+        count = "2 points" if points else "no points"
+        raise ValueError(f"{field}.points: {count} found, expected one (a circle) or at least three")
+    radius = _number(f"{field}.radius", patch.radius, least=0.0)
+    return {"grey": grey, "points": points, "radius": radius, "name": _text(f"{field}.name", patch.name)}
 
 
-def _wall(place: str, wall: Any) -> "WallFields":  # noqa: ANN401 - see `_plain`
+def _wall(field: str, wall: Any) -> "WallFields":  # noqa: ANN401 - see `_plain`
     if not isinstance(wall, Wall):
-        raise TypeError(f"{place}: {wall!r} found, expected a swarmwright.display.Wall")
-    points = _points(f"{place}.points", wall.points)
+        raise TypeError(f"{field}: {wall!r} found, expected a swarmwright.display.Wall")
+    points = _points(f"{field}.points", wall.points)
     least = 3 if wall.solid else 2
     if len(points) < least:
-        raise ValueError(f"{place}.points: {len(points)} found, expected at least {least}")
+        raise ValueError(f"{field}.points: {len(points)} found, expected at least {least}")
     return {"points": points, "solid": bool(wall.solid)}
 
 
-def _light(place: str, light: Any) -> "LightFields":  # noqa: ANN401 - see `_plain`
+def _light(field: str, light: Any) -> "LightFields":  # noqa: ANN401 - see `_plain`
     if not isinstance(light, Light):
-        raise TypeError(f"{place}: {light!r} found, expected a swarmwright.display.Light")
+        raise TypeError(f"{field}: {light!r} found, expected a swarmwright.display.Light")
     return {
-        "x": _number(f"{place}.x", light.x),
-        "y": _number(f"{place}.y", light.y),
-        "intensity": _number(f"{place}.intensity", light.intensity, least=0.0),
+        "x": _number(f"{field}.x", light.x),
+        "y": _number(f"{field}.y", light.y),
+        "intensity": _number(f"{field}.intensity", light.intensity, least=0.0),
     }
 
 
-def _ray(place: str, body: int, ray: Any) -> RayFields:  # noqa: ANN401 - see `_plain`
+def _ray(field: str, body: int, ray: Any) -> RayFields:  # noqa: ANN401 - see `_plain`
     if not isinstance(ray, Ray):
-        raise TypeError(f"{place}: {ray!r} found, expected a swarmwright.display.Ray")
+        raise TypeError(f"{field}: {ray!r} found, expected a swarmwright.display.Ray")
     fields: RayFields = {
         "body": body,
-        "angle": _number(f"{place}.angle", ray.angle),
-        "start": _number(f"{place}.start", ray.start, least=0.0),
-        "length": _number(f"{place}.length", ray.length, least=0.0),
+        "angle": _number(f"{field}.angle", ray.angle),
+        "start": _number(f"{field}.start", ray.start, least=0.0),
+        "length": _number(f"{field}.length", ray.length, least=0.0),
     }
     if ray.reading is not None:
-        fields["reading"] = _number(f"{place}.reading", ray.reading, least=0.0, most=1.0)
+        fields["reading"] = _number(f"{field}.reading", ray.reading, least=0.0, most=1.0)
     return fields
 
 
-def _link(place: str, link: Any, bodies: int) -> list[int]:  # noqa: ANN401 - see `_plain`
+def _link(field: str, link: Any, bodies: int) -> list[int]:  # noqa: ANN401 - see `_plain`
     try:
-        first, second = (_index(place, end) for end in link)
+        first, second = (_index(field, end) for end in link)
     except ValueError as error:
-        raise ValueError(f"{place}: {link!r} found, expected two indices of bodies") from error
+        raise ValueError(f"{field}: {link!r} found, expected two indices of bodies") from error
     if max(first, second) >= bodies:
-        raise ValueError(f"{place}: {link!r} found, but there are {bodies} bodies, from 0 to {bodies - 1}")
+        raise ValueError(
+            f"{field}: {link!r} found, expected indices of the {bodies} bodies, 0 to {bodies - 1}"
+        )
     return [first, second]
 
 
-def _style(place: str, style: Any) -> StyleFields:  # noqa: ANN401 - see `_plain`
+def _style(field: str, style: Any) -> StyleFields:  # noqa: ANN401 - see `_plain`
     if not isinstance(style, Style):
-        raise TypeError(f"{place}: {style!r} found, expected a swarmwright.display.Style")
-    if _text(f"{place}.color", style.color) and not re.fullmatch(r"#[0-9A-Fa-f]{6}", style.color):
-        raise ValueError(f'{place}.color: {style.color!r} found, expected "#rrggbb" such as "#0072b2"')
+        raise TypeError(f"{field}: {style!r} found, expected a swarmwright.display.Style")
+    if _text(f"{field}.color", style.color) and not re.fullmatch(r"#[0-9A-Fa-f]{6}", style.color):
+        raise ValueError(f'{field}.color: {style.color!r} found, expected "#rrggbb" such as "#0072b2"')
     if style.shape and style.shape not in STYLE_SHAPES:
-        raise ValueError(f"{place}.shape: {style.shape!r} found, expected one of {', '.join(STYLE_SHAPES)}")
+        raise ValueError(f"{field}.shape: {style.shape!r} found, expected one of {', '.join(STYLE_SHAPES)}")
     return {
-        "kind": _text(f"{place}.kind", style.kind),
-        "state": _text(f"{place}.state", style.state),
+        "kind": _text(f"{field}.kind", style.kind),
+        "state": _text(f"{field}.state", style.state),
         "color": style.color,
         "shape": style.shape,
     }
 
 
-def _points(place: str, points: Any) -> list[list[float]]:  # noqa: ANN401 - see `_plain`
-    return [_point(f"{place}[{index}]", point) for index, point in enumerate(points)]
+def _points(field: str, points: Any) -> list[list[float]]:  # noqa: ANN401 - see `_plain`
+    return [_point(f"{field}[{index}]", point) for index, point in enumerate(points)]
 
 
-def _point(place: str, point: Any) -> list[float]:  # noqa: ANN401 - see `_plain`
+def _point(field: str, point: Any) -> list[float]:  # noqa: ANN401 - see `_plain`
     try:
         x, y = point
     except (TypeError, ValueError):
-        raise ValueError(f"{place}: {point!r} found, expected x and y") from None
-    return [_number(f"{place}[0]", x), _number(f"{place}[1]", y)]
+        raise ValueError(f"{field}: {point!r} found, expected x and y") from None
+    return [_number(f"{field}[0]", x), _number(f"{field}[1]", y)]
 
 
-def _text(place: str, value: Any) -> str:  # noqa: ANN401 - see `_plain`
+def _text(field: str, value: Any) -> str:  # noqa: ANN401 - see `_plain`
     if not isinstance(value, str):
-        raise TypeError(f"{place}: {value!r} found, expected text")
+        raise TypeError(f"{field}: {value!r} found, expected text")
     return value
 
 
-def _index(place: str, value: Any) -> int:  # noqa: ANN401 - see `_plain`
+def _index(field: str, value: Any) -> int:  # noqa: ANN401 - see `_plain`
     try:
         index = value.__index__()
     except AttributeError:
-        raise ValueError(f"{place}: {value!r} found, expected a whole number") from None
+        raise ValueError(f"{field}: {value!r} found, expected a whole number") from None
     if index < 0:
-        raise ValueError(f"{place}: {index} found, expected at least 0")
+        raise ValueError(f"{field}: {index} found, expected at least 0")
     return int(index)
 
 
 def _number(
-    place: str,
+    field: str,
     value: Any,  # noqa: ANN401 - see `_plain`
     *,
     least: float | None = None,
@@ -379,12 +384,12 @@ def _number(
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"{place}: {value!r} found, expected a number") from None
+        raise TypeError(f"{field}: {value!r} found, expected a number") from None
     if isinstance(value, str):
-        raise TypeError(f"{place}: the text {value!r} found, expected a number")
+        raise TypeError(f"{field}: the text {value!r} found, expected a number")
     if not math.isfinite(number):
-        raise ValueError(f"{place}: {value} found, expected a finite number")
+        raise ValueError(f"{field}: {value} found, expected a finite number")
     if (least is not None and number < least) or (most is not None and number > most):
         limits = f"from {least:g} to {most:g}" if most is not None else f"at least {least:g}"
-        raise ValueError(f"{place}: {number:g} found, expected {limits}")
+        raise ValueError(f"{field}: {number:g} found, expected {limits}")
     return number

@@ -1,4 +1,4 @@
-"""An episode as an animated GIF, and the frames of moving pictures."""
+"""Animated GIFs, and the frames of animations and videos."""
 
 import io
 from collections.abc import Iterator
@@ -12,29 +12,29 @@ from numpy.typing import NDArray
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Caption, Part, Shown
 from swarmwright.display._key import scale_of
-from swarmwright.display._look import Looks, floor_color, floors, palette
+from swarmwright.display._look import Looks, build_palette, floor_color, floor_labels
 from swarmwright.display._scene import Scene
 from swarmwright.display.drawing import Picture
 
 _LEAST_SHARE = 0.6
-"""Of a frame's time: steps that last less are left out."""
+"""Least share of a frame's time; steps that last less are skipped."""
 
 
-def pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -> tuple[float, float]:
-    """Return frames a step and seconds a frame, such that it looks smooth and stays below `most` frames.
+def compute_pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -> tuple[float, float]:
+    """Return frames per step and seconds per frame, for smooth motion with at most `most` frames.
 
-    Frames a step below 1 leave steps out.
+    Fewer than 1 frame per step skips steps.
 
     Args:
         scenes: scenes of the episode, its first one included.
-        step_seconds: how long a step is shown.
-        frame_seconds: how long a frame is shown, about.
-        most: frames.
+        step_seconds: duration of a step.
+        frame_seconds: approximate duration of a frame.
+        most: largest number of frames.
     """
     steps = max(scenes - 1, 1)
-    wanted = step_seconds / frame_seconds
-    # Steps that are much shorter than a frame are not seen one by one.
-    per_step = wanted if wanted < _LEAST_SHARE else max(1.0, float(round(wanted)))
+    ideal = step_seconds / frame_seconds
+    # Steps that are much shorter than a frame are not visible individually.
+    per_step = ideal if ideal < _LEAST_SHARE else max(1.0, float(round(ideal)))
     if per_step * steps > most:
         per_step = most / steps
         if per_step > 1:
@@ -42,8 +42,8 @@ def pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -
     return per_step, step_seconds / per_step
 
 
-def in_between(scenes: tuple[Scene, ...], per_step: float) -> Iterator[tuple[Scene, float]]:
-    """Yield scenes with their time in steps; bodies glide from one step to the next."""
+def interpolate_scenes(scenes: tuple[Scene, ...], per_step: float) -> Iterator[tuple[Scene, float]]:
+    """Yield scenes with their time in steps; bodies move smoothly between steps."""
     if per_step < 1:
         last = len(scenes) - 1
         chosen = sorted({min(last, round(i / per_step)) for i in range(int(last * per_step) + 2)})
@@ -53,29 +53,29 @@ def in_between(scenes: tuple[Scene, ...], per_step: float) -> Iterator[tuple[Sce
     for index, (before, after) in enumerate(pairwise(scenes)):
         for part in range(parts):
             share = part / parts
-            yield between(before, after, share), index + share
+            yield interpolate_scene(before, after, share), index + share
     yield scenes[-1], float(len(scenes) - 1)
 
 
-def between(before: Scene, after: Scene, share: float) -> Scene:
-    """Return the scene a share (0..1) of the way to the next one; states change at the end of the step."""
+def interpolate_scene(before: Scene, after: Scene, share: float) -> Scene:
+    """Interpolate between two scenes, share 0..1; states change at the end of the step."""
     if len(before.bodies) != len(after.bodies):
         return before
-    a, b = Bodies.of(before.bodies), Bodies.of(after.bodies)
-    # The shorter way around.
+    a, b = Bodies.from_bodies(before.bodies), Bodies.from_bodies(after.bodies)
+    # The shorter turn.
     turn = (b.heading - a.heading + np.pi) % (2 * np.pi) - np.pi
-    x, y = (_interpolated(getattr(a, axis), getattr(b, axis), share) for axis in ("x", "y"))
-    return replace(before, bodies=a.moved(x, y, a.heading + np.float32(share) * turn))
+    x, y = (_interpolate(getattr(a, axis), getattr(b, axis), share) for axis in ("x", "y"))
+    return replace(before, bodies=a.with_positions(x, y, a.heading + np.float32(share) * turn))
 
 
-def _interpolated(
+def _interpolate(
     before: NDArray[np.float32], after: NDArray[np.float32], share: float
 ) -> NDArray[np.float32]:
     return (before.astype(np.float64) * (1 - share) + after.astype(np.float64) * share).astype(np.float32)
 
 
 FRAME_SECONDS = 0.06
-"""Seconds that a frame is shown, about; viewers show nothing faster than 0.02."""
+"""Approximate seconds of a frame; viewers do not show frames shorter than 0.02."""
 
 MOST_FRAMES = 400
 LAST_FRAME_SECONDS = 2.0
@@ -96,15 +96,17 @@ def write(
     step_seconds = max(recording.step_size, 0.02) / speed
     picture = Picture(part, dpi=80, shown=shown)
     frames: list[Image.Image] = []
-    # One palette, without dithering: still areas stay the same from frame to frame, nothing flickers.
+    # One palette without dithering, so that static areas do not flicker.
     colors = Image.new("P", (1, 1))
     looks = Looks(recording.scenes)
-    own = list(dict.fromkeys(looks.color(look) for look in looks.all()))
-    greys = {floor_color(grey) for scene in recording.scenes for grey in floors(scene)}
+    custom = list(dict.fromkeys(looks.color(look) for look in looks.names()))
+    greys = {floor_color(grey) for scene in recording.scenes for grey in floor_labels(scene)}
     valued = scale_of(recording) is not None
-    colors.putpalette(palette(own, sorted(greys), values=valued, states=picture.states))
-    count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
-    for scene, time in in_between(recording.scenes, count):
+    colors.putpalette(build_palette(custom, sorted(greys), values=valued, states=picture.states))
+    count, seconds = compute_pace(
+        len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES
+    )
+    for scene, time in interpolate_scenes(recording.scenes, count):
         frames.append(picture.image(scene, time).quantize(palette=colors, dither=Image.Dither.NONE))
     durations = [max(20, round(1000 * seconds))] * len(frames)
     durations[-1] = round(1000 * LAST_FRAME_SECONDS)

@@ -1,4 +1,4 @@
-"""Draws scenes with matplotlib: the map with border, grid and numbers, bodies, trails, texts beside them."""
+"""Drawing of scenes with matplotlib: map, grid, bodies, trails, labels."""
 
 import math
 from collections.abc import Iterator
@@ -25,11 +25,11 @@ from swarmwright.display._look import (
     Looks,
     agent_size,
     floor_color,
-    mixed,
-    moving,
-    rgb,
+    floor_patch,
+    is_moving,
+    mix,
+    to_rgb,
     value_colors,
-    whole,
 )
 from swarmwright.display._scene import Patch, Scene
 from swarmwright.display.machines import StateColors
@@ -47,17 +47,17 @@ if TYPE_CHECKING:
 
 
 _MOST_LABELS = 200
-"""Labels that are drawn."""
+"""Most labels that are drawn."""
 _LABEL_CHARACTERS = 24
-"""Letters of a label."""
+"""Longest label, in characters."""
 _FONT_SIZE_POINTS = 8.0
-"""Of letters, points."""
+"""Font size of labels, in points."""
 _LETTER = 0.6
-"""Width of a letter as a share of the size, about."""
+"""Approximate width of a letter, relative to the font size."""
 _GAP_POINTS = 1.5
 """Points between a body and its label."""
 _SIDES = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
-"""Where a label can be beside its body, to the right and upwards, in the order in which places are tried."""
+"""Sides of a body for its label, (right, up), in the order in which they are tried."""
 
 
 class _Box(NamedTuple):
@@ -68,16 +68,16 @@ class _Box(NamedTuple):
     right: float
     high: float
 
-    def meets(self, other: "_Box") -> bool:
-        """Whether it has a part in common with another one."""
+    def overlaps(self, other: "_Box") -> bool:
+        """Whether two boxes overlap."""
         beside = self.right <= other.left or other.right <= self.left
         return not (beside or self.high <= other.low or other.high <= self.low)
 
 
 class Labels:
-    """Labels of bodies, frame after frame: one stays at its side of its body as long as it can.
+    """Labels of bodies; from frame to frame, a label stays on its side of the body if possible.
 
-    scale: points for each metre. least: radius in points of bodies that are drawn as marks.
+    scale: points per metre. least: radius in points of bodies that are drawn as markers.
     """
 
     def __init__(self, scale: float, *, least: float) -> None:
@@ -86,18 +86,18 @@ class Labels:
         self._sides: dict[int, int] = {}
 
     def draw(self, axes: "Axes", bodies: Bodies) -> "list[Artist]":
-        """Write the labels that have a place; return what was drawn."""
+        """Draw the labels that fit; return the artists."""
         from matplotlib.patheffects import withStroke
 
         field = _Box(0.0, 0.0, axes.get_xlim()[1] * self._scale, axes.get_ylim()[1] * self._scale)
-        room = _Room(bodies, self._scale, self._least, field)
+        space = _FreeSpace(bodies, self._scale, self._least, field)
         texts = [" ".join(text.split())[:_LABEL_CHARACTERS] for text in bodies.labels or ()]
         artists: list[Artist] = []
         for index in [index for index, text in enumerate(texts) if text][:_MOST_LABELS]:
-            found = room.take(index, len(texts[index]), self._sides.get(index))
-            if found is None:
+            placement = space.take(index, len(texts[index]), self._sides.get(index))
+            if placement is None:
                 continue
-            self._sides[index], (right, up) = found
+            self._sides[index], (right, up) = placement
             artists.append(
                 axes.annotate(
                     texts[index], (float(bodies.x[index]), float(bodies.y[index])),
@@ -109,46 +109,49 @@ class Labels:
         return artists
 
 
-class _Room:
-    """The part of a map that is free for labels. field: the whole of it."""
+class _FreeSpace:
+    """The part of a map that is free for labels. field: the whole map."""
 
     def __init__(self, bodies: Bodies, scale: float, least: float, field: _Box) -> None:
         self._radii = np.maximum(bodies.radius * scale, least).astype(np.float64)
         self._x, self._y = bodies.x * np.float64(scale), bodies.y * np.float64(scale)
-        # What is not seen cannot be covered, and LEDs lie within robots.
-        self._seen = ~bodies.has(LED, STRETCH)
-        self._largest = float(self._radii[self._seen].max(initial=0.0))
+        # LEDs are inside robots, and wall sections may be covered.
+        self._is_obstacle = ~bodies.has(LED, STRETCH)
+        self._largest = float(self._radii[self._is_obstacle].max(initial=0.0))
         self._field = field
-        self._taken: list[_Box] = []
+        self._occupied: list[_Box] = []
 
     def take(self, index: int, letters: int, before: int | None) -> tuple[int, tuple[float, float]] | None:
-        """Return the side at which a body's label is, and where, in points from its middle; None for none.
+        """Reserve space for a body's label; return its side and offset in points, None if there is no space.
 
-        letters: of the label. before: the side in the frame before, which is tried first.
+        letters: of the label. before: the side in the previous frame, which is tried first.
         """
         wide, high = _LETTER * _FONT_SIZE_POINTS * letters, _FONT_SIZE_POINTS
         reach = wide + high + self._radii[index] + _GAP_POINTS + self._largest
         x, y = self._x, self._y
-        near = np.flatnonzero(self._seen & (abs(x - x[index]) < reach) & (abs(y - y[index]) < reach))
-        near = near[near != index]
+        neighbours = np.flatnonzero(
+            self._is_obstacle & (abs(x - x[index]) < reach) & (abs(y - y[index]) < reach)
+        )
+        neighbours = neighbours[neighbours != index]
         for side, box in self._boxes(index, wide, high, before):
-            within = box.left >= 0 and box.low >= 0
-            within &= box.right <= self._field.right and box.high <= self._field.high
-            if not within or any(box.meets(other) for other in self._taken):
+            is_inside = box.left >= 0 and box.low >= 0
+            is_inside &= box.right <= self._field.right and box.high <= self._field.high
+            if not is_inside or any(box.overlaps(other) for other in self._occupied):
                 continue
             away = np.hypot(
-                x[near] - np.clip(x[near], box.left, box.right), y[near] - np.clip(y[near], box.low, box.high)
+                x[neighbours] - np.clip(x[neighbours], box.left, box.right),
+                y[neighbours] - np.clip(y[neighbours], box.low, box.high),
             )
-            if not (away < self._radii[near]).any():
-                self._taken.append(box)
+            if not (away < self._radii[neighbours]).any():
+                self._occupied.append(box)
                 return side, (float(box.left - x[index]), float(box.low - y[index]))
         return None
 
     def _boxes(self, index: int, wide: float, high: float, before: int | None) -> Iterator[tuple[int, _Box]]:
-        """Yield the sides of a body and the boxes there, that of the frame before first."""
+        """Yield the sides of a body and their boxes, the side of the previous frame first."""
         for side in sorted(range(len(_SIDES)), key=lambda side: side != before):
             right, up = _SIDES[side]
-            # A label at a corner of the square around a disc would be far from it.
+            # A label at a corner of the bounding square would be far from the disc.
             away = self._radii[index] * (0.75 if right and up else 1.0) + _GAP_POINTS
             left = float(self._x[index] + right * away - wide * (1 - right) / 2)
             low = float(self._y[index] + up * away - high * (1 - up) / 2)
@@ -158,13 +161,13 @@ class _Room:
 _NUMBERS = 12
 """Most numbers on a side."""
 _LINES = 64
-"""Most cells on a side whose borders are drawn; more would be illegible."""
+"""Most cells on a side with drawn borders; more would be illegible."""
 
 
-def frame(axes: "Axes", scene: Scene) -> "Rectangle":
-    """Prepare axes for scenes of this extent; return the part of them that is the map.
+def prepare_axes(axes: "Axes", scene: Scene) -> "Rectangle":
+    """Prepare axes for scenes of this extent; return the rectangle of the map.
 
-    Their numbers are metres in the coordinates of the simulation, or rows and columns from the top left.
+    Axes show metres in the simulation's coordinates, or rows and columns from the top left.
     """
     from matplotlib.patches import Rectangle
 
@@ -176,10 +179,10 @@ def frame(axes: "Axes", scene: Scene) -> "Rectangle":
     for spine in axes.spines.values():
         spine.set_visible(False)
     field = Rectangle((0, 0), scene.width, scene.height, facecolor=FIELD, edgecolor="none", zorder=0)
-    # Where there are walls, a thin frame does not look like one of them.
+    # With walls, the frame is thin to differ from them.
     thick = {"edgecolor": BORDER, "linewidth": 1.6, "zorder": 1.9}
-    thin = {"edgecolor": mixed(BORDER, FIELD, 0.5), "linewidth": 0.8, "zorder": 1.65}
-    border = Rectangle((0, 0), scene.width, scene.height, fill=False, **(thin if len(scene.walls) else thick))  # type: ignore[arg-type] # both are as it takes them
+    thin = {"edgecolor": mix(BORDER, FIELD, 0.5), "linewidth": 0.8, "zorder": 1.65}
+    border = Rectangle((0, 0), scene.width, scene.height, fill=False, **(thin if len(scene.walls) else thick))  # type: ignore[arg-type] # valid for both
     axes.add_patch(field)
     axes.add_patch(border)
     axes.set_axisbelow(True)
@@ -196,7 +199,7 @@ def frame(axes: "Axes", scene: Scene) -> "Rectangle":
 
 
 def _name_unit(axes: "Axes") -> None:
-    """Write the unit of the numbers where both axes begin."""
+    """Write the unit at the origin of the axes."""
     axes.annotate(
         "m", (0, 0), xycoords="axes fraction", xytext=(-3.5, -3.5), textcoords="offset points", ha="right",
         va="top", fontsize=9, color=BORDER,
@@ -204,7 +207,7 @@ def _name_unit(axes: "Axes") -> None:
 
 
 def _number_metres(axes: "Axes", scene: Scene) -> None:
-    """Put numbers of the simulation's own coordinates beside the map."""
+    """Number the axes in the simulation's coordinates."""
     from matplotlib.ticker import MaxNLocator
 
     sides = zip((axes.xaxis, axes.yaxis), scene.origin, (scene.width, scene.height), strict=True)
@@ -217,7 +220,7 @@ def _number_metres(axes: "Axes", scene: Scene) -> None:
 
 
 def _number_cells(axes: "Axes", scene: Scene, field: "Rectangle") -> None:
-    """Put the number of a column or a row at the middle of its cells, lines between cells."""
+    """Number columns and rows at the middle of their cells, with lines between cells."""
     columns, rows = round(scene.width), round(scene.height)
     step = cell_step(max(columns, rows))
     axes.set_xticks([i + 0.5 for i in range(0, columns, step)], [str(i) for i in range(0, columns, step)])
@@ -229,7 +232,7 @@ def _number_cells(axes: "Axes", scene: Scene, field: "Rectangle") -> None:
 
 
 def cell_step(cells: int) -> int:
-    """The distance of numbers in cells: 1, 2, 5, 10, 20, ..."""
+    """Return the distance of axis numbers in cells: 1, 2, 5, 10, 20, ..."""
     power = 1
     while True:
         for factor in (1, 2, 5):
@@ -239,18 +242,18 @@ def cell_step(cells: int) -> int:
 
 
 def ground_of(scene: Scene) -> tuple[object, ...]:
-    """Return all that lies and stands in a scene, to compare it with another's."""
+    """Return the static parts of a scene, for comparison."""
     return (scene.floor, tuple(scene.patches), tuple(scene.walls), tuple(scene.lights))
 
 
-def lay(axes: "Axes", scene: Scene) -> "list[Artist]":
-    """Draw floor, walls and lamps; return what was drawn."""
+def draw_ground(axes: "Axes", scene: Scene) -> "list[Artist]":
+    """Draw floor, walls and lamps; return the artists."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, Polygon, Rectangle
 
     drawn: list[Artist] = []
     edge: Drawn | None = None
-    floor = [] if scene.floor is None else [whole(scene)]
+    floor = [] if scene.floor is None else [floor_patch(scene)]
     for patch in [*floor, *scene.patches]:
         shape = _shape(patch)
         # The grid, at 0.5, is above the floor and below its patches.
@@ -299,24 +302,24 @@ def _shape(patch: Patch) -> "Drawn":
 TRAIL_STEPS = 12
 """Length of a trail in an animation, in steps."""
 LONG_TRAIL_STEPS, LONG = 60, 300
-"""The same in episodes of more steps than this, where steps are short."""
+"""Length of a trail in episodes with more steps than LONG, whose steps are short."""
 MOST_TRAILS = 1000
-"""With more moving bodies there are no trails: they would hide everything."""
+"""Most moving bodies with trails; more would hide the map."""
 MOST_POINTS = 400
-"""Points of the trail of a whole episode."""
+"""Most points of the trail of a whole episode."""
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 7.0, 0.42, 0.2, 0.45, 0.72
-"""Inches: of the picture, and around the map for numbers, title and legend."""
+"""Width of the picture and margins for numbers, title and legend, in inches."""
 STATUS, SECONDS = 2.6, 0.7
-"""Inches beside the title that step and fitness need, and seconds."""
+"""Inches beside the title for step and fitness, and for seconds."""
 LONGEST_MESSAGE = 100
 
 
 class Picture:
-    """A figure on which scene after scene of one recording is drawn.
+    """A figure for drawing the scenes of a recording.
 
-    shows: the recording, or with what is known of its controller. dpi: pixels an inch; a picture is 7 inches
-    wide. shown: what is drawn of it. still: whether the last scene is drawn alone.
+    shows: the recording, or a part with information on its controller. dpi: pixels per inch; a picture is 7
+    inches wide. shown: optional parts of the picture. still: whether only the last scene is drawn.
     """
 
     @use_plain_settings()
@@ -326,24 +329,26 @@ class Picture:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        part = Part.of(shows)
+        part = Part.from_recording(shows)
         recording = self._recording = part.recording
         self._seconds = part.step_seconds
         self._shown = shown or Shown()
         first = recording.scenes[0]
         self._size = _marker_area(first)
         self._looks = Looks(recording.scenes)
-        self._colors = {look: np.array(rgb(self._looks.color(look))) / 255 for look in self._looks.all()}
+        self._colors = {look: np.array(to_rgb(self._looks.color(look))) / 255 for look in self._looks.names()}
         states = None if recording.trace is None else recording.trace.states
         self._states = states if self._shown.colors == "controller" else None
         self._valued = self._states is None and self._shown.colors != "state"
         self._state_colors: StateColors | None = None
         if self._states is not None:
-            self._state_colors = StateColors.of(part.machines, self._states, Bodies.of(first.bodies))
+            self._state_colors = StateColors.from_machines(
+                part.machines, self._states, Bodies.from_bodies(first.bodies)
+            )
         self._changing = self._states is not None or (self._valued and scale_of(recording) is not None)
         names = self._state_colors.labels if self._state_colors is not None else ()
         self.states = len(names)
-        """How many states of controllers give bodies their colours."""
+        """Number of controller states that determine colours."""
         self._key = Key(
             recording,
             self._looks,
@@ -362,23 +367,23 @@ class Picture:
         self._canvas = FigureCanvasAgg(self.figure)
         box = (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, inside / height)
         self._axes = self.figure.add_axes(box)
-        self._field = frame(self._axes, first)
-        # Points of a picture for each metre or cell.
+        self._field = prepare_axes(self._axes, first)
+        # Points per metre or cell.
         self._scale = 72 * min((WIDTH - LEFT - RIGHT) / first.width, inside / first.height) / 1.024
         ground = ground_of(first)
         self._still = all(ground_of(scene) == ground for scene in recording.scenes)
         if self._still:
-            lay(self._axes, first)
+            draw_ground(self._axes, first)
         self._paths = _paths(recording.scenes) if self._shown.trails else {}
-        self._passed: dict[int, NDArray[np.float64]] = {}
+        self._past_colors: dict[int, NDArray[np.float64]] = {}
         self._labels = Labels(self._scale, least=math.sqrt(self._size) / 2)
-        self._title(first)
+        self._draw_title(first)
         self._key.draw(self.figure)
-        self._ground: Any = None  # what never changes, drawn once
+        self._ground: Any = None  # the static parts, drawn once
 
     @use_plain_settings()
     def image(self, scene: Scene, time: float) -> "Image":
-        """The scene as an RGB image, trails fading behind. time: in steps."""
+        """Draw the scene as an RGB image with fading trails. time: in steps."""
         from PIL import Image
 
         if self._ground is None:
@@ -395,10 +400,10 @@ class Picture:
         return Image.fromarray(pixels)
 
     def draw(self, scene: Scene, time: float, *, trail: int | None = None) -> "list[Artist]":
-        """Put a scene on the figure; what was put there.
+        """Draw a scene on the figure; return the artists.
 
-        time: in steps, between two scenes when it is a fraction.
-        trail: length of trails in steps; None: all the way.
+        time: in steps, may be fractional.
+        trail: length of trails in steps; None: the whole episode.
         """
         steps = len(self._recording.scenes) - 1
         so_far = self._recording.fitness_so_far[min(int(time), steps)] + 0.0  # no -0
@@ -411,32 +416,32 @@ class Picture:
             )
         ]  # fmt: skip
         if not self._still:
-            artists += lay(self._axes, scene)
-        bodies = Bodies.of(scene.bodies)
+            artists += draw_ground(self._axes, scene)
+        bodies = Bodies.from_bodies(scene.bodies)
         colors = self._colors_of(bodies, int(time))
-        artists += self._trails(bodies, colors, time, trail)
+        artists += self._draw_trails(bodies, colors, time, trail)
         if trail is None:
-            artists += self._beginnings()
+            artists += self._draw_starts()
         if self._shown.rays:
-            artists += _robots.rays(self._axes, bodies, colors)
+            artists += _robots.draw_rays(self._axes, bodies, colors)
         if self._shown.links and len(scene.links):
-            artists += _robots.links(self._axes, bodies, np.asarray(scene.links))
+            artists += _robots.draw_links(self._axes, bodies, np.asarray(scene.links))
         directed = ~np.isnan(bodies.heading)
         for index, look in enumerate(bodies.looks):
-            of_look = bodies.look == index
+            has_look = bodies.look == index
             if look[0] == LED:
-                if look[1] and of_look.any():
-                    artists += _robots.leds(self._axes, bodies, of_look, self._colors[look])
+                if look[1] and has_look.any():
+                    artists += _robots.draw_leds(self._axes, bodies, has_look, self._colors[look])
                 continue
-            if look[0] == STRETCH and (of_look & directed).any():
-                artists += _robots.stretches(self._axes, bodies, of_look & directed, colors)
-                of_look &= ~directed
-            if of_look[~directed].any():
-                artists += self._group(bodies, of_look & ~directed, look, colors)
-            if of_look[directed].any():
-                chosen = of_look & directed
+            if look[0] == STRETCH and (has_look & directed).any():
+                artists += _robots.draw_wall_sections(self._axes, bodies, has_look & directed, colors)
+                has_look &= ~directed
+            if has_look[~directed].any():
+                artists += self._draw_bodies(bodies, has_look & ~directed, look, colors)
+            if has_look[directed].any():
+                chosen = has_look & directed
                 valued = self._valued and not np.isnan(bodies.value[chosen]).all()
-                artists += _robots.robots(
+                artists += _robots.draw_robots(
                     self._axes, bodies, chosen, colors[chosen], self._scale, valued=valued
                 )
         if self._shown.labels is not False and bodies.labels:
@@ -444,7 +449,7 @@ class Picture:
         return artists
 
     def _colors_of(self, bodies: Bodies, time: int) -> "NDArray[np.float64]":
-        """Colours of all bodies, (bodies, 3): of kind and state, value, or the controller's state."""
+        """Return the colours of all bodies, (bodies, 3): by kind and state, value, or controller state."""
         by_look = np.array([self._colors[look] for look in bodies.looks]).reshape(-1, 3)
         colors = by_look[bodies.look]
         valued = ~np.isnan(bodies.value)
@@ -452,17 +457,23 @@ class Picture:
             colors[valued] = value_colors(self._key.shares(bodies.value[valued]))
         if self._states is not None and self._state_colors is not None:
             agents = bodies.agents()
-            known = np.flatnonzero((agents >= 0) & (agents < self._states.shape[1]))
-            now = self._states[min(time, len(self._states) - 1), agents[known]]
-            known, now = known[now >= 0], now[now >= 0]
-            now = now + self._state_colors.first[agents[known]]
-            colors[known] = (
-                np.array([rgb(state_color(state)) for state in range(len(STATES))])[now % len(STATES)] / 255
+            with_states = np.flatnonzero((agents >= 0) & (agents < self._states.shape[1]))
+            current_states = self._states[min(time, len(self._states) - 1), agents[with_states]]
+            with_states, current_states = (
+                with_states[current_states >= 0],
+                current_states[current_states >= 0],
+            )
+            current_states = current_states + self._state_colors.first[agents[with_states]]
+            colors[with_states] = (
+                np.array([to_rgb(state_color(state)) for state in range(len(STATES))])[
+                    current_states % len(STATES)
+                ]
+                / 255
             )
         return colors
 
-    def _title(self, scene: Scene) -> None:
-        # The message is plain text: a dollar sign in it does not begin a formula.
+    def _draw_title(self, scene: Scene) -> None:
+        # The message is plain text without formulas.
         message = " ".join(scene.message.split())[:LONGEST_MESSAGE]
         title = self._axes.text(
             0, 1.0, message, transform=self._axes.transAxes, ha="left", va="bottom", fontsize=13, color=INK,
@@ -474,7 +485,7 @@ class Picture:
             message = message[:-1]
             title.set_text(f"{message.rstrip()}…")
 
-    def _trails(
+    def _draw_trails(
         self, bodies: Bodies, colors: "NDArray[np.float64]", time: float, trail: int | None
     ) -> "list[Artist]":
         from matplotlib.collections import LineCollection
@@ -484,21 +495,21 @@ class Picture:
         stride = 1 if trail is not None else -(-(newest + 1) // MOST_POINTS)
         pieces: list[NDArray[np.float64]] = []
         shades: list[NDArray[np.float64]] = []
-        ground = np.array(rgb(FIELD)) / 255
-        # Colours of kind and state are those of now. Others change on the way, and each piece has its own.
+        ground = np.array(to_rgb(FIELD)) / 255
+        # Colours of kind and state are constant along a trail; other colours change from piece to piece.
         steps = range(oldest, newest + 1, stride) if self._changing else ()
-        past = np.array([self._passed_colors(step) for step in steps])
-        for place, (index, way) in enumerate(self._paths.items()):
-            passed = np.vstack([way[oldest : newest + 1 : stride], [[bodies.x[index], bodies.y[index]]]])
-            count = len(passed) - 1
+        past = np.array([self._find_past_colors(step) for step in steps])
+        for number, (index, path) in enumerate(self._paths.items()):
+            points = np.vstack([path[oldest : newest + 1 : stride], [[bodies.x[index], bodies.y[index]]]])
+            count = len(points) - 1
             share = np.full(count, 0.65) if trail is None else np.linspace(0.1, 0.65, count)
-            pieces.extend(np.stack([passed[:-1], passed[1:]], axis=1))
-            color = past[:, place] if self._changing else colors[index]
-            # Opaque: where pieces overlap at their round ends, transparent ones would show dots.
+            pieces.extend(np.stack([points[:-1], points[1:]], axis=1))
+            color = past[:, number] if self._changing else colors[index]
+            # Opaque, since overlapping round ends of transparent pieces would show as dots.
             shades.append(share[:, None] * color + (1 - share[:, None]) * ground)
         if not pieces:
             return []
-        # Robots that run for minutes would cover the floor.
+        # Thin lines in long episodes, which would cover the floor.
         width = 1.8 if len(self._paths) * newest < 4000 or trail is not None else 0.7
         lines = LineCollection(
             pieces,
@@ -511,25 +522,25 @@ class Picture:
         lines.set_clip_path(self._field)
         return [lines]
 
-    def _passed_colors(self, step: int) -> "NDArray[np.float64]":
-        """Colours that everything that leaves a trail had at a step, (trails, 3)."""
-        if step not in self._passed:
-            bodies = Bodies.of(self._recording.scenes[step].bodies)
-            self._passed[step] = self._colors_of(bodies, step)[list(self._paths)]
-        return self._passed[step]
+    def _find_past_colors(self, step: int) -> "NDArray[np.float64]":
+        """Return the colours of all bodies with trails at a step, (trails, 3)."""
+        if step not in self._past_colors:
+            bodies = Bodies.from_bodies(self._recording.scenes[step].bodies)
+            self._past_colors[step] = self._colors_of(bodies, step)[list(self._paths)]
+        return self._past_colors[step]
 
-    def _beginnings(self) -> "list[Artist]":
-        """Small rings where everything that moves came from."""
+    def _draw_starts(self) -> "list[Artist]":
+        """Draw small rings at the start of all trails."""
         if not self._paths:
             return []
-        first = Bodies.of(self._recording.scenes[0].bodies)
-        places = np.array([way[0] for way in self._paths.values()])
+        first = Bodies.from_bodies(self._recording.scenes[0].bodies)
+        positions = np.array([way[0] for way in self._paths.values()])
         colors = self._colors_of(first, 0)[list(self._paths)]
         size = min(max(6.0, self._size / 5), 20.0)
         return [
             self._axes.scatter(
-                places[:, 0],
-                places[:, 1],
+                positions[:, 0],
+                positions[:, 1],
                 s=size,
                 c=FIELD,
                 edgecolors=colors.tolist(),
@@ -538,7 +549,7 @@ class Picture:
             )
         ]
 
-    def _group(
+    def _draw_bodies(
         self,
         bodies: Bodies,
         chosen: "NDArray[np.bool_]",
@@ -553,7 +564,7 @@ class Picture:
         diameters = 2 * bodies.radius[chosen]
         color, marker, size, layer = self._looks.marker(look, self._size)
         if look[0] in CELLS:
-            return [self._squares(positions, color, layer)]
+            return [self._draw_squares(positions, color, layer)]
         artists: list[Artist] = []
         if diameters.any():
             filled = 0.5 if look[0] == "obstacle" else 0.13
@@ -570,7 +581,7 @@ class Picture:
         )  # fmt: skip
         return [*artists, points]
 
-    def _squares(self, middles: "NDArray[np.float32]", color: str, layer: float) -> "Artist":
+    def _draw_squares(self, middles: "NDArray[np.float32]", color: str, layer: float) -> "Artist":
         from matplotlib.collections import PolyCollection
 
         corners = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
@@ -585,7 +596,7 @@ class Picture:
 
 
 def _marker_area(scene: Scene) -> float:
-    """Return the area of an agent's marker in points squared; in a grid it fills most of its cell."""
+    """Return the marker area of an agent in points squared; in a grid it fills most of a cell."""
     if not scene.grid:
         return agent_size(scene)
     cell = 72 * (WIDTH - LEFT - RIGHT) / max(scene.width, scene.height)
@@ -593,12 +604,12 @@ def _marker_area(scene: Scene) -> float:
 
 
 def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
-    """Positions over time, (scenes, 2), of every moving body; none when bodies appear or disappear."""
-    every = [Bodies.of(scene.bodies) for scene in scenes]
-    first = every[0]
-    ways = np.flatnonzero(moving(first))
-    if len(ways) > MOST_TRAILS or any(len(bodies) != len(first) for bodies in every):
+    """Return positions over time, (scenes, 2), of moving bodies; empty if bodies appear or disappear."""
+    scene_bodies = [Bodies.from_bodies(scene.bodies) for scene in scenes]
+    first = scene_bodies[0]
+    indices = np.flatnonzero(is_moving(first))
+    if len(indices) > MOST_TRAILS or any(len(bodies) != len(first) for bodies in scene_bodies):
         return {}
-    xs = np.array([bodies.x[ways] for bodies in every], dtype=np.float64)
-    ys = np.array([bodies.y[ways] for bodies in every], dtype=np.float64)
-    return {int(body): np.stack([xs[:, k], ys[:, k]], axis=1) for k, body in enumerate(ways)}
+    xs = np.array([bodies.x[indices] for bodies in scene_bodies], dtype=np.float64)
+    ys = np.array([bodies.y[indices] for bodies in scene_bodies], dtype=np.float64)
+    return {int(body): np.stack([xs[:, k], ys[:, k]], axis=1) for k, body in enumerate(indices)}

@@ -1,6 +1,6 @@
-"""An episode as a video (MP4, H.264), encoded by ffmpeg.
+"""Videos (MP4, H.264), encoded by ffmpeg.
 
-ffmpeg is the one on the path, or the one that the package imageio-ffmpeg brings along.
+The ffmpeg on the path is used, or that of the package imageio-ffmpeg.
 """
 
 import shutil
@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.display._episode import Caption, Part, Shown
-from swarmwright.display.animation import in_between, pace
+from swarmwright.display.animation import compute_pace, interpolate_scenes
 from swarmwright.display.drawing import Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 FRAME_SECONDS = 1 / 30
-"""Of a frame of a video."""
+"""Duration of a frame of a video."""
 MOST_FRAMES = 3000
 LAST_FRAME_SECONDS = 2.0
 
@@ -38,15 +38,17 @@ def write(
     """
     recording = part.recording
     step_seconds = max(recording.step_size, 0.02) / speed
-    count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
+    count, seconds = compute_pace(
+        len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES
+    )
     picture = Picture(part, dpi=140, shown=shown)
-    images = (picture.image(scene, time) for scene, time in in_between(recording.scenes, count))
+    images = (picture.image(scene, time) for scene, time in interpolate_scenes(recording.scenes, count))
     encode(images, seconds, path, title=caption.title)
 
 
 def encode(images: "Iterator[Image]", seconds: float, path: Path, *, title: str) -> None:
     """Write RGB images of one size, each standing for so many seconds, as an MP4. Raises as `write`."""
-    ffmpeg = _ffmpeg(path)
+    ffmpeg = _find_ffmpeg(path)
     first = next(images)
     # 4:2:0 colour needs even sides.
     width, height = first.width // 2 * 2, first.height // 2 * 2
@@ -58,8 +60,8 @@ def encode(images: "Iterator[Image]", seconds: float, path: Path, *, title: str)
         "-metadata", f"title={title}", "-movflags", "+faststart", "-f", "mp4", str(path.absolute()),
     ]  # fmt: skip
     box = (0, 0, width, height)
-    with tempfile.TemporaryFile() as said:
-        encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said)
+    with tempfile.TemporaryFile() as output:
+        encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=output)
         assert encoder.stdin is not None
         try:
             with encoder.stdin as frames:
@@ -70,29 +72,29 @@ def encode(images: "Iterator[Image]", seconds: float, path: Path, *, title: str)
                 for _ in range(round(LAST_FRAME_SECONDS / seconds)):
                     frames.write(last.crop(box).tobytes())
         except BrokenPipeError:
-            pass  # it says why, below
+            pass  # its error is reported below
         except BaseException:
             encoder.kill()
             raise
         finally:
             status = encoder.wait()
         if status:
-            said.seek(0)
-            reason = said.read().decode(errors="replace").strip().splitlines()
+            output.seek(0)
+            reason = output.read().decode(errors="replace").strip().splitlines()
             raise RunError(f"{path}: ffmpeg could not write the video: {reason[-1] if reason else status}")
 
 
-def _ffmpeg(path: Path) -> str:
-    """Return the program that encodes."""
-    found = shutil.which("ffmpeg")
-    if found:
-        return found
+def _find_ffmpeg(path: Path) -> str:
+    """Find ffmpeg."""
+    executable = shutil.which("ffmpeg")
+    if executable:
+        return executable
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
 
         return str(get_ffmpeg_exe())
     except (ImportError, RuntimeError):
         raise InputError(
-            f"{path}: videos are encoded by ffmpeg, which is not there; "
-            "'pip install imageio-ffmpeg' brings it along, and a .gif or .html needs nothing"
+            f"{path}: ffmpeg, which encodes videos, was not found; install it, e.g. with "
+            "'pip install imageio-ffmpeg', or write a .gif or .html"
         ) from None

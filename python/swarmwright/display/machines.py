@@ -13,8 +13,7 @@ from swarmwright.display._bodies import Bodies
 Machine = Mapping[str, Any]
 """`states`: the `name` and `words` of each; `transitions`: (from, to, words) of each.
 
-A tree has the `form` "tree", subtrees in the place of states, with their `condition` in words, and no
-transitions.
+A tree has the `form` "tree", subtrees instead of states, with their `condition` in words, and no transitions.
 """
 
 
@@ -22,7 +21,7 @@ transitions.
 class Group:
     """Agents of a team with the same controller.
 
-    first, end: between which agents they are; end is None for all others, first where it is not known.
+    first, end: range of their agents; end is None for all remaining agents, first if unknown.
     machine: None for a controller without states.
     """
 
@@ -36,9 +35,8 @@ class Group:
 class Machines:
     """The state machines of the controllers of an episode.
 
-    kind: of the controller, for messages; empty where it is not known. machine: that of all agents, None for
-    a controller that has none, or one too large to be drawn. groups: those of a team, None for any other
-    controller.
+    kind: of the controller, for messages; empty if unknown. machine: of all agents; None for a controller
+    without states, or too large to draw. groups: of a team; None for any other controller.
     """
 
     kind: str = ""
@@ -47,24 +45,26 @@ class Machines:
 
     @cached_property
     def colored_groups(self) -> list[dict[str, Any]] | None:
-        """The groups of a team that have state machines, with these; None where there are none.
+        """The groups of a team with their state machines; None without state machines.
 
         The `first_color` of a machine is the index of the colour of its state 0: the colours of a group
-        follow those of the groups before.
+        follow those of the previous groups.
         """
         color = 0
-        found = []
+        groups = []
         for group in self.groups or ():
             if group.machine is not None:
                 machine = {**group.machine, "first_color": color}
                 color += len(machine["states"])
-                found.append({"name": group.name, "first": group.first, "end": group.end, "machine": machine})
-        return found or None
+                groups.append(
+                    {"name": group.name, "first": group.first, "end": group.end, "machine": machine}
+                )
+        return groups or None
 
-    def of_all(self, highest: int) -> Machine:
+    def common_machine(self, highest: int) -> Machine:
         """Return the machine of all agents.
 
-        highest: the last state that an agent was in, for machines of which no more is known.
+        highest: highest state of an agent, used if the machine is unknown.
         """
         if self.machine is not None:
             return self.machine
@@ -74,26 +74,28 @@ class Machines:
 
 @dataclass(frozen=True)
 class StateColors:
-    """The colours of the states of controllers: each group of a team has its own.
+    """Colours of controller states, different for each group of a team.
 
-    labels: what legends call each colour. first: (agents,), index of the colour of an agent's state 0.
+    labels: of the colours in legends. first: (agents,), index of the colour of an agent's state 0.
     """
 
     labels: tuple[str, ...]
     first: NDArray[np.int64]
 
     @classmethod
-    def of(cls, machines: Machines, states: NDArray[np.signedinteger[Any]], bodies: Bodies) -> Self:
+    def from_machines(
+        cls, machines: Machines, states: NDArray[np.signedinteger[Any]], bodies: Bodies
+    ) -> Self:
         """Return the colours of an episode.
 
-        machines: of the controllers. states: (scenes, agents), -1 for agents whose
-        controllers have none. bodies: at the first scene, whose names say of which group an agent is.
+        machines: of the controllers. states: (scenes, agents), -1 for agents whose controllers have no
+        states. bodies: of the first scene, whose names identify the group of an agent.
         """
         first = np.zeros(states.shape[1], dtype=np.int64)
         groups = machines.colored_groups
         if groups is None:
-            found = machines.of_all(-1)["states"] if machines.groups is None else []
-            names = [state["name"] for state in found]
+            states_of_all = machines.common_machine(-1)["states"] if machines.groups is None else []
+            names = [state["name"] for state in states_of_all]
             names += [""] * (int(states.max(initial=0)) + 1 - len(names))
             return cls(tuple(_label(index, name) for index, name in enumerate(names)), first)
         agents = np.arange(len(first))
@@ -103,11 +105,13 @@ class StateColors:
                 first[(agents >= begin) & (agents < (len(first) if end is None else end))] = group["machine"][
                     "first_color"
                 ]
-        of_body = bodies.agents()
+        agent_of_body = bodies.agents()
         for group in groups:
-            named = np.array([group["name"] in look for look in bodies.looks], dtype=bool)
-            of_group = of_body[named[bodies.look]] if len(named) else of_body[:0]
-            first[of_group[(of_group >= 0) & (of_group < len(first))]] = group["machine"]["first_color"]
+            has_name = np.array([group["name"] in look for look in bodies.looks], dtype=bool)
+            group_agents = agent_of_body[has_name[bodies.look]] if len(has_name) else agent_of_body[:0]
+            first[group_agents[(group_agents >= 0) & (group_agents < len(first))]] = group["machine"][
+                "first_color"
+            ]
         labels = [
             f"{group['name']} {_label(index, state['name'])}"
             for group in groups

@@ -1,4 +1,4 @@
-"""An episode as a still that shows all trajectories (PNG)."""
+"""Stills that show all trajectories (PNG)."""
 
 import io
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Shows an episode as text: in place on a terminal, frame after frame elsewhere."""
+"""Display of episodes as text: in place on a terminal, frame after frame elsewhere."""
 
 import re
 import shutil
@@ -9,42 +9,41 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.display._bodies import Bodies, scene_of
+from swarmwright.display._bodies import Bodies, scene_from_arrays
 from swarmwright.display._episode import Playable
-from swarmwright.display._look import BORDER, lightened, mixed, rgb
+from swarmwright.display._look import BORDER, lighten, mix, to_rgb
 from swarmwright.display._scene import Scene
-from swarmwright.display._trace import states_of
+from swarmwright.display._trace import fill_states
 from swarmwright.display.state_colors import state_color
 
 SIGNS = "0123456789abcdefghijklmnopqrstuvwxyz"
-"""What stands for states 0, 1, .. on a map without colours; the last one also for all after it."""
+"""Signs of states 0, 1, .. on a map without colours; the last sign is also used for all later states."""
 _CELL = re.compile(r"(?:\x1b\[[0-9;]*m)?(.)(?:\x1b\[0m)?")
 _FRAMES = {"┌": "│", "+": "|"}
 
 
 def with_states(text: str, episode: Any, columns: int, *, color: bool, unicode: bool) -> str:  # noqa: ANN401 - a `Playable`
-    """Return an episode's text with the states of its agents; the same text where there are none.
+    """Return an episode's text with the states of its agents; the same text without states.
 
-    color: agents keep their arrows and have the colours of their states; else the sign of the state is in the
-    place of an agent.
+    color: agents keep their arrows and are coloured by state; else the sign of the state replaces the agent.
     """
-    known = episode.machine_states() if hasattr(episode, "machine_states") else None
-    if known is None:
+    recorded = episode.machine_states() if hasattr(episode, "machine_states") else None
+    if recorded is None:
         return text
     arrays = getattr(episode, "scene_arrays", None)
-    scene = Scene.of(episode.scene()) if arrays is None else scene_of(arrays())
-    bodies = Bodies.of(scene.bodies)
+    scene = Scene.from_fields(episode.scene()) if arrays is None else scene_from_arrays(arrays())
+    bodies = Bodies.from_bodies(scene.bodies)
     agents = bodies.agents()
-    states = states_of(known, int(agents.max(initial=-1)) + 1)
-    of_body = np.where(agents >= 0, states[agents] if len(states) else -1, -1)
+    states = fill_states(recorded, int(agents.max(initial=-1)) + 1)
+    body_states = np.where(agents >= 0, states[agents] if len(states) else -1, -1)
     lines = text.rstrip("\n").split("\n")
-    _mark(lines, scene, bodies, of_body, color=color)
-    counts = np.bincount(of_body[of_body >= 0])
+    _mark(lines, scene, bodies, body_states, color=color)
+    counts = np.bincount(body_states[body_states >= 0])
     return "\n".join([*lines, _legend(counts, columns, color=color, unicode=unicode)])
 
 
 def _mark(lines: list[str], scene: Scene, bodies: Bodies, states: NDArray[np.int_], *, color: bool) -> None:
-    """Change the characters of agents on the map, which is framed and begins in the second line."""
+    """Replace the characters of agents on the map, which is framed and begins in the second line."""
     upright = _FRAMES.get(lines[1][:1]) if len(lines) > 3 else None
     if upright is None:
         return
@@ -52,7 +51,7 @@ def _mark(lines: list[str], scene: Scene, bodies: Bodies, states: NDArray[np.int
     height = next((row for row, line in enumerate(lines[2:]) if not line.startswith(upright)), 0)
     if not height or width < 1:
         return
-    # What is drawn last is above: as the engine has it.
+    # Later bodies are drawn above earlier ones, as in the engine.
     column = _cells(bodies.x / np.float32(scene.width), width)
     row = _cells(1 - bodies.y / np.float32(scene.height), height)
     above = {(int(r), int(c)): int(state) for r, c, state in zip(row, column, states, strict=True)}
@@ -64,10 +63,10 @@ def _mark(lines: list[str], scene: Scene, bodies: Bodies, states: NDArray[np.int
         cells = [match[0] for match in _CELL.finditer(lines[2 + at][1:-1])]
         if len(cells) != width:
             continue
-        for place, state in marks.items():
-            plain = _CELL.fullmatch(cells[place])
+        for cell, state in marks.items():
+            plain = _CELL.fullmatch(cells[cell])
             assert plain is not None
-            cells[place] = _painted(plain[1], state) if color else _sign(state)
+            cells[cell] = _paint(plain[1], state) if color else _sign(state)
         lines[2 + at] = f"{upright}{''.join(cells)}{upright}"
 
 
@@ -77,7 +76,7 @@ def _cells(shares: NDArray[np.float32], count: int) -> NDArray[np.int64]:
 
 
 def _legend(counts: Sequence[int] | NDArray[np.int64], columns: int, *, color: bool, unicode: bool) -> str:
-    """Return how many agents are in each state, of as many states as fit."""
+    """Return the number of agents in each state, for as many states as fit."""
     line, used = "states", len("states")
     for state, count in enumerate(counts):
         if not count:
@@ -87,7 +86,7 @@ def _legend(counts: Sequence[int] | NDArray[np.int64], columns: int, *, color: b
         if used + 3 + len(mark + words) > columns:
             break
         used += 3 + len(mark + words)
-        line += f"   {_painted(mark, state) if color else mark}{words}"
+        line += f"   {_paint(mark, state) if color else mark}{words}"
     return line
 
 
@@ -95,17 +94,17 @@ def _sign(state: int) -> str:
     return SIGNS[min(state, len(SIGNS) - 1)]
 
 
-def _painted(text: str, state: int) -> str:
-    """Return text in the colour of a state, one that is seen on dark and on light ground."""
+def _paint(text: str, state: int) -> str:
+    """Color text by state, visible on dark and light backgrounds."""
     color = state_color(state)
-    color = mixed(lightened(color), BORDER, 0.85)
-    return f"\x1b[38;2;{';'.join(map(str, rgb(color)))}m{text}\x1b[0m"
+    color = mix(lighten(color), BORDER, 0.85)
+    return f"\x1b[38;2;{';'.join(map(str, to_rgb(color)))}m{text}\x1b[0m"
 
 
 HIDE_CURSOR, SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
 CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
 LINES = 24
-"""Most lines of a scene where there is no terminal to measure."""
+"""Most lines of a scene without a terminal."""
 
 
 def play(
@@ -119,8 +118,8 @@ def play(
 ) -> None:
     """Step an episode to its end and show every frame.
 
-    in_place: overwrite the last frame and wait `step_size` between two; else write them one below the other.
-    speed: how many times faster than `step_size`. sleep: waits some seconds.
+    in_place: overwrite the previous frame and wait `step_size` between frames; else write frames one below
+    the other. speed: factor relative to `step_size`. sleep: function that waits.
     """
     painter = _Painter(stream, in_place=in_place, color=color)
     with painter:
@@ -153,9 +152,9 @@ class _Painter:
 
     def show(self, episode: Playable) -> None:
         size = shutil.get_terminal_size((80, LINES))
-        # On a terminal one line is for the fitness and one for the cursor below the frame.
+        # On a terminal, one line is for the fitness and one for the cursor.
         rows = size.lines - 2 if self._in_place else LINES
-        # And one for the states of controllers.
+        # One more line is for controller states.
         rows -= getattr(episode, "machine_states", lambda: None)() is not None
         text = episode.text(size.columns, self._color, max(rows, 1), self._unicode)
         text = with_states(text, episode, size.columns, color=self._color, unicode=self._unicode)
@@ -166,7 +165,7 @@ class _Painter:
         if not self._in_place:
             self._stream.write("\n".join(lines) + "\n\n")
         else:
-            # Back to the first line of the last frame; each line is overwritten, so that nothing flickers.
+            # Return to the first line of the last frame and overwrite each line, to avoid flicker.
             up = f"\x1b[{self._height}F" if self._height else ""
             body = "".join(f"{line}{CLEAR_LINE}\n" for line in lines)
             self._stream.write(f"{up}{body}{CLEAR_BELOW}")

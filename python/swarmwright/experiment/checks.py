@@ -15,7 +15,7 @@ from swarmwright.common.simulation_names import is_command
 from swarmwright.common.yaml import Path_, parse_path
 from swarmwright.controllers import Representation
 from swarmwright.controllers.kinds.parameter_set import ParameterSetOptions
-from swarmwright.controllers.kinds.team import TeamOptions, check_counts, most, with_groups
+from swarmwright.controllers.kinds.team import TeamOptions, check_counts, largest_number, with_groups
 from swarmwright.controllers.networks import NetworkOptions
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
@@ -253,7 +253,7 @@ def _check_groups(checked: Checked, here: bool, report: Report) -> None:
             check_counts(options)
         for name in ("sensors", "actuators"):
             if checked[name] is None:
-                checked[name] = most(options, name)
+                checked[name] = largest_number(options, name)
     except FieldError as error:
         report(error.path, error.reason)
         checked["controller"] = None
@@ -398,9 +398,9 @@ def _without_influence(experiment: Experiment) -> Iterator[str]:
             "them with controller: {kind: parameter_set}"
         )
     if isinstance(controller, NetworkOptions) and controller.last_activation in _REACHED:
-        (low, high), (least, most) = controller.outputs, _REACHED[controller.last_activation]
-        if most <= low or high <= least:
-            reached = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
+        (low, high), (least, greatest) = controller.outputs, _REACHED[controller.last_activation]
+        if greatest <= low or high <= least:
+            reached = f"{least:g} to {greatest:g}" if math.isfinite(greatest) else f"{least:g} or more"
             yield (
                 f"controller.output_range: [{low:g}, {high:g}] is beyond all outputs of "
                 f"{controller.last_activation}, {reached}: actuators have one value, whatever the controller"

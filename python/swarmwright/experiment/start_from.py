@@ -13,7 +13,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
 from swarmwright.controllers import Representation
 from swarmwright.controllers.controller import Controller, genome_beside
-from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.kinds import describe_controller
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.runs.store import StoreReader
 from swarmwright.runs.store.folder import find_store
@@ -100,7 +100,7 @@ def start_genomes(experiment: "Experiment", representation: Representation) -> G
             return genomes_of(experiment.start_from, representation)
         except InputError as error:
             raise InputError(f"start_from: {error}") from error
-    given = representation.given
+    given = representation.start_genome
     if given is None or method_of(experiment.method).no_start(experiment.method, 1) is not None:
         return None
     return given.reshape(1, -1)
@@ -125,8 +125,8 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
         if differing:
             options = type(representation.options).model_fields
             raise InputError(
-                f"{name} is {words_of(architecture)}; the controllers of this experiment are "
-                f"{words_of(wanted)}: they differ in "
+                f"{name} is {describe_controller(architecture)}; the controllers of this experiment are "
+                f"{describe_controller(wanted)}: they differ in "
                 f"{', '.join(_difference(key, architecture, wanted, options) for key in differing)}"
             )
         try:

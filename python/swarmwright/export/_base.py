@@ -1,4 +1,4 @@
-"""What every format of an exported controller does."""
+"""Base class of export formats."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import shortest_decimal
-from swarmwright.controllers.kinds import KINDS, kind_of, part
+from swarmwright.controllers.kinds import KINDS, import_part, kind_of
 from swarmwright.controllers.modules import grammar
-from swarmwright.controllers.source.text import MARK, plain, table, templates
+from swarmwright.controllers.source.text import MARK, format_table, plain, templates
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -20,146 +20,146 @@ render = templates(__file__, "templates")
 """Renders the templates of this package, see `controllers.source.text.templates`."""
 
 Files = dict[str, str | bytes]
-"""Content by path, relative to the folder that is exported to."""
+"""Content by path, relative to the target folder."""
 
 
 def file_bytes(content: str | bytes) -> bytes:
-    """Return the content of a file as it is written: text in UTF-8."""
+    """Return the content of a file as bytes, text in UTF-8."""
     return content if isinstance(content, bytes) else content.encode()
 
 
 class NotInstalledError(InputError):
-    """A package that a format needs is not installed."""
+    """A package required by a format is not installed."""
 
 
 class Exporter(ABC):
-    """Writes controllers in one form, and checks what was written.
+    """Writes controllers in one format, and verifies the files.
 
-    An exporter is one file and one line in `swarmwright.export`; other packages announce theirs as entry
+    An exporter is one file and one line in `swarmwright.export`; other packages register theirs as entry
     points in the group `swarmwright.exporters`.
     """
 
     form: ClassVar[str]
     """Name after `--to`."""
     tolerance: ClassVar[float] = 0.0
-    """Largest difference from the simulation's actuators that is promised; 0 promises the same bits."""
+    """Guaranteed largest difference from the simulation's actuators; 0: bit-identical."""
 
     refuses: ClassVar[bool] = True
-    """Whether it refuses a sensor that is NaN or infinite."""
+    """Whether the exported controller refuses sensors that are NaN or infinite."""
     longest: ClassVar[int] = 30
-    """Steps of a random sequence, at most, with which it is verified."""
+    """Most steps of a random sequence for verification."""
 
     compiled: ClassVar[bool] = False
-    """Whether it holds code that this machine's compiler made, so that its bytes differ between machines; see
-    `portable`."""
+    """Whether it contains compiled code, so that its bytes differ between machines; see `portable`."""
 
     untried: ClassVar[str] = ""
-    """What of it no verification compiles or runs; empty where that is nothing."""
+    """Part that no verification compiles or runs; empty if there is none."""
 
     @abstractmethod
     def files(self, subject: Subject, prefix: str) -> Files:
-        """Return what is written, the same bytes for the same subject.
+        """Return the files, the same bytes for the same subject.
 
         Args:
             subject: the controller.
-            prefix: begins names and files; a valid identifier in C, C++ and Python.
+            prefix: prefix of names and files; a valid identifier in C, C++ and Python.
 
         Raises:
             InputError: controllers of this kind cannot be exported to this format.
-            NotInstalledError: a package that this needs is not installed.
+            NotInstalledError: a required package is not installed.
         """
 
     def portable(self) -> "Exporter":
-        """Return the exporter that writes the same bytes on every machine, for bundles.
+        """Return an exporter that writes the same bytes on every machine, for bundles.
 
-        Default: this one. Raises InputError where the form has only compiled code.
+        Default: this exporter. Raises InputError if the format consists of compiled code only.
         """
         if self.compiled:
             raise InputError(
-                f"compiled for one kind of machine; export it where it is used, with --to {self.form}"
+                f"compiled for one kind of machine; export it on the target machine with --to {self.form}"
             )
         return self
 
     @abstractmethod
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Run what was written and return the actuators of each step, (steps, actuators).
+        """Run the files and return the actuators of each step, (steps, actuators).
 
         Args:
-            folder: a temporary one with the files.
+            folder: a temporary folder with the files.
             prefix: as in `files`.
-            sequences: where controllers refuse a sensor that is NaN or infinite, that is checked too.
+            sequences: inputs; refusals of NaN and infinite sensors are checked, too.
 
         Raises:
-            InputError: a program that this needs is not installed.
-            RunError: it could not be compiled, or failed.
+            InputError: a required program is not installed.
+            RunError: the compilation or the program failed.
         """
 
-    def values(self, folder: Path, prefix: str) -> Mapping[str, object] | None:  # noqa: ARG002 - for others
-        """Return what was written for a parameter set, read back: values by the names of parameters.
+    def values(self, folder: Path, prefix: str) -> Mapping[str, object] | None:  # noqa: ARG002 - for subclasses
+        """Read back the files of a parameter set: values by parameter name.
 
-        Default: None, its self-test is trusted.
+        Default: None, the self-test is trusted.
 
         Args:
-            folder: a temporary one with the files.
+            folder: a temporary folder with the files.
             prefix: as in `files`.
 
-        Raises as `run`.
+        Raises the errors of `run`.
         """
         return None
 
-    def self_test(self, folder: Path, prefix: str) -> str | None:  # noqa: ARG002 - for those who have one
-        """Run the generated self-test; return its name, None without one, the default.
+    def self_test(self, folder: Path, prefix: str) -> str | None:  # noqa: ARG002 - for subclasses
+        """Run the generated self-test; return its name, or None (the default) without a self-test.
 
         Args:
-            folder: a temporary one with the files.
+            folder: a temporary folder with the files.
             prefix: as in `files`.
 
-        Raises as `run`.
+        Raises the errors of `run`.
         """
         return None
 
 
-def part_of(subject: Subject, language: str, form: str) -> Any:  # noqa: ANN401 - as the field of `Kind` says
-    """Return what the kind of a controller has for a language: c, python or onnx.
+def find_generator(subject: Subject, language: str, form: str) -> Any:  # noqa: ANN401 - as the field of `Kind` says
+    """Return the code generator of a kind of controller for a language: c, python or onnx.
 
     Args:
-        subject: that steers agents.
+        subject: a controller that steers agents.
         language: the field of `Kind`.
-        form: what the language is called in messages.
+        form: name of the language in messages.
 
-    Raises InputError for kinds without it.
+    Raises InputError for kinds without a generator.
     """
     address = getattr(kind_of(subject.specification), language)
     if not address:
-        known = (name for name, kind in KINDS.items() if getattr(kind, language) and not kind.swarm)
-        raise not_exported(subject, form, known)
-    return part(address)
+        supported = (name for name, kind in KINDS.items() if getattr(kind, language) and not kind.swarm)
+        raise export_error(subject, form, supported)
+    return import_part(address)
 
 
-def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputError:
-    """Return the error for a controller of a kind that the format does not have; known: those it has."""
-    kinds = ", ".join(sorted(known))
+def export_error(subject: Subject, form: str, supported: Iterable[str]) -> InputError:
+    """Return the error for an unsupported kind of controller; supported: kinds of the format."""
+    kinds = ", ".join(sorted(supported))
     reason = f"controller: the kind {subject.kind!r} cannot be exported to {form}, only {kinds}"
     if kind_of(subject.specification).swarm:
-        catalogue = grammar.Catalogue.of(subject.specification)
-        own = [
+        catalogue = grammar.Catalogue.from_specification(subject.specification)
+        user_modules = [
             module.name for module in (*catalogue.behaviours, *catalogue.conditions) if not module.built_in
         ]
         reason = (
-            f"controller: its modules {', '.join(own)} are code in Python, which {form} does not run; "
-            "--to python copies it, --to c, cpp, fmu, ros1 and ros2 take code in C beside it, --to machine "
-            "writes the machine with their names"
+            f"controller: {form} does not support its Python modules {', '.join(user_modules)}; use --to "
+            "python, --to machine, or, for modules with C code, --to c, cpp, fmu, ros1 or ros2"
         )
     return InputError(reason)
 
 
-def facts(subject: Subject, begin: str = " * ", advice: str = "changes here are lost") -> str:
-    """Return where a controller comes from, as lines of a comment; advice: to who would edit the file."""
+def format_facts(subject: Subject, begin: str = " * ", advice: str = "changes here are lost") -> str:
+    """Return the origin of a controller as lines of a comment; advice: to users who edit the file."""
     from swarmwright import __version__  # noqa: PLC0415 - asks the engine
 
-    # Those of a bundle are its sender's, who could write code behind the end of a comment.
-    said = [(plain(name), plain(text)) for name, text in subject.facts]
+    # Facts of a bundle are untrusted and must not end the comment.
+    entries = [(plain(name), plain(text)) for name, text in subject.facts]
     if subject.step_size:
-        said.append(("Control cycle", f"{shortest_decimal(subject.step_size)} s, a step of the simulation"))
-    rows = [*table(said, begin), f"{begin}{MARK} {__version__}; {advice}."]
+        entries.append(
+            ("Control cycle", f"{shortest_decimal(subject.step_size)} s, a step of the simulation")
+        )
+    rows = [*format_table(entries, begin), f"{begin}{MARK} {__version__}; {advice}."]
     return "\n".join(row.rstrip() for row in rows)

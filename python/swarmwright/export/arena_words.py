@@ -1,4 +1,4 @@
-"""What sensors and actuators of the arena's robots stand for, in words, by their names in the arena."""
+"""Descriptions of the sensors and actuators of the arena's robots, by name."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,29 +13,29 @@ _E_PUCK = (17.0, 50.0, 90.0, 150.0, 210.0, 270.0, 310.0, 343.0)
 
 @dataclass(frozen=True)
 class Robot:
-    """What is known of a robot of the arena."""
+    """Properties of a robot of the arena."""
 
     max_speed: float = 0.0
-    """Of a wheel, or in any direction, m/s; 0 where it is not known."""
+    """Largest speed of a wheel, or in any direction, in m/s; 0 if unknown."""
     wheel_base: float = 0.0
-    """Between the wheels of a differential drive, metres; 0 for other drives."""
+    """Distance between the wheels of a differential drive in metres; 0 for other drives."""
     angles: Mapping[str, Sequence[float]] | None = None
-    """Of sensors by kind, proximity and light: degrees counter-clockwise from ahead."""
+    """Angles of proximity and light sensors: degrees counter-clockwise from ahead."""
 
 
-def _evenly(count: int) -> list[float]:
+def _spread_angles(count: int) -> list[float]:
     return [360 * index / count for index in range(count)]
 
 
 PRESETS = {
     DEFAULT: Robot(0.12, 0.053, {"proximity": _E_PUCK, "light": _E_PUCK}),
     "e-puck-rm1.2": Robot(0.12, 0.053),
-    "foot-bot": Robot(0.3, 0.14, {"proximity": _evenly(24), "light": _evenly(24)}),
-    "kilobot": Robot(0.01, 0.0255, {"light": _evenly(1)}),
-    "turtlebot3": Robot(0.22, 0.16, {"proximity": _evenly(36)}),
+    "foot-bot": Robot(0.3, 0.14, {"proximity": _spread_angles(24), "light": _spread_angles(24)}),
+    "kilobot": Robot(0.01, 0.0255, {"light": _spread_angles(1)}),
+    "turtlebot3": Robot(0.22, 0.16, {"proximity": _spread_angles(36)}),
     "point": Robot(0.2),
 }
-"""As in engine/worlds/arena/src/robots/model/presets.rs and engine/worlds/arena/src/robots."""
+"""Presets as in engine/worlds/arena/src/robots/model/presets.rs and engine/worlds/arena/src/robots."""
 _SENSORS = {
     r"ground( \w+)?": "0 black, 1 white",
     r"messages heard": "the number of messages heard",
@@ -51,25 +51,25 @@ _SENSORS = {
     r"(left|right) wheel encoder": "what this wheel aimed at in the step before",
     r"message \d+": "the mean of the numbers that robots in range send",
 }
-"""By a pattern of their whole names."""
+"""Descriptions of sensors by a pattern of their full name."""
 _RAYS = {"proximity": "0 nothing in range, 1 at the rim", "light": "0 dark, 1 bright"}
-"""Of sensors with an angle, by kind."""
+"""Descriptions of sensors with an angle, by kind."""
 
 
 def robot_in(parameters: Mapping[str, Any]) -> Robot:
-    """Return what is known of the robot that the arena has with parameters; nothing for several kinds."""
-    given = robot_of(parameters)
-    if not isinstance(given, Mapping):
-        return PRESETS.get(str(given), Robot())
-    preset = PRESETS.get(str(given.get("preset")), Robot())
-    drive, sensors = given.get("drive", {}), given.get("sensors")
+    """Return the properties of the arena's robot for given parameters; empty for several kinds."""
+    robot = robot_of(parameters)
+    if not isinstance(robot, Mapping):
+        return PRESETS.get(str(robot), Robot())
+    preset = PRESETS.get(str(robot.get("preset")), Robot())
+    drive, sensors = robot.get("drive", {}), robot.get("sensors")
     drive = drive if isinstance(drive, Mapping) else {}
     angles = preset.angles
-    if isinstance(sensors, Mapping) or given.get("preset") is not None:
-        angles = None if sensors else angles  # parts of them may be others
+    if isinstance(sensors, Mapping) or robot.get("preset") is not None:
+        angles = None if sensors else angles  # some of them may differ
     elif isinstance(sensors, Sequence):
         angles = {
-            str(sensor.get("kind")): sensor.get("angles") or _evenly(int(sensor.get("count", 0)))
+            str(sensor.get("kind")): sensor.get("angles") or _spread_angles(int(sensor.get("count", 0)))
             for sensor in sensors
             if isinstance(sensor, Mapping)
         }
@@ -81,8 +81,8 @@ def robot_in(parameters: Mapping[str, Any]) -> Robot:
     )
 
 
-def sensor_meaning(name: str, robot: Robot) -> str:
-    """Return what a sensor stands for; empty where that is not known."""
+def describe_sensor(name: str, robot: Robot) -> str:
+    """Describe a sensor; empty if unknown."""
     kind, _, index = name.partition(" ")
     if kind in _RAYS and index.isdecimal():
         angles = (robot.angles or {}).get(kind, ())
@@ -97,8 +97,8 @@ def sensor_meaning(name: str, robot: Robot) -> str:
     return next((words for pattern, words in _SENSORS.items() if re.fullmatch(pattern, name)), "")
 
 
-def actuator_meaning(name: str, robot: Robot) -> str:
-    """Return what 1 and -1 of an actuator stand for; empty where that is not known."""
+def describe_actuator(name: str, robot: Robot) -> str:
+    """Describe the values 1 and -1 of an actuator; empty if unknown."""
     speed = f"{shortest_decimal(robot.max_speed)} m/s" if robot.max_speed else "the largest speed"
     if name in {"left wheel", "right wheel"}:
         return f"1 is {speed} forwards, -1 backwards"

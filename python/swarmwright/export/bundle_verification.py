@@ -1,9 +1,4 @@
-"""Checking a bundle that somebody hands over: its files, its formats, and the fitness that it states.
-
-Checking the fitness that a bundle states: by its episodes, and by evaluating them again.
-
-Reading the files of a bundle that somebody hands over, before anything in them is believed.
-"""
+"""Verification of untrusted bundles: their files, formats, and stated fitness."""
 
 import hashlib
 import math
@@ -35,59 +30,59 @@ from swarmwright.export.bundle import (
     LICENSE,
     MANIFEST,
     MAPPING,
-    episodes_of,
+    parse_episodes,
 )
-from swarmwright.export.sequences import Sequences, difference
+from swarmwright.export.sequences import Sequences, measure_difference
 from swarmwright.export.subject import Subject, fitness_words
 from swarmwright.export.verification import Verification, verify
 
 
 @dataclass(repr=False)
 class BundleVerification:
-    """What the check of a bundle found."""
+    """The result of verifying a bundle."""
 
     file: Path
     digest: str
-    """SHA-256 of the manifest, in hexadecimal. Compare it with that of the sender."""
+    """SHA-256 of the manifest in hexadecimal, to compare with that of the sender."""
     facts: list[tuple[str, str]]
-    """Where the controller comes from, in lines of a name and a text."""
+    """Origin of the controller as pairs of name and text."""
     files: int
-    """Files that are as the manifest says."""
+    """Number of files that match the manifest."""
     forms: dict[str, Verification] = field(default_factory=dict)
-    """By export format, how it compares with the engine's controller."""
+    """Export format -> comparison with the engine's controller."""
     unverified: dict[str, str] = field(default_factory=dict)
-    """By export format, why it was not run; `fitness`: why it could not be compared with its episodes."""
+    """Export format -> reason why it was not run; `fitness`: why it was not compared with its episodes."""
     formats_not_checked: dict[str, str] = field(default_factory=dict)
-    """By export format, in short, why not even its files could be checked, such as "written by Swarmwright
-    9.9". Others in `unverified` have the files that this version exports."""
+    """Export format -> short reason why its files could not be checked, such as "written by
+    Swarmwright 9.9". Other formats in `unverified` have the files that this version exports."""
     episodes: int = 0
-    """Episodes in which the controller was evaluated again, with the fitness that is stated."""
+    """Number of episodes in which the controller was evaluated again."""
     not_evaluated: str = ""
-    """Why it was not evaluated again, such as a simulation that is not built in; empty where it was."""
+    """Reason why it was not evaluated again, such as a custom simulation; empty if it was."""
     problems: list[str] = field(default_factory=list)
-    """What is not as stated."""
+    """Differences from the stated content."""
 
     def __repr__(self) -> str:
-        """Say what was found."""
+        """Name the bundle and its result."""
         return f"<BundleVerification of {self.file}: {self}>"
 
     def __str__(self) -> str:
-        """Say in a line whether the bundle is as stated, the largest difference, and what was not checked."""
-        return _in_words(self)
+        """Return a line with the result, the largest difference, and the unchecked parts."""
+        return _format_result(self)
 
     @property
     def ok(self) -> bool:
-        """Whether all that was checked is as stated."""
+        """Whether all checks passed."""
         return not self.problems
 
     @property
     def fitness_not_checked(self) -> str:
-        """Why the stated fitness was not checked; empty where it was."""
+        """Reason why the stated fitness was not checked; empty if it was."""
         return self.not_evaluated or self.unverified.get("fitness", "")
 
     @property
     def largest_difference(self) -> float:
-        """Between actuators of all formats that were run, absolute."""
+        """Largest absolute difference of actuators in all formats that were run."""
         return max((form.largest_difference for form in self.forms.values()), default=0.0)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -107,32 +102,34 @@ class BundleVerification:
         }
 
 
-def _in_words(report: BundleVerification) -> str:
-    """Return one line: whether the bundle is as stated, the largest difference, and what was not checked."""
+def _format_result(report: BundleVerification) -> str:
+    """Return a line with the result, the largest difference, and the unchecked parts."""
     if not report.ok:
         many = len(report.problems)
         return f"FAILED: {many} problem{'s' if many > 1 else ''}"
     unchecked = report.fitness_not_checked
     if report.formats_not_checked:
-        return _in_words_in_part(report, unchecked)
+        return _format_partial_result(report, unchecked)
     if not report.forms:
         if unchecked:
             return f"Not verified: no exported code was run, and the fitness was not checked: {unchecked}"
         return "Fitness verified; no exported code was run"
-    found = f"largest difference {report.largest_difference:.3g} ({', '.join(report.forms)})"
+    differences = f"largest difference {report.largest_difference:.3g} ({', '.join(report.forms)})"
     if unchecked:
-        return f"Controller code verified: {found}; its fitness was not checked: {unchecked}"
-    return f"Verified: {found}"
+        return f"Controller code verified: {differences}; its fitness was not checked: {unchecked}"
+    return f"Verified: {differences}"
 
 
-def _in_words_in_part(report: BundleVerification, fitness: str) -> str:
-    """Return the line where files of formats were not checked; fitness: why that was not, or empty."""
+def _format_partial_result(report: BundleVerification, fitness: str) -> str:
+    """Return the line if formats were not checked; fitness: why it was not checked, or empty."""
     by_reason: dict[str, list[str]] = {}
     for form, reason in report.formats_not_checked.items():
         by_reason.setdefault(reason, []).append(form)
     if fitness:
         by_reason.setdefault(fitness, []).append("the fitness")
-    rest = "not checked: " + ", ".join(f"{', '.join(what)} ({why})" for why, what in by_reason.items())
+    rest = "not checked: " + ", ".join(
+        f"{', '.join(parts)} ({reason})" for reason, parts in by_reason.items()
+    )
     if report.forms:
         return f"Controller code verified in part: {', '.join(report.forms)}; {rest}"
     begin = "Not verified" if fitness else "Fitness verified"
@@ -140,26 +137,26 @@ def _in_words_in_part(report: BundleVerification, fitness: str) -> str:
 
 
 _LARGEST_BUNDLE_BYTES = 1 << 28
-"""Bytes of all files of a bundle."""
+"""Largest size of all files of a bundle, in bytes."""
 
 
 def read_files(path: Path) -> dict[str, bytes]:
-    """Return the files of a bundle by name, of the archive or of the folder that it was unpacked to.
+    """Return the files of a bundle by name, from the archive or its unpacked folder.
 
-    Raises InputError when it cannot be read, has no manifest, or has files that no bundle has: a name outside
-    its folder, a link or a device, one name twice, or too many bytes.
+    Raises InputError when it cannot be read, has no manifest, or has invalid files: names outside its folder,
+    links or devices, duplicate names, or too many bytes.
     """
     if path.is_dir():
         return _read_folder(path)
     with archives.open_archive(path, "a bundle") as archive:
         for info in archive.infolist():
             if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
-                raise InputError(_not_plain(path, info.filename))
+                raise InputError(_describe_special_file(path, info.filename))
         infos = [info for info in archive.infolist() if not info.is_dir()]  # other programs add folders
         _check_size(path, sum(info.file_size for info in infos))
         names = [info.filename for info in infos]
         if len(set(names)) < len(names):
-            raise InputError(f"{path}: has a file twice: {escape_line(_twice(names))}")
+            raise InputError(f"{path}: duplicate file name {escape_line(_find_duplicate(names))}")
         _check_manifest(path, names)
         return {name: archives.read_entry(archive, path, name, _LARGEST_BUNDLE_BYTES) for name in names}
 
@@ -176,80 +173,78 @@ def _read_folder(folder: Path) -> dict[str, bytes]:
         for name, file in files.items():
             _check_name(folder, name)
             if file.is_symlink() or not file.is_file():
-                raise InputError(_not_plain(folder, name))
+                raise InputError(_describe_special_file(folder, name))
         _check_size(folder, sum(file.stat().st_size for file in files.values()))
         return {name: file.read_bytes() for name, file in files.items()}
     except OSError as error:
         raise InputError(f"{folder}: cannot be read: {error.strerror or error}") from error
 
 
-def _not_plain(path: Path, name: str) -> str:
-    return f"{path}: {escape_line(name)}: is not a plain file; no bundle has others"
+def _describe_special_file(path: Path, name: str) -> str:
+    return f"{path}: {escape_line(name)}: is not a regular file; the archive was not written by Swarmwright"
 
 
 def _check_name(path: Path, name: str) -> None:
-    """Raise InputError for a name that some programs unpack to a place outside the bundle's folder."""
+    """Raise InputError for a name that some programs unpack outside the bundle's folder."""
     if archives.is_outside(name):
         raise InputError(
-            f"{path}: {escape_line(name)}: is not a name inside a folder (absolute, with .., a backslash or "
-            "a "
-            "drive letter); no bundle has such names"
+            f"{path}: {escape_line(name)}: is not a path inside the folder (absolute, or with .., a "
+            "backslash or a drive letter); the archive was not written by Swarmwright"
         )
 
 
 def _check_size(path: Path, size: int) -> None:
     if size > _LARGEST_BUNDLE_BYTES:
-        raise InputError(
-            f"{path}: has more than {_LARGEST_BUNDLE_BYTES >> 20} MiB of files; no bundle is so large"
-        )
+        raise InputError(f"{path}: its files exceed the limit of {_LARGEST_BUNDLE_BYTES >> 20} MiB")
 
 
 def _check_manifest(path: Path, names: Collection[str]) -> None:
     if MANIFEST not in names:
         raise InputError(
-            f"{path}: is not a bundle: it has no {MANIFEST}; "
-            "`swarmwright export RUN --bundle FILE.zip` makes one"
+            f"{path}: is not a bundle, because {MANIFEST} is missing; create a bundle with "
+            "`swarmwright export RUN --bundle FILE.zip`"
         )
 
 
-def _twice(names: list[str]) -> str:
+def _find_duplicate(names: list[str]) -> str:
     return next(name for name in names if names.count(name) > 1)
 
 
 def check_fitness(
     evaluation: Mapping[str, Any], facts: Mapping[str, str], report: BundleVerification
 ) -> None:
-    """Compare the stated fitness with what the stated results make, and with what the formats say."""
+    """Compare the stated fitness with the fitness of the stated results, and with the facts."""
     from swarmwright.runs.instances import fitness_of, meaning  # noqa: PLC0415 - loads the engine
 
     stated = float(evaluation["fitness"])
     parts = [earlier["episodes"] for earlier in [*evaluation.get("earlier", []), evaluation]]
     try:
         experiment = recorded_experiment(evaluation["experiment"])
-    except SwarmwrightError as error:  # a plug-in is not here
+    except SwarmwrightError as error:  # a plug-in is missing
         report.unverified["fitness"] = str(error)
         return
-    made = None
+    computed = None
     if all(result is not None for part in parts for result in part):
-        made = fitness_of(experiment, parts)
-    if made is None:
-        report.unverified["fitness"] = "its ranking makes it of more than these episodes"
-    elif not math.isclose(made, stated, rel_tol=1e-12, abs_tol=0.0):
-        report.problems.append(f"{EVALUATION}: the fitness is {stated!r}, but its episodes make {made!r}")
-    said = fitness_words(stated, meaning(experiment, len(parts)))
-    if "Fitness" in facts and facts["Fitness"] not in (said, repr(stated + 0.0)):
+        computed = fitness_of(experiment, parts)
+    if computed is None:
+        report.unverified["fitness"] = "its ranking uses more than these episodes"
+    elif not math.isclose(computed, stated, rel_tol=1e-12, abs_tol=0.0):
+        report.problems.append(f"{EVALUATION}: the fitness is {stated!r}, but its episodes give {computed!r}")
+    expected_words = fitness_words(stated, meaning(experiment, len(parts)))
+    if "Fitness" in facts and facts["Fitness"] not in (expected_words, repr(stated + 0.0)):
         report.problems.append(
-            f"{MANIFEST}: says of the fitness {escape_line(facts['Fitness'])!r}, but {EVALUATION} {said!r}"
+            f"{MANIFEST}: the fitness is {escape_line(facts['Fitness'])!r}, but in {EVALUATION} "
+            f"{expected_words!r}"
         )
 
 
 def check_episodes(evaluation: Mapping[str, Any], subject: Subject, report: BundleVerification) -> None:
-    """Evaluate the controller in the episodes of the run and those with held-out seeds."""
+    """Evaluate the controller in the episodes of the run and in those with held-out seeds."""
     from swarmwright.simulations import catalogue  # noqa: PLC0415 - loads the engine
 
     simulation = evaluation["experiment"].get("simulation")
     if simulation not in catalogue.titles():
-        report.not_evaluated = f"the simulation {escape_line(str(simulation))} is not a built-in one"
+        report.not_evaluated = f"the simulation {escape_line(str(simulation))} is not built in"
         return
     earlier = [(part["seeds"], part["episodes"]) for part in evaluation.get("earlier", [])]
     stated = [*earlier, (evaluation["seeds"], evaluation["episodes"])]
@@ -257,20 +252,20 @@ def check_episodes(evaluation: Mapping[str, Any], subject: Subject, report: Bund
         stated.append((evaluation["held_out"]["seeds"], evaluation["held_out"]["episodes"]))
     for seeds, episodes in stated:
         try:
-            found = _episode_fitness(evaluation["experiment"], subject, [int(seed) for seed in seeds])
+            computed = _episode_fitness(evaluation["experiment"], subject, [int(seed) for seed in seeds])
         except SwarmwrightError as error:
             report.not_evaluated = str(error)
             return
         report.episodes += len(seeds)
-        for seed, value, is_now in zip(seeds, episodes, found, strict=True):
-            if not _same(value, is_now):
+        for seed, value, result in zip(seeds, episodes, computed, strict=True):
+            if not _is_same(value, result):
                 report.problems.append(
-                    f"{EVALUATION}: the fitness in the episode with seed {seed} is {is_now!r}, not {value}"
+                    f"{EVALUATION}: the fitness in the episode with seed {seed} is {result!r}, not {value}"
                 )
 
 
-def _same(stated: float | None, found: float) -> bool:
-    return math.isnan(found) if stated is None else stated == found
+def _is_same(stated: float | None, computed: float) -> bool:
+    return math.isnan(computed) if stated is None else stated == computed
 
 
 def _episode_fitness(values: Mapping[str, Any], subject: Subject, seeds: list[int]) -> list[float]:
@@ -283,33 +278,34 @@ def _episode_fitness(values: Mapping[str, Any], subject: Subject, seeds: list[in
     weights = np.array(subject.specification["weights"], dtype=np.float32)[np.newaxis]
     with open_backend(experiment, servers="in-process") as backend:
         results = backend.evaluate(Controllers(architecture, weights), seeds, lambda *_: None)
-    found: list[float] = results.fitness[0].tolist()
-    return found
+    fitness: list[float] = results.fitness[0].tolist()
+    return fitness
 
 
 _KNOWN = frozenset({MANIFEST, CONTROLLER, EVALUATION, EPISODES, LICENSE, MAPPING})
-"""Files beside those in the folders of formats."""
+"""Files outside the folders of formats."""
 _FORMAT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
-"""What a format of a package that is not installed here may be called: it is a folder, also on Windows."""
+"""Valid names of formats from packages that are not installed: folders, also on Windows."""
 
 
 @check_arguments
 def verify_bundle(file: str | PathLike[str]) -> BundleVerification:
-    """Check a bundle, wherever it comes from; nothing that it contains is executed unless it is known.
+    """Verify an untrusted bundle; none of its content is executed unless this version exports the same.
 
-    Every file must be as its manifest says, and one that bundles have. In the recorded episodes the engine's
-    controller must do what they state, and where the simulation is a built-in one, it must get the fitness
-    that is stated; where it is not, `fitness_not_checked` says so. Each export format is written again from
-    the specification. Where that gives the same files, they are compiled and run as by `export --verify`.
-    Where it does not, they are not run: they were changed, or another version of Swarmwright wrote them;
-    `formats_not_checked` has the latter, and formats of packages that are not installed here. A file with a
-    name that this version does not export is a problem, whichever version wrote the bundle.
+    Every file must match the manifest and belong to a bundle. The engine's controller must compute the
+    recorded actuators in the recorded episodes, and in a built-in simulation, it must reach the stated
+    fitness; otherwise `fitness_not_checked` has the reason. Each export format is exported again from the
+    specification. If the files are the same, they are compiled and run as by `export --verify`. Different
+    files are not run: they were changed, or written by another version of Swarmwright; `formats_not_checked`
+    lists the latter, and formats of packages that are not installed. A file name that this version does not
+    export is always a problem.
 
     Args:
-        file: the archive, or the folder that it was unpacked to.
+        file: the archive, or its unpacked folder.
 
-    Raises InputError when it is not a bundle, or one of a later version, or has files that unpacking may
-    write outside its folder: absolute names, names with `..`, backslashes or drive letters, links.
+    Raises InputError when it is not a bundle, has a newer format, or has files that may be unpacked outside
+    its
+    folder: absolute names, names with `..`, backslashes or drive letters, links.
 
     Examples:
         >>> bundle = swarmwright.export_bundle("result", "gather.zip")
@@ -321,17 +317,15 @@ def verify_bundle(file: str | PathLike[str]) -> BundleVerification:
     path = Path(file)
     files = read_files(path)
     try:
-        return _checked(path, files)
+        return _verify_files(path, files)
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
-        raise InputError(
-            f"{path}: {MANIFEST}, or what it names, is not as a bundle has it: {error}"
-        ) from None
+        raise InputError(f"{path}: {MANIFEST}, or a file named in it, is invalid: {error}") from None
 
 
-def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
+def _verify_files(path: Path, files: dict[str, bytes]) -> BundleVerification:
     manifest = loads(files[MANIFEST])
     if not isinstance(manifest, Mapping) or not isinstance(manifest.get("format"), int):
-        raise InputError(f"{path}: {MANIFEST}: has no format; it is not a bundle of Swarmwright")
+        raise InputError(f"{path}: {MANIFEST}: the format is missing; this is not a bundle of Swarmwright")
     if manifest["format"] != FORMAT:
         raise InputError(
             f"{path}: has the format {manifest['format']}, of Swarmwright {manifest.get('swarmwright')}; "
@@ -341,13 +335,20 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
     facts = [(str(name), str(text)) for name, text in manifest["facts"]]
     report = BundleVerification(path, digest, facts, 0)
     _compare_files(manifest, files, report)
-    if not report.ok:  # what was changed is not computed with
+    if not report.ok:  # changed files are not used
         return report
     subject = _subject(manifest, files, facts, report)
     prefix = str(manifest["prefix"])
     check_prefix(prefix)
     for form in manifest["forms"]:
-        _check_form(str(form), prefix, subject, files, report, by=escape_line(str(manifest["swarmwright"])))
+        _check_form(
+            str(form),
+            prefix,
+            subject,
+            files,
+            report,
+            author_version=escape_line(str(manifest["swarmwright"])),
+        )
     evaluation = loads(files[EVALUATION])
     check_fitness(evaluation, dict(facts), report)
     check_episodes(evaluation, subject, report)
@@ -355,7 +356,7 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
 
 
 def _compare_files(manifest: Mapping[str, Any], files: dict[str, bytes], report: BundleVerification) -> None:
-    """Report files that are not as the manifest says, and those that no bundle has, each once."""
+    """Report files that do not match the manifest or do not belong to a bundle, once each."""
     listed = manifest["files"]
     if not isinstance(listed, Mapping):
         raise TypeError("files is not a mapping")
@@ -366,20 +367,18 @@ def _compare_files(manifest: Mapping[str, Any], files: dict[str, bytes], report:
         elif name not in listed:
             report.problems.append(f"{name}: is not in the manifest")
         elif hashlib.sha256(files[name]).hexdigest() != listed[name]["sha256"]:
-            report.problems.append(
-                f"{name}: is not what was written: its SHA-256 differs from the manifest's"
-            )
+            report.problems.append(f"{name}: was changed; its SHA-256 differs from the manifest's")
         elif name not in _KNOWN and ("/" not in name or name.partition("/")[0] not in folders):
-            report.problems.append(f"{name}: is not a file that a bundle of this version has")
+            report.problems.append(f"{name}: is not a file of a bundle of this version")
         else:
             report.files += 1
 
 
 def _may_be_format(form: str) -> bool:
-    """Whether a format is known here, or may be that of a package that is not installed."""
-    known = EXPORTERS.names()
-    # A folder C would be the folder c on some systems.
-    return form in known or bool(_FORMAT_NAME.fullmatch(form) and form.lower() not in known)
+    """Whether a format is registered, or may belong to a package that is not installed."""
+    registered = EXPORTERS.names()
+    # Some file systems do not distinguish C and c.
+    return form in registered or bool(_FORMAT_NAME.fullmatch(form) and form.lower() not in registered)
 
 
 def _subject(
@@ -388,14 +387,14 @@ def _subject(
     facts: list[tuple[str, str]],
     report: BundleVerification,
 ) -> Subject:
-    """Return the controller, with episodes that have been compared with what the engine's controller does."""
+    """Return the controller, with episodes that were compared with the engine's controller."""
     from swarmwright.controllers.controller import Controller  # noqa: PLC0415 - loads the engine
 
     specification = loads(files[CONTROLLER])
     if specification.get("kind") == PYTHON_KIND:
         raise InputError(
-            f"{CONTROLLER}: the controller has behaviours or conditions in Python, and verify executes no "
-            "code of an archive; who trusts its sender can run the self-test in the folder python"
+            f"{CONTROLLER}: the controller has modules in Python, but verify does not execute code of an "
+            "archive; if you trust the sender, run the self-test in the folder python"
         )
     controller = Controller(specification)
     description, recorded = dict(manifest["description"]), manifest["episodes"]
@@ -405,17 +404,17 @@ def _subject(
         )
     episodes = None
     if EPISODES in files:
-        episodes = episodes_of(
+        episodes = parse_episodes(
             files[EPISODES].decode(), int(specification["sensors"]), int(specification["actuators"])
         )
         if len(episodes):
-            does = Sequences.computed(specification, episodes.first, episodes.sensors, episodes.accepted)
-            episodes = replace(episodes, may_overflow=does.may_overflow)
-            largest, differing = difference(does, episodes.actuators)
+            expected = Sequences.compute(specification, episodes.first, episodes.sensors, episodes.accepted)
+            episodes = replace(episodes, may_overflow=expected.may_overflow)
+            largest, differing = measure_difference(expected, episodes.actuators)
             if differing:
                 report.problems.append(
-                    f"{EPISODES}: the controller does something else in these episodes: {differing:,} "
-                    f"actuators differ, by up to {largest:.3g}"
+                    f"{EPISODES}: {differing:,} actuators differ from those of the controller, by up to "
+                    f"{largest:.3g}"
                 )
     return Subject(
         specification,
@@ -431,20 +430,20 @@ def _subject(
     )
 
 
-def _wheels(value: Any) -> tuple[float, float]:  # noqa: ANN401 - whatever the manifest says
-    """Return speed and distance of wheels, 0 where not known. Raises ValueError for what are none."""
+def _wheels(value: Any) -> tuple[float, float]:  # noqa: ANN401 - from the manifest
+    """Parse speed and distance of wheels, 0 if unknown. Raises ValueError for invalid values."""
     speed, base = (float(number) for number in value)
     if not (math.isfinite(speed) and math.isfinite(base) and speed >= 0 and base >= 0):
-        raise ValueError(f"wheels: must be two finite numbers from 0 on, not {value}")
+        raise ValueError(f"wheels: must be two finite numbers of at least 0, not {value}")
     return speed, base
 
 
 _LONGEST_STEP_S = 1e38
-"""A number of 32 bits, as headers have it."""
+"""Largest step, a 32-bit float in headers."""
 
 
 def _seconds(key: str, manifest: Mapping[str, Any]) -> float:
-    """Return the duration of a step, 0 where it is not known. Raises ValueError for what is none."""
+    """Parse the duration of a step, 0 if unknown. Raises ValueError for invalid values."""
     step = float(manifest.get(key, 0.0))
     if not 0 <= step <= _LONGEST_STEP_S:
         raise ValueError(f"{key}: must be a number from 0 to {_LONGEST_STEP_S:g}, not {step}")
@@ -452,75 +451,86 @@ def _seconds(key: str, manifest: Mapping[str, Any]) -> float:
 
 
 def _check_form(
-    form: str, prefix: str, subject: Subject, files: dict[str, bytes], report: BundleVerification, *, by: str
+    form: str,
+    prefix: str,
+    subject: Subject,
+    files: dict[str, bytes],
+    report: BundleVerification,
+    *,
+    author_version: str,
 ) -> None:
-    """Compare a format's files with what the controller is exported as, run them; by: who wrote them."""
+    """Compare a format's files with a new export, and run them; author_version: that wrote them."""
     from swarmwright import __version__  # noqa: PLC0415 - asks the engine
 
     exporter = _exporter(form, report)
     if exporter is None:
         return
-    elsewhere = "" if by == __version__ else f"; Swarmwright {by} wrote it, so verify with that version"
+    hint = (
+        ""
+        if author_version == __version__
+        else f"; verify it with Swarmwright {author_version}, which wrote it"
+    )
     try:
         exporter = exporter.portable()
-        again: Files = exporter.files(subject, prefix)
+        exported: Files = exporter.files(subject, prefix)
     except NotInstalledError as error:
-        _leave_out(form, "a package is not installed", str(error), report)
+        _skip_form(form, "a package is not installed", str(error), report)
         return
     except SwarmwrightError as error:
-        report.problems.append(f"{form}: no bundle of this controller has this format: {error}{elsewhere}")
+        report.problems.append(f"{form}: this controller cannot be exported to this format: {error}{hint}")
         return
-    there = {
+    bundled = {
         name.removeprefix(f"{form}/"): data for name, data in files.items() if name.startswith(f"{form}/")
     }
-    foreign = sorted(there.keys() - again.keys())
+    foreign = sorted(bundled.keys() - exported.keys())
     if foreign:
-        report.problems += [
-            f"{form}/{name}: is not a file that this version exports{elsewhere}" for name in foreign
-        ]
+        report.problems += [f"{form}/{name}: is not exported by this version{hint}" for name in foreign]
         return
-    if there != {name: file_bytes(content) for name, content in again.items()}:
-        if by == __version__:
-            report.problems.append(f"{form}: its files are not those that the controller is exported as")
+    if bundled != {name: file_bytes(content) for name, content in exported.items()}:
+        if author_version == __version__:
+            report.problems.append(f"{form}: its files differ from an export of the controller")
         else:
-            reason = f"Swarmwright {by} wrote it; this version, {__version__}, exports it differently"
-            _leave_out(form, f"written by Swarmwright {by}", reason, report)
+            reason = (
+                f"written by Swarmwright {author_version}; "
+                f"this version, {__version__}, exports it differently"
+            )
+            _skip_form(form, f"written by Swarmwright {author_version}", reason, report)
         return
-    _run_form(form, exporter, subject, prefix, again, report)
+    _run_form(form, exporter, subject, prefix, exported, report)
 
 
 def _exporter(form: str, report: BundleVerification) -> Exporter | None:
-    """Return the exporter of a format; None, with the reason in the report, where it is not to be had."""
+    """Return the exporter of a format; None, with the reason in the report, if it is unavailable."""
     if form not in EXPORTERS.names():
         if _may_be_format(form):
-            reason = "no export format of this installation"
-            _leave_out(form, reason, f"{reason}; install the package that adds it", report)
+            reason = "not an export format of this installation"
+            _skip_form(form, reason, f"{reason}; install the package that adds it", report)
         else:
-            report.problems.append(f"{MANIFEST}: names a format that no bundle has: {escape_line(form)!r}")
+            report.problems.append(f"{MANIFEST}: invalid format {escape_line(form)!r}")
         return None
     try:
         return EXPORTERS.get(form)()
     except SwarmwrightError as error:  # of a package that cannot be imported
-        _leave_out(form, "cannot be loaded", str(error), report)
+        _skip_form(form, "cannot be loaded", str(error), report)
         return None
 
 
-def _leave_out(form: str, short: str, reason: str, report: BundleVerification) -> None:
+def _skip_form(form: str, short: str, reason: str, report: BundleVerification) -> None:
     report.unverified[form], report.formats_not_checked[form] = reason, short
 
 
 def _run_form(
-    form: str, exporter: Exporter, subject: Subject, prefix: str, again: Files, report: BundleVerification
+    form: str, exporter: Exporter, subject: Subject, prefix: str, exported: Files, report: BundleVerification
 ) -> None:
-    """Run what the controller is exported as, which the bundle has, too."""
+    """Run the exported controller, whose files are those of the bundle."""
     try:
-        found = verify(exporter, subject, prefix, again)
+        verification = verify(exporter, subject, prefix, exported)
     except InputError as error:  # no compiler
         report.unverified[form] = str(error)
         return
     except RunError as error:
         report.problems.append(f"{form}: {error}")
         return
-    report.forms[form] = found
-    if not found.ok:
-        report.problems.append(f"{form}: {found.words}")
+    report.forms[form] = verification
+    if not verification.ok:
+        report.problems.append(f"{form}: {verification.words}")

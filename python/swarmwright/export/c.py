@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.controllers.source.in_c import Table
-from swarmwright.controllers.source.text import check_global_name, check_header, check_type, sealed
+from swarmwright.controllers.source.text import check_global_name, check_header, check_type, seal
 from swarmwright.export import c_family
-from swarmwright.export._base import Exporter, Files, facts, render
-from swarmwright.export.c_family import Language, code
+from swarmwright.export._base import Exporter, Files, format_facts, render
+from swarmwright.export.c_family import Language, generate_code
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Subject
 
@@ -20,25 +20,25 @@ LANGUAGE = Language("C", "c", "gnu11", "CC", ("cc", "gcc", "clang"), "apt instal
 class C(Exporter):
     """`PREFIX.c` and `PREFIX.h` in C99, with a self-test, a CMakeLists.txt and an Arduino sketch.
 
-    Neither allocation nor a library is needed; the state is in a struct. Several controllers in one program
-    differ in their prefix.
+    It needs no allocation and no library; the state is in a struct. Several controllers in one program have
+    different prefixes.
     """
 
     form: ClassVar[str] = "c"
 
     def files(self, subject: Subject, prefix: str) -> Files:
-        """Return sources, self-test, CMakeLists.txt and, for what steers agents, a sketch."""
+        """Return sources, self-test, CMakeLists.txt and, for controllers of agents, a sketch."""
         check_header(prefix)
         check_type(prefix)
         cmake = render("CMakeLists.txt", {})
         if not subject.steers:
-            check_global_name(prefix)  # which the constant has
+            check_global_name(prefix)  # the name of the constant
             return {**c_family.files(subject, prefix), "CMakeLists.txt": cmake}
         values = _values(subject, prefix)
         header, source = _header(subject, values), _source(subject, values)
         sketch = f"{prefix}_arduino"
         sizes = (len(subject.sensors), len(subject.actuators))
-        test = c_family.tests(subject, {**values, **c_family.harness_values(prefix, sizes, "C")})
+        test = c_family.format_self_test(subject, {**values, **c_family.harness_values(prefix, sizes, "C")})
         return {
             f"{prefix}.h": header,
             f"{prefix}.c": source,
@@ -50,10 +50,10 @@ class C(Exporter):
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Compile the source without optimization, with it, and with fused operations allowed; run it."""
+        """Compile the source with several optimization levels, and run it."""
         sizes = (sequences.sensors.shape[1], sequences.actuators.shape[1])
         values = {"p": prefix, **c_family.harness_values(prefix, sizes, "C")}
-        return c_family.driven(folder, LANGUAGE, values, [f"{prefix}.c"], sequences)
+        return c_family.run_controller(folder, LANGUAGE, values, [f"{prefix}.c"], sequences)
 
     def self_test(self, folder: Path, prefix: str) -> str:
         """Compile and run `PREFIX_test.c`."""
@@ -75,16 +75,15 @@ def _values(subject: Subject, prefix: str) -> dict[str, str]:
         "detail": "",
         "reset_signature": f"void {prefix}_reset({prefix}_t *controller)",
         "step_signature": f"bool {prefix}_step({prefix}_t *controller, const float *sensors, float *actuators)",  # noqa: E501 - C
-        "facts": facts(subject),
+        "facts": format_facts(subject),
     }
 
 
-def loaded_files(subject: Subject, prefix: str) -> Files:
-    """Return `PREFIX.c` and `PREFIX.h` without what is evolved, which `PREFIX_load(path)` reads from a file.
+def format_loadable_source(subject: Subject, prefix: str) -> Files:
+    """Return `PREFIX.c` and `PREFIX.h` without weights, which `PREFIX_load(path)` reads from a file.
 
-    Controllers that differ only in their weights have the same source, so that it is compiled once for all.
-    The file is the one of `loaded_weights`. For controllers that steer agents; raises InputError for kinds
-    that are not known.
+    Controllers that differ in their weights only share the source, so that it is compiled once. The file is
+    written by `format_weights`. Raises InputError for unsupported kinds of controllers.
     """
     values = {**_values(subject, prefix), "loaded": "yes"}
     return {
@@ -93,13 +92,13 @@ def loaded_files(subject: Subject, prefix: str) -> Files:
     }
 
 
-def loaded_weights(subject: Subject) -> str:
-    """Return what `PREFIX_load` of `loaded_files` reads.
+def format_weights(subject: Subject) -> str:
+    """Return the content of the file for `PREFIX_load`, see `format_loadable_source`.
 
-    A line for each number, eight hexadecimal digits: first how many follow, then the bits of binary32
-    numbers, or integers.
+    A line of eight hexadecimal digits for each number: first the count, then the bits of binary32 numbers, or
+    integers.
     """
-    evolved = [table.evolved for table in code(subject, _values(subject, "controller")).tables]
+    evolved = [table.evolved for table in generate_code(subject, _values(subject, "controller")).tables]
     bits = [array.view(np.uint32) for array in evolved if array is not None]
     numbers = np.concatenate(bits).tolist()
     return "".join(f"{number:08x}\n" for number in [len(numbers), *numbers])
@@ -122,7 +121,7 @@ bool {p}_load(const char *path);"""
 
 
 def _header(subject: Subject, values: dict[str, str], *, loaded: bool = False) -> str:
-    made = code(subject, values)
+    generated = generate_code(subject, values)
     upper = values["PREFIX"]
     return render(
         "c_header.txt",
@@ -134,32 +133,32 @@ def _header(subject: Subject, values: dict[str, str], *, loaded: bool = False) -
             "sensor_enum": c_family.enumeration(subject.sensors, f"{upper}_SENSOR_", "SENSOR"),
             "actuator_enum": c_family.enumeration(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR"),
             "step_seconds": c_family.step_seconds(subject, f"#define {upper}_STEP_SECONDS"),
-            "refusals": c_family.refusals(made),
-            "state": made.state,
-            "state_words": made.state_words,
+            "refusals": c_family.refusals(generated),
+            "state": generated.state,
+            "state_words": generated.state_words,
             "load": _LOAD.format(p=values["p"]) if loaded else "",
         },
     )
 
 
 def _source(subject: Subject, values: dict[str, str], *, loaded: bool = False) -> str:
-    made = code(subject, values)
+    generated = generate_code(subject, values)
     flash = f"{values['PREFIX']}_FLASH"
     tables = [
         f"static {table.type} {values['p']}_{table.name}[{table.length}];"
         if loaded and table.evolved is not None
-        else c_family.defined(table, f"static const {table.type} {values['p']}_", flash)
-        for table in made.tables
+        else c_family.define_table(table, f"static const {table.type} {values['p']}_", flash)
+        for table in generated.tables
     ]
     return render(
         "c_source.txt",
         {
             **values,
             "header_source": f"{values['p']}.c: an evolved controller, see {values['p']}.h.",
-            **c_family.common(made, values),
+            **c_family.common(generated, values),
             "tables": "\n\n".join(tables),
             "load_headers": "#include <stdio.h>\n#include <string.h>" if loaded else "",
-            "load": _load(made.tables, values).rstrip() if loaded else "",
+            "load": _load(generated.tables, values).rstrip() if loaded else "",
         },
     )
 
@@ -188,18 +187,18 @@ def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
     read = c_family.assignments(subject.sensors, f"{upper}_SENSOR_", "SENSOR", "sensors")
     drive = c_family.uses(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR")
     step = subject.step_size
-    known = "a step of the simulation" if step else "a guess, for the duration of a step is not known"
+    period_words = "a step of the simulation" if step else "a guess, for the duration of a step is not known"
     draws = any(sensor.name == RANDOM and sensor.range is None for sensor in subject.sensors)
     text = render(
         "arduino.txt",
         {
             **values,
-            "facts": facts(
+            "facts": format_facts(
                 subject, advice=f"once you have edited it, exports write {sketch}.ino.new beside it"
             ),
             "sketch": sketch,
             "period": str(round(1e6 * step) if step else 100_000),
-            "period_words": known,
+            "period_words": period_words,
             "robot": _ROBOT if draws else "",
             "seed": _SEED if draws else "",
             "read": read,
@@ -207,4 +206,4 @@ def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
             "stop": c_family.stops(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR"),
         },
     )
-    return sealed(text)
+    return seal(text)

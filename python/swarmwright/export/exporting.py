@@ -1,4 +1,4 @@
-"""Exporting a candidate of a run: what `swarmwright export` and `swarmwright.export_controller` do."""
+"""Export of a candidate of a run, for `swarmwright export` and `swarmwright.export_controller`."""
 
 from dataclasses import dataclass, field
 from os import PathLike
@@ -9,7 +9,7 @@ from swarmwright.common.arguments import check_arguments, text
 from swarmwright.common.errors import RunError
 from swarmwright.controllers.source.text import check_prefix, word_of
 from swarmwright.export import EXPORTERS
-from swarmwright.export.subject import Subject, subject_of
+from swarmwright.export.subject import Subject, load_subject
 from swarmwright.export.verification import Verification, verify
 from swarmwright.export.writing import check_case, check_replaceable, write
 
@@ -21,14 +21,14 @@ PREFIX = "controller"
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What was exported, and how it compares with the simulation."""
+    """An exported controller, and its comparison with the simulation."""
 
     files: list[Path]
-    """What was written."""
+    """The written files."""
     subject: Subject = field(repr=False)
-    """The controller, with where it comes from."""
+    """The controller and its origin."""
     verification: Verification | None
-    """None unless it was asked for."""
+    """Comparison with the simulation; None without `verify`."""
 
 
 @check_arguments
@@ -44,30 +44,30 @@ def export_controller(
     verify: bool = False,
     force: bool = False,
 ) -> ExportResult:
-    """Write a controller as source code or as a model, for robots and other programs.
+    """Export a controller as source code or as a model, for robots and other programs.
 
-    The same run and candidate give the same bytes. The controller keeps its state between steps, as it does
-    in the simulation, and its actuators have the same bits.
+    The same run and candidate give the same bytes. The controller keeps its state between steps, as in
+    the simulation, and its actuators are bit-identical.
 
     Args:
         run: a run, or its folder.
         to: "c", "cpp", "fmu", "fmu3", "machine", "micropython", "onnx", "python", "ros1", "ros2", "scxml",
-            or what an installed package adds.
-        output: folder that is written to; by default one named like `prefix`, here.
+            or a format of an installed package.
+        output: folder to write to; by default, `prefix` in the current folder.
         generation: of the candidate, from 0; as in `Run.evaluation`.
-        candidate: as in `Run.evaluation`; default: the best one.
-        group: of agents, whose controller is written; needed where groups have controllers of their own.
-        prefix: begins names of files, functions and types, so that a program can hold several controllers;
-            by default "controller", or the name of the group.
-        verify: compile and run what was written, in 10,000 random sequences and in the run's episodes, and
+        candidate: as in `Run.evaluation`; default: the best.
+        group: group of agents whose controller is exported; required if groups have different controllers.
+        prefix: prefix of files, functions and types, so that a program can contain several controllers; by
+            default "controller", or the name of the group.
+        verify: compile and run the controller, in 10,000 random sequences and in the run's episodes, and
             compare its actuators with the simulation's.
-        force: write over files that were not exported by Swarmwright, or that were edited since.
+        force: overwrite files that Swarmwright did not export, or that were edited since.
 
     Raises:
-        InputError: there is no such candidate, group or form, the prefix is not an identifier, or differs
-            in case only from that of files there, a file is in the way, or a program that verification needs
-            is not installed. Nothing is written then.
-        RunError: what was written does not compile or run.
+        InputError: the candidate, group or format does not exist, the prefix is not an identifier, or differs
+            in case only from that of existing files, a file cannot be overwritten, or a program that
+            verification needs is not installed. Nothing is written then.
+        RunError: the exported controller does not compile or run.
 
     Examples:
         >>> exported = swarmwright.export_controller("result", to="python", output="robot")
@@ -83,21 +83,21 @@ def export_controller(
     check_prefix(prefix)
     exporter = EXPORTERS.get(text("to", to, "the name of an export format"))()
     opened = open_run(run)
-    subject = subject_of(opened, generation, candidate, group)
+    subject = load_subject(opened, generation, candidate, group)
     files = exporter.files(subject, prefix)
     folder = Path(output if output is not None else prefix)
     check_case(files, folder, prefix)
     check_replaceable(files, folder, force=force)
     try:
-        found = _verify(exporter, subject, prefix, files) if verify else None
+        verification = _verify(exporter, subject, prefix, files) if verify else None
     except RunError:
-        write(files, folder, force=force)  # to look at what does not compile
+        write(files, folder, force=force)  # for inspection
         raise
-    return ExportResult(write(files, folder, force=force), subject, found)
+    return ExportResult(write(files, folder, force=force), subject, verification)
 
 
 def _prefix_of(group: str) -> str:
-    """Return the prefix that names a group of agents have by default."""
+    """Return the default prefix of a group of agents."""
     word = word_of(group)
     return word if word[:1].isalpha() else f"group_{word}"
 

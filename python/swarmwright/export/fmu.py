@@ -1,7 +1,4 @@
-"""Functional Mock-up Units for co-simulation: `--to fmu` (FMI 2.0) and `--to fmu3` (FMI 3.0).
-
-The shared library of an FMU, which the C compiler (CC) makes of its sources.
-"""
+"""Functional Mock-up Units for co-simulation: `--to fmu` (FMI 2.0) and `--to fmu3` (FMI 3.0)."""
 
 import re
 import subprocess
@@ -20,11 +17,19 @@ from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.controllers.kinds import kind_of
 from swarmwright.controllers.source.text import MARK, check_header
-from swarmwright.export._base import Exporter, Files, facts, file_bytes, render
+from swarmwright.export._base import Exporter, Files, file_bytes, format_facts, render
 from swarmwright.export.c import LANGUAGE, C
-from swarmwright.export.fmu_parts import add_range, add_units, named, token, unit_name, xml, zipped
+from swarmwright.export.fmu_parts import (
+    add_range,
+    add_units,
+    format_xml,
+    name_variables,
+    token,
+    unit_name,
+    zip_files,
+)
 from swarmwright.export.golden import Golden
-from swarmwright.export.programs import command, run, standard_option
+from swarmwright.export.programs import find_command, run, standard_option
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Channel, Subject
 
@@ -44,21 +49,21 @@ machine: aarch64
 machine: riscv64
 #endif
 """
-"""Preprocessed, this is the machine: options such as -m32 change it, and not what -dumpmachine says."""
+"""Preprocessor code that prints the machine; options such as -m32 affect it, but not -dumpmachine."""
 _TIME_OUT_S = 120
 _LARGEST_FILE_BYTES = 1 << 26
-"""Of a file in an FMU; those that Swarmwright writes have some kilobytes, a library some hundreds."""
+"""Largest file in an FMU; Swarmwright writes kilobytes, and libraries of some hundred kilobytes."""
 _SOURCES, _BINARIES = "sources/", "binaries/"
 
 
-def library(prefix: str, sources: Mapping[str, bytes], fmi: str) -> tuple[str, bytes]:
-    """Return the place of the shared library in the archive, and the library.
+def compile_library(prefix: str, sources: Mapping[str, bytes], fmi: str) -> tuple[str, bytes]:
+    """Return the path of the shared library in the archive, and the library.
 
-    Raises InputError where there is no C compiler, or FMI has no name for what it compiles for, RunError when
-    it finds fault with a source.
+    Raises InputError without a C compiler, or if FMI has no name for its target, RunError when the
+    compilation fails.
     """
-    compiler = command(
-        "CC", ("cc", "gcc", "clang"), "apt install gcc", needed_by="an FMU holds a library, which"
+    compiler = find_command(
+        "CC", ("cc", "gcc", "clang"), "apt install gcc", needed_by="the library of an FMU"
     )
     machine, system, ending = _platform(compiler)
     with TemporaryFolder("fmu") as folder:
@@ -69,17 +74,18 @@ def library(prefix: str, sources: Mapping[str, bytes], fmi: str) -> tuple[str, b
         file = f"{prefix}{ending}"
         words = [*options, "-DSWARMWRIGHT_CONTRACT_OFF", "-o", file, f"{prefix}.c", f"{prefix}_fmu.c"]
         run([*compiler, *words], folder, "the C compiler", during="the FMU's library")
-        made = (folder / file).read_bytes()
+        binary = (folder / file).read_bytes()
     if fmi == "3.0":
-        return f"{_BINARIES}{machine}-{system}/{file}", made
+        return f"{_BINARIES}{machine}-{system}/{file}", binary
     bits = "32" if machine == "x86" else "64"
-    return f"{_BINARIES}{'win' if system == 'windows' else system}{bits}/{file}", made
+    return f"{_BINARIES}{'win' if system == 'windows' else system}{bits}/{file}", binary
 
 
 def add_library(file: Path, prefix: str, fmi: str) -> None:
-    """Compile the sources of an FMU without a library, and put this into the archive.
+    """Compile the sources of an FMU without a library, and add the library to the archive.
 
-    Raises as `library`, and InputError where the FMU, which may be from a bundle, is damaged or too large.
+    Raises the errors of `compile_library`, and InputError if the FMU, which may be from a bundle, is damaged
+    or too large.
     """
     with archives.open_archive(file, "an FMU") as archive:
         inside: Files = {
@@ -92,26 +98,26 @@ def add_library(file: Path, prefix: str, fmi: str) -> None:
         for name, data in inside.items()
         if name.startswith(_SOURCES) and isinstance(data, bytes)
     }
-    place, made = library(prefix, sources, fmi)
-    file.write_bytes(zipped({**inside, place: made}))
+    path, binary = compile_library(prefix, sources, fmi)
+    file.write_bytes(zip_files({**inside, path: binary}))
 
 
 def _platform(compiler: list[str]) -> tuple[str, str, str]:
-    """Return machine and system as FMI 3.0 names them, and how libraries end there."""
+    """Return the names of machine and system in FMI 3.0, and the suffix of libraries."""
     triple = _compiler_output([*compiler, "-dumpmachine"]).strip()
     preprocessed = _compiler_output([*compiler, "-E", "-P", "-x", "c", "-"], _MACHINES)
     machine = re.search(r"^machine: (\w+)$", preprocessed, re.MULTILINE)
-    system = next((found for word, found in _SYSTEMS.items() if word in triple), None)
+    system = next((names for word, names in _SYSTEMS.items() if word in triple), None)
     if machine is None or system is None:
         raise InputError(
-            f"{' '.join(compiler)}: compiles for {triple or 'an unknown machine'}, which FMI has no name "
-            "for; name another compiler with CC"
+            f"{' '.join(compiler)}: compiles for {triple or 'an unknown machine'}, which FMI does not "
+            "support; set another compiler with CC"
         )
     return machine[1], *system
 
 
 def _compiler_output(words: list[str], text: str = "") -> str:
-    """Return what a compiler prints about itself."""
+    """Return the output of a compiler about itself."""
     try:
         return subprocess.run(
             words,
@@ -123,19 +129,19 @@ def _compiler_output(words: list[str], text: str = "") -> str:
             check=False,
         ).stdout
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise InputError(f"{' '.join(words)}: does not say what it compiles for: {error}") from None
+        raise InputError(f"{' '.join(words)}: cannot query the target of the compiler: {error}") from None
 
 
 _SEED_ROW = "<tr><td>seed</td><td></td><td>{}</td></tr>"
 _FIRST_SENSOR = 2
-"""Value references: 0 is the time, 1 the period, then come sensors and actuators."""
+"""First value reference of sensors: 0 is the time, 1 the period; actuators follow the sensors."""
 
 
 class Fmu(Exporter):
     """`PREFIX.fmu`, a Functional Mock-up Unit for co-simulation, and a self-test that runs it with FMPy.
 
-    Inputs `sensors.NAME`, outputs `actuators.NAME`, and the parameter `period`, in seconds. It holds the C
-    source and a shared library for the machine that the C compiler (CC) writes for. An instance is one agent.
+    Inputs `sensors.NAME`, outputs `actuators.NAME`, and the parameter `period`, in seconds. It contains the
+    C source and a shared library for the target of the C compiler (CC). An instance is one agent.
     FMI: Functional Mock-up Interface for Model Exchange and Co-Simulation 2.0.4, chapter 4.
     """
 
@@ -147,26 +153,26 @@ class Fmu(Exporter):
         self._with_library = with_library
 
     def portable(self) -> "Fmu":
-        """Return the exporter of FMUs that hold the C source alone."""
+        """Return the exporter of FMUs with C source only."""
         return type(self)(with_library=False)
 
     def files(self, subject: Subject, prefix: str) -> Files:
-        """Return the FMU and its self-test. Raises InputError also where there is no C compiler."""
+        """Return the FMU and its self-test. Raises InputError also without a C compiler."""
         check_header(prefix)
         if not subject.steers:
             raise InputError(
-                "controller: a parameter set has no inputs and outputs, and so no FMU; export it to c, cpp, "
+                "controller: a parameter set has no inputs and outputs for an FMU; export it to c, cpp, "
                 "python or micropython"
             )
-        inside = self._inside(subject, prefix)
+        archive_files = self._archive_files(subject, prefix)
         return {
-            f"{prefix}.fmu": zipped(inside, compressed=self._with_library),
+            f"{prefix}.fmu": zip_files(archive_files, compressed=self._with_library),
             f"{prefix}_fmu_test.py": render(
                 "fmu_test.txt",
                 {
                     "p": prefix,
-                    "facts": facts(subject, "    "),
-                    **Golden.of(subject).values(),
+                    "facts": format_facts(subject, "    "),
+                    **Golden.from_subject(subject).values(),
                     "period": repr(_period(subject)),
                     **_TEST[self.fmi],
                 },
@@ -174,30 +180,30 @@ class Fmu(Exporter):
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Drive the FMU with FMPy, which also checks its description against the standard's schema.
+        """Run the FMU with FMPy, which also validates its description against the standard's schema.
 
-        One that holds its source alone gets a library in the folder first.
+        An FMU without a library gets one first.
         """
         with _driver(folder / f"{prefix}.fmu", prefix, self.fmi) as driver:
             return driver.drive(sequences)
 
     def self_test(self, folder: Path, prefix: str) -> str:
-        """Run `PREFIX_fmu_test.py`; an FMU that holds its source alone gets a library in the folder first."""
+        """Run `PREFIX_fmu_test.py`; an FMU without a library gets one first."""
         add_library(folder / f"{prefix}.fmu", prefix, self.fmi)
         name = f"{prefix}_fmu_test.py"
-        said = run([sys.executable, name], folder, f"the self-test {name}")
-        if said.strip() != b"ok":
-            raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
+        output = run([sys.executable, name], folder, f"the self-test {name}")
+        if output.strip() != b"ok":
+            raise RunError(f"verification: the self-test {name} printed {output!r}, expected ok")
         return name
 
-    def _inside(self, subject: Subject, prefix: str) -> Files:
+    def _archive_files(self, subject: Subject, prefix: str) -> Files:
         """Return the content of the archive."""
         written = C().files(subject, prefix)
         sources = {name: file_bytes(written[name]) for name in (f"{prefix}.h", f"{prefix}.c")}
         variables, random = _Variables(subject), random_sensor(subject)
         values = {
             "p": prefix,
-            "facts": facts(subject),
+            "facts": format_facts(subject),
             "version": self.fmi,
             "sensors": str(len(subject.sensors)),
             "actuators": str(len(subject.actuators)),
@@ -212,17 +218,17 @@ class Fmu(Exporter):
         wrapper += render(f"fmu_fmi{self.fmi[0]}.txt", values)
         identifier = token(self.fmi, *sources.values(), wrapper.encode())
         sources[f"{prefix}_fmu.c"] = wrapper.replace("@token@", identifier).encode()
-        made: Files = {
+        archive_files: Files = {
             "modelDescription.xml": self._description(subject, prefix, identifier, variables),
             "documentation/index.html": _documentation(subject, prefix, variables, self.fmi),
             **{f"sources/{name}": data for name, data in sources.items()},
         }
         if self._with_library:
-            place, binary = library(prefix, sources, self.fmi)
-            made[place] = binary
+            path, binary = compile_library(prefix, sources, self.fmi)
+            archive_files[path] = binary
         if self.fmi == "3.0":
-            made["sources/buildDescription.xml"] = _build_description(prefix)
-        return made
+            archive_files["sources/buildDescription.xml"] = _build_description(prefix)
+        return archive_files
 
     def _description(self, subject: Subject, prefix: str, token: str, variables: "_Variables") -> str:
         """Return modelDescription.xml."""
@@ -235,24 +241,24 @@ class Fmu(Exporter):
                 "fmiVersion": self.fmi,
                 "modelName": prefix,
                 ("instantiationToken" if three else "guid"): token,
-                "description": _about(subject) or prefix,
+                "description": _describe_subject(subject) or prefix,
                 "generationTool": f"Swarmwright {__version__}",
                 "variableNamingConvention": "structured",
                 **({} if three else {"numberOfEventIndicators": "0"}),
             },
         )
         state = "FMUState" if three else "FMUstate"
-        what = {
+        attributes = {
             "modelIdentifier": prefix,
             f"canGetAndSet{state}": "true",
             f"canSerialize{state}": "true",
             "canHandleVariableCommunicationStepSize": "true",
         }
         if three:
-            ET.SubElement(root, "CoSimulation", what)
+            ET.SubElement(root, "CoSimulation", attributes)
         else:
-            what["canNotUseMemoryManagementFunctions"] = "true"
-            files = ET.SubElement(ET.SubElement(root, "CoSimulation", what), "SourceFiles")
+            attributes["canNotUseMemoryManagementFunctions"] = "true"
+            files = ET.SubElement(ET.SubElement(root, "CoSimulation", attributes), "SourceFiles")
             for name in (f"{prefix}.c", f"{prefix}_fmu.c"):
                 ET.SubElement(files, "File", name=name)
         add_units(root, variables.units)
@@ -261,20 +267,20 @@ class Fmu(Exporter):
             ET.SubElement(categories, "Category", name=name)
         ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(_period(subject)))
         listed = ET.SubElement(root, "ModelVariables")
-        (variables.three if three else variables.two)(listed, subject)
+        (variables.add_fmi3 if three else variables.add_fmi2)(listed, subject)
         structure = ET.SubElement(root, "ModelStructure")
         first = _FIRST_SENSOR + len(variables.sensors)
         outputs = structure if three else ET.SubElement(structure, "Outputs")
         for index in range(len(variables.actuators)):
-            # In FMI 2.0 the place among the variables, from 1; there is no time among them. Outputs change in
-            # steps only, whatever the inputs are.
-            about = {"valueReference" if three else "index": str(first + index), "dependencies": ""}
-            ET.SubElement(outputs, "Output" if three else "Unknown", about)
-        return xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
+            # In FMI 2.0 the index of the variable, from 1, without the time. Outputs change in steps only and
+            # do not depend directly on inputs.
+            entry = {"valueReference" if three else "index": str(first + index), "dependencies": ""}
+            ET.SubElement(outputs, "Output" if three else "Unknown", entry)
+        return format_xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
 
 
 class Fmu3(Fmu):
-    """As `Fmu`, for FMI 3.0: sensors and actuators have 32 bits as in the simulation.
+    """An FMU for FMI 3.0: sensors and actuators have 32 bits as in the simulation.
 
     FMI: Functional Mock-up Interface Specification 3.0.1, chapter 4.
     """
@@ -296,8 +302,8 @@ class _Variables:
     """Names of variables, and their elements in a description."""
 
     def __init__(self, subject: Subject) -> None:
-        self.sensors = named("sensors", [sensor.name for sensor in subject.sensors])
-        self.actuators = named("actuators", [actuator.name for actuator in subject.actuators])
+        self.sensors = name_variables("sensors", [sensor.name for sensor in subject.sensors])
+        self.actuators = name_variables("actuators", [actuator.name for actuator in subject.actuators])
         channels = [*subject.sensors, *subject.actuators]
         units = [
             unit
@@ -305,16 +311,16 @@ class _Variables:
             for unit in (channel.unit, channel.range.unit if channel.range else "")
         ]
         self.units = sorted({"s", *filter(None, map(unit_name, units))})
-        place = random_sensor(subject)
-        self.random = None if place is None else self.sensors[place]
-        """The name of the random number among the sensors; None without one."""
+        index = random_sensor(subject)
+        self.random = None if index is None else self.sensors[index]
+        """The name of the random sensor; None without one."""
 
     def _add_seed(self, listed: ET.Element, fmi: str) -> None:
         if self.random is not None:
             add_seed(listed, _FIRST_SENSOR + len(self.sensors) + len(self.actuators), self.random, fmi)
 
     def _bounds(self, name: str, causality: str) -> dict[str, str]:
-        """Return the limits of a variable; sensors that are measured may be beyond their range."""
+        """Return the limits of a variable; measured sensors may exceed their range."""
         if name == self.random:
             return {"min": "0", "max": "1"}
         return {"min": "-1", "max": "1"} if causality == "output" else {}
@@ -328,10 +334,12 @@ class _Variables:
             ),
         ]
 
-    def two(self, listed: ET.Element, subject: Subject) -> None:
-        """Add the variables of FMI 2.0: the place of each, from 1, is its value reference."""
+    def add_fmi2(self, listed: ET.Element, subject: Subject) -> None:
+        """Add the variables of FMI 2.0; value references are their indices, from 1."""
         period = {"name": "period", "valueReference": "1", "causality": "parameter", "variability": "fixed"}
-        element = ET.SubElement(listed, "ScalarVariable", {**period, "description": _of_period(subject)})
+        element = ET.SubElement(
+            listed, "ScalarVariable", {**period, "description": _describe_period(subject)}
+        )
         ET.SubElement(element, "Real", unit="s", start=repr(_period(subject)))
         for index, (name, channel, causality) in enumerate(self._channels(subject)):
             about = {"name": name, "valueReference": str(_FIRST_SENSOR + index), "causality": causality}
@@ -339,22 +347,24 @@ class _Variables:
                 about |= {"variability": "discrete", "initial": "exact"}
             else:
                 about |= {"variability": "discrete"}
-            element = ET.SubElement(listed, "ScalarVariable", {**about, "description": _words(channel)})
+            element = ET.SubElement(
+                listed, "ScalarVariable", {**about, "description": _describe_channel(channel)}
+            )
             ET.SubElement(element, "Real", {**_unit(channel), **self._bounds(name, causality), "start": "0"})
             if channel.range is not None:
                 add_range(element, channel.range, "2.0")
         self._add_seed(listed, "2.0")
 
-    def three(self, listed: ET.Element, subject: Subject) -> None:
+    def add_fmi3(self, listed: ET.Element, subject: Subject) -> None:
         """Add the variables of FMI 3.0."""
         time = {"name": "time", "valueReference": "0", "causality": "independent"}
         ET.SubElement(listed, "Float64", {**time, "variability": "continuous", "unit": "s"})
         period = {"name": "period", "valueReference": "1", "causality": "parameter", "variability": "fixed"}
         start = {"unit": "s", "start": repr(_period(subject))}
-        ET.SubElement(listed, "Float64", {**period, "description": _of_period(subject), **start})
+        ET.SubElement(listed, "Float64", {**period, "description": _describe_period(subject), **start})
         for index, (name, channel, causality) in enumerate(self._channels(subject)):
             about = {"name": name, "valueReference": str(_FIRST_SENSOR + index), "causality": causality}
-            about |= {"variability": "discrete", "description": _words(channel)}
+            about |= {"variability": "discrete", "description": _describe_channel(channel)}
             if causality == "output":
                 about["initial"] = "exact"
             about |= {**_unit(channel), **self._bounds(name, causality), "start": "0"}
@@ -364,8 +374,8 @@ class _Variables:
         self._add_seed(listed, "3.0")
 
 
-def _of_period(subject: Subject) -> str:
-    """Return what is said of the parameter `period`."""
+def _describe_period(subject: Subject) -> str:
+    """Describe the parameter `period`."""
     text = "Time from one control step to the next, above 0"
     if subject.step_size:
         return text
@@ -373,22 +383,22 @@ def _of_period(subject: Subject) -> str:
 
 
 def _unit(channel: Channel) -> dict[str, str]:
-    """Return the attribute of a variable with a unit."""
+    """Return the unit attribute of a variable."""
     unit = unit_name(channel.unit)
     return {"unit": unit} if unit else {}
 
 
-def _about(subject: Subject) -> str:
-    said = [f"{name}: {text}" for name, text in subject.facts]
-    return "; ".join([*said, " ".join(subject.conversion)] if subject.conversion else said)
+def _describe_subject(subject: Subject) -> str:
+    entries = [f"{name}: {text}" for name, text in subject.facts]
+    return "; ".join([*entries, " ".join(subject.conversion)] if subject.conversion else entries)
 
 
-def _words(channel: Channel) -> str:
+def _describe_channel(channel: Channel) -> str:
     return f"{channel.name}, {channel.limits}"
 
 
 def _period(subject: Subject) -> float:
-    """Return the seconds of a control step, those of an FMU of the simulation; 1 where it has none."""
+    """Return the seconds of a control step, as in an FMU of the simulation; 1 if unknown."""
     return subject.step_size or subject.shown_seconds or 1.0
 
 
@@ -399,12 +409,12 @@ def _build_description(prefix: str) -> str:
     for name in (f"{prefix}.c", f"{prefix}_fmu.c"):
         ET.SubElement(files, "SourceFile", name=name)
     ET.SubElement(files, "PreprocessorDefinition", name="SWARMWRIGHT_CONTRACT_OFF")
-    return xml(root)
+    return format_xml(root)
 
 
 def _documentation(subject: Subject, prefix: str, variables: _Variables, fmi: str) -> str:
     rows = "\n".join(
-        f"<tr><td>{escape(name)}</td><td>{escape(channel.unit)}</td><td>{escape(_words(channel))}</td></tr>"
+        f"<tr><td>{escape(name)}</td><td>{escape(channel.unit)}</td><td>{escape(_describe_channel(channel))}</td></tr>"
         for name, channel in zip(
             [*variables.sensors, *variables.actuators], [*subject.sensors, *subject.actuators], strict=True
         )
@@ -423,7 +433,7 @@ def _documentation(subject: Subject, prefix: str, variables: _Variables, fmi: st
             "conversion": f"<p>{'<br>'.join(subject.conversion)}</p>" if subject.conversion else "",
             "seed": ""
             if variables.random is None
-            else _SEED_ROW.format(escape(seed_words(variables.random))),
+            else _SEED_ROW.format(escape(describe_seed(variables.random))),
         },
     )
 
@@ -448,25 +458,25 @@ _INTEGERS = {"2.0": "Integer", "3.0": "Int32"}
 
 
 def random_sensor(subject: Subject) -> int | None:
-    """Return the place of the sensor that is a random number from 0 to 1, None where there is none."""
+    """Return the index of the random sensor, a number from 0 to 1; None without one."""
     sensor = kind_of(subject.specification).random_sensor
-    if sensor is not None:  # where it is not checked, it is something else in its simulation
+    if sensor is not None:  # if it is not checked, the simulation uses it differently
         return sensor if subject.checks_random else None
-    named = (
-        place
-        for place, channel in enumerate(subject.sensors)
+    matches = (
+        index
+        for index, channel in enumerate(subject.sensors)
         if channel.name == RANDOM and channel.range is None
     )
-    return next(named, None)
+    return next(matches, None)
 
 
 def source_parts(subject: Subject, sensors: Sequence[str], fmi: str) -> dict[str, str]:
     """Return replacements in the source of an FMU; sensors: names of its inputs."""
-    place = random_sensor(subject)
-    if place is None:
+    index = random_sensor(subject)
+    if index is None:
         nothing = dict.fromkeys(("random_state", "random_functions", "random_draw", "random_check"), "")
         return {**nothing, "integers": f"NO_VARIABLES({_INTEGERS[fmi]})"}
-    values = {"random": str(place), "random_name": sensors[place]}
+    values = {"random": str(index), "random_name": sensors[index]}
     return {
         "random_state": _STATE,
         "random_functions": render("fmu_random.txt", values).rstrip(),
@@ -476,8 +486,8 @@ def source_parts(subject: Subject, sensors: Sequence[str], fmi: str) -> dict[str
     }
 
 
-def seed_words(sensor: str) -> str:
-    """Return what is said of the parameter `seed`; sensor: the name of the input."""
+def describe_seed(sensor: str) -> str:
+    """Describe the parameter `seed`; sensor: the name of the input."""
     return (
         f"0: each step takes {sensor}; above 0: the FMU draws this number itself, from this seed, of which "
         "each robot needs another one"
@@ -491,7 +501,7 @@ def add_seed(listed: ET.Element, reference: int, sensor: str, fmi: str) -> None:
         "valueReference": str(reference),
         "causality": "parameter",
         "variability": "fixed",
-        "description": seed_words(sensor),
+        "description": describe_seed(sensor),
     }
     value = {"min": "0", "start": "0"}
     if fmi == "3.0":

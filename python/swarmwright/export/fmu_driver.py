@@ -1,4 +1,4 @@
-"""FMUs driven by FMPy."""
+"""Execution of FMUs with FMPy."""
 
 from pathlib import Path
 from types import TracebackType
@@ -16,20 +16,20 @@ from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
 
 
 class Driver:
-    """A master with one instance of an FMU, for the time of a `with` block.
+    """An importer with one instance of an FMU, used in a `with` block.
 
     Args:
         file: the FMU.
 
     Raises:
-        RunError: the description is not one of the standard, or the FMU cannot be instantiated here.
+        RunError: the description violates the standard, or the FMU cannot be instantiated.
 
     """
 
     def __init__(self, file: Path) -> None:
         problems = validate_fmu(str(file))
         if problems:
-            raise RunError(f"verification: FMPy finds fault with {file.name}: {'; '.join(problems)}")
+            raise RunError(f"verification: FMPy rejects {file.name}: {'; '.join(problems)}")
         self._file, self._description = file, described(file)
 
     def __enter__(self) -> Self:
@@ -49,36 +49,36 @@ class Driver:
         self._folder.close()
 
     def drive(self, sequences: Sequences) -> NDArray[np.float32]:
-        """Return the actuators after each step, (steps, actuators), a period a step.
+        """Return the actuators after each step, (steps, actuators), one period per step.
 
-        Raises RunError where it does a step with a sensor that is NaN or infinite, or does not do another.
+        Raises RunError if it accepts NaN or infinite sensors, or refuses other sensors.
         """
         sensors, actuators = (self._description.of_causality(causality) for causality in ("input", "output"))
         period = self._description.step_size or 1.0
-        found = np.zeros_like(sequences.actuators)
+        outputs = np.zeros_like(sequences.actuators)
         time, overflowed = 0.0, False
         for row, (first, accepted) in enumerate(zip(sequences.first, sequences.accepted, strict=True)):
             if first:
                 time, overflowed = 0.0, False
                 self.instance.begin({}, time, period * len(sequences))
-            if overflowed:  # the engine's network is NaN until it is reset; the FMU does not do such a step
-                found[row] = sequences.actuators[row]
+            if overflowed:  # the engine's network is NaN until a reset; the FMU refuses these steps
+                outputs[row] = sequences.actuators[row]
                 continue
             self.instance.put(sensors, sequences.sensors[row].tolist())
             reason = self._step(time, period)
             time += period if reason is None else 0.0
             if reason is not None and sequences.may_overflow is not None and sequences.may_overflow[row]:
-                found[row], overflowed = sequences.actuators[row], accepted.item()
+                outputs[row], overflowed = sequences.actuators[row], accepted.item()
                 continue
             if (reason is None) is not accepted.item():
-                did = f"did not do ({reason})" if accepted else "did"
+                did = f"refused ({reason})" if accepted else "accepted"
                 sensed = sequences.sensors[row].tolist()
                 raise RunError(f"verification: the FMU {did} the step with the sensors {sensed}")
-            found[row] = self.instance.numbers(actuators)
-        return found
+            outputs[row] = self.instance.numbers(actuators)
+        return outputs
 
     def _step(self, time: float, period: float) -> str | None:
-        """Step; return why that was not done."""
+        """Step; return the reason of a refusal."""
         try:
             self.instance.step(time, period)
         except FmuError as error:

@@ -1,4 +1,4 @@
-"""Golden vectors of self-tests: steps with the actuators that a controller must compute in them."""
+"""Golden vectors of self-tests: steps and the actuators that a controller must compute."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.controllers.activations import STEEP
 from swarmwright.controllers.kinds import kind_of
-from swarmwright.export.python_family import byte_text, module_of
+from swarmwright.export.python_family import byte_text, python_module
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -20,31 +20,31 @@ class Golden:
     """Episodes of some agents, or random sequences without a simulation."""
 
     sequences: Sequences
-    """Whole ones; of a network that overflows the steps before it does, none where that is the first one."""
+    """Whole sequences; for a network that overflows, the steps before the overflow."""
     words: str
-    """What they are."""
+    """Description of the sequences."""
 
     @classmethod
-    def of(cls, subject: Subject) -> Self:
-        """Return those of a controller that steers agents."""
-        tried = subject.tried
-        golden = tried.part(before_overflow(subject.specification, tried))
+    def from_subject(cls, subject: Subject) -> Self:
+        """Return the golden vectors of a controller that steers agents."""
+        tried = subject.self_test_sequences
+        golden = tried.part(find_steps_before_overflow(subject.specification, tried))
         steps = f"{len(golden)} steps"
         if len(golden) < len(tried):
             steps += " before a node overflows"
         if subject.episodes is None or not len(subject.episodes):
             return cls(golden, f"{golden.count} random sequences, {steps}")
-        what = "whole episodes" if len(golden) == len(tried) else "episodes"
+        noun = "whole episodes" if len(golden) == len(tried) else "episodes"
         agents = f"{golden.count} agent{'' if golden.count == 1 else 's'}"
-        return cls(golden, f"{what} of {agents}, {steps}")
+        return cls(golden, f"{noun} of {agents}, {steps}")
 
     def values(self) -> dict[str, str]:
-        """Return what self-tests in Python have of them."""
+        """Return the replacements for self-tests in Python."""
         return {"golden": self.words, "sequences": golden_text(self.sequences)}
 
 
 def golden_text(golden: Sequences) -> str:
-    """Return sequences as elements of a tuple in Python: tuples of (sensors, actuators), both as bytes."""
+    """Format sequences as elements of a Python tuple: tuples of (sensors, actuators), both as bytes."""
     if not len(golden):
         return ""
     lines: list[str] = []
@@ -57,28 +57,28 @@ def golden_text(golden: Sequences) -> str:
 
 
 _WITHIN_1 = frozenset({"clamp", "sigmoid", STEEP, "tanh"})
-"""Activations whose results are from -1 to 1."""
+"""Activations with results in -1..1."""
 
 
 _SAFE = 1e38
-"""A third of the largest number of 32 bits."""
+"""A third of the largest binary32 number."""
 
 
-def before_overflow(specification: Mapping[str, Any], sequences: Sequences) -> NDArray[np.bool_]:
-    """Return which steps, (steps,), come before the first one of their sequence in which a node overflows.
+def find_steps_before_overflow(specification: Mapping[str, Any], sequences: Sequences) -> NDArray[np.bool_]:
+    """Return a mask, (steps,), of the steps before a node overflows in their sequence.
 
-    The engine does not tell, so the exported module for Python is executed. That takes about 0.1 us for each
-    weight, iteration and step, unless weights and sensors are such that nothing can overflow.
+    The engine does not report overflows, so the exported Python module is executed. That takes about 0.1 us
+    for each weight, iteration and step, unless weights and sensors exclude an overflow.
 
     Args:
         specification: of the controller.
-        sequences: in which no sensor is NaN or infinite.
+        sequences: with finite sensors.
     """
-    kept = np.ones(len(sequences), np.bool_)
-    if not kind_of(specification).overflows or _bounded(specification, sequences.sensors):
-        return kept
+    mask = np.ones(len(sequences), np.bool_)
+    if not kind_of(specification).overflows or _is_bounded(specification, sequences.sensors):
+        return mask
     module: dict[str, Any] = {"__name__": "controller"}
-    exec(module_of(Subject(specification), "controller"), module)  # noqa: S102 - of numbers alone
+    exec(python_module(Subject(specification), "controller"), module)  # noqa: S102 - contains numbers only
     controller = module["Controller"]()
     for begin, end in pairwise([*np.flatnonzero(sequences.first).tolist(), len(sequences)]):
         controller.reset()
@@ -86,14 +86,14 @@ def before_overflow(specification: Mapping[str, Any], sequences: Sequences) -> N
             try:
                 controller.step(sequences.sensors[step].tolist())
             except ValueError:
-                kept[step:end] = False
+                mask[step:end] = False
                 break
-    return kept
+    return mask
 
 
-def _bounded(specification: Mapping[str, Any], sensors: NDArray[np.float32]) -> bool:
-    """Return whether no sum of a node can overflow, whatever the outputs of the others are."""
-    if specification.get("activation") not in _WITHIN_1:  # weights that learn have no bound
+def _is_bounded(specification: Mapping[str, Any], sensors: NDArray[np.float32]) -> bool:
+    """Whether no sum of a node can overflow, for any outputs of other nodes."""
+    if specification.get("activation") not in _WITHIN_1:  # learning weights are unbounded
         return False
     computed = int(specification["hidden"]) + int(specification["actuators"])
     weights = np.abs(np.array(specification["weights"], np.float64)).reshape(computed, -1)

@@ -1,4 +1,4 @@
-"""Machines and trees of modules to read, and to start from: `--to machine`."""
+"""Machines and trees of modules in readable form: `--to machine`."""
 
 from pathlib import Path
 from typing import Any, ClassVar
@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import read
-from swarmwright.controllers.kinds.modules.automode import text_of
+from swarmwright.controllers.kinds.modules.automode import format_command_line
 from swarmwright.controllers.modules import grammar, machine_mappings, machine_texts
 from swarmwright.controllers.modules.registered import module
-from swarmwright.export._base import Exporter, Files, facts
+from swarmwright.export._base import Exporter, Files, format_facts
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -19,60 +19,60 @@ _EDITABLE = "it can be edited and evaluated, or evolution start from it"
 
 
 class Machine(Exporter):
-    """`PREFIX.yaml`, the machine as an experiment's `controller.machine` has it, and drawings as text.
+    """`PREFIX.yaml`, the machine in the form of an experiment's `controller.machine`, and diagrams as text.
 
-    `PREFIX.dot` is for Graphviz, `PREFIX.mmd` for Mermaid, `PREFIX.automode` what AutoMoDe's programs are
-    called with; there is none for a machine with modules that they lack.
+    `PREFIX.dot` is for Graphviz, `PREFIX.mmd` for Mermaid, `PREFIX.automode` the command line of AutoMoDe's
+    programs, unless they lack a module.
     """
 
     form: ClassVar[str] = "machine"
 
-    _known: grammar.Catalogue | None = None
-    """Modules of what was written."""
+    _catalogue: grammar.Catalogue | None = None
+    """Modules of the exported machine."""
 
     def files(self, subject: Subject, prefix: str) -> Files:
-        """Return the machine and its drawings."""
+        """Return the machine and its diagrams."""
         if not grammar.is_modules(subject.specification):
             raise InputError(
-                f"controller: one of the kind {subject.kind!r} is not a machine of behaviours and "
-                "conditions; only the kind modules is"
+                f"controller: the kind {subject.kind!r} is not a machine of behaviours and conditions; only "
+                "the kind modules can be exported to this format"
             )
         specification = subject.specification
-        self._known = grammar.Catalogue.of(specification)
+        self._catalogue = grammar.Catalogue.from_specification(specification)
         states = grammar.states_of(specification)
         text = "\n".join(f"# {line}" for line in machine_texts.controller_text(specification).splitlines())
         content = _tree_yaml(states) if grammar.is_tree(specification) else _yaml(states)
         dot, mermaid = (
             machine_texts.controller_diagram(specification, language) for language in ("dot", "mermaid")
         )
-        command = text_of(states, tree=grammar.is_tree(specification))
+        command = format_command_line(states, tree=grammar.is_tree(specification))
         return {
             **({f"{prefix}.automode": f"{command}\n"} if command else {}),
-            f"{prefix}.yaml": f"{facts(subject, '# ', _EDITABLE)}\n#\n{text}\n\n{content}",
-            f"{prefix}.dot": f"{facts(subject, '// ')}\n{dot}\n",
-            f"{prefix}.mmd": f"{facts(subject, '%% ')}\n{mermaid}\n",
+            f"{prefix}.yaml": f"{format_facts(subject, '# ', _EDITABLE)}\n#\n{text}\n\n{content}",
+            f"{prefix}.dot": f"{format_facts(subject, '// ')}\n{dot}\n",
+            f"{prefix}.mmd": f"{format_facts(subject, '%% ')}\n{mermaid}\n",
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Read the machine, and run it by the engine, or in Python where that has modules of it."""
+        """Read the machine, and run it in the engine, or in Python if it has modules in Python."""
         values = read(folder / f"{prefix}.yaml").values
         tree = "subtrees" in values
         most = 1 if tree else grammar.MOST_TRANSITIONS
-        catalogue = _catalogue(values) if self._known is None else self._known
+        catalogue = _build_catalogue(values) if self._catalogue is None else self._catalogue
         if tree:
-            states = machine_mappings.subtrees_from(values, grammar.MOST_SUBTREES, catalogue)
+            states = machine_mappings.parse_subtrees(values, grammar.MOST_SUBTREES, catalogue)
         else:
-            states = machine_mappings.states_from(values, grammar.MOST_STATES, most, catalogue)
-        own: dict[str, Any] = {"kind": grammar.KIND}
+            states = machine_mappings.parse_states(values, grammar.MOST_STATES, most, catalogue)
+        kind_fields: dict[str, Any] = {"kind": grammar.KIND}
         if catalogue.in_python:
-            own = {
+            kind_fields = {
                 "kind": grammar.PYTHON_KIND,
                 "behaviours": [behaviour.as_mapping() for behaviour in catalogue.behaviours],
                 "conditions": [condition.as_mapping() for condition in catalogue.conditions],
             }
         specification = {
             "version": 1,
-            **own,
+            **kind_fields,
             "form": "tree" if tree else "machine",
             "sensors": grammar.SENSORS,
             "actuators": grammar.ACTUATORS,
@@ -80,13 +80,13 @@ class Machine(Exporter):
             "transitions": most,
             "weights": grammar.weights_of(states, len(states), most, catalogue),
         }
-        return Sequences.computed(
+        return Sequences.compute(
             specification, sequences.first, sequences.sensors, sequences.accepted
         ).actuators
 
 
-def _catalogue(machine: dict[str, Any]) -> grammar.Catalogue:
-    """Return the engine's modules, and those in Python that a machine names."""
+def _build_catalogue(machine: dict[str, Any]) -> grammar.Catalogue:
+    """Return the engine's modules, and the Python modules of a machine."""
     entries = machine.get("subtrees") or machine["states"]
     transitions = [transition for entry in entries for transition in entry.get("transitions", [])]
     behaviours = [entry["behaviour"] for entry in entries]
@@ -107,7 +107,7 @@ def _tree_yaml(subtrees: tuple[grammar.State, ...]) -> str:
 
 def _yaml(states: tuple[grammar.State, ...]) -> str:
     lines = ["states:"]
-    for entry in machine_mappings.mapping_of(states)["states"]:
+    for entry in machine_mappings.machine_mapping_of(states)["states"]:
         begin = "  - "
         for key, value in entry.items():
             if key != "transitions":

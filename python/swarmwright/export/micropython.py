@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import RunError
 from swarmwright.controllers.source.text import check_module
-from swarmwright.export._base import Exporter, Files, not_exported
-from swarmwright.export.programs import command, run, stepped
-from swarmwright.export.python import modules
-from swarmwright.export.python_family import MICROPYTHON, as_bytes, parts
-from swarmwright.export.python_modules import has_own
+from swarmwright.export._base import Exporter, Files, export_error
+from swarmwright.export.programs import find_command, parse_actuators, run
+from swarmwright.export.python import format_modules
+from swarmwright.export.python_family import MICROPYTHON, as_bytes, split_sequences
+from swarmwright.export.python_modules import has_user_modules
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -27,7 +27,7 @@ _INSTALL = (
 _WEBASSEMBLY = Path("node_modules", "@micropython", "micropython-webassembly-pyscript", "micropython.mjs")
 _HEAP = ["-X", "heapsize=64m"]
 _NUMBERS = 20_000
-"""In a program, which holds what it computes with: a port for WebAssembly reads no files."""
+"""Most numbers in a program, which contains its input: a WebAssembly port cannot read files."""
 
 _HARNESS = """
 from binascii import hexlify, unhexlify
@@ -55,13 +55,13 @@ class MicroPython(Exporter):
     """`PREFIX.py`, a module for MicroPython with floats of 32 or 64 bits, and its self-test."""
 
     form: ClassVar[str] = "micropython"
-    longest: ClassVar[int] = 8  # a port for WebAssembly takes 0.3 ms for a step of a small network
+    longest: ClassVar[int] = 8  # a WebAssembly port takes 0.3 ms for a step of a small network
 
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the module and its self-test. Raises InputError for modules in Python, which need NumPy."""
         check_module(prefix)
-        if has_own(subject):
-            raise not_exported(subject, "MicroPython", ())
+        if has_user_modules(subject):
+            raise export_error(subject, "MicroPython", ())
         dialect = {
             "dialect": MICROPYTHON,
             "imports": "from array import array\nfrom struct import unpack",
@@ -72,53 +72,53 @@ class MicroPython(Exporter):
             "sensors_type": "",
             "actuators_type": "",
         }
-        return modules(subject, prefix, as_bytes, dialect)
+        return format_modules(subject, prefix, as_bytes, dialect)
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Step the class in MicroPython, in several processes after one another."""
-        interpreter = _interpreter()
+        """Step the class in MicroPython, in successive processes."""
+        interpreter = _find_interpreter()
         module = (folder / f"{prefix}.py").read_text(encoding="utf-8")
         rows = np.column_stack([sequences.first.astype("<f4"), sequences.sensors]).astype("<f4")
         written = []
-        for part in parts(sequences, _NUMBERS // rows.shape[1]):
+        for part in split_sequences(sequences, _NUMBERS // rows.shape[1]):
             data = "\n".join(row.tobytes().hex() for row in rows[part])
             script = folder / "harness.py"
             script.write_text(f'{module}\nDATA = """\n{data}\n"""\n{_HARNESS}', encoding="utf-8")
             written.append(run([*interpreter, script.name], folder, "the module in MicroPython"))
         output = b"".join(bytes.fromhex(line) for line in b"".join(written).decode().split())
-        return stepped(output, sequences, "the module in MicroPython")
+        return parse_actuators(output, sequences, "the module in MicroPython")
 
     def values(self, folder: Path, prefix: str) -> Mapping[str, object]:
-        """Run the module and read what it holds."""
+        """Run the module and read its parameters."""
         module = (folder / f"{prefix}.py").read_text(encoding="utf-8")
         (folder / "harness.py").write_text(f"{module}\nprint(repr(PARAMETERS))\n", encoding="utf-8")
-        said = run([*_interpreter(), "harness.py"], folder, "the module in MicroPython")
-        values: dict[str, object] = ast.literal_eval(said.decode())
+        output = run([*_find_interpreter(), "harness.py"], folder, "the module in MicroPython")
+        values: dict[str, object] = ast.literal_eval(output.decode())
         return values
 
     def self_test(self, folder: Path, prefix: str) -> str | None:
-        """Run `PREFIX_test.py`, put behind the module; parameters have none."""
+        """Run `PREFIX_test.py`, appended to the module; None for parameter sets."""
         name = f"{prefix}_test.py"
         if not (folder / name).exists():
             return None
         module, test = ((folder / file).read_text(encoding="utf-8") for file in (f"{prefix}.py", name))
-        wanted = f"from {prefix} import "
-        lines = [line for line in test.splitlines() if not line.startswith(wanted)]
+        import_line = f"from {prefix} import "
+        lines = [line for line in test.splitlines() if not line.startswith(import_line)]
         (folder / "harness.py").write_text("\n".join([module, *lines]) + "\n", encoding="utf-8")
-        said = run([*_interpreter(), "harness.py"], folder, f"the self-test {name}")
-        if said.strip() != b"ok":
-            raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
+        output = run([*_find_interpreter(), "harness.py"], folder, f"the self-test {name}")
+        if output.strip() != b"ok":
+            raise RunError(f"verification: the self-test {name} printed {output!r}, expected ok")
         return name
 
 
-def _interpreter() -> list[str]:
-    """Return MicroPython and its options: installed, or its WebAssembly port in node_modules.
+def _find_interpreter() -> list[str]:
+    """Return the command of MicroPython: installed, or its WebAssembly port in node_modules.
 
-    Raises InputError, which says what to install, without one.
+    Raises InputError, which names the package to install, without MicroPython.
     """
     if "MICROPYTHON" not in os.environ and not shutil.which("micropython") and shutil.which("node"):
-        here = Path.cwd()
-        for folder in (here, *here.parents):
+        current = Path.cwd()
+        for folder in (current, *current.parents):
             if (folder / _WEBASSEMBLY).is_file():
                 return ["node", str(folder / _WEBASSEMBLY), *_HEAP]
-    return [*command("MICROPYTHON", ("micropython",), _INSTALL), *_HEAP]
+    return [*find_command("MICROPYTHON", ("micropython",), _INSTALL), *_HEAP]

@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.controllers.source.in_onnx import Graph
-from swarmwright.export._base import Exporter, Files, NotInstalledError, facts, part_of, render
+from swarmwright.export._base import Exporter, Files, NotInstalledError, find_generator, format_facts, render
 from swarmwright.export.golden import Golden
 from swarmwright.export.programs import run
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
 _OPSET = 17
-_IR_VERSION = 8  # which belongs to that opset
+_IR_VERSION = 8  # of this opset
 _MOST_ELEMENTS = 20_000_000
-"""Of the largest intermediate tensor of a batch."""
+"""Most elements of the largest intermediate tensor of a batch."""
 
 
 class Onnx(Exporter):
     """`PREFIX.onnx`, a model of opset 17, and a self-test that runs it with onnxruntime.
 
-    Inputs: `sensors`, (agents, sensors), and for what remembers `state`, zeros at the start of an episode.
-    Outputs: `actuators` and `next_state`, which is the state of the next step. The sums of networks are in
-    the order of the simulation, so that a runtime that neither fuses nor reorders gives the same bits.
+    Inputs: `sensors`, (agents, sensors), and for controllers with a state `state`, zeros at the start of an
+    episode. Outputs: `actuators` and `next_state`, the state of the next step. Sums have the order of the
+    simulation, so that a runtime without fusing and reordering gives the same bits.
     """
 
     form: ClassVar[str] = "onnx"
@@ -38,12 +38,12 @@ class Onnx(Exporter):
         """Return the model and its self-test."""
         if not subject.steers:
             raise InputError(
-                "controller: a parameter set has no inputs and outputs, and so no ONNX model; export it to "
-                "c, cpp, python or micropython"
+                "controller: a parameter set has no inputs and outputs for an ONNX model; export it to c, "
+                "cpp, python or micropython"
             )
         _need("onnx")
-        graph = _graph_of(subject)
-        data = _model(subject, graph, prefix, facts(subject, ""))
+        graph = _build_graph(subject)
+        data = _model(subject, graph, prefix, format_facts(subject, ""))
         return {f"{prefix}.onnx": data, f"{prefix}_onnx_test.py": _test(subject, graph, prefix)}
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
@@ -53,31 +53,31 @@ class Onnx(Exporter):
         starts = np.flatnonzero(sequences.first)
         lengths = np.diff([*starts.tolist(), len(sequences)])
         together = max(1, _MOST_ELEMENTS // _elements(session))
-        found = np.zeros_like(sequences.actuators)
+        actuators = np.zeros_like(sequences.actuators)
         for begin in range(0, len(starts), together):
             part = slice(begin, begin + together)
-            _step_all(session, states, (starts[part], lengths[part]), sequences.sensors, found)
-        return found
+            _step_all(session, states, (starts[part], lengths[part]), sequences.sensors, actuators)
+        return actuators
 
     def self_test(self, folder: Path, prefix: str) -> str:
         """Run `PREFIX_onnx_test.py`."""
         name = f"{prefix}_onnx_test.py"
-        said = run([sys.executable, name], folder, f"the self-test {name}")
-        if not said.startswith(b"ok"):
-            raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
+        output = run([sys.executable, name], folder, f"the self-test {name}")
+        if not output.startswith(b"ok"):
+            raise RunError(f"verification: the self-test {name} printed {output!r}, expected ok")
         return name
 
 
-def _graph_of(subject: Subject) -> Graph:
+def _build_graph(subject: Subject) -> Graph:
     """Return the graph of a controller that steers agents. Raises InputError for an unknown kind."""
-    add = part_of(subject, "onnx", "ONNX")
+    add = find_generator(subject, "onnx", "ONNX")
     graph = Graph()
     add(subject, graph)
     return graph
 
 
 def _model(subject: Subject, graph: Graph, name: str, words: str) -> bytes:
-    """Return a model as bytes, the same ones for the same graph. `words`: where it comes from."""
+    """Serialize a model, the same bytes for the same graph. words: its origin."""
     from onnx import ModelProto, TensorProto, checker, helper, numpy_helper  # noqa: PLC0415 - optional
 
     sensors, actuators = len(subject.sensors), len(subject.actuators)
@@ -94,10 +94,14 @@ def _model(subject: Subject, graph: Graph, name: str, words: str) -> bytes:
         for node in graph.nodes
     ]
     tensors = [numpy_helper.from_array(value, key) for key, value in graph.constants.items()]
-    made = helper.make_graph(nodes, name, inputs, outputs, tensors)
+    graph_proto = helper.make_graph(nodes, name, inputs, outputs, tensors)
     opset = [helper.make_opsetid("", _OPSET)]
     whole: ModelProto = helper.make_model(
-        made, opset_imports=opset, ir_version=_IR_VERSION, producer_name="Swarmwright", doc_string=words
+        graph_proto,
+        opset_imports=opset,
+        ir_version=_IR_VERSION,
+        producer_name="Swarmwright",
+        doc_string=words,
     )
     properties = {
         **dict(subject.facts),
@@ -134,8 +138,8 @@ def _session(file: Path) -> Any:  # noqa: ANN401 - onnxruntime has no types
     options.log_severity_level = 3
     try:
         return onnxruntime.InferenceSession(file, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's own kinds
-        raise RunError(f"verification: onnxruntime refuses {file.name}: {error}") from error
+    except Exception as error:  # exceptions of onnxruntime
+        raise RunError(f"verification: onnxruntime rejects {file.name}: {error}") from error
 
 
 def _elements(session: Any) -> int:  # noqa: ANN401 - onnxruntime has no types
@@ -147,9 +151,9 @@ def _step_all(
     states: Mapping[str, Any],
     sequences: tuple[NDArray[np.intp], NDArray[np.intp]],
     sensors: NDArray[np.float32],
-    found: NDArray[np.float32],
+    actuators: NDArray[np.float32],
 ) -> None:
-    """Write the actuators of sequences, which begin somewhere and have a length, to the rows of `found`."""
+    """Write the actuators of sequences, given by start and length, to the rows of `actuators`."""
     starts, lengths = sequences
     state = {}
     if states:
@@ -159,9 +163,9 @@ def _step_all(
     for step in range(int(lengths.max(initial=0))):
         active = np.flatnonzero(lengths > step)
         rows = starts[active] + step
-        given = {name: values[active] for name, values in state.items()}
-        outputs = session.run(None, {"sensors": sensors[rows], **given})
-        found[rows] = outputs[0]
+        active_state = {name: values[active] for name, values in state.items()}
+        outputs = session.run(None, {"sensors": sensors[rows], **active_state})
+        actuators[rows] = outputs[0]
         for values in state.values():
             values[active] = outputs[1]
 
@@ -171,8 +175,8 @@ def _test(subject: Subject, graph: Graph, prefix: str) -> str:
         "onnx_test.txt",
         {
             "p": prefix,
-            "facts": facts(subject, "    "),
-            **Golden.of(subject).values(),
+            "facts": format_facts(subject, "    "),
+            **Golden.from_subject(subject).values(),
             "reset": graph.initial_state or "None",
             "state_input": ', "state": state' if graph.initial_state else "",
             "outputs": "actuators, state" if graph.initial_state else "(actuators,)",

@@ -1,4 +1,4 @@
-"""What the FMU of a simulation server holds, a proxy: its variables are those of the server's simulation."""
+"""The FMU of a simulation server: a proxy with the variables of the server's simulation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,44 +9,50 @@ from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.export.simulation_model import Model, Parameter, check_size, parameters_of, started
+from swarmwright.export.simulation_model import (
+    Model,
+    Parameter,
+    check_size,
+    collect_parameters,
+    measure_start,
+)
 from swarmwright.simulations import catalogue
 
 CONNECTION = "connection."
-"""What the names of parameters begin with that say how the server is reached; as in `engine/bindings/fmi`."""
-_ANNOUNCED_S = 1.0
+"""Prefix of the parameters of the connection, as in `engine/bindings/fmi`."""
+_ANNOUNCEMENT_WAIT_S = 1.0
 _AGENTS = ("numAgents", "robots", "agents")
-"""Parameters that may say how many agents there are."""
+"""Parameters that may hold the number of agents."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """How a proxy reaches its server unless its master sets other values."""
+    """Default connection of a proxy to its server."""
 
     broker: str
-    """URL, or those of a cluster, separated by commas."""
+    """URL, or the URLs of a cluster, separated by commas."""
     prefix: str = ""
     server: int | None = None
-    """The only server that is used; None for any."""
+    """Id of the server to use; None for any."""
     discovery_s: float = 10.0
-    """For how long a free server is looked for."""
+    """Seconds to search for a free server."""
     step_s: float = 60.0
-    """How long a server may take for a step."""
+    """Seconds that a server may take for a step."""
 
 
 def proxy_model(experiment: Experiment, address: Address, agents: int | None = None) -> Model:
-    """Return the model of a simulation that servers offer.
+    """Return the model of a simulation offered by servers.
 
-    What it has is known where the simulation is here, or from a server that announces it on the broker;
-    otherwise the experiment says it.
+    Its variables are known if the simulation is available on this machine, or from a server that announces it
+    on the broker; otherwise from the experiment.
 
     Args:
         experiment: its simulation, parameters, sensors, actuators and requirements.
         address: of the servers.
-        agents: for how many there are variables; default: found out.
+        agents: number of agents with variables; default: derived.
 
     Raises:
-        InputError: sensors, actuators or agents are not known, or the parameters are wrong.
+        InputError: sensors, actuators or agents are unknown, or parameters are invalid.
 
     """
     simulation, parameters = experiment.simulation, experiment.parameters
@@ -59,22 +65,22 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         groups = catalogue.groups(simulation, dict(parameters))
         description: Mapping[str, Any] = catalogue.description(simulation, dict(parameters))
         limited = catalogue.find_built_in(simulation) is not None
-        known = parameters_of(description, base, have_limits=limited)
+        simulation_parameters = collect_parameters(description, base, have_limits=limited)
         names: list[str | None] = [group.name for group in groups]
         ranges.update(catalogue.ranges_by_group(simulation, dict(parameters), names or [None]))
     else:
-        description = _announced(experiment, address)
-        told = {"parameters": {name: _declaration_of_value(value) for name, value in base.items()}}
-        known = parameters_of(told, base, have_limits=False)
+        description = _find_description(experiment, address)
+        declared = {"parameters": {name: _declaration_of_value(value) for name, value in base.items()}}
+        simulation_parameters = collect_parameters(declared, base, have_limits=False)
     if catalogue.is_local(simulation) and description["actuators"]:
-        found, _, period = started(
+        agent_count, _, period = measure_start(
             catalogue.make_playable(simulation),
             base,
             seed,
             int(description["actuators"]),
             catalogue.step_seconds(simulation),
         )
-        agents = found if agents is None else agents
+        agents = agent_count if agents is None else agents
     if agents is None:
         agents = _agents(experiment, description)
     check_size(simulation, agents, description)
@@ -85,47 +91,50 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         seed,
         agents,
         period,
-        parameters=[*_connection(catalogue.title(simulation), address), *known],
+        parameters=[*_connection(catalogue.title(simulation), address), *simulation_parameters],
         dimensions=experiment.requirements.dimensions,
         groups=groups,
         ranges=ranges,
     )
 
 
-def _announced(experiment: Experiment, address: Address) -> dict[str, Any]:
-    """Return a description from the experiment and, where it does not say all, from a server."""
-    title, found = experiment.simulation, {}
+def _find_description(experiment: Experiment, address: Address) -> dict[str, Any]:
+    """Return a description from the experiment and, if it is incomplete, from a server."""
+    title, announced = experiment.simulation, {}
     if experiment.sensors is None or experiment.actuators is None:
         try:
             with engine_errors():
-                servers = _engine.servers(address.broker, prefix=address.prefix, wait=_ANNOUNCED_S)
+                servers = _engine.servers(address.broker, prefix=address.prefix, wait=_ANNOUNCEMENT_WAIT_S)
         except _engine.NoBrokerError as error:
-            raise InputError(f"{_unknown(experiment)}, and servers cannot be asked: {error}") from None
+            raise InputError(f"{_unknown(experiment)}, and servers cannot be reached: {error}") from None
         for server in servers:
             if title in server["simulations"] and address.server in (None, server["server"]):
-                found = server["capabilities"].get("swarmwright", {})
+                announced = server["capabilities"].get("swarmwright", {})
                 break
     numbers = {
-        name: found.get(name) if given is None else given
-        for name, given in (("sensors", experiment.sensors), ("actuators", experiment.actuators))
+        name: announced.get(name) if number is None else number
+        for name, number in (("sensors", experiment.sensors), ("actuators", experiment.actuators))
     }
     for name, number in numbers.items():
         if number is None:
             raise InputError(
-                f"{_unknown(experiment, name)}, and no server on {address.broker} announces them; give "
-                "'sensors' and 'actuators' in an experiment file, or --set sensors=N --set actuators=N"
+                f"{_unknown(experiment, name)}, and no server on {address.broker} announces them; set "
+                "'sensors' and 'actuators' in an experiment file, or with --set sensors=N --set actuators=N"
             )
-    metrics = {name: {"unit": "", "description": ""} for name in found.get("metrics", [])}
+    metrics = {name: {"unit": "", "description": ""} for name in announced.get("metrics", [])}
     return {**numbers, "sensor_names": [], "actuator_names": [], "sensor_units": [], "actuator_units": [],
             "metrics": metrics, "max_agents": None}  # fmt: skip
 
 
 def _unknown(experiment: Experiment, name: str = "sensors") -> str:
-    return f"{place_of(experiment, 'simulation')}{name} not known: {experiment.simulation!r} is not built in"
+    return (
+        f"{place_of(experiment, 'simulation')}the number of {name} is unknown, because "
+        f"{experiment.simulation!r} is not built in"
+    )
 
 
 def _declaration_of_value(value: Any) -> dict[str, Any]:  # noqa: ANN401 - any value of a file
-    """Return the declaration of a parameter of which only a value is known."""
+    """Return the declaration of a parameter whose value is known."""
     kinds = {bool: "boolean", int: "integer", float: "number", str: "string"}
     return {"type": kinds.get(type(value), "object"), "default": value, "description": "Of the simulation."}
 
@@ -138,7 +147,7 @@ def _agents(experiment: Experiment, description: Mapping[str, Any]) -> int:
     most = experiment.requirements.max_agents or description.get("max_agents")
     if most is None:
         raise InputError(
-            f"the number of agents of {experiment.simulation!r} is not known here; give it with --agents"
+            f"the number of agents of {experiment.simulation!r} is unknown; set it with --agents"
         )
     return int(most)
 

@@ -14,9 +14,9 @@ from swarmwright.controllers.source.in_python import Numbers
 from swarmwright.controllers.source.text import check_module
 from swarmwright.export._base import Exporter, Files, render
 from swarmwright.export.golden import Golden
-from swarmwright.export.programs import run, stepped, steps
+from swarmwright.export.programs import format_steps, parse_actuators, run
 from swarmwright.export.python_family import PYTHON, PYTHON_WORDS, as_decimals, module_text, values_of
-from swarmwright.export.python_modules import OwnPython, has_own, own_python
+from swarmwright.export.python_modules import UserCode, export_user_modules, has_user_modules
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -24,7 +24,7 @@ _HARNESS = """
 import sys
 from array import array
 
-sys.modules["swarmwright"] = None  # robots have none
+sys.modules["swarmwright"] = None  # not available on robots
 sys.path.insert(0, ".")
 from PREFIX import ACTUATORS, SENSORS, Controller
 
@@ -41,8 +41,8 @@ for at in range(0, len(data), width):
 """
 
 
-def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> Files:
-    """Return the module and its self-test; parameters have none. Arguments as of `module_text`."""
+def format_modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> Files:
+    """Return the module and its self-test, which parameter sets lack. Arguments as in `module_text`."""
     files: Files = {f"{prefix}.py": module_text(subject, prefix, numbers, dialect)}
     if subject.steers:
         files[f"{prefix}_test.py"] = _test(subject, values_of(subject, prefix))
@@ -50,11 +50,11 @@ def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, 
 
 
 def _test(subject: Subject, values: dict[str, str]) -> str:
-    return render("python_test.txt", {**values, **Golden.of(subject).values()})
+    return render("python_test.txt", {**values, **Golden.from_subject(subject).values()})
 
 
 class Python(Exporter):
-    """`PREFIX.py`, a module for Python 3.9 and later that needs no other, and its self-test.
+    """`PREFIX.py`, a module for Python 3.9 and later without dependencies, and its self-test.
 
     Behaviours and conditions in Python are copied into `PREFIX_modules`; they need Python 3.10 and NumPy.
     """
@@ -65,22 +65,24 @@ class Python(Exporter):
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the module and its self-test, and the code of behaviours and conditions in Python.
 
-        Raises InputError as `own_python` does.
+        Raises InputError in the cases of `export_user_modules`.
         """
         check_module(prefix)
-        own = own_python(subject, prefix) if has_own(subject) else OwnPython({}, "")
+        user_code = export_user_modules(subject, prefix) if has_user_modules(subject) else UserCode({}, "")
         dialect = {
             **PYTHON,
-            "words": f"{PYTHON_WORDS}{own.words}",
-            "own": render("python_own_import.txt", {"p": prefix}).rstrip("\n") if own.files else "",
+            "words": f"{PYTHON_WORDS}{user_code.words}",
+            "own": render("python_own_import.txt", {"p": prefix}).rstrip("\n") if user_code.files else "",
         }
-        return {**modules(subject, prefix, as_decimals, dialect), **own.files}
+        return {**format_modules(subject, prefix, as_decimals, dialect), **user_code.files}
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
         """Step the class in a process of this Python."""
         (folder / "harness.py").write_text(_HARNESS.replace("PREFIX", prefix), encoding="utf-8")
-        written = run([sys.executable, "-I", "harness.py"], folder, "the exported module", steps(sequences))
-        return stepped(written, sequences, "the exported module")
+        written = run(
+            [sys.executable, "-I", "harness.py"], folder, "the exported module", format_steps(sequences)
+        )
+        return parse_actuators(written, sequences, "the exported module")
 
     def values(self, folder: Path, prefix: str) -> Mapping[str, object]:
         """Import the parameters."""
@@ -90,11 +92,11 @@ class Python(Exporter):
         return read
 
     def self_test(self, folder: Path, prefix: str) -> str | None:
-        """Run `PREFIX_test.py`; parameters have none."""
+        """Run `PREFIX_test.py`; None for parameter sets."""
         name = f"{prefix}_test.py"
         if not (folder / name).exists():
             return None
-        said = run([sys.executable, name], folder, f"the self-test {name}")
-        if said.strip() != b"ok":
-            raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
+        output = run([sys.executable, name], folder, f"the self-test {name}")
+        if output.strip() != b"ok":
+            raise RunError(f"verification: the self-test {name} printed {output!r}, expected ok")
         return name

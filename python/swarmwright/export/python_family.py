@@ -1,34 +1,31 @@
-"""What the formats Python and MicroPython have in common.
-
-Arrays of numbers as expressions in Python and MicroPython.
-"""
+"""Shared parts of the formats Python and MicroPython: modules, and arrays as expressions."""
 
 import numpy as np
 
 from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.source.in_python import Numbers, PythonCode, Values
-from swarmwright.controllers.source.text import decimals, quoted, wrapped
-from swarmwright.export._base import facts, part_of, render
+from swarmwright.controllers.source.text import decimals, quote_python, wrap_items
+from swarmwright.export._base import find_generator, format_facts, render
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 
 _NUMBERS_OF_A_LINE = 5
-"""Longer arrays are written in several lines."""
+"""Most numbers of an array on a single line."""
 
 
 def as_decimals(values: Values) -> str:
-    """Return an array of shortest decimals, which Python reads as the nearest binary64 and then rounds."""
+    """Format an array of shortest decimals, which Python reads as binary64 and then rounds."""
     code = _CODES[values.dtype.kind + str(values.itemsize)]
     whole = values.dtype.kind == "u"
     exact = whole or values.dtype == np.float64
     texts = [str(value) for value in values.tolist()] if exact else decimals(values.astype(np.float32))
     if len(texts) <= _NUMBERS_OF_A_LINE:
         return f'array("{code}", [{", ".join(texts)}])'
-    return f'array(\n    "{code}",\n    [\n{wrapped(texts, " " * 8)}\n    ],\n)'
+    return f'array(\n    "{code}",\n    [\n{wrap_items(texts, " " * 8)}\n    ],\n)'
 
 
 def as_bytes(values: Values) -> str:
-    """Return an array of bytes: MicroPython does not read every decimal as the nearest number."""
+    """Format an array as bytes, since MicroPython does not read every decimal exactly."""
     code = _CODES[values.dtype.kind + str(values.itemsize)]
     if len(values) <= _NUMBERS_OF_A_LINE:
         return f'array("{code}", unpack("<{len(values)}{code}", {byte_text(values)}))'
@@ -38,17 +35,17 @@ def as_bytes(values: Values) -> str:
 
 
 _CODES = {"f4": "f", "f8": "d", "u2": "H", "u4": "L"}
-"""Of arrays and of `struct`, by kind and bytes."""
+"""Type codes of arrays and of `struct`, by kind and bytes."""
 
 
 def byte_text(values: Values) -> str:
-    """Return the bytes of numbers, the lowest first, as Python writes them."""
+    """Return the little-endian bytes of numbers as a Python literal."""
     data = values.astype(values.dtype.newbyteorder("<")).tobytes()
     return 'b"' + "".join(f"\\x{byte:02x}" for byte in data) + '"'
 
 
 MICROPYTHON = ", for MicroPython"
-"""In the first line of a module for MicroPython, which has the name of the one for Python."""
+"""Addition to the first line of a module for MicroPython."""
 
 
 def module_text(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> str:
@@ -57,14 +54,14 @@ def module_text(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[s
     Args:
         subject: the controller.
         prefix: name of the module.
-        numbers: how numbers are written.
+        numbers: function that formats numbers.
         dialect: replacements that differ between Python and MicroPython.
     """
     values = values_of(subject, prefix)
     if not subject.steers:
         lines = [f"    {name!r}: {value!r}," for name, value in subject.values.items()]
         return render("python_parameters.txt", {**values, "parameters": "\n".join(lines)})
-    code: PythonCode = part_of(subject, "python", "Python")(subject, numbers)
+    code: PythonCode = find_generator(subject, "python", "Python")(subject, numbers)
     return render(
         "python.txt",
         {
@@ -89,12 +86,12 @@ def module_text(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[s
 
 
 def values_of(subject: Subject, prefix: str) -> dict[str, str]:
-    """Return what the texts of a module and of its self-test have in common."""
-    return {"p": prefix, "facts": facts(subject, "    ").rstrip()}
+    """Return the replacements shared by a module and its self-test."""
+    return {"p": prefix, "facts": format_facts(subject, "    ").rstrip()}
 
 
 def _step_seconds(subject: Subject) -> str:
-    """Return the definition of the duration of a control cycle; empty where it is not known."""
+    """Return the definition of the duration of a control cycle; empty if unknown."""
     if not subject.step_size:
         return ""
     words = '"""Seconds from step to step, as in the simulation."""'
@@ -105,19 +102,19 @@ def _names(channels: list[Channel]) -> str:
     lines = []
     for channel in channels:
         unit = f"in {escape_line(channel.unit)}, " if channel.unit else ""
-        lines.append(f"    {quoted(channel.name)},  # {unit}{escape_line(channel.limits)}")
+        lines.append(f"    {quote_python(channel.name)},  # {unit}{escape_line(channel.limits)}")
     return "\n".join(lines)
 
 
-def parts(sequences: Sequences, size: int) -> list[slice]:
-    """Return slices of whole sequences with at most so many steps, one sequence at least."""
+def split_sequences(sequences: Sequences, size: int) -> list[slice]:
+    """Return slices of whole sequences with at most `size` steps, but at least one sequence."""
     starts = [*np.flatnonzero(sequences.first).tolist(), len(sequences)]
-    found, begin = [], 0
+    slices, begin = [], 0
     for end, after in zip(starts[1:], [*starts[2:], None], strict=True):
         if after is None or after - begin > size:
-            found.append(slice(begin, end))
+            slices.append(slice(begin, end))
             begin = end
-    return found
+    return slices
 
 
 PYTHON_WORDS = "Numbers are rounded to 32 bits after every operation, as in the simulation."
@@ -135,6 +132,6 @@ PYTHON = {
 }
 
 
-def module_of(subject: Subject, prefix: str) -> str:
-    """Return the module of a controller without code of its own, as `Python.files` does."""
+def python_module(subject: Subject, prefix: str) -> str:
+    """Return the Python module of a controller without user modules."""
     return module_text(subject, prefix, as_decimals, PYTHON)

@@ -1,9 +1,4 @@
-"""What the formats ROS 1 and ROS 2 have in common: the sources of the node, the mapping to be filled in.
-
-A package for ROS 1: `--to ros1`.
-
-A package for ROS 2: `--to ros2`.
-"""
+"""Packages for ROS 1 (`--to ros1`) and ROS 2 (`--to ros2`): the controller, nodes, and a mapping."""
 
 import json
 import re
@@ -16,15 +11,15 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.untrusted import escape_json, escape_line
-from swarmwright.controllers.kinds import words_of
-from swarmwright.controllers.source.text import MARK, c_literal, quoted
+from swarmwright.controllers.kinds import describe_controller
+from swarmwright.controllers.source.text import MARK, c_literal, quote_python
 from swarmwright.experiment.robots import DEFAULT
-from swarmwright.export._base import Exporter, Files, facts, render
+from swarmwright.export._base import Exporter, Files, format_facts, render
 from swarmwright.export.arena_words import PRESETS
 from swarmwright.export.c import C
 from swarmwright.export.python import Python
-from swarmwright.export.python_modules import copy_of, has_own
-from swarmwright.export.sequences import Sequences, difference
+from swarmwright.export.python_modules import copy_of, has_user_modules
+from swarmwright.export.sequences import Sequences, measure_difference
 from swarmwright.export.subject import RANDOM, Channel, Subject
 
 _SHARED = (
@@ -37,12 +32,12 @@ _SHARED = (
     "topics.hpp",
     "value.hpp",
 )
-"""Sources that are the same for every controller and both."""
+"""Sources shared by all controllers, ROS 1 and ROS 2."""
 _DEPENDENCY = re.compile(r"depend>(\w+)</")
 _ROBOT = "{robot}"
-"""Stands for a robot's name in topics of a run."""
+"""Placeholder of a robot's name in topics of a run."""
 _RESERVED_NAME = "exported"
-"""What a file of the package is called."""
+"""Name of a file of the package."""
 _SCALING = """\
 # Where a comment below has a range, -1 to 1 for LOW to HIGH, scale and offset convert between it and -1 to 1:
 # change them where the topic has another unit.
@@ -57,43 +52,44 @@ _WHEELS_WORDS = """
 
 
 def values_of(subject: Subject, prefix: str) -> dict[str, str]:
-    """Return what is put into the templates.
+    """Return the replacements for the templates.
 
-    Raises InputError for a parameter set, which steers nothing, and for the prefix `exported`.
+    Raises InputError for a parameter set, which steers no robot, and for the prefix `exported`.
     """
     if not subject.steers:
         raise InputError(
-            "controller: a parameter set steers no robot, so no node can run it; --to c writes its values"
+            "controller: a parameter set steers no robot, so no node can run it; export its values with --to "
+            "c"
         )
     if prefix.lower() == _RESERVED_NAME:
-        raise InputError(f"prefix: {prefix!r} is a file of the package; take another one")
+        raise InputError(f"prefix: {prefix!r} is a file of the package; choose another prefix")
     return {
         "mark": MARK,
         "p": prefix,
         "PREFIX": prefix.upper(),
         "package": prefix.lower(),
-        "words": words_of(dict(subject.specification)),
-        "facts": facts(subject),
+        "words": describe_controller(dict(subject.specification)),
+        "facts": format_facts(subject),
         "sensor_names": _names(subject.sensors, c_literal),
         "actuator_names": _names(subject.actuators, c_literal),
-        "python_sensor_names": _names(subject.sensors, quoted),
-        "python_actuator_names": _names(subject.actuators, quoted),
+        "python_sensor_names": _names(subject.sensors, quote_python),
+        "python_actuator_names": _names(subject.actuators, quote_python),
     }
 
 
 def check_package(prefix: str, manifest: str) -> None:
-    """Raise InputError for the name of a package that the package itself depends on.
+    """Raise InputError if the package has the name of one of its dependencies.
 
     Args:
-        prefix: whose small letters are the name.
+        prefix: in lower case, the name of the package.
         manifest: the text of package.xml.
     """
     if prefix.lower() in _DEPENDENCY.findall(manifest):
-        raise InputError(f"prefix: {prefix!r} is a package that this one depends on; take another one")
+        raise InputError(f"prefix: {prefix!r} is a dependency of the package; choose another prefix")
 
 
 def sources(subject: Subject, prefix: str, values: dict[str, str]) -> Files:
-    """Return the controller in C, and what of the node in C++ is the same in ROS 1 and ROS 2; in `src`."""
+    """Return the controller in C, and the sources of the C++ node shared by ROS 1 and ROS 2; in `src`."""
     code = C().files(subject, prefix)
     return {
         f"src/{prefix}.h": code[f"{prefix}.h"],
@@ -104,23 +100,23 @@ def sources(subject: Subject, prefix: str, values: dict[str, str]) -> Files:
 
 
 def mapping(subject: Subject) -> str:
-    """Return a mapping with an entry for each sensor and actuator, to be filled in.
+    """Return a template of a mapping, with an entry for each sensor and actuator.
 
-    Of a controller that was evolved on robots of a ROS system it has their topics.
+    For a controller that was evolved on ROS robots, it contains their topics.
     """
     step = subject.step_size
-    known = float(subject.topics.get("rate", 0)) or (1 / step if step else 0.0)
+    rate = float(subject.topics.get("rate", 0)) or (1 / step if step else 0.0)
     words = "as many as in the simulation"
-    if not known:
+    if not rate:
         words = "10 is a guess, for the simulation names no duration of a step"
     return render(
         "ros/mapping.template.yaml",
         {
             "mark": MARK,
-            "facts": facts(subject, "#   "),
+            "facts": format_facts(subject, "#   "),
             "begin": _begin(subject),
             "scaling": _SCALING if subject.conversion else "",
-            "rate": _number(f"{known or 10:.9g}").ljust(23),
+            "rate": _number(f"{rate or 10:.9g}").ljust(23),
             "rate_words": words,
             "wheels": _wheels(subject),
             "sensors": _entries("sensor", subject.sensors, subject.topics.get("sensors", ())),
@@ -145,9 +141,9 @@ def _begin(subject: Subject) -> str:
     return "Copy this to mapping.yaml and fill it in."
 
 
-def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str, Any]]) -> str:
-    """Return entries; what is known of a sensor or actuator of a name is filled in."""
-    by_name = {entry[kind]: entry for entry in known}
+def _entries(kind: str, channels: Sequence[Channel], topics: Sequence[Mapping[str, Any]]) -> str:
+    """Return entries; known topics of sensors and actuators are filled in."""
+    by_name = {entry[kind]: entry for entry in topics}
     lines = []
     for channel in channels:
         name = channel.name
@@ -160,19 +156,19 @@ def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str
             continue
         for key, value in values.items():
             if key != kind and not (key == "field" and value == "" and name in by_name):
-                lines.append(f"    {key}: {_shown(key, value)}")
+                lines.append(f"    {key}: {_format_value(key, value)}")
     return "\n".join(lines)
 
 
-def _shown(key: str, value: Any) -> str:  # noqa: ANN401 - of an entry
-    """Return a value of an entry; in place of a topic that a node cannot resolve, an empty one."""
+def _format_value(key: str, value: Any) -> str:  # noqa: ANN401 - of an entry
+    """Format a value of an entry; topics that a node cannot resolve are empty."""
     if key == "topic" and _ROBOT in value:
         return f'""  # in the run: {escape_json(json.dumps(value, ensure_ascii=False))}'
     return _number(repr(value)) if isinstance(value, float) else json.dumps(value)
 
 
 def _wheels(subject: Subject) -> str:
-    """Return an example of how the wheels of the arena's robots become a command of a base."""
+    """Return an example that converts the wheels of the arena's robots to a command of a base."""
     if [actuator.name for actuator in subject.actuators] != _WHEELS:
         return ""
     robot = "robot of the run"
@@ -198,7 +194,7 @@ def _wheels(subject: Subject) -> str:
 
 
 def _scaling(kind: str, channel: Channel) -> dict[str, float]:
-    """Return factor and summand of a sensor or actuator that the simulation scaled, in its unit."""
+    """Return scale and offset of a sensor or actuator that the simulation scales, in its unit."""
     if channel.range is None:
         return {}
     scale, offset = channel.range.from_value if kind == "sensor" else channel.range.to_value
@@ -206,7 +202,7 @@ def _scaling(kind: str, channel: Channel) -> dict[str, float]:
 
 
 def _number(text: str) -> str:
-    """Return a number that readers of YAML 1.1, too, take for one: an exponent needs a point before it."""
+    """Format a number for YAML 1.1, where an exponent needs a decimal point before it."""
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
@@ -217,23 +213,23 @@ _ROS1_TEMPLATES = (
     "src/swarmwright_controller.cpp",
     "launch/controller.launch",
 )
-"""What only ROS 1 has."""
+"""Templates of ROS 1 only."""
 
 
 class Ros1(Exporter):
     """A catkin package with the controller in C and a node that runs it.
 
-    The node reads sensors from topics and publishes commands, as a mapping in YAML says.
+    The node reads sensors from topics and publishes commands, as defined by a mapping in YAML.
     """
 
     form: ClassVar[str] = "ros1"
     untried: ClassVar[str] = "the node, which catkin compiles"
 
     def files(self, subject: Subject, prefix: str) -> Files:
-        """Return the package; its name is the prefix in small letters.
+        """Return the package; its name is the prefix in lower case.
 
-        Raises InputError for a parameter set, which steers nothing, and for prefixes that other files or
-        packages have.
+        Raises InputError for a parameter set, which steers no robot, and for prefixes with the name of
+        another file or package.
         """
         values = values_of(subject, prefix)
         own = {name: render(f"ros1/{name}", values) for name in _ROS1_TEMPLATES}
@@ -245,7 +241,7 @@ class Ros1(Exporter):
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Compile and run the controller's source without ROS, as `--to c` does."""
+        """Compile and run the controller's source without ROS, as for `--to c`."""
         return C().run(folder / "src", prefix, sequences)
 
 
@@ -260,9 +256,9 @@ _ROS2_TEMPLATES = (
     "config/parameters.yaml",
     "scripts/swarmwright_controller_python",
 )
-"""What only ROS 2 has, beside modules."""
+"""Templates of ROS 2 only, without modules."""
 _MODULES = ("__init__", "dds_node", "exported", "rclpy_node")
-"""Modules that are written for the package."""
+"""Modules from templates."""
 _COPIED = (
     "control",
     "dds",
@@ -274,17 +270,17 @@ _COPIED = (
     "rclpy_middleware",
     "topics",
 )
-"""Modules of `simulations.ros`, which the package has copies of, so that robots need no Swarmwright."""
+"""Modules copied from `simulations.ros`, so that robots do not need Swarmwright."""
 _LIBRARIES = frozenset({"cyclonedds", "launch", "launch_ros", "rclpy", "yaml"})
-"""Modules that the nodes import: a package of such a name would be in their place."""
+"""Modules that the nodes import, which a package must not shadow."""
 _ROS = Path(__file__).parents[1] / "simulations" / "ros"
 
 
 class Ros2(Exporter):
     """An ament package with the controller in C and in Python, and nodes that run it.
 
-    One node uses rclcpp, one rclpy, and one needs no ROS 2: it speaks DDS. All read sensors from topics and
-    publish commands as the same mapping in YAML says.
+    One node uses rclcpp, one uses rclpy, and one uses DDS without ROS 2. All read sensors from topics and
+    publish commands, as defined by the same mapping in YAML.
     """
 
     form: ClassVar[str] = "ros2"
@@ -292,18 +288,18 @@ class Ros2(Exporter):
     longest: ClassVar[int] = Python.longest
 
     def files(self, subject: Subject, prefix: str) -> Files:
-        """Return the package; its name is the prefix in small letters.
+        """Return the package; its name is the prefix in lower case.
 
-        Raises InputError for a parameter set, which steers nothing, and for prefixes that other files or
-        packages have.
+        Raises InputError for a parameter set, which steers no robot, and for prefixes with the name of
+        another file or package.
         """
         values = values_of(subject, prefix)
-        values["numpy"] = "  <exec_depend>python3-numpy</exec_depend>" if has_own(subject) else ""
+        values["numpy"] = "  <exec_depend>python3-numpy</exec_depend>" if has_user_modules(subject) else ""
         package = values["package"]
         if package in {*_MODULES, *_COPIED}:
-            raise InputError(f"prefix: {prefix!r} is a file of the package; take another one")
+            raise InputError(f"prefix: {prefix!r} is a file of the package; choose another prefix")
         if package in _LIBRARIES:
-            raise InputError(f"prefix: {prefix!r} is a module that the nodes import; take another one")
+            raise InputError(f"prefix: {prefix!r} is a module that the nodes import; choose another prefix")
         own = {name: render(f"ros2/{name}", values) for name in _ROS2_TEMPLATES}
         check_package(prefix, own["package.xml"])
         python = Python().files(subject, prefix)
@@ -319,8 +315,8 @@ class Ros2(Exporter):
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Run the controller in both languages; return what C computed, unless only that is right."""
+        """Run the controller in both languages; return the result of C if it is wrong, else of Python."""
         compiled = C().run(folder / "src", prefix, sequences)
         interpreted = Python().run(folder / prefix.lower(), prefix, sequences)
-        _, wrong = difference(sequences, compiled)
+        _, wrong = measure_difference(sequences, compiled)
         return compiled if wrong else interpreted

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright.controllers import scxml
 from swarmwright.controllers.source.text import plain
-from swarmwright.export._base import Exporter, Files, facts, not_exported
+from swarmwright.export._base import Exporter, Files, export_error, format_facts
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -21,9 +21,9 @@ class Scxml(Exporter):
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the state machine."""
         if subject.kind != "mealy_fsm":
-            raise not_exported(subject, self.form, ["mealy_fsm"])
+            raise export_error(subject, self.form, ["mealy_fsm"])
         names = [[channel.name for channel in channels] for channels in (subject.sensors, subject.actuators)]
-        lines = facts(subject, "").splitlines()
+        lines = format_facts(subject, "").splitlines()
         if subject.conversion:
             channels = [*subject.sensors, *subject.actuators]
             lines += [
@@ -32,9 +32,9 @@ class Scxml(Exporter):
                 if channel.range is not None
             ]
             lines += subject.conversion
-        return {f"{prefix}.scxml": scxml.scxml_of(subject.specification, names[0], names[1], lines)}
+        return {f"{prefix}.scxml": scxml.to_scxml(subject.specification, names[0], names[1], lines)}
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Read the state machine, and run it by the engine."""
+        """Read the state machine, and run it in the engine."""
         specification = scxml.read(folder / f"{prefix}.scxml").specification()
-        return Sequences.computed(specification, sequences.first, sequences.sensors).actuators
+        return Sequences.compute(specification, sequences.first, sequences.sensors).actuators

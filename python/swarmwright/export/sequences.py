@@ -1,4 +1,4 @@
-"""Sequences of sensors, and the actuators that the engine's controller gives for them."""
+"""Sequences of sensors, and the actuators that the engine's controller computes."""
 
 import json
 from collections.abc import Mapping
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.values import ComparedByValue
-from swarmwright.controllers.kinds import kind_of, part
+from swarmwright.controllers.kinds import import_part, kind_of
 
 RANDOM_SEQUENCES = 10_000
 LONGEST = 30
 _OPERATIONS = 1e8
-"""Of nodes, at most, in all random sequences together: so that large networks are verified in minutes."""
+"""Most node operations in all random sequences, so that large networks are verified within minutes."""
 
 _LARGEST_SENSED = np.float32(1000)
 _BITS = [
@@ -31,18 +31,19 @@ _REFUSED = [0x7FC00000, 0x7F800000, 0xFF800000]
 
 @dataclass(frozen=True, eq=False)
 class Sequences(ComparedByValue):
-    """Steps of one controller, some of which begin a sequence."""
+    """Steps of a controller, divided into sequences."""
 
     first: NDArray[np.bool_]
     """(steps,) whether the controller is reset before the step."""
     sensors: NDArray[np.float32]
     """(steps, sensors)"""
     actuators: NDArray[np.float32]
-    """(steps, actuators); rows of refused steps hold nothing."""
+    """(steps, actuators); rows of refused steps are meaningless."""
     accepted: NDArray[np.bool_]
-    """(steps,) False where the controller refuses the sensors, and keeps its state; see `computed`."""
+    """(steps,) False if the controller refuses the sensors and keeps its state; see `compute`."""
     may_overflow: NDArray[np.bool_] | None = None
-    """(steps,) where a recurrent network may have overflowed, see `possible_overflows`; None for nowhere."""
+    """(steps,) whether a recurrent network may have overflowed, see `find_possible_overflows`; None:
+    never."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -53,64 +54,73 @@ class Sequences(ComparedByValue):
         """Number of sequences."""
         return int(self.first.sum())
 
-    def until(self, steps: int) -> "Sequences":
-        """Return the whole sequences at the beginning that have so many steps at most, one at least."""
+    def take_first(self, steps: int) -> "Sequences":
+        """Return the first whole sequences with at most `steps` steps, but at least one sequence."""
         ends = [*np.flatnonzero(self.first)[1:].tolist(), len(self)]
         end = max([ends[0], *(end for end in ends if end <= steps)])
         return self.part(slice(end))
 
-    def part(self, part: slice | NDArray[np.bool_]) -> "Sequences":
-        """Return some of the steps, those at the beginning of their sequences."""
-        overflows = None if self.may_overflow is None else self.may_overflow[part]
+    def part(self, selection: slice | NDArray[np.bool_]) -> "Sequences":
+        """Return a part of the steps, whose sequences are not interrupted."""
+        overflows = None if self.may_overflow is None else self.may_overflow[selection]
         return Sequences(
-            self.first[part], self.sensors[part], self.actuators[part], self.accepted[part], overflows
+            self.first[selection],
+            self.sensors[selection],
+            self.actuators[selection],
+            self.accepted[selection],
+            overflows,
         )
 
     @classmethod
-    def computed(
+    def compute(
         cls,
         specification: Mapping[str, Any],
         first: NDArray[np.bool_],
         sensors: NDArray[np.float32],
         accepted: NDArray[np.bool_] | None = None,
     ) -> "Sequences":
-        """Return what the engine's controller does in these steps; of modules in Python, what these do.
+        """Compute the actuators of the engine's controller, or of modules in Python.
 
         Args:
             specification: of the controller.
             first: (steps,) whether the controller is reset before the step.
             sensors: (steps, sensors)
-            accepted: (steps,) which steps are done; by default those without a sensor that is NaN or
-                infinite, and without a random number of modules that is not from 0 to 1.
+            accepted: (steps,) which steps are executed; by default those with finite sensors and, for
+                modules,
+                a random number in 0..1.
         """
         if accepted is None:
-            accepted = accepted_steps(specification, sensors)
+            accepted = find_accepted(specification, sensors)
         if kind_of(specification).swarm:
-            return _in_python(specification, first, sensors, accepted)
+            return _compute_in_python(specification, first, sensors, accepted)
         with engine_errors("controller: "):
             controller = _engine.Controller(json.dumps(dict(specification), allow_nan=False))
         actuators = np.zeros((len(first), controller.actuators), np.float32)
-        for step, (begins, row, fits) in enumerate(
+        for step, (begins, row, is_accepted) in enumerate(
             zip(first.tolist(), sensors, accepted.tolist(), strict=True)
         ):
             if begins:
                 controller.reset()
-            if fits:
+            if is_accepted:
                 actuators[step] = controller.step(row)
         return cls(
-            first, sensors, actuators, accepted, possible_overflows(specification, first, actuators, accepted)
+            first,
+            sensors,
+            actuators,
+            accepted,
+            find_possible_overflows(specification, first, actuators, accepted),
         )
 
 
-def accepted_steps(
+def find_accepted(
     specification: Mapping[str, Any], sensors: NDArray[np.float32], *, checks_random: bool = True
 ) -> NDArray[np.bool_]:
-    """Return which steps, (steps,), exported controllers do not refuse.
+    """Return a mask, (steps,), of the steps that exported controllers accept.
 
     Args:
         specification: of the controller.
         sensors: (steps, sensors)
-        checks_random: modules refuse a random number that is not from 0 to 1, see `Subject.checks_random`.
+        checks_random: whether modules refuse a random number outside 0..1, see `Subject.checks_random`.
     """
     accepted: NDArray[np.bool_] = np.array(np.isfinite(sensors).all(axis=1))
     sensor = kind_of(specification).random_sensor
@@ -120,17 +130,17 @@ def accepted_steps(
     return accepted
 
 
-def possible_overflows(
+def find_possible_overflows(
     specification: Mapping[str, Any],
     first: NDArray[np.bool_],
     actuators: NDArray[np.float32],
     accepted: NDArray[np.bool_],
 ) -> NDArray[np.bool_] | None:
-    """Return where a recurrent network may have overflowed, None for other kinds.
+    """Return a mask of steps in which a recurrent network may have overflowed; None for other kinds.
 
-    The engine's network is then NaN in all nodes for ever, and its actuators are 0; an exported one refuses
-    steps until it is reset. That may be so in the steps at the end of a sequence in which all actuators are
-    0, and in the one before, in which some may be.
+    After an overflow, all nodes of the engine's network are NaN and its actuators 0; an exported network
+    refuses steps until a reset. This is possible in the last steps of a sequence in which all actuators are
+    0, and in the step before them.
 
     Args:
         specification: of the controller.
@@ -140,22 +150,22 @@ def possible_overflows(
     """
     if not kind_of(specification).overflows:
         return None
-    found = np.zeros(len(first), np.bool_)
+    mask = np.zeros(len(first), np.bool_)
     moves = accepted & actuators.view(np.uint32).any(axis=1)
     for begin, end in pairwise([*np.flatnonzero(first).tolist(), len(first)]):
         moving = np.flatnonzero(moves[begin:end])
-        found[begin + int(moving.max(initial=0)) : end] = True
-    return found
+        mask[begin + int(moving.max(initial=0)) : end] = True
+    return mask
 
 
-def _in_python(
+def _compute_in_python(
     specification: Mapping[str, Any],
     first: NDArray[np.bool_],
     sensors: NDArray[np.float32],
     accepted: NDArray[np.bool_],
 ) -> Sequences:
-    """Return what a machine with modules in Python does, all sequences side by side."""
-    swarm = part(kind_of(specification).swarm)(
+    """Compute the actuators of a machine with modules in Python, for all sequences at once."""
+    swarm = import_part(kind_of(specification).swarm)(
         specification, np.array([specification["weights"]], dtype=np.float32)
     )
     starts = np.flatnonzero(first)
@@ -163,14 +173,14 @@ def _in_python(
     actuators = np.zeros((len(first), int(specification["actuators"])), np.float32)
     swarm.restart(np.zeros(len(starts), dtype=np.int64))
     for step in range(int(lengths.max(initial=0))):
-        going = np.flatnonzero(lengths > step)
-        going = going[accepted[starts[going] + step]]
-        rows = starts[going] + step
-        actuators[rows] = swarm.step(going, sensors[rows])
+        active = np.flatnonzero(lengths > step)
+        active = active[accepted[starts[active] + step]]
+        rows = starts[active] + step
+        actuators[rows] = swarm.step(active, sensors[rows])
     return Sequences(first, sensors, actuators, accepted)
 
 
-def random_sequences(
+def draw_random_sequences(
     specification: Mapping[str, Any],
     count: int = RANDOM_SEQUENCES,
     *,
@@ -178,15 +188,15 @@ def random_sequences(
     longest: int = LONGEST,
     checks_random: bool = True,
 ) -> Sequences:
-    """Return sequences of 1 to `longest` steps, the same ones for the same controller.
+    """Return sequences of 1 to `longest` steps, the same for the same controller.
 
-    Sensors are uniform in -1..1, or larger and smaller by up to forty orders of magnitude, or numbers at
-    which arithmetic and thresholds change: zeros, subnormal, huge ones.
+    Sensors are uniform in -1..1, or larger and smaller by up to forty orders of magnitude, or special numbers
+    for arithmetic and thresholds: zeros, subnormal, huge numbers.
 
-    refused: some steps have a sensor that is NaN or infinite, or a random number outside of 0 to 1. Of a
-    machine with modules in Python, sensors are in -1000..1000: what these do with others is their author's.
+    refused: whether some steps have NaN or infinite sensors, or a random number outside 0..1. For a machine
+    with modules in Python, sensors are in -1000..1000, since its modules may not support other values.
 
-    checks_random: see `accepted_steps`; without it the sensor of random numbers is as the others.
+    checks_random: see `find_accepted`; without it the random sensor is like the others.
     """
     width = int(specification["sensors"])
     numbers = np.random.default_rng(2026)
@@ -195,14 +205,14 @@ def random_sequences(
     lengths = numbers.integers(1, longest + 1, count)
     first = np.zeros(int(lengths.sum()), np.bool_)
     first[np.concatenate([[0], np.cumsum(lengths)[:-1]])] = True
-    which = np.repeat(np.arange(count) % 4, lengths)
+    sequence_kind = np.repeat(np.arange(count) % 4, lengths)
     sensors = numbers.uniform(-1, 1, (len(first), width))
-    sensors[which == 1] *= 10
+    sensors[sequence_kind == 1] *= 10
     magnitudes = 10.0 ** numbers.uniform(-45, 38, (len(first), width))
-    sensors = np.where((which == 2)[:, None], sensors * magnitudes, sensors).astype(np.float32)
-    special = _special(specification)
+    sensors = np.where((sequence_kind == 2)[:, None], sensors * magnitudes, sensors).astype(np.float32)
+    special = _special_numbers(specification)
     chosen = special[numbers.integers(0, len(special), sensors.shape)]
-    share = np.array([0.02, 0.02, 0.05, 0.5])[which]
+    share = np.array([0.02, 0.02, 0.05, 0.5])[sequence_kind]
     sensors = np.where(numbers.random(sensors.shape) < share[:, None], chosen, sensors)
     kind = kind_of(specification)
     if checks_random and kind.random_sensor is not None:
@@ -215,29 +225,34 @@ def random_sequences(
         values = np.array(_REFUSED, np.uint32).view(np.float32)
         sensors[bad, numbers.integers(0, width, len(bad))] = values[numbers.integers(0, 3, len(bad))]
     drawn = np.ascontiguousarray(sensors, np.float32)
-    accepted = accepted_steps(specification, drawn, checks_random=checks_random)
-    return Sequences.computed(specification, first, drawn, accepted)
+    accepted = find_accepted(specification, drawn, checks_random=checks_random)
+    return Sequences.compute(specification, first, drawn, accepted)
 
 
-def _special(specification: Mapping[str, Any]) -> NDArray[np.float32]:
-    thresholds = [sequence for of_one in specification.get("thresholds", ()) for sequence in of_one]
+def _special_numbers(specification: Mapping[str, Any]) -> NDArray[np.float32]:
+    thresholds = [edge for edges in specification.get("thresholds", ()) for edge in edges]
     edges = np.array(thresholds, np.float32)
-    near = [np.nextafter(edges, np.float32(way), dtype=np.float32) for way in (-np.inf, np.inf)]
-    found: NDArray[np.float32] = np.concatenate([np.array(_BITS, np.uint32).view(np.float32), edges, *near])
-    return found[np.isfinite(found)]
+    neighbours = [
+        np.nextafter(edges, np.float32(direction), dtype=np.float32) for direction in (-np.inf, np.inf)
+    ]
+    numbers: NDArray[np.float32] = np.concatenate(
+        [np.array(_BITS, np.uint32).view(np.float32), edges, *neighbours]
+    )
+    return numbers[np.isfinite(numbers)]
 
 
-def difference(expected: Sequences, found: NDArray[np.float32]) -> tuple[float, int]:
-    """Return the largest absolute difference of actuators, and how many differ in their bits.
+def measure_difference(expected: Sequences, actuators: NDArray[np.float32]) -> tuple[float, int]:
+    """Return the largest absolute difference of actuators, and the number of actuators whose bits differ.
 
-    found: (steps, actuators). Raises InputError for another shape, which a program that stopped early gives.
+    actuators: (steps, actuators). Raises InputError for another shape, as of a program that stopped early.
     """
-    if found.shape != expected.actuators.shape:
+    if actuators.shape != expected.actuators.shape:
         raise InputError(
-            f"verification: {found.shape} actuators came back, expected {expected.actuators.shape}"
+            f"verification: the program returned {actuators.shape} actuators, expected "
+            f"{expected.actuators.shape}"
         )
-    right, given = expected.actuators[expected.accepted], found[expected.accepted]
-    other = int((right.view(np.uint32) != given.view(np.uint32)).sum())
-    distance = np.abs(right.astype(np.float64) - given.astype(np.float64))
+    right, computed = expected.actuators[expected.accepted], actuators[expected.accepted]
+    differing = int((right.view(np.uint32) != computed.view(np.uint32)).sum())
+    distance = np.abs(right.astype(np.float64) - computed.astype(np.float64))
     distance[np.isnan(distance)] = np.inf
-    return float(distance.max(initial=0.0)), other
+    return float(distance.max(initial=0.0)), differing

@@ -1,4 +1,4 @@
-"""What an FMU of a simulation holds: its variables, with the value references of `engine/bindings/fmi`."""
+"""Variables of FMUs of simulations, with the value references of `engine/bindings/fmi`."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.ranges import Range, ranges_of
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.export.fmu_parts import named, unit_name
+from swarmwright.export.fmu_parts import name_variables, unit_name
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.physics import AnyHost
 
@@ -25,21 +25,21 @@ _FIRST_METRIC = 10_000
 _FIRST_AGENT = 100_000
 _MOST_VARIABLES = 200_000
 _LARGEST_INTEGER = 2**31 - 1
-"""Of FMI 2.0's type Integer."""
+"""Largest value of FMI 2.0's type Integer."""
 _UNITS = {"metres": "m", "seconds": "s", "radians": "rad", "metres per second": "m/s"}
-"""Words of simulations, as FMUs name them."""
+"""Units of simulations -> their names in FMUs."""
 _UNIT = re.compile(rf"\b({'|'.join(sorted(_UNITS, key=len, reverse=True))})\b")
 _NUMBER = r"-?\d(?:[\d,.]*\d)?"
 _LIMITS = re.compile(rf"(?<![\w.])({_NUMBER}) to ({_NUMBER})(?!\w)")
 _AT_LEAST = re.compile(rf"\bat least ({_NUMBER})(?!\w)")
-"""How descriptions of the parameters of built-in simulations give limits, and a lower limit alone."""
+"""Patterns of limits, and of a lower limit, in descriptions of built-in simulations' parameters."""
 _STEP_LIMITS = {"emergency_exit": "steps", "minisim": "maxSteps"}
-"""Parameters that say after how many steps an episode ends."""
+"""Parameters with the number of steps of an episode."""
 _TICK_S = 0.1
-"""Of the arena."""
+"""Duration of a tick of the arena."""
 
 Limits = tuple[float | None, float | None]
-"""Smallest and largest value, None where there is none."""
+"""Smallest and largest value; None: no limit."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ class Variable:
     unit: str = ""
     range: Limits = (None, None)
     stands_for: Range | None = None
-    """What -1 and 1 stand for; None where it is not scaled."""
+    """Values of -1 and 1; None if the variable is not scaled."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter that masters can set."""
+    """A parameter that importers can set."""
 
     name: str
     kind: Kind
@@ -71,12 +71,12 @@ class Parameter:
 
 
 class Start(NamedTuple):
-    """What is known of an episode after its first step."""
+    """Properties of an episode after its first step."""
 
     agents: int
-    """How many act."""
+    """Number of acting agents."""
     turns: int
-    """How many steps of an FMU it takes: 1, or the number of agents where they act in turn."""
+    """Steps of an FMU per step: 1, or the number of agents if they act in turn."""
     period: float
     """Seconds of a step of the FMU."""
 
@@ -89,32 +89,32 @@ class Model:
     description: Mapping[str, Any]
     """See `catalogue.description`."""
     base: Mapping[str, Any]
-    """Parameters that are set, without the seed."""
+    """Values of parameters, without the seed."""
     seed: int
     agents: int
     period: float
-    """Seconds of a step."""
+    """Duration of a step in seconds."""
     duration: float | None = None
-    """Seconds after which every episode with these parameters has ended; None where they are not known."""
+    """Duration of the longest episode with these parameters in seconds; None if unknown."""
     parameters: list[Parameter] = field(default_factory=list)
     dimensions: float | None = None
-    """Of a proxy: number of spatial dimensions of the servers that are looked for."""
+    """For a proxy: number of spatial dimensions required of servers."""
     groups: Sequence[DeclaredGroup] = ()
-    """Kinds of agents in the order of the agents, where they differ."""
+    """Groups of agents in the order of the agents, if they differ."""
     ranges: Mapping[str | None, Mapping[str, Any]] = field(default_factory=dict)
-    """What -1 and 1 of sensors and actuators stand for, see `catalogue.ranges`: by group, or all by None."""
+    """Ranges of sensors and actuators, see `catalogue.ranges`: by group, or None for all agents."""
 
     @classmethod
-    def of(cls, title: str, parameters: Mapping[str, Any]) -> "Model":
+    def from_simulation(cls, title: str, parameters: Mapping[str, Any]) -> "Model":
         """Return the model of a built-in simulation.
 
-        Raises InputError for another one, and for parameters that it does not have or refuses.
+        Raises InputError for another simulation, and for unknown or invalid parameters.
         """
-        known = catalogue.titles()
-        if title not in known:
+        titles = catalogue.titles()
+        if title not in titles:
             raise InputError(
-                f"simulation {title}: an FMU holds a simulation that is built in, {', '.join(known)}"
-                f"{did_you_mean(title, list(known)) or ''}"
+                f"simulation {title}: FMUs are limited to the built-in simulations {', '.join(titles)}"
+                f"{did_you_mean(title, list(titles)) or ''}"
             )
         base = {name: value for name, value in parameters.items() if name != "seed"}
         seed = int(parameters.get("seed", 0)) % 2**64
@@ -122,8 +122,8 @@ class Model:
         for name in base:
             if name not in description["parameters"]:
                 hint = did_you_mean(name, list(description["parameters"])) or ""
-                raise InputError(f"parameters.{name}: {title} has no such parameter{hint}")
-        start = started(
+                raise InputError(f"parameters.{name}: unknown parameter of {title}{hint}")
+        start = measure_start(
             catalogue.make_playable(title),
             base,
             seed,
@@ -139,7 +139,7 @@ class Model:
             start.agents,
             start.period,
             duration=_duration(title, {**_defaults(description), **base}, start),
-            parameters=_with_agents(parameters_of(description, base, have_limits=True), start.agents),
+            parameters=_with_agents(collect_parameters(description, base, have_limits=True), start.agents),
             groups=catalogue.groups(title, dict(parameters)),
         )
 
@@ -149,7 +149,7 @@ class Model:
         return list(self.description["metrics"])
 
     def content(self, token: str) -> dict[str, Any]:
-        """Return what the library reads, `resources/model.json`."""
+        """Return the content of `resources/model.json`, which the library reads."""
         return {
             "token": token,
             "title": self.title,
@@ -168,7 +168,7 @@ class Model:
         }
 
     def variables(self) -> Iterator[Variable]:
-        """Give all variables, but for the time."""
+        """Yield all variables except the time."""
         yield Variable("seed", SEED, "seed", "parameter", "Seed of the episode, at least 0", start=self.seed)
         for index, parameter in enumerate(self.parameters):
             kind: Any = {"number": "double", "json": "text"}.get(parameter.kind, parameter.kind)
@@ -182,10 +182,10 @@ class Model:
         for index, (name, about) in enumerate(self.description["metrics"].items()):
             text, unit = about["description"], unit_of(about["unit"])
             yield Variable(f"metrics.{name}", _FIRST_METRIC + index, "double", "output", text, unit=unit)
-        yield from self._of_agents()
+        yield from self._agent_variables()
 
-    def _of_agents(self) -> Iterator[Variable]:
-        most = {which: int(self.description[f"{which}s"]) for which in ("sensor", "actuator")}
+    def _agent_variables(self) -> Iterator[Variable]:
+        most = {noun: int(self.description[f"{noun}s"]) for noun in ("sensor", "actuator")}
         groups = [group for group in self.groups for _ in range(group.agents)]
         for agent in range(self.agents):
             group = groups[agent] if agent < len(groups) else None
@@ -206,26 +206,28 @@ class Model:
                 about = f"{text}{_words(scale) or ', -1 to 1'}"
                 yield Variable(full, number, "single", "input", about, 0.0, unit, (-1.0, 1.0), scale)
 
-    def _channels(self, which: str, group: DeclaredGroup | None) -> list[tuple[str, str, str, Range | None]]:
-        """Return name, text and unit of an agent's sensors or actuators, and what -1 and 1 stand for."""
+    def _channels(self, noun: str, group: DeclaredGroup | None) -> list[tuple[str, str, str, Range | None]]:
+        """Return name, text, unit and range of an agent's sensors or actuators."""
         if group is None:
-            count = self.description[f"{which}s"]
-            names, units = self.description[f"{which}_names"], self.description[f"{which}_units"]
+            count = self.description[f"{noun}s"]
+            names, units = self.description[f"{noun}_names"], self.description[f"{noun}_units"]
         else:
-            count, names, units = getattr(group, f"{which}s"), getattr(group, f"{which}_names"), ()
+            count, names, units = getattr(group, f"{noun}s"), getattr(group, f"{noun}_names"), ()
         texts = [str(name) for name in names]
         if len(texts) != count:
-            texts = [f"{which} {index + 1}" for index in range(count)]
-        known = [unit_of(unit) for unit in units] if len(units) == count else [""] * count
-        given = self.ranges.get(None if group is None else group.name, {}).get(f"{which}_ranges", ())
-        ranges = ranges_of(given, count) or (None,) * count
-        about = [
+            texts = [f"{noun} {index + 1}" for index in range(count)]
+        known_units = [unit_of(unit) for unit in units] if len(units) == count else [""] * count
+        declared_ranges = self.ranges.get(None if group is None else group.name, {}).get(f"{noun}_ranges", ())
+        ranges = ranges_of(declared_ranges, count) or (None,) * count
+        units_and_ranges = [
             (unit, None) if limits is None else ("", limits._replace(unit=limits.unit or unit))
-            for limits, unit in zip(ranges, known, strict=True)
+            for limits, unit in zip(ranges, known_units, strict=True)
         ]
         return [
-            (name, text, *rest)
-            for name, text, rest in zip(named(f"{which}s", texts), texts, about, strict=True)
+            (name, text, *unit_and_range)
+            for name, text, unit_and_range in zip(
+                name_variables(f"{noun}s", texts), texts, units_and_ranges, strict=True
+            )
         ]
 
 
@@ -234,26 +236,26 @@ def _words(stands_for: Range | None) -> str:
 
 
 def unit_of(words: str) -> str:
-    """Return a unit as FMUs name it: m for metres."""
+    """Return the name of a unit in FMUs: m for metres."""
     return _UNITS.get(words, unit_name(words))
 
 
 def check_size(title: str, agents: int, description: Mapping[str, Any]) -> None:
-    """Raise InputError where agents have more variables than an FMU may have."""
+    """Raise InputError if the agents have too many variables for an FMU."""
     variables = agents * (1 + description["sensors"] + description["actuators"])
     if variables > _MOST_VARIABLES:
         raise InputError(
-            f"simulation {title}: {agents:,} agents make {variables:,} variables; an FMU has at most "
-            f"{_MOST_VARIABLES:,}: take fewer agents"
+            f"simulation {title}: {agents:,} agents have {variables:,} variables, but the limit of an "
+            f"FMU is {_MOST_VARIABLES:,}; use fewer agents"
         )
 
 
-def parameters_of(
+def collect_parameters(
     description: Mapping[str, Any], base: Mapping[str, Any], *, have_limits: bool
 ) -> list[Parameter]:
     """Return the parameters of a description, with the values of `base`.
 
-    have_limits: whether their descriptions say unit and range, as those of built-in simulations do.
+    have_limits: whether descriptions contain unit and range, as in built-in simulations.
     """
     parameters = [
         _parameter(name, about, base)
@@ -263,16 +265,16 @@ def parameters_of(
     return [_with_limits(parameter) for parameter in parameters] if have_limits else parameters
 
 
-def started(
+def measure_start(
     simulation: str | AnyHost,
     base: Mapping[str, Any],
     seed: int,
     actuators: int,
     step_seconds: float | None,
 ) -> Start:
-    """Return what is known after the first step of an episode.
+    """Run the first step of an episode and return its properties.
 
-    step_seconds: None where the simulation has no physical time: then they are those for which it is shown.
+    step_seconds: None without physical time; then the seconds for which a step is shown are used.
     """
     with engine_errors():
         episodes = _engine.Episodes(simulation, dict(base), [seed])
@@ -292,7 +294,7 @@ def _defaults(description: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _duration(title: str, parameters: Mapping[str, Any], start: Start) -> float | None:
-    """Return the seconds after which any episode of a built-in simulation has ended; None where not known."""
+    """Return the duration of the longest episode of a built-in simulation in seconds; None if unknown."""
     if title in _STEP_LIMITS:
         steps = int(parameters[_STEP_LIMITS[title]])
     else:
@@ -304,30 +306,30 @@ def _duration(title: str, parameters: Mapping[str, Any], start: Start) -> float 
 
 
 def _mission_seconds(mission: Any) -> float | None:  # noqa: ANN401 - a name or an object
-    """Return the duration of a mission of the arena; None for an object that does not say it."""
+    """Return the duration of a mission of the arena; None for an object without a duration."""
     if isinstance(mission, Mapping):
         return mission.get("duration")
-    known = {entry[key]: entry["duration"] for entry in _engine.missions() for key in ("name", "also")}
-    return known.get(mission)
+    durations = {entry[key]: entry["duration"] for entry in _engine.missions() for key in ("name", "also")}
+    return durations.get(mission)
 
 
 def _with_limits(parameter: Parameter) -> Parameter:
-    """Return a number with the unit and the range that its description says."""
+    """Return a parameter with the unit and range of its description."""
     if parameter.kind not in ("integer", "number"):
         return parameter
     kind = int if parameter.kind == "integer" else float
-    found = _LIMITS.search(parameter.description) or _AT_LEAST.search(parameter.description)
-    numbers = [kind(number.replace(",", "")) for number in found.groups()] if found else []
+    match = _LIMITS.search(parameter.description) or _AT_LEAST.search(parameter.description)
+    numbers = [kind(number.replace(",", "")) for number in match.groups()] if match else []
     low, high = [*numbers, None, None][:2]
-    # Of FMI's types only the real ones have a unit.
+    # Only FMI's real types have a unit.
     unit = _UNIT.search(parameter.description) if parameter.kind == "number" else None
     return replace(parameter, unit=_UNITS[unit[1]] if unit else "", range=(low, high))
 
 
 def _with_agents(parameters: Sequence[Parameter], agents: int) -> list[Parameter]:
-    """Limit the numbers of agents to those that the FMU has variables for.
+    """Limit the numbers of agents to those with variables in the FMU.
 
-    agents: how many it has: defenders come after the others where controllers steer them, too.
+    agents: their number; defenders follow the other agents if controllers steer them, too.
     """
     starts = {parameter.name: parameter.start for parameter in parameters}
     limits: dict[str, Limits] = {}

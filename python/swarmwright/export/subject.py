@@ -1,7 +1,4 @@
-"""What is exported: a candidate of a run, the names of what it senses and does, recorded episodes.
-
-One controller of a team, to be exported by itself.
-"""
+"""The subject of an export: a candidate of a run, its sensors and actuators, and recorded episodes."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -17,12 +14,12 @@ from swarmwright.common.ranges import CONVERSION, Range, ranges_of, shortest_dec
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.warn_once import warn_once
-from swarmwright.controllers.kinds import kind_of, words_of
+from swarmwright.controllers.kinds import describe_controller, kind_of
 from swarmwright.controllers.source import Evolved
 from swarmwright.controllers.source.text import plain
 from swarmwright.controllers.teams import is_team, parts_of
-from swarmwright.export.arena_words import actuator_meaning, robot_in, sensor_meaning
-from swarmwright.export.sequences import Sequences, possible_overflows, random_sequences
+from swarmwright.export.arena_words import describe_actuator, describe_sensor, robot_in
+from swarmwright.export.sequences import Sequences, draw_random_sequences, find_possible_overflows
 from swarmwright.runs.choice import choose
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.command.ros_definition import RosOptions
@@ -37,40 +34,38 @@ class Member:
     """The controller of a group of agents."""
 
     name: str
-    """Of the group."""
+    """Name of the group."""
     specification: Mapping[str, Any]
-    """With its weights."""
+    """Specification with weights."""
     first: int
-    """The first agent that has it."""
+    """Index of its first agent."""
     last: float
-    """The agent after the last one; infinite where all other agents have it."""
+    """Index after its last agent; infinite for all remaining agents."""
 
 
-def member_of(specification: Mapping[str, Any], group: str | None, where: str) -> Member | None:
-    """Return the controller of a group; None where agents do not differ.
+def select_member(specification: Mapping[str, Any], group: str | None, label: str) -> Member | None:
+    """Return the controller of a group; None if all agents share one controller.
 
     Args:
         specification: the whole controller.
-        group: its name, None where none was given.
-        where: what has the controller, for messages.
+        group: its name, or None.
+        label: name of the run, for messages.
 
-    Raises InputError for a group that there is not, or none for a team.
+    Raises InputError for an unknown group, or a missing group for a team.
     """
     if not is_team(specification):
         if group is not None:
-            raise InputError(
-                f"group: {where} has one controller for all agents; leave the group {group!r} out"
-            )
+            raise InputError(f"group: {label} has one controller for all agents; remove the group {group!r}")
         return None
     names = [str(entry["name"]) for entry in specification["groups"]]
     if group is None:
         raise InputError(
-            f"group: {where} has a controller for each group of agents; name one of {', '.join(names)} "
+            f"group: {label} has a controller for each group of agents; name a group, {', '.join(names)} "
             "(--group NAME)"
         )
     if group not in names:
-        hint = did_you_mean(group, names) or f"; there are {', '.join(names)}"
-        raise InputError(f"group: {where} has no group {group!r}{hint}")
+        hint = did_you_mean(group, names) or f"; its groups are {', '.join(names)}"
+        raise InputError(f"group: {label} has no group {group!r}{hint}")
     first = 0
     for entry in specification["groups"]:
         last = float("inf") if entry["agents"] is None else first + int(entry["agents"])
@@ -82,13 +77,13 @@ def member_of(specification: Mapping[str, Any], group: str | None, where: str) -
 
 _EPISODES = 5
 _STEPS = 20_000
-"""Sensor-actuator exchanges that are recorded; then the episode under way is finished, and no other begun."""
+"""Recorded steps after which no further episode begins."""
 _GOLDEN = 4_000
-"""Numbers in a self-test, about."""
+"""Approximate numbers in a self-test."""
 RANDOM = "random"
-"""The name of a sensor that is no measurement: a new random number in each step."""
+"""Name of a sensor that is a new random number in each step."""
 _EPISODES_WITHOUT = 20
-"""Random sequences in a self-test of a controller whose simulation cannot be run."""
+"""Random sequences in a self-test without recorded episodes."""
 
 
 @dataclass(frozen=True)
@@ -96,69 +91,70 @@ class Channel:
     """A sensor or an actuator."""
 
     name: str
-    """The simulation's own, any text: each format quotes it."""
+    """Name in the simulation, arbitrary text, which each format must quote."""
     unit: str
-    """As the name; empty where it is not known, and where the value is scaled: the range has it then."""
+    """Unit, arbitrary text; empty if unknown, or if the value is scaled and `range` has the unit."""
     limits: str
-    """Between which values it lies, and what they stand for or mean: any text, as the name."""
+    """Limits and meaning of the values, arbitrary text."""
     range: Range | None = None
-    """What -1 and 1 stand for, of a value that is scaled; see `Range` for the conversion."""
+    """Values of -1 and 1 for a scaled value; see `Range` for the conversion."""
 
 
 @dataclass(frozen=True)
 class Subject(Evolved):
-    """A controller and where it comes from."""
+    """A controller and its origin."""
 
     facts: tuple[tuple[str, str], ...] = ()
-    """Where it comes from, in lines of a name and a text."""
+    """Origin as pairs of name and text."""
     description: Mapping[str, Any] = field(default_factory=dict)
-    """Of sensors and actuators, see `catalogue.channels`; empty where it is not known.
+    """Sensors and actuators, see `catalogue.channels`; empty if unknown.
 
-    Besides these, `sensor_meanings` and `actuator_meanings` where they are known: a text for each, or none.
+    Also `sensor_meanings` and `actuator_meanings` if known: a text for each, or an empty string.
     """
     episodes: Sequences | None = None
-    """What the agents sensed and did in episodes of the run; None where the simulation could not be run."""
+    """Sensors and actuators of agents in episodes of the run; None if the simulation could not be run."""
     episode_count: int = 0
     reason: str = ""
-    """Why there are no episodes."""
+    """Reason for missing episodes."""
     topics: Mapping[str, Any] = field(default_factory=dict)
-    """Of robots of a ROS system: sensors and actuators as in a mapping, and the rate where it is known.
+    """Topics of ROS robots: sensors and actuators as in a mapping, and the rate if known.
 
-    Names of topics may contain {robot}, which stands for the robot's name and which no mapping may have.
+    Names of topics may contain {robot}, a placeholder of the robot's name, which is not allowed in mappings.
     """
     values: Mapping[str, Any] = field(default_factory=dict)
-    """Of a parameter set, by name."""
+    """Values of a parameter set, by name."""
     ranges: Mapping[str, str] = field(default_factory=dict)
-    """Of the parameters of a parameter set, in words."""
+    """Ranges of the parameters of a parameter set, as text."""
     step_size: float = 0.0
-    """Seconds of a step in the world that is simulated; 0 where they are not known."""
+    """Duration of a step in the simulated world in seconds; 0 if unknown."""
     wheels: tuple[float, float] = (0.0, 0.0)
-    """Of a robot with two wheels: metres per second for 1, and between the wheels; 0 where not known."""
+    """Wheels of a robot: metres per second for 1, and distance between the wheels; 0 if unknown."""
     shown_seconds: float = 0.0
-    """Seconds for which a step is shown; 0 where they are not known."""
+    """Seconds for which a step is shown; 0 if unknown."""
 
     @property
     def unknown(self) -> str:
-        """What is not known of its sensors and actuators, and why; empty where they are described."""
+        """Message on unknown sensors and actuators; empty if they are described."""
         if not self.steers or self.description:
             return ""
-        return f"names, units and ranges of sensors and actuators are not known: {self.reason}"
+        return f"names, units and ranges of sensors and actuators are unknown: {self.reason}"
 
     @property
     def steers(self) -> bool:
-        """Whether it steers agents, which a parameter set does not."""
+        """Whether it steers agents; False for a parameter set."""
         return "sensors" in self.specification
 
     @cached_property
     def sensors(self) -> list[Channel]:
-        """The sensors, in their order; their limits are those seen in the recorded episodes."""
-        seen = self.episodes.sensors if self.episodes is not None and len(self.episodes) else None
-        found = []
+        """The sensors in order, with their limits in the recorded episodes."""
+        recorded = self.episodes.sensors if self.episodes is not None and len(self.episodes) else None
+        channels = []
         for index, (name, unit, stands_for) in enumerate(self._channels("sensor")):
             limits = "any finite number" if self.description else "range and scale not known"
-            if seen is not None:
+            if recorded is not None:
                 low, high = (
-                    shortest_decimal(float(end)) for end in (seen[:, index].min(), seen[:, index].max())
+                    shortest_decimal(float(end))
+                    for end in (recorded[:, index].min(), recorded[:, index].max())
                 )
                 limits = f"{low} to {high} in the recorded episodes"
             if name == RANDOM and stands_for is None:
@@ -166,20 +162,20 @@ class Subject(Evolved):
             if stands_for is not None:
                 limits = (
                     stands_for.scaled_words
-                    if seen is None
+                    if recorded is None
                     else f"{stands_for.scaled_words}, scaled: {limits}"
                 )
-            found.append(Channel(name, unit, self._with_meaning("sensor", index, limits), stands_for))
-        return found
+            channels.append(Channel(name, unit, self._with_meaning("sensor", index, limits), stands_for))
+        return channels
 
-    def _with_meaning(self, what: str, index: int, limits: str) -> str:
-        meanings = self.description.get(f"{what}_meanings", ())
+    def _with_meaning(self, noun: str, index: int, limits: str) -> str:
+        meanings = self.description.get(f"{noun}_meanings", ())
         meaning = str(meanings[index]) if index < len(meanings) else ""
         return f"{limits}; {meaning}" if meaning else limits
 
     @cached_property
     def actuators(self) -> list[Channel]:
-        """The actuators, in their order."""
+        """The actuators in order."""
         return [
             Channel(
                 name,
@@ -194,35 +190,35 @@ class Subject(Evolved):
 
     @property
     def conversion(self) -> tuple[str, ...]:
-        """Lines that say how values become numbers of the controller; none where none is scaled."""
+        """Lines that explain the conversion of values; empty if no value is scaled."""
         return (
             CONVERSION
             if any(channel.range is not None for channel in [*self.sensors, *self.actuators])
             else ()
         )
 
-    def _channels(self, what: str) -> list[tuple[str, str, Range | None]]:
-        """Return name, unit and range of each. Raises ValueError for ranges of a bundle that are none."""
-        count = int(self.specification[f"{what}s"])
-        names = list(self.description.get(f"{what}_names", ()))
-        units = list(self.description.get(f"{what}_units", ()))
+    def _channels(self, noun: str) -> list[tuple[str, str, Range | None]]:
+        """Return name, unit and range of each channel. Raises ValueError for invalid ranges of a bundle."""
+        count = int(self.specification[f"{noun}s"])
+        names = list(self.description.get(f"{noun}_names", ()))
+        units = list(self.description.get(f"{noun}_units", ()))
         if len(names) != count:
-            names = [f"{what} {index}" for index in range(count)]
+            names = [f"{noun} {index}" for index in range(count)]
         if len(units) != count:
             units = [""] * count
-        ranges = ranges_of(self.description.get(f"{what}_ranges", ()), count) or (None,) * count
+        ranges = ranges_of(self.description.get(f"{noun}_ranges", ()), count) or (None,) * count
         return [
             (str(name), str(unit), None)
             if stands_for is None
             else (str(name), "", stands_for._replace(unit=stands_for.unit or str(unit)))
-            for name, unit, stands_for in zip(_different(names, what), units, ranges, strict=True)
+            for name, unit, stands_for in zip(_make_unique(names, noun), units, ranges, strict=True)
         ]
 
     @cached_property
     def checks_random(self) -> bool:
-        """Whether exported steps refuse a random number that is not from 0 to 1: for a robot.
+        """Whether exported steps refuse a random sensor outside 0..1.
 
-        Not where a recorded episode has another one: in that simulation, the sensor is something else.
+        False if a recorded episode has other values, since the simulation uses the sensor differently.
         """
         sensor = kind_of(self.specification).random_sensor
         if sensor is None:
@@ -233,86 +229,88 @@ class Subject(Evolved):
         return bool(((recorded >= 0) & (recorded <= 1)).all())
 
     @cached_property
-    def tried(self) -> Sequences:
-        """What self-tests begin with: whole sequences, in some of which a network may overflow."""
+    def self_test_sequences(self) -> Sequences:
+        """Whole sequences for self-tests, in some of which a network may overflow."""
         if self.episodes is None or not len(self.episodes):
-            return random_sequences(self.specification, _EPISODES_WITHOUT, refused=False)
+            return draw_random_sequences(self.specification, _EPISODES_WITHOUT, refused=False)
         width = self.episodes.sensors.shape[1] + self.episodes.actuators.shape[1]
-        return self.episodes.until(_GOLDEN // width)
+        return self.episodes.take_first(_GOLDEN // width)
 
 
-def _different(names: list[Any], what: str) -> list[str]:
-    """Return a different name for each: empty ones and those that occur twice are numbered, from 0."""
+def _make_unique(names: list[Any], noun: str) -> list[str]:
+    """Return unique names: empty and duplicate names are numbered from 0."""
     texts = [str(name).strip() and str(name) for name in names]
     counts = Counter(texts)
-    found: dict[str, None] = {}
+    unique: dict[str, None] = {}
     for index, text in enumerate(texts):
-        name = text or f"{what} {index}"
+        name = text or f"{noun} {index}"
         if counts[text] > 1 and text:
             name = f"{text} {index}"
-        while name in found:
+        while name in unique:
             name = f"{name} {index}"
-        found[name] = None
-    return list(found)
+        unique[name] = None
+    return list(unique)
 
 
-def subject_of(
+def load_subject(
     run: "Run", generation: int | None = None, candidate: int | None = None, group: str | None = None
 ) -> Subject:
-    """Return what is exported of a run.
+    """Return the subject of an export from a run.
 
-    Its simulation is run to record episodes, where that is possible here.
+    The simulation is run to record episodes if it is available.
 
     Args:
-        run: with at least one finished generation.
+        run: a run with at least one finished generation.
         generation: as in `Run.evaluation`.
         candidate: as in `Run.evaluation`.
-        group: of agents, whose controller is exported; needed in a team.
+        group: group of agents whose controller is exported; required for a team.
 
     Raises:
-        InputError: there is no such candidate or group, or its evaluation failed.
+        InputError: the candidate or group does not exist, or its evaluation failed.
     """
     try:
         chosen = choose(run, generation, candidate)
     except RunError as error:
         raise InputError(str(error)) from error
-    where = f"candidate {chosen.candidate} of generation {chosen.generation}"
+    label = f"candidate {chosen.candidate} of generation {chosen.generation}"
     if np.isnan(chosen.fitness):
         raise InputError(
-            f"{run.path}: the evaluation of {where} failed; name one with a fitness: --candidate G:N"
+            f"{run.path}: the evaluation of {label} failed; name another candidate with --candidate G:N"
         )
     facts = _facts(run, chosen)
-    part = member_of(chosen.specification, group, str(run.path))
+    part = select_member(chosen.specification, group, str(run.path))
     if part is not None:
         facts = (
             *facts[:-1],
             ("Group", plain(part.name)),
-            ("Controller", words_of(part.specification)),
+            ("Controller", describe_controller(part.specification)),
         )
     specification = chosen.specification if part is None else part.specification
     if "sensors" not in specification:
         return _parameter_set(run, chosen, facts)
-    topics, real_time = _of_ros(run.experiment.simulation)
+    topics, real_time = _ros_topics(run.experiment.simulation)
     if not catalogue.is_local(run.experiment.simulation):
         reason = f"the simulation {run.experiment.label!r} is not available in this process"
     elif real_time:
-        reason = "its robots move in real time, and are not driven for that"
+        reason = "its robots move in real time"
     else:
         try:
-            return _of_arena(run, _recorded(run, chosen, part, Subject(specification, facts, topics=topics)))
+            return _with_arena_meanings(
+                run, _record_episodes(run, chosen, part, Subject(specification, facts, topics=topics))
+            )
         except SwarmwrightError as error:
             reason = str(error)
-    known = _described(run)
-    description, step = _of_part(known, part), _step_seconds(known)
+    channels = _stored_channels(run)
+    description, step = _select_channels(channels, part), _step_seconds(channels)
     subject = Subject(specification, facts, description, reason=reason, topics=topics, step_size=step)
-    subject = _of_arena(run, subject)
+    subject = _with_arena_meanings(run, subject)
     if subject.unknown:
         warn_once(f"{run.path}: {subject.unknown}")
     return subject
 
 
-def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
-    """Return the topics of robots of a ROS system, and whether they move by themselves, maybe real ones."""
+def _ros_topics(simulation: str) -> tuple[Mapping[str, Any], bool]:
+    """Return the topics of ROS robots, and whether they move in real time."""
     if SimulationName.parse(simulation).prefix != SimulationName.ROS:
         return {}, False
     definition = RosOptions.of(simulation)
@@ -322,9 +320,9 @@ def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
     return topics, definition.step.duration is not None
 
 
-def fitness_words(fitness: float, aggregation: str) -> str:
-    """Return what is said of the fitness in every format; aggregation: of how many episodes, in words."""
-    return f"{fitness + 0.0!r} ({aggregation})" if aggregation else f"{fitness + 0.0!r}"
+def fitness_words(fitness: float, made_of: str) -> str:
+    """Return what is said of the fitness in every format; made_of: of how many episodes, in words."""
+    return f"{fitness + 0.0!r} ({made_of})" if made_of else f"{fitness + 0.0!r}"
 
 
 def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:
@@ -334,7 +332,7 @@ def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:
         ("Simulation", experiment.label),
         ("Candidate", f"{chosen.candidate} of generation {chosen.generation} (both from 0)"),
         ("Fitness", fitness_words(chosen.fitness, chosen.aggregation)),
-        ("Controller", words_of(chosen.specification)),
+        ("Controller", describe_controller(chosen.specification)),
     ]
     return tuple((name, plain(text)) for name, text in rows)
 
@@ -343,7 +341,7 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
     from swarmwright.controllers.controller import Controller  # noqa: PLC0415 - loads the engine
 
     options = run.experiment.controller.model_dump().get("parameters", {})
-    options = options if isinstance(options, dict) else {}  # a plug-in may have other ones
+    options = options if isinstance(options, dict) else {}  # a plug-in may have other options
     ranges = {
         name: f"{shortest_decimal(option['range'][0])} to {shortest_decimal(option['range'][1])}"
         for name, option in options.items()
@@ -353,28 +351,28 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
     return Subject(chosen.specification, facts, values=values, ranges=ranges)
 
 
-def _described(run: "Run") -> Mapping[str, Any]:
-    """Return what the run has stored of the simulation, see `catalogue.channels`."""
+def _stored_channels(run: "Run") -> Mapping[str, Any]:
+    """Return the stored description of the simulation, see `catalogue.channels`."""
     return run._store.channels() or {}
 
 
-def _of_part(channels: Mapping[str, Any], part: Member | None) -> Mapping[str, Any]:
-    """Return what is known of sensors and actuators of all agents, or of a group."""
+def _select_channels(channels: Mapping[str, Any], part: Member | None) -> Mapping[str, Any]:
+    """Return the sensors and actuators of all agents, or of a group."""
     if part is None:
         return channels
-    found: Mapping[str, Any] = channels.get("groups", {}).get(part.name, channels)
-    return found
+    selected: Mapping[str, Any] = channels.get("groups", {}).get(part.name, channels)
+    return selected
 
 
-def _of_arena(run: "Run", subject: Subject) -> Subject:
-    """Return a subject with what sensors and actuators of the arena's robots stand for."""
+def _with_arena_meanings(run: "Run", subject: Subject) -> Subject:
+    """Return a subject with the meanings of the arena's sensors and actuators."""
     experiment = run.experiment
     if catalogue.find_built_in(experiment.simulation) != catalogue.ARENA or not subject.description:
         return subject
     robot = robot_in(experiment.parameters)
     meanings = {
-        "sensor_meanings": [sensor_meaning(sensor.name, robot) for sensor in subject.sensors],
-        "actuator_meanings": [actuator_meaning(actuator.name, robot) for actuator in subject.actuators],
+        "sensor_meanings": [describe_sensor(sensor.name, robot) for sensor in subject.sensors],
+        "actuator_meanings": [describe_actuator(actuator.name, robot) for actuator in subject.actuators],
     }
     return replace(
         subject,
@@ -387,39 +385,43 @@ def _step_seconds(channels: Mapping[str, Any]) -> float:
     return float(channels.get("step_seconds") or 0.0)
 
 
-def _recorded(run: "Run", chosen: "Choice", part: Member | None, subject: Subject) -> Subject:
-    """Return a subject with the simulation's description, and what agents sensed and did in episodes."""
+def _record_episodes(run: "Run", chosen: "Choice", part: Member | None, subject: Subject) -> Subject:
+    """Return a subject with the simulation's description and recorded episodes."""
     from swarmwright.runs.replay import Replay  # noqa: PLC0415 - needs displays
 
     parts: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
-    done, count = 0, 0
+    recorded_steps, count = 0, 0
     for number in range(min(_EPISODES, len(chosen.seeds))):
         replay = Replay.of(run, generation=chosen.generation, candidate=chosen.candidate, episode=number)
-        agents, shown_seconds = _agents(replay, part)
-        done += sum(len(sensors) for sensors, _ in agents)
+        agents, shown_seconds = _record_agents(replay, part)
+        recorded_steps += sum(len(sensors) for sensors, _ in agents)
         count += 1
         parts += agents
-        if done > _STEPS:
+        if recorded_steps > _STEPS:
             break
-    known = catalogue.channels(replay.experiment.simulation, replay.experiment.parameters)
-    of = subject.specification
-    width = (int(of["sensors"]), int(of["actuators"]))
-    first = np.zeros(done, np.bool_)
+    channels = catalogue.channels(replay.experiment.simulation, replay.experiment.parameters)
+    specification = subject.specification
+    width = (int(specification["sensors"]), int(specification["actuators"]))
+    first = np.zeros(recorded_steps, np.bool_)
     starts = np.cumsum([0, *(len(sensors) for sensors, _ in parts)])[:-1]
     first[starts] = True
     sensors, actuators = (
         np.concatenate([np.empty((0, width[side]), np.float32), *(part[side] for part in parts)])
         for side in (0, 1)
     )
-    accepted = np.ones(done, np.bool_)
+    accepted = np.ones(recorded_steps, np.bool_)
     return replace(
         subject,
-        description=_of_part(known, part),
+        description=_select_channels(channels, part),
         episodes=Sequences(
-            first, sensors, actuators, accepted, possible_overflows(of, first, actuators, accepted)
+            first,
+            sensors,
+            actuators,
+            accepted,
+            find_possible_overflows(specification, first, actuators, accepted),
         ),
         episode_count=count,
-        step_size=_step_seconds(known),
+        step_size=_step_seconds(channels),
         shown_seconds=shown_seconds,
     )
 
@@ -427,8 +429,8 @@ def _recorded(run: "Run", chosen: "Choice", part: Member | None, subject: Subjec
 _Played = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
-def _agents(replay: Any, part: Member | None) -> tuple[_Played, float]:  # noqa: ANN401 - a Replay
-    """Return sensors and actuators of each agent (of a group) in an episode; for how long a step is shown."""
+def _record_agents(replay: Any, part: Member | None) -> tuple[_Played, float]:  # noqa: ANN401 - a Replay
+    """Return sensors and actuators of each agent (of a group) in an episode, and the seconds of a step."""
     episode = replay.engine_episode()
     rows = []
     with engine_errors():
@@ -438,8 +440,12 @@ def _agents(replay: Any, part: Member | None) -> tuple[_Played, float]:  # noqa:
         return [], episode.step_size
     agents, sensors, actuators = (np.concatenate(part) for part in zip(*rows, strict=True))
     if part is not None:
-        own = (agents >= part.first) & (agents < part.last)
+        is_member = (agents >= part.first) & (agents < part.last)
         widths = (int(part.specification["sensors"]), int(part.specification["actuators"]))
-        agents, sensors, actuators = agents[own], sensors[own, : widths[0]], actuators[own, : widths[1]]
+        agents, sensors, actuators = (
+            agents[is_member],
+            sensors[is_member, : widths[0]],
+            actuators[is_member, : widths[1]],
+        )
     played = [(sensors[agents == agent], actuators[agents == agent]) for agent in np.unique(agents)]
     return played, episode.step_size

@@ -1,4 +1,4 @@
-"""Writing exported files, without writing over what others have written."""
+"""Writing of exported files, without overwriting files of users."""
 
 import hashlib
 import logging
@@ -13,41 +13,42 @@ from swarmwright.controllers.source.text import MARK, has_seal, is_edited
 from swarmwright.export._base import file_bytes
 
 DIGESTS = ".swarmwright-export"
-"""Beside exported files: the SHA-256 of each text as it was written, as `sha256sum` has them. While files are
-written, and after an export that was interrupted, it has those of both the earlier and the new ones."""
+"""File beside exported files with the SHA-256 of each text as exported, in the format of `sha256sum`. While
+files are written, and after an interrupted export, it has the digests of both the earlier and the new
+files."""
 _DIGEST = re.compile(r"([0-9a-f]{64})  (.+)")
 _GROUP = re.compile(rb"^[^\w\n]*Group {2,}(\S.*?)\s*$|Group: ([^;]+); Controller: ", re.MULTILINE)
-"""The fact in the comment of a text, and in the description of an FMU."""
+"""The group in the comment of a text, and in the description of an FMU."""
 _SEARCHED = 1 << 16
-"""Bytes at the beginning of a file in which the mark is looked for."""
+"""Bytes at the beginning of a file that are searched for the mark."""
 _FORCE = "--force; in Python force=True"
-"""How both the command and the function write over files."""
-_REMEDY = f"name another output folder or prefix, or write over it ({_FORCE})"
+"""How to overwrite files with the command and the function."""
+_REMEDY = f"choose another output folder or prefix, or overwrite it ({_FORCE})"
 
 
 def write(files: Mapping[str, str | bytes], folder: Path, *, force: bool = False) -> list[Path]:
-    """Write files into a folder, which is made if needed; return their paths.
+    """Write files into a folder, which is created if needed; return their paths.
 
-    One that users are to edit is kept where they have: the new one has `.new` behind its name, and a warning
-    says so. Any other file that was edited is refused; `DIGESTS` has the digests by which this is noticed.
+    An edited file that is meant for editing is kept: the new file gets the suffix `.new`, with a warning.
+    Other edited files are errors; `DIGESTS` has the digests that reveal edits.
 
-    force: write over files that Swarmwright did not export, and over edited ones.
+    force: overwrite files that Swarmwright did not export, and edited files.
 
-    Raises InputError as `check_replaceable` does, and then writes nothing. Also where a file cannot be
-    written; the export can be repeated then: what it has written so far does not count as edited.
+    Raises InputError like `check_replaceable`, before anything is written, and when a file cannot be written;
+    the export can be repeated then, since written files do not count as edited.
     """
     check_replaceable(files, folder, force=force)
     paths = [folder / name for name in files]
     if not force:
         paths = [_destination(path, content) for path, content in zip(paths, files.values(), strict=True)]
-    earlier = _digests(folder)
+    earlier = _read_digests(folder)
     texts = {name: content for name, content in files.items() if isinstance(content, str)}
     new = {name: {_sha256(file_bytes(text))} for name, text in texts.items()}
-    if new:  # archives and copies say themselves what they are
+    if new:  # archives and copies contain their own mark
         both = {name: digests | earlier.get(name, set()) for name, digests in new.items()}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            _remember(folder, earlier | both)
+            _write_digests(folder, earlier | both)
         except OSError as error:
             raise InputError(f"{folder / DIGESTS}: cannot be written: {error.strerror}") from error
     for path, content in zip(paths, files.values(), strict=True):
@@ -57,54 +58,53 @@ def write(files: Mapping[str, str | bytes], folder: Path, *, force: bool = False
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
     if new:
-        with suppress(OSError):  # all is written, and those of both are known
-            _remember(folder, earlier | new)
+        with suppress(OSError):  # all files are written, and both digests are known
+            _write_digests(folder, earlier | new)
     return paths
 
 
 def check_replaceable(files: Mapping[str, str | bytes], folder: Path, *, force: bool) -> None:
-    """Raise InputError where an export would write over what it may not, see `write`.
+    """Raise InputError if an export would overwrite protected files, see `write`.
 
-    That is a file of others, an edited one, a folder in the place of a file, the controller of another group
-    of agents, or a module in the other dialect of Python, which has the same name.
+    These are files of users, edited files, folders, the controller of another group of agents, and a module
+    in the other dialect of Python with the same name.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file where a folder is expected; name another output folder")
+        raise InputError(f"{folder}: is a file, not a folder; choose another output folder")
     paths = [folder / name for name in files]
-    digests, found = _digests(folder), dict[Path, bytes]()
+    digests, existing = _read_digests(folder), dict[Path, bytes]()
     for path, (name, content) in zip(paths, files.items(), strict=True):
         if path.is_dir():
-            raise InputError(f"{path}: is a folder where a file is to be written; name another output folder")
+            raise InputError(f"{path}: is a folder, not a file; choose another output folder")
         if path.exists() and not force:
-            found[path] = _read(path)
-            _check_file(path, found[path], content, digests.get(name))
+            existing[path] = _read(path)
+            _check_file(path, existing[path], content, digests.get(name))
     for path, content in zip(paths, files.values(), strict=True):
-        if path not in found:
+        if path not in existing:
             continue
-        there, new = _group(found[path]), _group(file_bytes(content))
-        if there and new and there != new:
-            raise InputError(f"{path}: has the controller of the group {there}; {_REMEDY}")
-        if path.suffix == ".py" and _swapped(found[path], content):
-            raise InputError(f"{path}: is the export to the other one of Python and MicroPython; {_REMEDY}")
+        old_group, new_group = _find_group(existing[path]), _find_group(file_bytes(content))
+        if old_group and new_group and old_group != new_group:
+            raise InputError(f"{path}: contains the controller of the group {old_group}; {_REMEDY}")
+        if path.suffix == ".py" and _is_other_dialect(existing[path], content):
+            raise InputError(f"{path}: was exported to the other dialect, Python or MicroPython; {_REMEDY}")
 
 
-def _check_file(path: Path, there: bytes, content: str | bytes, digests: set[str] | None) -> None:
+def _check_file(path: Path, existing: bytes, content: str | bytes, digests: set[str] | None) -> None:
     """Raise InputError for a file that an export may not replace.
 
-    One that has the new content already may be, and so may a sketch, which
-    `_destination` keeps if it was edited.
+    A file with the new content may be replaced, and a sketch, which `_destination` keeps if it was edited.
 
-    there: what it holds. digests: of it as it was exported, if known.
+    existing: its content. digests: of the exported file, if known.
     """
-    if there == file_bytes(content):
+    if existing == file_bytes(content):
         return
     if digests is None or has_seal(content):
-        if not _is_exported(path, there):
-            raise InputError(f"{path}: is there already and was not exported by Swarmwright; {_REMEDY}")
+        if not _is_exported(path, existing):
+            raise InputError(f"{path}: already exists and was not exported by Swarmwright; {_REMEDY}")
         return
-    # Editors and version control change the ends of lines.
-    if digests.isdisjoint({_sha256(there), _sha256(there.replace(b"\r\n", b"\n"))}):
-        raise InputError(f"{path}: has been edited since it was exported; {_REMEDY}")
+    # Editors and version control may change line endings.
+    if digests.isdisjoint({_sha256(existing), _sha256(existing.replace(b"\r\n", b"\n"))}):
+        raise InputError(f"{path}: was edited after the export; {_REMEDY}")
 
 
 def _read(path: Path) -> bytes:
@@ -114,28 +114,28 @@ def _read(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def _digests(folder: Path) -> dict[str, set[str]]:
-    """Return the digests of what was exported into a folder, by its path in it; see `DIGESTS`."""
+def _read_digests(folder: Path) -> dict[str, set[str]]:
+    """Return the digests of exported files in a folder, by path; see `DIGESTS`."""
     try:
         lines = (folder / DIGESTS).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return {}
     digests: dict[str, set[str]] = {}
-    for found in map(_DIGEST.fullmatch, lines):
-        if found:
-            digests.setdefault(found[2], set()).add(found[1])
+    for match in map(_DIGEST.fullmatch, lines):
+        if match:
+            digests.setdefault(match[2], set()).add(match[1])
     return digests
 
 
-def _group(content: bytes) -> str:
-    """Return the group of agents whose controller an exported file has; empty where it has that of all."""
-    found = _GROUP.search(content[:_SEARCHED])
-    return (found[1] or found[2]).decode("utf-8", "replace") if found else ""
+def _find_group(content: bytes) -> str:
+    """Return the group of agents of an exported controller; empty for all agents."""
+    match = _GROUP.search(content[:_SEARCHED])
+    return (match[1] or match[2]).decode("utf-8", "replace") if match else ""
 
 
-def _remember(folder: Path, digests: Mapping[str, set[str]]) -> None:
-    """Write the digests of texts. Raises OSError, and then keeps those that were there."""
-    lines = [f"{digest}  {name}\n" for name, of in sorted(digests.items()) for digest in sorted(of)]
+def _write_digests(folder: Path, digests: Mapping[str, set[str]]) -> None:
+    """Write the digests of texts. On OSError, the earlier digests are kept."""
+    lines = [f"{digest}  {name}\n" for name, values in sorted(digests.items()) for digest in sorted(values)]
     write_whole(folder / DIGESTS, "".join(lines).encode())
 
 
@@ -144,15 +144,15 @@ def _sha256(content: bytes) -> str:
 
 
 def _destination(path: Path, content: str | bytes) -> Path:
-    """Return where a file is written: beside the one that is there if users were to edit it, and have."""
+    """Return the path for a file: beside the existing file if that is meant for editing and was edited."""
     if not has_seal(content) or not path.exists():
         return path
-    there = _read(path)
-    if there == file_bytes(content) or not is_edited(there):
+    existing = _read(path)
+    if existing == file_bytes(content) or not is_edited(existing):
         return path
     new = path.with_name(f"{path.name}.new")
     logging.getLogger("swarmwright").warning(
-        "%s: has been edited since it was exported, and is kept; the new one is %s (%s: writes over it)",
+        "%s: was edited after the export and is kept; the new file is %s (overwrite with %s)",
         path,
         new.name,
         _FORCE,
@@ -161,10 +161,10 @@ def _destination(path: Path, content: str | bytes) -> Path:
 
 
 def check_case(files: Mapping[str, str | bytes], folder: Path, prefix: str) -> None:
-    """Raise InputError where files of another prefix are there that differs in case only.
+    """Raise InputError if files exist whose prefix differs in case only.
 
-    Include guards, macros and enumerations are in capitals, so a program could not have both controllers;
-    some systems would have one file for both.
+    Include guards, macros and enumerations are in upper case, so that a program cannot use both controllers;
+    some file systems have a single file for both.
     """
     for path in (folder / name for name in files):
         if not path.name.startswith(prefix) or not path.parent.is_dir():
@@ -172,17 +172,17 @@ def check_case(files: Mapping[str, str | bytes], folder: Path, prefix: str) -> N
         for other in sorted(path.parent.iterdir()):
             is_other = other.name != path.name and other.name.lower() == path.name.lower()
             if is_other and other.is_file() and _is_exported(other, _read(other)):
-                there = other.name[: len(prefix)]
+                other_prefix = other.name[: len(prefix)]
                 raise InputError(
-                    f"prefix: {prefix!r} differs from {there!r} of {other}, which is there already, in upper "
-                    "and lower case only, and names in capitals would be the same; name another prefix "
-                    f"or output folder, or write over those files with the prefix {there}"
+                    f"prefix: {prefix!r} differs from {other_prefix!r} of the existing {other} in case only, "
+                    "so that names in upper case would be equal; choose another prefix or output folder, or "
+                    f"overwrite those files with the prefix {other_prefix}"
                 )
 
 
-def _swapped(there: bytes, content: str | bytes) -> bool:
-    """Return whether a module for Python would replace one for MicroPython, or the other way round."""
-    new, old = (_first_line(text) for text in (file_bytes(content), there))
+def _is_other_dialect(existing: bytes, content: str | bytes) -> bool:
+    """Whether a module for Python would replace one for MicroPython, or vice versa."""
+    new, old = (_first_line(text) for text in (file_bytes(content), existing))
     begin = b'"""An evolved controller'
     return new.startswith(begin) and old.startswith(begin) and new != old
 
@@ -192,7 +192,7 @@ def _first_line(content: bytes) -> bytes:
 
 
 def _is_exported(path: Path, content: bytes) -> bool:
-    """Return whether a file was exported: it has the mark, or is a copy, as a package above it says."""
+    """Whether a file was exported: it has the mark, or is a copy listed by a package above it."""
     if MARK.encode() in content[:_SEARCHED]:
         return True
     digest = _sha256(content).encode()

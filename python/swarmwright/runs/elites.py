@@ -147,22 +147,22 @@ class Elites:
         from pathlib import Path  # noqa: PLC0415
 
         from swarmwright.display.figures import style  # noqa: PLC0415 - it takes long to import
-        from swarmwright.display.figures.elites import archive, front  # noqa: PLC0415
+        from swarmwright.display.figures.elites import draw_archive, draw_front  # noqa: PLC0415
         from swarmwright.display.figures.run import title_of  # noqa: PLC0415
 
         if path is not None:
-            style.check(Path(path))
+            style.check_figure_path(Path(path))
         if not self.candidates:
             raise InputError("there is no elite to draw: no candidate has finite fitness and metrics")
         values, names, heading = self.values(), self._metric_labels(), title_of(self.experiment)
         if self.grid is None:
-            figure = front(values, names, list(self.goals.values()), heading)
+            figure = draw_front(values, names, list(self.goals.values()), heading)
         else:
             plane = Grid(self.grid.axes[:2])
             best = np.full(plane.cells, np.nan)
             np.fmax.at(best, plane.cells_of(values[:, 1:3]), values[:, 0])
             limits = [(axis.low, axis.high) for axis in plane.axes]
-            figure = archive(
+            figure = draw_archive(
                 best.reshape(plane.shape), names, limits, (len(values), self.grid.cells), heading
             )
         if path is not None:

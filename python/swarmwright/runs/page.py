@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
-from swarmwright.display.page import page
+from swarmwright.display.page import format_page
 from swarmwright.runs.replay import Replay
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class ReplayPage:
         return cls(
             replay.title,
             recording.fitness,
-            page([replay.part(recording)], caption=replay.caption(recording), speed=speed),
+            format_page([replay.part(recording)], caption=replay.caption(recording), speed=speed),
         )
 
     @check_arguments

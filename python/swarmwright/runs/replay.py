@@ -13,7 +13,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import label_of
 from swarmwright.common.values import flatten
 from swarmwright.controllers.controller import Controller
-from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.kinds import describe_controller
 from swarmwright.display import Caption
 from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
 from swarmwright.runs.choice import Choice, choose
@@ -243,7 +243,7 @@ class Replay(ShownEpisode):
         """
         experiment = self.run.experiment
         facts = [*self._iter_mission(recording), *self._list_differences()]
-        facts.append(("controller", words_of(self.controller.specification)))
+        facts.append(("controller", describe_controller(self.controller.specification)))
         facts += [("method", label_of(experiment.method.kind)), ("seed of the run", str(experiment.seed))]
         if self.choice is not None:
             value = f"{self.choice.fitness + 0.0:.6g}"

@@ -427,13 +427,13 @@ class Run:
         Raises InputError when the run has no finished generation or lacks a metric, for an unknown style,
         width or file type, or when the file cannot be written.
         """
-        from swarmwright.display.figures.style import Page, check, on, save
+        from swarmwright.display.figures.style import Page, check_figure_path, save, use_page
 
         if path is not None:
-            check(Path(path))
+            check_figure_path(Path(path))
         if not self.history:
             raise InputError(f"{self.path}: has no finished generation to draw")
-        with on(Page.of(style, width, title)):
+        with use_page(Page.from_options(style, width, title)):
             figure = self._figure(x, metrics)
         if path is not None:
             save(figure, Path(path))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers.modules import Behaviour, Condition, RandomNumbers, Senses, grammar
-from swarmwright.controllers.modules.machine import called, random_words
+from swarmwright.controllers.modules.machine import call_module, random_words
 from swarmwright.controllers.modules.registered import implementation, module
 
 _ROBOTS, _STEPS = 40, 30
@@ -94,7 +94,7 @@ def _run(
         bits = (seen[:, 8] * 16777216).astype(np.uint32)
         random = RandomNumbers(bits, 0, random_words(bits))
         before, given = seen.tobytes(), {key: value.copy() for key, value in parameters.items()}
-        found.append(called(method, name, Senses.of(seen), given, state, random, shape=shape))
+        found.append(call_module(method, name, Senses.from_rows(seen), given, state, random, shape=shape))
         assert seen.tobytes() == before, f"{name}: the senses must not be changed"
         same = all(given[key].tobytes() == parameters[key].tobytes() for key in parameters)
         assert same, f"{name}: parameters must not be changed"

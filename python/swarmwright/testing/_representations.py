@@ -11,7 +11,7 @@ from swarmwright.common.arrays import Genome, Genomes
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.controllers.controller import Controller
-from swarmwright.controllers.modules.grammar import PYTHON_KIND, weight_count
+from swarmwright.controllers.modules.grammar import PYTHON_KIND, count_weights
 from swarmwright.testing._common import SHAPES, check_options, representation
 
 
@@ -84,7 +84,7 @@ def _check_weights(subject: Representation) -> None:
     assert rows.dtype == np.float32, f"weights returns {rows.dtype}, not float32"
     architecture = dict(subject.architecture())
     in_python = architecture["kind"] == PYTHON_KIND
-    needed = weight_count(architecture) if in_python else _engine.genome_size(architecture)
+    needed = count_weights(architecture) if in_python else _engine.genome_size(architecture)
     assert rows.shape == (len(genomes), needed), (
         f"weights returns the shape {rows.shape}; controllers of this architecture have {needed} weights"
     )

@@ -13,7 +13,7 @@ from PIL import Image
 import swarmwright
 from swarmwright import Comparison, Experiment, Generation, InputError, Run, compare, optimize
 from swarmwright.analysis.comparison import compare_all
-from swarmwright.display.figures.comparison import _names
+from swarmwright.display.figures.comparison import _format_names
 from swarmwright.display.figures.style import COLORS
 from tests.python.analysis.runs import KnownRun, runs
 
@@ -363,7 +363,7 @@ def test_titles_of_tasks_begin_with_what_tells_them_apart(tmp_path: Path) -> Non
 
 
 def test_names_of_boxes_are_broken_at_points_and_numbered_groups_are_in_order(tmp_path: Path) -> None:
-    lines = _names(["method.measures.speed.range [0, 0.12]"]).names[0].split("\n")
+    lines = _format_names(["method.measures.speed.range [0, 0.12]"]).names[0].split("\n")
     assert lines == ["method.measures.", "speed.range [0,", "0.12]"]
     groups = [
         run

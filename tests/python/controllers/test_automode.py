@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.controllers.kinds.modules.automode import machine_of, text_of, tree_of
+from swarmwright.controllers.kinds.modules.automode import format_command_line, parse_machine, parse_tree
 from swarmwright.controllers.kinds.modules.representation import ModulesOptions
 from swarmwright.controllers.modules import grammar, machine_mappings, machine_texts
 from tests.python.controllers.machines import AUTOMODE, machines
 
 
 def test_machines_in_automodes_form() -> None:
-    states = machine_mappings.states_from(machine_of(AUTOMODE), 4, 4)
+    states = machine_mappings.parse_states(parse_machine(AUTOMODE), 4, 4)
     assert machine_texts.as_text(states) == (
         "state 0: phototaxis\n"
         "  to state 1: black floor (probability 0.5)\n"
@@ -45,31 +45,31 @@ def test_machines_in_automodes_form() -> None:
 def test_whole_command_lines_of_automode_are_read(line: str, tmp_path: Path) -> None:
     plain = AUTOMODE.replace("--fsm-config", "").strip()
     text = line.format(plain)
-    assert machine_of(text) == machine_of(AUTOMODE)
+    assert parse_machine(text) == parse_machine(AUTOMODE)
     (tmp_path / "fsm.txt").write_text(text)
     for machine in (text, str(tmp_path / "fsm.txt")):
         read = ModulesOptions(machine=machine).machine
         assert isinstance(read, str)
-        assert machine_of(read) == machine_of(AUTOMODE)
+        assert parse_machine(read) == parse_machine(AUTOMODE)
     tree = f"-c mission.argos --seed 3 {AUTOMODE_TREE}"
-    assert tree_of(tree) == tree_of(AUTOMODE_TREE)
+    assert parse_tree(tree) == parse_tree(AUTOMODE_TREE)
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("--nstates 2 --s0", "expected pairs such as"),
-        ("nstates 2", "expected a mapping, such a file, or AutoMoDe's --nstates"),
-        ("--nstates 1 --s0 1 --s0 1", "a parameter is given twice"),
+        ("nstates 2", "expected a mapping, a YAML file, or AutoMoDe's --nstates"),
+        ("--nstates 1 --s0 1 --s0 1", "a parameter occurs twice"),
         ("--nstates 0", "states: 0 entries found"),
-        ("--nstates 1 --s0 6", "--s0: expected an integer from 0 to 5, and found 6"),
+        ("--nstates 1 --s0 6", "--s0: 6 found, expected an integer from 0 to 5"),
         ("--nstates 1 --s0 0", "--rwm0: is missing; expected a number"),
         ("--nstates 1 --s0 x", "--s0: 'x' found, expected a number"),
-        ("--nstates 1 --s0 1 --s1 1", "--s1: is not a part of this machine"),
+        ("--nstates 1 --s0 1 --s1 1", "--s1: is not a parameter of this machine"),
         ("--nstates 2 --s0 1 --s1 1 --n0 1 --n0x0 0 --c0x0 5 --p0x0 2", "probability: 2.0 found"),
         (
             "automode_main -c a.argos --fsm-config --nstates 1 --s0 2 --brd0 0",
-            "machine: --brd0: is not a part",
+            "machine: --brd0: is not a parameter",
         ),
         (
             "automode_main --fsm-config --nstates 1 --s0 0 --rwm0 0",
@@ -93,7 +93,7 @@ AUTOMODE_TREE = (
 
 @pytest.mark.parametrize("text", [AUTOMODE_TREE, AUTOMODE_TREE.removeprefix("--bt-config ")])
 def test_trees_in_automodes_form(text: str, tmp_path: Path) -> None:
-    subtrees = machine_mappings.subtrees_from(tree_of(text), 4)
+    subtrees = machine_mappings.parse_subtrees(parse_tree(text), 4)
     assert machine_mappings.tree_mapping_of(subtrees) == {
         "subtrees": [
             {"condition": "fixed_probability", "probability": 0.1642, "behaviour": "attraction", "alpha": 4},
@@ -121,11 +121,11 @@ def test_trees_in_automodes_form(text: str, tmp_path: Path) -> None:
         ("--n11 5", "--n11 6", "--n11: 6 is a condition; expected 5, an action"),
         ("--nchild0 2", "--nchild0 3", "--nchild0: expected 2, a condition and an action"),
         ("--nchildroot 3", "--nchildroot 4", "--n3: is missing"),
-        ("--nchildroot 3", "--nchildroot 5", "--nchildroot: expected an integer from 0 to 4, and found 5"),
-        ("--nchildroot 3", "--nchildroot 2", "--n2: is not a part of this"),
-        ("--p01 0", "--p01 0.5", "--p01: an action that may succeed is not known here; expected 0"),
-        ("--a01 4", "--a01 7", "--a01: expected an integer from 0 to 5, and found 7"),
-        ("--c00 5", "--c00 6", "--c00: expected an integer from 0 to 5, and found 6"),
+        ("--nchildroot 3", "--nchildroot 5", "--nchildroot: 5 found, expected an integer from 0 to 4"),
+        ("--nchildroot 3", "--nchildroot 2", "--n2: is not a parameter of this"),
+        ("--p01 0", "--p01 0.5", "--p01: actions that may succeed are not supported; expected 0"),
+        ("--a01 4", "--a01 7", "--a01: 7 found, expected an integer from 0 to 5"),
+        ("--c00 5", "--c00 6", "--c00: 6 found, expected an integer from 0 to 5"),
         ("--rwm11 4", "", "--rwm11: is missing"),
         ("--bt-config --nroot 3", "--fsm-config --nstates 2", "describes a machine; leave out form: tree"),
     ],
@@ -142,17 +142,17 @@ def test_what_is_wrong_in_automodes_trees_is_named(old: str, new: str, words: st
 def test_what_automode_is_called_with_is_the_machine(form: str, seed: int) -> None:
     subject = machines(form=form)
     states = subject.states(subject.initial(Stream(seed, "x")))
-    text = text_of(states, tree=form == "tree")
+    text = format_command_line(states, tree=form == "tree")
     assert text is not None
     again = (
-        machine_mappings.subtrees_from(tree_of(text), 4)
+        machine_mappings.parse_subtrees(parse_tree(text), 4)
         if form == "tree"
-        else machine_mappings.states_from(machine_of(text), 4, 4)
+        else machine_mappings.parse_states(parse_machine(text), 4, 4)
     )
     assert again == states
 
 
 def test_automode_has_no_transition_from_a_state_to_itself() -> None:
     stays = grammar.Transition(0, "fixed_probability", {"probability": 0.5})
-    assert text_of([grammar.State("stop", {}, (stays,))], tree=False) is None
-    assert text_of([grammar.State("hop", {}, ())], tree=False) is None
+    assert format_command_line([grammar.State("stop", {}, (stays,))], tree=False) is None
+    assert format_command_line([grammar.State("hop", {}, ())], tree=False) is None

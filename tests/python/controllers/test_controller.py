@@ -14,7 +14,7 @@ from swarmwright import Controller, InputError, _engine
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import controller as controllers
 from swarmwright.controllers.controller import ControlledEpisodes
-from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.kinds import describe_controller
 from swarmwright.testing._common import representation
 
 
@@ -81,7 +81,7 @@ def test_state_is_kept_until_reset() -> None:
 def test_the_number_of_agents_with_a_state_changes_with_reset_only() -> None:
     controller = Controller(specification("fully_meshed"))
     controller(inputs(3, 1)[0])
-    advice = r"2 agent\(s\) now, 3 before, .*; where agents or episodes end one by one, use Episodes\.run"
+    advice = r"2 agent\(s\) now, 3 before, .*; if agents end at different steps, use Episodes\.run"
     with pytest.raises(InputError, match=advice):
         controller(inputs(2, 1)[0])
     controller.reset()
@@ -161,7 +161,7 @@ def test_loading_a_best_file_or_its_folder(tmp_path: Path) -> None:
 
 def test_a_model_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "controller.onnx").write_bytes(b"\x08\x08\x12\x0bswarmwright\xc3\x28")
-    with pytest.raises(InputError, match="is not text: a controller is a specification in JSON"):
+    with pytest.raises(InputError, match="is not a text file"):
         Controller.load(tmp_path / "controller.onnx")
 
 
@@ -179,7 +179,7 @@ def test_files_that_hold_no_controller(text: str, words: str, tmp_path: Path) ->
     with pytest.raises(InputError, match=words) as caught:
         Controller.load(tmp_path / "c.json")
     assert "c.json" in str(caught.value)
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="file not found"):
         Controller.load(tmp_path / "none.json")
 
 
@@ -196,7 +196,7 @@ def test_files_that_hold_no_controller(text: str, words: str, tmp_path: Path) ->
     ],
 )
 def test_only_networks_have_layers(specification: dict[str, Any], words: str) -> None:
-    assert words_of(specification) == words
+    assert describe_controller(specification) == words
 
 
 def test_the_specification_is_read_once_for_all_agents(monkeypatch: pytest.MonkeyPatch) -> None:

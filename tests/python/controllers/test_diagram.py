@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, FancyArrowPatch
 
 from swarmwright.controllers import kinds
-from swarmwright.controllers.diagram import Arrow, Diagram, Node, figure_with_list
+from swarmwright.controllers.diagram import Arrow, Diagram, Node, new_figure_with_list
 from swarmwright.controllers.figures import figure
 from swarmwright.controllers.kinds.team import figure as of_team
 from swarmwright.controllers.modules.grammar import states_of
@@ -45,12 +45,12 @@ def test_labels_lie_beside_each_other_and_beside_states(made: tuple[list[Node], 
         apart = one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
         assert apart, (one, other)
     for left, low, right, high in boxes:
-        for x, y in diagram.places:
+        for x, y in diagram.positions:
             nearest = np.clip(x, left, right) - x, np.clip(y, low, high) - y
             assert np.hypot(*nearest) > diagram.radius
         assert max(abs(left), abs(low), abs(right), abs(high)) < diagram.size / 2, "nothing is cut off"
     assert len(boxes) >= 0.9 * len(made[1]) - 1, "few are without space"
-    for place, near in combinations(diagram.places, 2):
+    for place, near in combinations(diagram.positions, 2):
         assert np.hypot(place[0] - near[0], place[1] - near[1]) > 2 * diagram.radius
 
 
@@ -104,13 +104,13 @@ def test_groups_of_a_team_have_colours_of_their_own(monkeypatch: pytest.MonkeyPa
         "weights": [weight for part in parts.values() for weight in part["weights"]],
     }  # fmt: skip
     drawn = []
-    draw = kinds.drawn
+    draw = kinds.draw_controller
 
     def watched(*one: Any, **named: Any) -> Any:
         drawn.append(draw(*one, **named))
         return drawn[-1]
 
-    monkeypatch.setattr(of_team, "drawn", watched)
+    monkeypatch.setattr(of_team, "draw_controller", watched)
     figure(team)
     rings = [to_hex(circle.get_edgecolor()).upper() for group in drawn for circle in group.findobj(Circle)]
     states = sum(len(states_of(part)) for part in parts.values())
@@ -130,12 +130,12 @@ def test_many_transitions_are_a_matrix_with_numbers() -> None:
 
 def test_a_long_list_has_columns_and_says_what_is_left_out() -> None:
     blocks = [[f"state {index}", "  a", "  b"] for index in range(60)]
-    drawn, _ = figure_with_list("", "", 7.0, blocks, letters=20)
+    drawn, _ = new_figure_with_list("", "", 7.0, blocks, letters=20)
     columns = [text.get_text().split("\n") for text in drawn.texts[:-2]]
     assert len(columns) == 3
     assert all(column[0].startswith("state") for column in columns), "states stay together"
     assert [line for column in columns for line in column] == [line for block in blocks for line in block]
-    drawn, _ = figure_with_list("", "", 7.0, blocks, letters=20, highest=5.0)
+    drawn, _ = new_figure_with_list("", "", 7.0, blocks, letters=20, highest=5.0)
     assert drawn.get_figheight() < 9
     shown = "\n".join(text.get_text() for text in drawn.texts[:-2]).split("\n")
     assert shown[-1] == f"and {180 - len(shown) + 1} lines more"

@@ -16,7 +16,7 @@ from PIL import Image
 
 from swarmwright import InputError
 from swarmwright.controllers.figures import Names, figure
-from swarmwright.controllers.kinds.mealy_fsm.figure import transitions
+from swarmwright.controllers.kinds.mealy_fsm.figure import find_transitions
 from swarmwright.controllers.modules.grammar import states_of
 from swarmwright.controllers.modules.machine_texts import condition_words, words_of
 from swarmwright.display.figures.style import save
@@ -197,7 +197,7 @@ def test_exact_conditions_hold_for_their_rows_alone(targets: list[int]) -> None:
     thresholds = [[0.0], [-0.5, 0.5], [-1.0, 0.0, 1.0]]
     specification = machine(3, thresholds, [(target, 0) for target in targets] * 3)
     values = [[-1.0, 1.0], [-1.0, 0.0, 1.0], [-2.0, -0.5, 0.5, 2.0]]  # one within each interval
-    for one in transitions(specification, Names.of(specification)):
+    for one in find_transitions(specification, Names.from_specification(specification)):
         for index, sensed in enumerate(product(*values)):
             holds = any(
                 all(_holds(part, sensed) for part in box.split(", ") if part)
@@ -343,13 +343,13 @@ def test_groups_of_a_team_have_names_of_their_own_sensors(monkeypatch: pytest.Mo
         ],
     }  # fmt: skip
     drawn = []
-    draw = kinds.drawn
+    draw = kinds.draw_controller
 
     def watched(*one: Any, **named: Any) -> Any:
         drawn.append(draw(*one, **named))
         return drawn[-1]
 
-    monkeypatch.setattr(of_team, "drawn", watched)
+    monkeypatch.setattr(of_team, "draw_controller", watched)
     figure(team, simulation=simulation)
     scouts, guards = map(said, drawn)
     assert all(name in scouts for name in ("near", "far", "ahead"))

@@ -10,7 +10,7 @@ import swarmwright
 from swarmwright import _engine
 from swarmwright.conformance import _extensions as conformance
 from swarmwright.controllers import REPRESENTATIONS
-from swarmwright.controllers.kinds import KINDS, Kind, part
+from swarmwright.controllers.kinds import KINDS, Kind, import_part
 from swarmwright.testing._common import representation
 
 PACKAGE = Path(swarmwright.__file__).parent
@@ -46,7 +46,7 @@ def test_every_part_of_a_kind_can_be_imported(name: str) -> None:
     kind = KINDS[name]
     for field in fields(Kind):
         if field.type is str and getattr(kind, field.name):
-            assert callable(part(getattr(kind, field.name))), field.name
+            assert callable(import_part(getattr(kind, field.name))), field.name
 
 
 @pytest.mark.parametrize("name", ["evostick", "fully_meshed", "hebbian", "neat"])

@@ -40,8 +40,8 @@ def test_a_machine_in_a_file_is_a_controller(form: str, tmp_path: Path) -> None:
     values = {"simulation": "arena", "parameters": {"robot": "e-puck-rm1.2", "duration": 10}}
     experiment = Experiment.from_mapping({**values, "controller": options})
     representation = experiment.representation()
-    assert representation.given is not None
-    started = Controller(representation.specification(representation.given))
+    assert representation.start_genome is not None
+    started = Controller(representation.specification(representation.start_genome))
     assert simulate(experiment, controller, seed=3, servers="local") == simulate(
         experiment, started, seed=3, servers="local"
     )
@@ -49,5 +49,5 @@ def test_a_machine_in_a_file_is_a_controller(form: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"mine.yaml:\d+: .*'eksploration'"):
         Controller.load(file)
     file.write_text("x: 1\n")
-    with pytest.raises(InputError, match=r"mine.yaml: is not a controller; a YAML file holds a machine"):
+    with pytest.raises(InputError, match=r"mine.yaml: is not a controller; expected a machine"):
         Controller.load(file)

@@ -70,7 +70,7 @@ def test_a_mealy_machine_has_the_number_of_cases_of_each_transition() -> None:
 
 
 def test_of_an_unknown_controller_the_states_are_known_that_agents_were_in() -> None:
-    assert Machines().of_all(2) == {
+    assert Machines().common_machine(2) == {
         "states": [{"name": "", "words": f"state {index}"} for index in range(3)],
         "transitions": [],
     }

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from swarmwright.display import record
-from swarmwright.display._look import BLUE, GREEN, RED, rgb
+from swarmwright.display._look import BLUE, GREEN, RED, to_rgb
 from swarmwright.display.animation import LAST_FRAME_SECONDS
 from swarmwright.display.files import save
 
@@ -16,13 +16,13 @@ pytestmark = pytest.mark.slow
 def count(image: Image.Image, color: str) -> int:
     """Number of pixels of exactly this colour."""
     pixels = np.asarray(image.convert("RGB"))
-    return int((pixels == rgb(color)).all(axis=2).sum())
+    return int((pixels == to_rgb(color)).all(axis=2).sum())
 
 
 def column(image: Image.Image, color: str) -> float:
     """Mean x of the pixels of this colour above the legend."""
     pixels = np.asarray(image.convert("RGB"))[: int(image.height * 0.8)]
-    return float(np.nonzero((pixels == rgb(color)).all(axis=2))[1].mean())
+    return float(np.nonzero((pixels == to_rgb(color)).all(axis=2))[1].mean())
 
 
 def test_animation_shows_the_agent_on_its_way_to_the_goal(crossing: Any, tmp_path: Path) -> None:

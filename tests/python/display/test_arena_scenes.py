@@ -41,7 +41,7 @@ def test_legends_list_robots_that_fail(failure: dict[str, Any], state: str) -> N
     parameters = {"robots": 10, "failures": [{**failure, "share": 0.3, "at": 1}]}
     recording = recorded(parameters)
     looks = Looks(recording.scenes)
-    assert looks.all() == [("agent", ""), ("agent", state)]
+    assert looks.names() == [("agent", ""), ("agent", state)]
     well, failing = (looks["agent", one] for one in ("", state))
     assert well.shape == failing.shape
     assert well.color != failing.color

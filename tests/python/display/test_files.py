@@ -42,17 +42,17 @@ NETWORKS = {**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]
     ("controller", "why"),
     [
         (NETWORK, "a controller of the kind layered has none"),
-        (TEAM, "this episode does not say them"),
+        (TEAM, "this episode does not report them"),
         (NETWORKS, "no controller of this team has any"),
-        (MODULES, "this episode does not say them"),
-        ({}, "this episode does not say them"),
+        (MODULES, "this episode does not report them"),
+        ({}, "this episode does not report them"),
     ],
 )
 def test_colours_of_states_need_states(
     crossing: Any, tmp_path: Path, ending: str, controller: dict[str, Any], why: str
 ) -> None:
     part = Part(record(crossing), "", machines_of(controller))
-    with pytest.raises(InputError, match=f"^colors: controller shows .*{why}; there are auto"):
+    with pytest.raises(InputError, match=f"^colors: controller needs .*{why}; use auto"):
         save([part], tmp_path / f"x{ending}", shown=Shown(colors="controller"))
     assert not any(tmp_path.iterdir())
 
@@ -76,7 +76,7 @@ def test_a_map_without_its_bodies_is_reported_once(
 
     assert saved(1.0) == saved(-0.5, radius=0.6) == []
     (text,) = saved(-1.0)
-    assert text.startswith("2 of 2 bodies are outside of the scene, 4 x 3, in all steps; positions ")
+    assert text.startswith("all 2 bodies are outside the scene, 4 x 3, in all steps; positions ")
     assert saved(-1.0) == []
 
 
@@ -93,5 +93,5 @@ def test_a_still_that_all_agents_have_left_is_reported(
     save(recording, tmp_path / "x.png")
     (text,) = (one.getMessage() for one in caplog.records)
     assert text.startswith(
-        "the picture shows step 2, when all agents (1) are outside the scene, 4 x 3; a page "
+        "all 1 agents are outside the scene, 4 x 3, in step 2, which the picture shows; use a page "
     )

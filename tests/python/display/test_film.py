@@ -11,7 +11,7 @@ from imageio_ffmpeg import get_ffmpeg_exe
 from swarmwright import InputError, RunError
 from swarmwright.display import Caption, record
 from swarmwright.display import film as module
-from swarmwright.display._look import BLUE, rgb
+from swarmwright.display._look import BLUE, to_rgb
 from swarmwright.display.files import save
 from swarmwright.display.film import LAST_FRAME_SECONDS
 
@@ -31,7 +31,7 @@ def frames(path: Path) -> tuple[list[np.ndarray[Any, Any]], str]:
 def bluish(frame: np.ndarray[Any, Any]) -> float:
     """Mean column of what has the colour of a free agent, above the legend."""
     upper = frame[: int(len(frame) * 0.8)].astype(int)
-    return float(np.nonzero((abs(upper - rgb(BLUE)) < 25).all(axis=2))[1].mean())
+    return float(np.nonzero((abs(upper - to_rgb(BLUE)) < 25).all(axis=2))[1].mean())
 
 
 @pytest.mark.slow

@@ -20,11 +20,11 @@ from swarmwright.display._look import (
     STATES_DARK,
     STATES_LIGHT,
     Looks,
-    css,
-    floors,
+    build_palette,
+    floor_labels,
+    format_css,
     luminance,
-    palette,
-    rgb,
+    to_rgb,
 )
 from swarmwright.display._look import STATES as OF_CONTROLLERS
 from swarmwright.display.drawing import Picture
@@ -71,7 +71,7 @@ def test_page_and_picture_have_the_same_colours(recording: Recording, tmp_path: 
         for name, look in data["looks"].items():
             color = (LIGHT | STATES_LIGHT)[look["color"]]
             assert f"--{look['color']}: {color.lower()};" in page
-            assert (pixels == rgb(color)).all(axis=1).sum() > 20, (ending, name)
+            assert (pixels == to_rgb(color)).all(axis=1).sum() > 20, (ending, name)
 
 
 def test_a_long_legend_has_several_rows_within_the_picture(recording: Recording) -> None:
@@ -89,13 +89,13 @@ def test_a_long_legend_has_several_rows_within_the_picture(recording: Recording)
 
 
 def test_every_colour_of_the_table_is_on_the_page_and_in_the_palette() -> None:
-    style = css()
-    shades = np.array(palette()).reshape(-1, 3).tolist()
+    style = format_css()
+    shades = np.array(build_palette()).reshape(-1, 3).tolist()
     assert len(shades) <= 256
     for name in {color for _, color in KNOWN.values()} | set(OTHERS):
         assert style.count(f"--{name}: {LIGHT[name].lower()};") == 1
         assert style.count(f"--{name}: {DARK[name].lower()};") == 2
-        assert list(rgb(LIGHT[name])) in shades
+        assert list(to_rgb(LIGHT[name])) in shades
     assert {shape for shape, _ in KNOWN.values()} <= set(SHAPES)
 
 
@@ -108,14 +108,14 @@ def test_states_have_colours_that_are_told_apart() -> None:
     assert [state_color(state) for state in (0, 8, len(OF_CONTROLLERS))] == ["#0072B2", "#221188", "#0072B2"]
     # Pages have the same ones on light ground.
     assert [(LIGHT | STATES_LIGHT)[name] for name in OF_CONTROLLERS] == list(STATE_COLORS)
-    style = css()
+    style = format_css()
     for name in STATES_LIGHT:
         assert style.count(f"--{name}: {STATES_LIGHT[name].lower()};") == 1
         assert style.count(f"--{name}: {STATES_DARK[name].lower()};") == 2
-    shades = np.array(palette(states=16)).reshape(-1, 3).tolist()
+    shades = np.array(build_palette(states=16)).reshape(-1, 3).tolist()
     assert len(shades) <= 256
-    assert all(list(rgb(state_color(state))) in shades for state in range(16))
-    assert len(palette(["#123456"] * 16, LIGHT.values(), values=True, states=64)) <= 3 * 256
+    assert all(list(to_rgb(state_color(state))) in shades for state in range(16))
+    assert len(build_palette(["#123456"] * 16, LIGHT.values(), values=True, states=64)) <= 3 * 256
 
 
 def test_many_kinds_have_colours_of_their_own(tmp_path: Path) -> None:
@@ -125,13 +125,13 @@ def test_many_kinds_have_colours_of_their_own(tmp_path: Path) -> None:
     looks = Looks(scenes)
     names = {looks[body.kind, body.state].color for body in bodies}
     assert len(names) == len({looks.color((body.kind, body.state)) for body in bodies}) == len(kinds)
-    style = css()
+    style = format_css()
     assert all(f"--{name}: " in style for name in names)
     save(Recording(scenes, (0.0, 1.0), 0.1), tmp_path / "x.gif")
     with Image.open(tmp_path / "x.gif") as opened:
         pixels = np.asarray(opened.convert("RGB")).reshape(-1, 3)
     for body in bodies:
-        assert (pixels == rgb(looks.color((body.kind, body.state)))).all(axis=1).any(), body.state
+        assert (pixels == to_rgb(looks.color((body.kind, body.state)))).all(axis=1).any(), body.state
 
 
 def test_legends_name_all_parts_of_the_floor_with_one_grey_value(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_legends_name_all_parts_of_the_floor_with_one_grey_value(tmp_path: Path)
         Scene(4, 4, step, "", [], patches=[Patch(0.0, ((1, 1),), 0.5, name)])
         for step, name in enumerate(["west", "east"])
     )
-    assert floors(*scenes) == {0.0: "black floor (west, east)"}
+    assert floor_labels(*scenes) == {0.0: "black floor (west, east)"}
     save(Recording(scenes, (0.0, 1.0), 0.1), tmp_path / "x.html")
     assert "black floor (west, east)" in (tmp_path / "x.html").read_text()
 
@@ -175,7 +175,7 @@ BLIND = {
 
 def seen(color: str, matrix: list[list[float]]) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """A colour in CIE Lab, as it is seen through a matrix."""
-    share = np.array(rgb(color)) / 255
+    share = np.array(to_rgb(color)) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     through = np.clip(np.array(matrix) @ linear, 0, 1)
     xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ through

@@ -19,8 +19,8 @@ from selenium.webdriver.support.ui import Select
 
 from swarmwright.display import Body, Caption, Recording, Scene, pictures, record
 from swarmwright.display.files import save
-from swarmwright.display.page import page
-from swarmwright.display.page._data import packed
+from swarmwright.display.page import format_page
+from swarmwright.display.page._data import pack
 from tests.python.display.browser import chromium
 
 CAPTION = Caption("minisim: <best> & {{facts}}", (("controller", "layered, 4-8-1, tanh"), ("seed", "1")))
@@ -256,7 +256,7 @@ def unpacked(packed: dict[str, Any]) -> Any:
 
 
 def test_what_never_moves_is_written_once(crossing: Any) -> None:
-    (episode,) = data_of(page(record(crossing), caption=Caption()))["episodes"]
+    (episode,) = data_of(format_page(record(crossing), caption=Caption()))["episodes"]
     assert episode["bodies"]["looks"] == [
         ["goal", ""],
         ["defender", ""],
@@ -278,7 +278,7 @@ def test_what_never_moves_is_written_once(crossing: Any) -> None:
     kind=st.sampled_from(["f4", "q1", "q2"]),
 )
 def test_numbers_survive_packing(values: Any, kind: str) -> None:
-    back = unpacked(packed(values.reshape(-1), kind)).reshape(values.shape)
+    back = unpacked(pack(values.reshape(-1), kind)).reshape(values.shape)
     assert (np.isnan(back) == np.isnan(values)).all()
     finite = values[np.isfinite(values)]
     extent = float(np.ptp(finite)) if len(finite) else 0.0

@@ -23,9 +23,9 @@ from swarmwright.display._look import (
     LIGHT,
     VALUES,
     Looks,
-    lightened,
-    mixed,
-    rgb,
+    lighten,
+    mix,
+    to_rgb,
     value_colors,
 )
 from swarmwright.display.drawing import Picture
@@ -37,7 +37,7 @@ from tests.python.display.test_page_swarm import MODULES, TEAM, lit, swarm
 def count(image: Any, color: str) -> int:
     """Pixels of exactly this colour."""
     pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
-    return int((pixels == rgb(color)).all(axis=1).sum())
+    return int((pixels == to_rgb(color)).all(axis=1).sum())
 
 
 def legend(picture: Picture) -> list[str]:
@@ -169,7 +169,7 @@ def test_trails_have_the_colours_of_the_values_on_the_way() -> None:
     colors = np.asarray(trails.get_colors())[:, :3]
     assert len({tuple(color) for color in colors}) == 4
     # The trail is thinned with the ground.
-    first = np.array(rgb(mixed(VALUES[0], FIELD, 0.65))) / 255
+    first = np.array(to_rgb(mix(VALUES[0], FIELD, 0.65))) / 255
     np.testing.assert_allclose(colors[0], first, atol=0.01)
 
 
@@ -199,7 +199,7 @@ def test_kinds_of_a_team_without_states_keep_their_colours() -> None:
     assert recording.trace.states is not None
     scenes = []
     for scene in recording.scenes:
-        found = Bodies.of(scene.bodies)
+        found = Bodies.from_bodies(scene.bodies)
         names = ["scouts"] * 3 + ["carriers"] * 3
         bodies = Bodies(found.x, found.y, state=names, radius=0.05, heading=0.0)
         scenes.append(replace(scene, bodies=bodies))
@@ -223,7 +223,7 @@ def _named(recording: Recording, names: Sequence[str]) -> Recording:
     """The same recording with a state of each body."""
     scenes = []
     for scene in recording.scenes:
-        found = Bodies.of(scene.bodies)
+        found = Bodies.from_bodies(scene.bodies)
         bodies = Bodies(found.x, found.y, found.has("agent").size * ["agent"], names, 0.05, 0.0, found.value)
         scenes.append(replace(scene, bodies=bodies))
     return replace(recording, scenes=tuple(scenes))
@@ -238,9 +238,9 @@ def test_groups_of_a_team_have_colours_of_their_own() -> None:
         "agent", "scouts 0 exploration", "scouts 1 stop", "carriers 0 exploration", "carriers 1 stop",
     ]  # fmt: skip
     for step, state in ((5, 0), (15, 1)):
-        colors = picture._colors_of(Bodies.of(recording.scenes[step].bodies), step)
+        colors = picture._colors_of(Bodies.from_bodies(recording.scenes[step].bodies), step)
         expected = [state_color(state + 2)] * 3 + [state_color(state)] * 3
-        assert np.allclose(colors * 255, [rgb(color) for color in expected]), "by name, not by number"
+        assert np.allclose(colors * 255, [to_rgb(color) for color in expected]), "by name, not by number"
     assert len({drawn[0].get_color() for _, drawn in picture._key.entries[:5]}) == 5
 
 
@@ -276,7 +276,7 @@ def test_the_grid_is_below_patches() -> None:
     # A line of the grid, at y = 1, goes through the middle of the patch.
     column, row = picture.figure.axes[0].transData.transform((1.5, 1.0)).round().astype(int)
     middle = image[len(image) - row - 5 : len(image) - row + 5, column - 20 : column + 20]
-    assert (middle == rgb(FLOOR["light"][0])).all()
+    assert (middle == to_rgb(FLOOR["light"][0])).all()
 
 
 def test_seconds_are_shown_where_a_step_is_known_to_last() -> None:
@@ -329,20 +329,20 @@ def test_styles_have_their_colours_on_everything(tmp_path: Path) -> None:
     save(recording, tmp_path / "x.html")
     page = (tmp_path / "x.html").read_text()
     assert "--own-1: #7b3294;" in page
-    assert f"--own-1: {lightened('#7B3294').lower()};" in page
+    assert f"--own-1: {lighten('#7B3294').lower()};" in page
 
 
 def test_dark_colours_are_lightened_on_dark_pages() -> None:
     def brightness(color: str) -> float:
-        return float(np.dot(rgb(color), (0.2126, 0.7152, 0.0722)))
+        return float(np.dot(to_rgb(color), (0.2126, 0.7152, 0.0722)))
 
-    assert brightness(lightened("#000000")) > 100
-    assert lightened("#FFFF00") == "#FFFF00"
+    assert brightness(lighten("#000000")) > 100
+    assert lighten("#FFFF00") == "#FFFF00"
 
 
 def test_several_episodes_are_for_pages(tmp_path: Path) -> None:
     parts = [Part(swarm(2), "a", machines_of(MODULES)), Part(swarm(3), "b", machines_of(MODULES))]
-    with pytest.raises(InputError, match=r"x.gif: several episodes .* by a page, FILE.html"):
+    with pytest.raises(InputError, match=r"x.gif: only a page, FILE.html, can show several episodes"):
         save(parts, tmp_path / "x.gif")
     save(parts[:1], tmp_path / "x.png", shown=Shown(colors="controller"))
     assert (tmp_path / "x.png").stat().st_size > 5000

@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import _engine
 from swarmwright.controllers.modules.grammar import State, Transition, weights_of
-from swarmwright.display._bodies import scene_of
+from swarmwright.display._bodies import scene_from_arrays
 from swarmwright.display.terminal import CLEAR_BELOW, HIDE_CURSOR, SHOW_CURSOR, SIGNS, play, with_states
 
 
@@ -130,7 +130,7 @@ def test_robots_have_the_signs_of_their_states(unicode: bool) -> None:
     assert all(one in "→↗↑↖←↙↓↘>/^\\<v" for one, two in changed if one != two), "robots alone"
     assert sorted(signs) == sorted("00000001222b")
     # Where the robot in state 11 is.
-    scene = scene_of(episode.scene_arrays())
+    scene = scene_from_arrays(episode.scene_arrays())
     row = next(row for row, line in enumerate(lines[2:]) if "b" in line)
     y = scene.height * (1 - (row + 0.5) / (len(lines) - 4))
     assert y == pytest.approx(scene.bodies[3].y, abs=scene.height / (len(lines) - 4))

@@ -181,7 +181,7 @@ def test_a_file_may_hold_any_genome(genome: object, tmp_path: Path) -> None:
         ({"controller": {"hidden": [4]}}, "is layered, 4-8-1, tanh; the controllers of this experiment are layered, 4-4-1, tanh: they differ in hidden \\(\\[8\\], here \\[4\\]; set controller.hidden\\)"),
         ({"controller": {"output_range": [0, 1]}}, "they differ in output_range \\(\\[-1.0, 1.0\\], here \\[0.0, 1.0\\]; set controller.output_range\\)"),
         ({"controller": {"kind": "fully_meshed"}}, "the controllers of this experiment are fully_meshed"),
-        ({"start_from": "nowhere"}, "start_from: .*nowhere: there is no such file"),
+        ({"start_from": "nowhere"}, "start_from: .*nowhere: file not found"),
         ({"start_from": 5}, "must be the path of a run or of a controller"),
         ({"start_from": {"run": "x", "candidat": 3}}, "a mapping is written"),
         ({"method": {"population": 10}, "start_from": 12}, "12 controllers exceed the 10"),

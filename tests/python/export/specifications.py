@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from swarmwright import _engine
 from swarmwright.controllers.source.text import plain
 from swarmwright.export import Subject
-from swarmwright.export.sequences import Sequences, random_sequences
+from swarmwright.export.sequences import Sequences, draw_random_sequences
 
 ACTIVATIONS = {
     "layered": ("tanh", "sigmoid", "relu", "clamp", "linear"),
@@ -186,4 +186,4 @@ def sequences_of(name: str, count: int = 100) -> Sequences:
 
 def few(specification: Specification, count: int = 100) -> Sequences:
     """Random sequences of a controller."""
-    return random_sequences(specification, count)
+    return draw_random_sequences(specification, count)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from swarmwright.export.arena_words import PRESETS, Robot, actuator_meaning, robot_in, sensor_meaning
+from swarmwright.export.arena_words import PRESETS, Robot, describe_actuator, describe_sensor, robot_in
 from swarmwright.simulations import catalogue
 
 ROBOTS = Path(__file__).parents[3] / "engine" / "worlds" / "arena" / "src" / "robots"
@@ -61,17 +61,17 @@ def test_robots_of_parameters() -> None:
     ],
 )
 def test_sensors(name: str, meaning: str) -> None:
-    assert sensor_meaning(name, PRESETS["e-puck-rm1.1"]) == meaning
+    assert describe_sensor(name, PRESETS["e-puck-rm1.1"]) == meaning
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_all_sensors_of_the_engine_have_a_meaning(preset: str) -> None:
     names = catalogue.channels("arena", {"mission": "aac", "robot": preset})["sensor_names"]
-    without = {name for name in names if not sensor_meaning(name, PRESETS[preset])}
+    without = {name for name in names if not describe_sensor(name, PRESETS[preset])}
     assert without <= {"random"}
 
 
 def test_actuators() -> None:
-    assert actuator_meaning("left wheel", PRESETS["foot-bot"]) == "1 is 0.3 m/s forwards, -1 backwards"
-    assert actuator_meaning("right wheel", Robot()) == "1 is the largest speed forwards, -1 backwards"
-    assert actuator_meaning("message 0", Robot()) == ""
+    assert describe_actuator("left wheel", PRESETS["foot-bot"]) == "1 is 0.3 m/s forwards, -1 backwards"
+    assert describe_actuator("right wheel", Robot()) == "1 is the largest speed forwards, -1 backwards"
+    assert describe_actuator("message 0", Robot()) == ""

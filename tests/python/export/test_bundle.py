@@ -19,10 +19,10 @@ import swarmwright
 from swarmwright import InputError, Run
 from swarmwright.common.revision import revision
 from swarmwright.export import EXPORTERS
-from swarmwright.export.bundle import _anywhere, episodes_of, export_bundle
+from swarmwright.export.bundle import _strip_folders, export_bundle, parse_episodes
 from swarmwright.export.bundle_verification import verify_bundle
 from swarmwright.export.c import C
-from swarmwright.export.subject import subject_of
+from swarmwright.export.subject import load_subject
 
 MINISIM: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "ranking": {"episodes": 2}, "validate": {"episodes": 12},
@@ -133,7 +133,7 @@ def test_a_format_of_compiled_code_alone_is_left_out(network: Run, tmp_path: Pat
         patch.setattr(EXPORTERS, "get", lambda _: Compiled)
         made = export_bundle(network, tmp_path / "x.zip")
     assert made.without == {
-        "firmware": "compiled for one kind of machine; export it where it is used, with --to firmware"
+        "firmware": "compiled for one kind of machine; export it on the target machine with --to firmware"
     }
 
 
@@ -160,11 +160,11 @@ def test_the_same_candidate_is_the_same_archive(network: Run, bundle: Path, tmp_
 
 
 def test_episodes_are_a_table_with_every_bit(network: Run, bundle: Path) -> None:
-    files, episodes = read(bundle), subject_of(network).episodes
+    files, episodes = read(bundle), load_subject(network).episodes
     assert episodes is not None
     text = files["episodes.csv"].decode()
     assert text.splitlines()[0] == "begins,goal x,goal y,defender x,defender y,heading"
-    again = episodes_of(text, 4, 1)
+    again = parse_episodes(text, 4, 1)
     for name in ("first", "sensors", "actuators", "accepted"):
         np.testing.assert_array_equal(getattr(again, name), getattr(episodes, name))
 
@@ -250,14 +250,17 @@ def test_machines_and_folders_are_left_out() -> None:
         "validate": {"to": [{"name": "robots", "servers": {"launcher": "slurm"}, "broker": "mqtts://b"}]},
         "prefix": "",
     }
-    assert _anywhere(values, run) == {
+    assert _strip_folders(values, run) == {
         "simulation": {"command": ["./sim", "--world=code/1/w"], "folder": "code"},
         "parameters": values["parameters"],
         "controller": {"behaviours": ["own.py:Wander", "stop"]},
         "validate": {"to": [{"name": "robots"}]},
         "prefix": "",
     }
-    assert _anywhere({"servers": "local", "folder": str(run)}, run) == {"servers": "local", "folder": "."}
+    assert _strip_folders({"servers": "local", "folder": str(run)}, run) == {
+        "servers": "local",
+        "folder": ".",
+    }
 
 
 def _comment(files: Files) -> None:
@@ -511,7 +514,7 @@ def test_names_outside_the_folder_are_refused(name: str, bundle: Path, tmp_path:
 def test_json_that_is_nested_deeply_is_refused(name: str, text: bytes, bundle: Path, tmp_path: Path) -> None:
     sealed = name != "manifest.json"
     write(tmp_path / "deep.zip", {**read(bundle), name: text}, sealed=sealed)
-    with pytest.raises(InputError, match="nested more than 100 deep"):
+    with pytest.raises(InputError, match="nesting is deeper than 100 levels"):
         verify_bundle(tmp_path / "deep.zip")
 
 
@@ -624,10 +627,10 @@ def _wrong(file: Path) -> None:
     ("make", "words"),
     [
         (lambda file: file.write_bytes(b"no archive"), "is not a bundle, or is damaged"),
-        (_not_a_bundle, "is not a bundle: it has no manifest.json"),
+        (_not_a_bundle, "is not a bundle, because manifest.json is missing"),
         (_later, "has the format 2, of Swarmwright 9.0; this version reads 1"),
-        (_wrong, "manifest.json, or what it names, is not as a bundle has it"),
-        (lambda file: file.mkdir(), "it has no manifest.json"),
+        (_wrong, "manifest.json, or a file named in it, is invalid"),
+        (lambda file: file.mkdir(), "manifest.json is missing"),
     ],
 )
 def test_what_is_no_bundle(tmp_path: Path, make: Callable[[Path], object], words: str) -> None:
@@ -669,10 +672,10 @@ def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
     [
         (["--bundle", "x.tar"], "x.tar: a bundle is an archive, so its name ends with .zip"),
         (["--bundle", "no/x.zip"], "no/x.zip: there is no folder no"),
-        (["--bundle", "there.zip"], "there.zip: is there already and is not a bundle"),
+        (["--bundle", "there.zip"], "there.zip: already exists and is not a bundle"),
         (["--bundle", "x.zip", "--to", "c"], "leave out --to, --output and --verify"),
-        (["--bundle", "x.zip", "--prefix", "int"], "'int' is a word of C, C++ or Python"),
-        (["--bundle", "x.zip", "--candidate", "999:0"], "has generations 0 to 29, but no generation 999"),
+        (["--bundle", "x.zip", "--prefix", "int"], "'int' is a keyword of C, C++ or Python"),
+        (["--bundle", "x.zip", "--candidate", "999:0"], "holds the generations 0 to 29, not 999"),
         (["--to", "c", "--mapping", "there.zip"], "--mapping and --license are for bundles"),
         ([], "name a format: --to c, cpp, "),
     ],

@@ -15,10 +15,10 @@ from swarmwright.common.errors import InputError, RunError
 from swarmwright.controllers.source.text import c_literal, check_type, plain
 from swarmwright.export import EXPORTERS, Exporter, c_family
 from swarmwright.export._base import render
-from swarmwright.export.c import LANGUAGE, C, loaded_files, loaded_weights
+from swarmwright.export.c import LANGUAGE, C, format_loadable_source, format_weights
 from swarmwright.export.cpp import Cpp
-from swarmwright.export.programs import run, stepped, steps
-from swarmwright.export.sequences import difference
+from swarmwright.export.programs import format_steps, parse_actuators, run
+from swarmwright.export.sequences import measure_difference
 from swarmwright.export.writing import write
 from tests.python.export.specifications import (
     ALL,
@@ -43,7 +43,7 @@ def bits(exporter: Exporter, specification: Specification, folder: Path) -> tupl
     made = subject(specification)
     write(exporter.files(made, "robot"), folder)
     sequences = few(specification)
-    return difference(sequences, exporter.run(folder, "robot", sequences))
+    return measure_difference(sequences, exporter.run(folder, "robot", sequences))
 
 
 def together(names: list[str], folder: Path) -> str:
@@ -103,8 +103,10 @@ def test_every_kind_in_one_program(compiler: str, options: list[str], tmp_path: 
     run([compiler, *objects, "-o", "all"], tmp_path, compiler)
     for index, name in enumerate(names):
         sequences = sequences_of(name)
-        written = stepped(run(["./all", str(index)], tmp_path, name, steps(sequences)), sequences, name)
-        assert difference(sequences, written) == (0.0, 0), name
+        written = parse_actuators(
+            run(["./all", str(index)], tmp_path, name, format_steps(sequences)), sequences, name
+        )
+        assert measure_difference(sequences, written) == (0.0, 0), name
 
 
 @pytest.mark.parametrize("exporter", [C(), Cpp()], ids=["c", "cpp"])
@@ -222,31 +224,31 @@ def test_weights_in_a_file(name: str, tmp_path: Path) -> None:
     first = ALL[name]
     second = {**first, "weights": [-one for one in first["weights"]]}
     (tmp_path / "main.c").write_text(LOADS)
-    write(loaded_files(subject(first), "robot"), tmp_path)
-    assert loaded_files(subject(first), "robot") == loaded_files(subject(second), "robot")
+    write(format_loadable_source(subject(first), "robot"), tmp_path)
+    assert format_loadable_source(subject(first), "robot") == format_loadable_source(subject(second), "robot")
     run(["gcc", "-std=c99", *STRICT, "-O2", "main.c", "robot.c", "-o", "robot"], tmp_path, "gcc")
     for number, specification in enumerate([first, second]):
         weights = tmp_path / f"{number}.weights"
-        weights.write_text(loaded_weights(subject(specification)))
+        weights.write_text(format_weights(subject(specification)))
         sequences = few(specification)
         words = ["./robot", str(weights)]
-        written = stepped(run(words, tmp_path, name, steps(sequences)), sequences, name)
-        assert difference(sequences, written) == (0.0, 0)
+        written = parse_actuators(run(words, tmp_path, name, format_steps(sequences)), sequences, name)
+        assert measure_difference(sequences, written) == (0.0, 0)
 
 
 @pytest.mark.slow
 def test_a_file_with_other_weights_is_refused(tmp_path: Path) -> None:
     made = subject(ALL["layered-tanh-2"])
     (tmp_path / "main.c").write_text(LOADS)
-    write(loaded_files(made, "robot"), tmp_path)
+    write(format_loadable_source(made, "robot"), tmp_path)
     run(["gcc", "-std=c99", *STRICT, "main.c", "robot.c", "-o", "robot"], tmp_path, "gcc")
-    whole = loaded_weights(made)
+    whole = format_weights(made)
     others = [
         "",
         whole[: len(whole) // 2],
         whole + "3f800000\n",
         "nothing",
-        loaded_weights(subject(ALL["layered-deep"])),
+        format_weights(subject(ALL["layered-deep"])),
         whole.replace("\n", "\nx", 3),
     ]
     for text in others:
@@ -300,8 +302,8 @@ def test_clang_may_be_told_to_reorder_a_class(name: str, tmp_path: Path) -> None
     run(["clang++", "-funsafe-math-optimizations", "-O3", "-c", "main.cpp"], tmp_path, "clang++")
     run(["clang++", "main.o", "-o", "one"], tmp_path, "clang++")
     sequences = sequences_of(name)
-    found = stepped(run(["./one"], tmp_path, name, steps(sequences)), sequences, name)
-    assert difference(sequences, found) == (0.0, 0)
+    found = parse_actuators(run(["./one"], tmp_path, name, format_steps(sequences)), sequences, name)
+    assert measure_difference(sequences, found) == (0.0, 0)
 
 
 @pytest.mark.slow
@@ -349,7 +351,7 @@ def test_compilers_would_fuse_without_protection(tmp_path: Path) -> None:
     source = tmp_path / "robot.c"
     source.write_text(source.read_text().replace("typedef volatile float", "typedef float"))
     sequences = few(specification)
-    _, differing = difference(sequences, C().run(tmp_path, "robot", sequences))
+    _, differing = measure_difference(sequences, C().run(tmp_path, "robot", sequences))
     assert differing > 0
 
 
@@ -401,7 +403,7 @@ def test_a_wrong_table_is_noticed(tmp_path: Path) -> None:
     assert text.count(f"{weight!s}f") == 1
     source.write_text(text.replace(f"{weight!s}f", f"{np.nextafter(weight, np.float32(9))!s}f"))
     sequences = few(specification)
-    assert difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
+    assert measure_difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
     run(["gcc", "robot.c", "robot_test.c", "-o", "self_test"], tmp_path, "self-test")
     done = subprocess.run(["./self_test"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 1
@@ -418,9 +420,9 @@ def test_state_is_kept_and_forgotten(tmp_path: Path) -> None:
     whole = (tmp_path / source).read_text()
     forgetful = whole.replace("    int iteration;\n", "    int iteration;\n    robot_reset(controller);\n", 1)
     (tmp_path / source).write_text(forgetful)
-    assert difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
+    assert measure_difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
     (tmp_path / source).write_text(whole.replace("controller->outputs[node] = 0.0f;", ";", 1))
-    assert difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
+    assert measure_difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
 
 
 @pytest.mark.slow
@@ -474,7 +476,16 @@ def test_the_sketch_stops_scaled_actuators_at_0() -> None:
 @pytest.mark.parametrize("steps", [0, 7, 20])
 def test_a_self_test_takes_as_many_recorded_steps_as_is_said(steps: int, tmp_path: Path) -> None:
     write(C().files(subject(ALL["mealy_fsm"]), "robot"), tmp_path)
-    words = ["gcc", "-std=c99", *STRICT, f"-DSELF_TEST_STEPS={steps}", "robot.c", "robot_test.c", "-o", "cut"]
+    words = [
+        "gcc",
+        "-std=c99",
+        *STRICT,
+        f"-DSELF_TEST_STEPS={steps}",
+        "robot.c",
+        "robot_test.c",
+        "-o",
+        "cut",
+    ]
     run(words, tmp_path, "gcc")
     assert run(["./cut"], tmp_path, "self-test") == b"ok\n"
 

@@ -24,7 +24,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_it_is_compiled_once_and_announced(checkout: Path, caplog: pytest.LogCaptureFixture) -> None:
     (checkout / "Makefile").write_text("fmi:\n\t@echo $(MAKELEVEL) >> times; echo library > fmi.so\n")
     with caplog.at_level(logging.INFO, "swarmwright.progress"):
-        assert [simulation_fmu.read() for _ in range(2)] == [b"library\n"] * 2
+        assert [simulation_fmu.read_library() for _ in range(2)] == [b"library\n"] * 2
     assert (checkout / "times").read_text() == "0\n"
     (said,) = (record.getMessage() for record in caplog.records)
     assert said.startswith("compiling the library that FMUs of simulations hold, once")
@@ -38,7 +38,7 @@ def test_it_is_compiled_once_and_announced(checkout: Path, caplog: pytest.LogCap
 def test_what_fails_is_said(checkout: Path, recipe: str, words: str) -> None:
     (checkout / "Makefile").write_text(f"fmi:\n\t@{recipe}\n")
     with pytest.raises(RunError, match="cannot be compiled: `make fmi` failed: ") as failed:
-        simulation_fmu.read()
+        simulation_fmu.read_library()
     assert words in str(failed.value)
 
 
@@ -46,10 +46,10 @@ def test_what_fails_is_said(checkout: Path, recipe: str, words: str) -> None:
 def test_without_make(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(checkout))
     with pytest.raises(RunError, match="there is no program `make`"):
-        simulation_fmu.read()
+        simulation_fmu.read_library()
 
 
 def test_without_the_source(checkout: Path) -> None:
     (checkout / "engine" / "bindings" / "fmi" / "Cargo.toml").unlink()
-    with pytest.raises(InputError, match="again brings it back"):
-        simulation_fmu.read()
+    with pytest.raises(InputError, match="reinstall Swarmwright"):
+        simulation_fmu.read_library()

@@ -21,7 +21,7 @@ from fmpy.validation import validate_fmu
 from swarmwright import InputError, RunError
 from swarmwright.export import Subject
 from swarmwright.export.fmu_driver import Driver
-from swarmwright.export.sequences import Sequences, difference, random_sequences
+from swarmwright.export.sequences import Sequences, draw_random_sequences, measure_difference
 from swarmwright.export.writing import write
 from tests.python.export.fmus import FORMS, KEEPS_STATE, begin, exporter, got, instance, put, written, zipped
 from tests.python.export.specifications import ALL, hebbian, subject
@@ -32,8 +32,8 @@ from tests.python.export.specifications import ALL, hebbian, subject
 @pytest.mark.parametrize("name", ALL)
 def test_every_kind_has_the_same_bits(name: str, form: str, tmp_path: Path) -> None:
     file = written(name, form, tmp_path)
-    sequences = random_sequences(ALL[name], 30)
-    assert difference(sequences, exporter(form).run(tmp_path, "robot", sequences)) == (0.0, 0)
+    sequences = draw_random_sequences(ALL[name], 30)
+    assert measure_difference(sequences, exporter(form).run(tmp_path, "robot", sequences)) == (0.0, 0)
     assert validate_fmu(str(file)) == []
 
 
@@ -60,11 +60,11 @@ def test_a_large_controller_needs_no_large_stack(form: str, tmp_path: Path) -> N
 @pytest.mark.parametrize("form", FORMS)
 def test_a_forgetful_or_wrong_one_is_found_out(form: str, tmp_path: Path) -> None:
     written(KEEPS_STATE, form, tmp_path)
-    sequences = random_sequences(ALL[KEEPS_STATE], 30, refused=False)
+    sequences = draw_random_sequences(ALL[KEEPS_STATE], 30, refused=False)
     always = np.ones_like(sequences.first)
     forgetful = Sequences(always, sequences.sensors, sequences.actuators, sequences.accepted)
-    assert difference(sequences, exporter(form).run(tmp_path, "robot", forgetful))[0] > 0.1
-    accepts = random_sequences(ALL[KEEPS_STATE], 300)
+    assert measure_difference(sequences, exporter(form).run(tmp_path, "robot", forgetful))[0] > 0.1
+    accepts = draw_random_sequences(ALL[KEEPS_STATE], 300)
     assert not accepts.accepted.all()
     everything = Sequences(accepts.first, accepts.sensors, accepts.actuators, always[:1].repeat(len(accepts)))
     with pytest.raises(
@@ -108,7 +108,7 @@ def test_it_samples_once_in_a_period_whatever_the_master_steps(
     first = np.zeros(samples, np.bool_)
     first[0] = True
     sensed = np.tile(np.array([0.25, -0.5, 0.75], np.float32), (samples, 1))
-    expected = Sequences.computed(ALL[KEEPS_STATE], first, sensed).actuators[-1]
+    expected = Sequences.compute(ALL[KEEPS_STATE], first, sensed).actuators[-1]
     assert np.array(got(fmu, [5, 6]), np.float32).tobytes() == expected.tobytes()
     fmu.terminate()
     fmu.freeInstance()
@@ -168,7 +168,7 @@ def test_instances_are_apart(form: str, tmp_path: Path) -> None:
         sensed = np.tile(np.array([0.3 * index, 0.1, 0.2], np.float32), (5, 1))
         assert (
             np.array(actuators, np.float32).tolist()
-            == Sequences.computed(ALL[KEEPS_STATE], first, sensed).actuators[-1].tolist()
+            == Sequences.compute(ALL[KEEPS_STATE], first, sensed).actuators[-1].tolist()
         )
 
 
@@ -382,8 +382,8 @@ def test_the_sources_in_it_are_built_by_others(form: str, tmp_path: Path) -> Non
     with zipfile.ZipFile(file, "w") as archive:
         for one in folder.rglob("*"):
             archive.write(one, one.relative_to(folder))
-    sequences = random_sequences(ALL["layered-tanh-0"], 30)
-    assert difference(sequences, exporter(form).run(tmp_path, "robot", sequences)) == (0.0, 0)
+    sequences = draw_random_sequences(ALL["layered-tanh-0"], 30)
+    assert measure_difference(sequences, exporter(form).run(tmp_path, "robot", sequences)) == (0.0, 0)
 
 
 @pytest.mark.slow
@@ -401,7 +401,7 @@ def test_another_master(form: str, tmp_path: Path) -> None:
     for index, name in enumerate(inputs):
         signals[name] = sensed[:, index]
     result = simulate_fmu(str(file), stop_time=9, output_interval=1, input=signals, output=outputs)
-    expected = Sequences.computed(ALL["layered-tanh-0"], np.arange(10) == 0, sensed).actuators
+    expected = Sequences.compute(ALL["layered-tanh-0"], np.arange(10) == 0, sensed).actuators
     found = np.column_stack([result[name] for name in outputs]).astype(np.float32)
     assert found[0].tolist() == [0.0, 0.0]
     # FMPy interpolates discrete inputs as held; what is sampled at t is there after the step from t.
@@ -453,8 +453,11 @@ def test_one_without_a_library_is_the_same_for_every_machine(
     done = subprocess.run([sys.executable, name], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert done.stderr == "robot.fmu holds its C source alone: fmpy compile robot.fmu\n"
-    sequences = random_sequences(ALL["mealy_fsm"], 30)
-    assert difference(sequences, exporter(form).portable().run(tmp_path, "robot", sequences)) == (0.0, 0)
+    sequences = draw_random_sequences(ALL["mealy_fsm"], 30)
+    assert measure_difference(sequences, exporter(form).portable().run(tmp_path, "robot", sequences)) == (
+        0.0,
+        0,
+    )
     assert exporter(form).portable().self_test(tmp_path, "robot") == name
     whole = zipped(tmp_path / "robot.fmu")
     write(exporter(form).files(made, "robot"), tmp_path)
@@ -538,7 +541,7 @@ def test_the_same_bytes_and_not_over_the_files_of_others(tmp_path: Path) -> None
     with zipfile.ZipFile(foreign, "w") as archive:
         archive.writestr("modelDescription.xml", "<fmiModelDescription/>")
     (tmp_path / "robot.fmu").write_bytes(foreign.getvalue())
-    with pytest.raises(InputError, match=r"robot\.fmu: is there already and was not exported by Swarmwright"):
+    with pytest.raises(InputError, match=r"robot\.fmu: already exists and was not exported by Swarmwright"):
         write(made[0], tmp_path)
 
 
@@ -567,10 +570,10 @@ def test_the_library_is_in_the_folder_of_the_machine_it_is_for(
 
 def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     made = subject(ALL["mealy_fsm"])
-    with pytest.raises(InputError, match="a parameter set has no inputs and outputs, and so no FMU"):
+    with pytest.raises(InputError, match="a parameter set has no inputs and outputs for an FMU"):
         exporter("fmu").files(Subject({"kind": "parameter_set"}), "robot")
     monkeypatch.setenv("CC", "/no/such/compiler")
-    with pytest.raises(InputError, match="CC=/no/such/compiler: there is no such program"):
+    with pytest.raises(InputError, match="CC=/no/such/compiler: program not found"):
         exporter("fmu").files(made, "robot")
     monkeypatch.delenv("CC")
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -578,4 +581,4 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
         exporter("fmu").files(made, "robot")
     monkeypatch.setitem(sys.modules, "fmpy", None)
     with pytest.raises(InputError, match=r"needs FMPy: pip install 'swarmwright\[fmi\]'"):
-        exporter("fmu").run(tmp_path, "robot", random_sequences(ALL["mealy_fsm"], 1))
+        exporter("fmu").run(tmp_path, "robot", draw_random_sequences(ALL["mealy_fsm"], 1))

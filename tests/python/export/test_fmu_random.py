@@ -50,7 +50,7 @@ def test_a_random_number_is_drawn_with_a_seed(form: str, tmp_path: Path) -> None
     assert abs(drawn.mean() - 0.5) < 0.1
     sensed = np.zeros((200, 9), np.float32)
     sensed[:, 8] = drawn
-    expected = Sequences.computed(ALL["modules"], np.arange(200) == 0, sensed).actuators
+    expected = Sequences.compute(ALL["modules"], np.arange(200) == 0, sensed).actuators
     assert np.array(runs[0], np.float32)[:, 1:].tobytes() == expected.tobytes()
     parameter(fmu, seed.valueReference, 1)
     begin(fmu)

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from swarmwright import InputError
 from swarmwright.export import Subject
 from swarmwright.export.onnx import Onnx
-from swarmwright.export.sequences import Sequences, difference, random_sequences
+from swarmwright.export.sequences import Sequences, draw_random_sequences, measure_difference
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, Specification, networks, subject
 
@@ -21,7 +21,7 @@ from tests.python.export.specifications import ALL, Specification, networks, sub
 def found(specification: Specification, folder: Path) -> tuple[Sequences, Any]:
     """Sequences, and what the model gives for them."""
     write(Onnx().files(subject(specification), "robot"), folder)
-    sequences = random_sequences(specification, 100, refused=False)
+    sequences = draw_random_sequences(specification, 100, refused=False)
     return sequences, Onnx().run(folder, "robot", sequences)
 
 
@@ -30,7 +30,7 @@ def found(specification: Specification, folder: Path) -> tuple[Sequences, Any]:
 )
 def test_every_kind(name: str, tmp_path: Path) -> None:
     """Promised is a difference of 1e-5 in any runtime; in onnxruntime the bits are the same."""
-    assert difference(*found(ALL[name], tmp_path)) == (0.0, 0)
+    assert measure_difference(*found(ALL[name], tmp_path)) == (0.0, 0)
 
 
 def test_modules_and_networks_that_learn_are_refused() -> None:
@@ -46,7 +46,7 @@ def test_modules_and_networks_that_learn_are_refused() -> None:
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(specification=networks())
 def test_any_network(specification: Specification, tmp_path: Path) -> None:
-    assert difference(*found(specification, tmp_path)) == (0.0, 0)
+    assert measure_difference(*found(specification, tmp_path)) == (0.0, 0)
 
 
 @pytest.mark.parametrize("name", ["layered-tanh-0", "fully_meshed-sigmoid-3", "mealy_fsm"])
@@ -56,7 +56,7 @@ def test_another_runtime(name: str, tmp_path: Path) -> None:
 
     write(Onnx().files(subject(ALL[name]), "robot"), tmp_path)
     evaluator = ReferenceEvaluator(str(tmp_path / "robot.onnx"))
-    sequences = random_sequences(ALL[name], 5, refused=False)
+    sequences = draw_random_sequences(ALL[name], 5, refused=False)
     actuators = np.zeros_like(sequences.actuators)
     state: dict[str, Any] = {}
     for step, first in enumerate(sequences.first):
@@ -66,7 +66,7 @@ def test_another_runtime(name: str, tmp_path: Path) -> None:
         actuators[step] = outputs[0][0]
         if state:
             state = {"state": outputs[1]}
-    assert difference(sequences, actuators)[0] <= Onnx.tolerance
+    assert measure_difference(sequences, actuators)[0] <= Onnx.tolerance
 
 
 def test_state_matters(tmp_path: Path) -> None:
@@ -75,8 +75,8 @@ def test_state_matters(tmp_path: Path) -> None:
     sequences, actuators = found(specification, tmp_path)
     always = np.ones_like(sequences.first)
     forgetful = Sequences(always, sequences.sensors, sequences.actuators, sequences.accepted)
-    assert difference(sequences, actuators) == (0.0, 0)
-    assert difference(sequences, Onnx().run(tmp_path, "robot", forgetful))[0] > 0.1
+    assert measure_difference(sequences, actuators) == (0.0, 0)
+    assert measure_difference(sequences, Onnx().run(tmp_path, "robot", forgetful))[0] > 0.1
 
 
 @pytest.mark.slow
@@ -123,7 +123,7 @@ def test_a_step_of_unknown_duration_has_no_seconds(tmp_path: Path) -> None:
 
 def test_parameter_sets_have_no_model() -> None:
     made = Subject({"kind": "parameter_set", "parameters": [], "weights": []}, values={"range": 1.0})
-    with pytest.raises(InputError, match="a parameter set has no inputs and outputs, and so no ONNX model"):
+    with pytest.raises(InputError, match="a parameter set has no inputs and outputs for an ONNX model"):
         Onnx().files(made, "robot")
 
 
@@ -136,7 +136,7 @@ def test_without_the_libraries(missing: str, tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
     said = rf"ONNX models need {missing}: pip install 'swarmwright\[onnx\]'"
     made = subject(ALL["mealy_fsm"])
-    sequences = random_sequences(made.specification, 1)
+    sequences = draw_random_sequences(made.specification, 1)
     with pytest.raises(InputError, match=said):
         _ = Onnx().files(made, "robot") if missing == "onnx" else Onnx().run(tmp_path, "robot", sequences)
 
@@ -148,7 +148,7 @@ def test_a_machine_has_no_product_that_openvino_miscomputes(tmp_path: Path) -> N
     one_each = {**ALL["mealy_fsm"], "thresholds": [[0.1], [-0.2], [0.3]]}
     one_each["weights"] = [0.5 * (-1) ** index for index in range(_machine_weights(one_each))]
     sequences, actuators = found(one_each, tmp_path)
-    assert difference(sequences, actuators) == (0.0, 0)
+    assert measure_difference(sequences, actuators) == (0.0, 0)
     nodes = onnx.load(str(tmp_path / "robot.onnx")).graph.node
     sums = {name for node in nodes if node.op_type == "ReduceSum" for name in node.output}
     assert not [node for node in nodes if node.op_type == "Mul" and sums.intersection(node.input)]

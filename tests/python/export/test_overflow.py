@@ -9,10 +9,10 @@ import pytest
 from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
-from swarmwright.export.golden import Golden, before_overflow
+from swarmwright.export.golden import Golden, find_steps_before_overflow
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.walk import walk_of
+from swarmwright.export.walk import generate_walk
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, Specification, network, subject
 
@@ -27,11 +27,11 @@ def growing(seed: int, factor: float, iterations: int = 1) -> Specification:
 
 def episode(specification: Specification, steps: int = STEPS) -> Sequences:
     sensors = np.random.default_rng(0).uniform(-1, 1, (steps, 3)).astype(np.float32)
-    return Sequences.computed(specification, np.arange(steps) == 0, sensors)
+    return Sequences.compute(specification, np.arange(steps) == 0, sensors)
 
 
 def overflow_at(specification: Specification) -> int:
-    kept = before_overflow(specification, episode(specification))
+    kept = find_steps_before_overflow(specification, episode(specification))
     return int(np.argmin(kept)) if not kept.all() else STEPS
 
 
@@ -52,7 +52,7 @@ def test_the_self_test_has_the_steps_before(after: int, tmp_path: Path) -> None:
         begun = overflow_at(specification)
         recorded = episode(specification, min(begun + after, STEPS))
         made = replace(subject(specification), episodes=recorded, episode_count=1)
-        golden = Golden.of(made)
+        golden = Golden.from_subject(made)
         assert len(golden.sequences) == begun
         assert f"episodes of 1 agent, {begun} steps before a node overflows" in golden.words
         folder = tmp_path / str(number)
@@ -69,9 +69,9 @@ def test_a_network_that_overflows_at_once_has_a_self_test_without_steps(
     weights = [3e38 if index % 2 else -3e38 for index in range(len(made["weights"]))]
     specification = {**made, "weights": weights}
     first = np.arange(40) == 0
-    recorded = Sequences.computed(specification, first, np.full((40, 3), 2, np.float32))
+    recorded = Sequences.compute(specification, first, np.full((40, 3), 2, np.float32))
     at_once = replace(subject(specification), episodes=recorded, episode_count=1)
-    assert len(Golden.of(at_once).sequences) == 0
+    assert len(Golden.from_subject(at_once).sequences) == 0
     write(exporter.files(at_once, "robot"), tmp_path)
     assert exporter.self_test(tmp_path, "robot")
 
@@ -79,7 +79,7 @@ def test_a_network_that_overflows_at_once_has_a_self_test_without_steps(
 @pytest.mark.slow
 def test_the_pseudo_random_steps_end_before_an_overflow(tmp_path: Path) -> None:
     made = subject(OVERFLOWING[0])
-    walk = walk_of(made)
+    walk = generate_walk(made)
     assert 0 < walk.steps < 256
     assert walk.words == f"{walk.steps} pseudo-random steps before a node overflows"
     write(C().files(made, "robot"), tmp_path)
@@ -89,4 +89,4 @@ def test_the_pseudo_random_steps_end_before_an_overflow(tmp_path: Path) -> None:
 def test_others_keep_all_steps() -> None:
     for name in ("layered-relu-6", "fully_meshed-tanh-6", "hebbian", "mealy_fsm"):
         recorded = episode(ALL[name])
-        assert before_overflow(ALL[name], recorded).all(), name
+        assert find_steps_before_overflow(ALL[name], recorded).all(), name

@@ -21,7 +21,7 @@ from swarmwright.export.onnx import Onnx
 from swarmwright.export.programs import run
 from swarmwright.export.python import Python
 from swarmwright.export.ros import Ros1, Ros2
-from swarmwright.export.sequences import difference, random_sequences
+from swarmwright.export.sequences import draw_random_sequences, measure_difference
 from swarmwright.export.writing import write
 from tests.python.export.specifications import subject
 from tests.python.export.test_c import COMPILERS, STRICT
@@ -138,9 +138,9 @@ def test_it_has_the_bits_of_the_simulation(exporter: Exporter, form: str, tmp_pa
         specification = controller(seed, form=form)
         folder = tmp_path / str(seed)
         write(exporter.files(subject(specification), "robot"), folder)
-        sequences = random_sequences(specification, 300)
+        sequences = draw_random_sequences(specification, 300)
         moved += len(np.unique(sequences.actuators, axis=0))
-        assert difference(sequences, exporter.run(folder, "robot", sequences)) == (0.0, 0)
+        assert measure_difference(sequences, exporter.run(folder, "robot", sequences)) == (0.0, 0)
     assert moved > 200
 
 
@@ -183,7 +183,7 @@ def test_python_copies_the_files(file: Path, tmp_path: Path) -> None:
     # What was exported may be exported again; what was edited may not be lost.
     write(Python().files(made, "robot"), tmp_path / "robot")
     copied.write_text(f"{CODE}# edited")
-    with pytest.raises(InputError, match=r"code/woven\.py: is there already and was not exported"):
+    with pytest.raises(InputError, match=r"code/woven\.py: already exists and was not exported"):
         write(Python().files(made, "robot"), tmp_path / "robot")
     with pytest.raises(RunError, match="is not the code with which the controller was designed"):
         run([sys.executable, "robot_test.py"], tmp_path / "robot", "the self-test")
@@ -246,7 +246,7 @@ def test_the_code_finds_its_neighbours_and_others_find_theirs(file: Path, tmp_pa
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("import swarmwright.testing", r"woven\.py:3: imports swarmwright\.testing, which an exported"),
+        ("import swarmwright.testing", r"woven\.py:3: imports swarmwright\.testing, but an exported"),
         (
             "from swarmwright.controllers.modules import BEHAVIOURS",
             r"woven\.py:3: imports swarmwright\.controllers\.modules\.BEHAVIOURS",
@@ -267,7 +267,7 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "woven.py").write_text(f"{CODE}# another\n")
     made = subject(controller(1, behaviours=["woven.py:Shy"], conditions=["other/woven.py:Lit"]))
-    with pytest.raises(InputError, match=r"Lit: its woven\.py is not that of another module"):
+    with pytest.raises(InputError, match=r"Lit: its woven\.py differs from that of another module"):
         Python().files(made, "robot")
 
 
@@ -275,7 +275,7 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
 def test_forms_without_python_and_c_say_so() -> None:
     made = subject(controller(1, behaviours=["woven.py:Shy"], conditions=["woven.py:Lit"]))
     for exporter, name in ((MicroPython(), "MicroPython"), (Onnx(), "ONNX")):
-        message = f"its modules Shy, Lit are code in Python, which {name} does not run; --to python copies it"
+        message = f"{name} does not support its Python modules Shy, Lit; use --to python"
         with pytest.raises(InputError, match=message):
             exporter.files(made, "robot")
 
@@ -318,14 +318,14 @@ def test_a_run_is_exported_and_verified(file: Path, tmp_path: Path) -> None:
         (
             '    c_code = "probability',
             '    c_not = "probability',
-            r"woven\.py:\d+\) has no code in C; write it",
+            r"woven\.py:\d+\) has no C code; set the attribute c_code",
         ),
-        ('"growth"', '"long"', r"Weave: parameter 'long': has another meaning in C; rename it"),
-        ('"growth"', '"state"', r"Weave: parameter 'state': has another meaning in C; rename it"),
+        ('"growth"', '"long"', r"Weave: parameter 'long': is a reserved name in C; rename it"),
+        ('"growth"', '"state"', r"Weave: parameter 'state': is a reserved name in C; rename it"),
         (
             '    c_code = "probability',
             '    c_code = 3 # "',
-            r"Lit: c_code must be text, statements in C, not 3",
+            r"Lit: c_code must be a string of C statements, not 3",
         ),
     ],
 )
@@ -344,4 +344,4 @@ def test_code_that_does_not_compile_is_shown(file: Path, tmp_path: Path) -> None
     specification = controller(1)
     write(C().files(subject(specification), "robot"), tmp_path / "c")
     with pytest.raises(RunError, match="nonsense"):
-        C().run(tmp_path / "c", "robot", random_sequences(specification, 2))
+        C().run(tmp_path / "c", "robot", draw_random_sequences(specification, 2))

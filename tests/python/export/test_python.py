@@ -17,9 +17,9 @@ from hypothesis import HealthCheck, given, settings
 from swarmwright import Experiment, InputError, Simulation, export_controller, optimize
 from swarmwright.export import Exporter, Subject
 from swarmwright.export.micropython import MicroPython
-from swarmwright.export.micropython import _interpreter as interpreter
+from swarmwright.export.micropython import _find_interpreter as interpreter
 from swarmwright.export.python import Python
-from swarmwright.export.sequences import difference
+from swarmwright.export.sequences import measure_difference
 from swarmwright.export.writing import write
 from tests.python.export.specifications import (
     ALL,
@@ -58,7 +58,7 @@ def test_every_kind(exporter: Exporter, tmp_path: Path) -> None:
     for name in names:
         write(exporter.files(subject(ALL[name]), "robot"), tmp_path)
         sequences = sequences_of(name, 30)
-        assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0), name
+        assert measure_difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0), name
 
 
 @pytest.mark.slow
@@ -68,7 +68,7 @@ def test_every_kind(exporter: Exporter, tmp_path: Path) -> None:
 def test_any_network(exporter: Exporter, specification: Specification, tmp_path: Path) -> None:
     write(exporter.files(subject(specification), "robot"), tmp_path)
     sequences = few(specification, 30)
-    assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
+    assert measure_difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
 
 
 @pytest.mark.slow
@@ -122,7 +122,7 @@ def test_micropython_on_python(tmp_path: Path) -> None:
         assert "decimals" not in str(files["robot.py"]).partition('"""\n')[2]
         write(files, tmp_path)
         sequences = sequences_of(name)
-        assert difference(sequences, Python().run(tmp_path, "robot", sequences)) == (0.0, 0)
+        assert measure_difference(sequences, Python().run(tmp_path, "robot", sequences)) == (0.0, 0)
         assert Python().self_test(tmp_path, "robot") == "robot_test.py"
 
 
@@ -171,7 +171,7 @@ def test_sensors_that_are_refused(exporter: Exporter, tmp_path: Path) -> None:
 
 def test_names_of_modules_are_refused() -> None:
     for exporter in (Python(), MicroPython()):
-        with pytest.raises(InputError, match="prefix: 'array' is a module of Python"):
+        with pytest.raises(InputError, match="prefix: 'array' is a Python module"):
             exporter.files(subject(ALL["mealy_fsm"]), "array")
 
 

@@ -63,7 +63,7 @@ def test_what_cannot_be_a_package_is_refused() -> None:
     with pytest.raises(InputError, match="'exported' is a file of the package"):
         Ros1().files(SUBJECT, "exported")
     for prefix in ("std_msgs", "Roscpp", "catkin", "roslaunch"):
-        with pytest.raises(InputError, match=f"'{prefix}' is a package that this one depends on"):
+        with pytest.raises(InputError, match=f"'{prefix}' is a dependency of the package"):
             Ros1().files(SUBJECT, prefix)
 
 
@@ -162,7 +162,7 @@ def test_topics_named_after_robots_leave_the_rest_of_their_entries() -> None:
             "step": 0.1,
         }
     )
-    topics, real_time = subject_module._of_ros(definition.name)
+    topics, real_time = subject_module._ros_topics(definition.name)
     assert real_time
     mapping, text = template(replace(SUBJECT, topics=topics))
     assert mapping["rate"] == pytest.approx(10)

@@ -150,7 +150,7 @@ def wrong(code: str) -> str:
     "prefix", ["exported", "Mapping", "dds", "dds_node", "rclpy", "launch", "json", "std_msgs", "ament_cmake"]
 )
 def test_what_cannot_be_a_package_is_refused(prefix: str) -> None:
-    with pytest.raises(InputError, match="take another one"):
+    with pytest.raises(InputError, match="choose another prefix"):
         Ros2().files(SUBJECT, prefix)
 
 

@@ -11,9 +11,9 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run
-from swarmwright.controllers.source.text import identifiers, plain
+from swarmwright.controllers.source.text import make_identifiers, plain
 from swarmwright.export.golden import Golden
-from swarmwright.export.subject import Subject, subject_of
+from swarmwright.export.subject import Subject, load_subject
 from swarmwright.runs.store.database import seal_facts
 
 MINISIM: dict[str, Any] = {
@@ -46,12 +46,12 @@ def rule(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def test_episodes_are_recorded_agent_by_agent(minisim: Run) -> None:
-    subject = subject_of(minisim)
+    subject = load_subject(minisim)
     episodes = subject.episodes
     assert episodes is not None
     assert subject.episode_count == 3
     assert episodes.count == 6  # two agents in each
-    again = type(episodes).computed(subject.specification, episodes.first, episodes.sensors)
+    again = type(episodes).compute(subject.specification, episodes.first, episodes.sensors)
     # What the agents did is what a controller does that is reset where an agent's episode begins.
     np.testing.assert_array_equal(again.actuators.view(np.uint32), episodes.actuators.view(np.uint32))
     assert [channel.name for channel in subject.sensors] == ["goal x", "goal y", "defender x", "defender y"]
@@ -64,7 +64,7 @@ def test_names_are_those_with_the_parameters_of_the_run(tmp_path: Path) -> None:
         "method": {"kind": "random_search", "population": 2, "generations": 1},
     }
     run = swarmwright.optimize(swarmwright.Experiment.from_mapping(values), servers="local", out=tmp_path)
-    assert [channel.name for channel in subject_of(run).actuators] == [
+    assert [channel.name for channel in load_subject(run).actuators] == [
         "left wheel",
         "right wheel",
         "message 0",
@@ -89,11 +89,11 @@ def test_the_duration_of_a_step_is_not_that_of_a_frame(minisim: Run, tmp_path: P
 
 
 def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
-    subject = subject_of(minisim)
-    golden, episodes = Golden.of(subject).sequences, subject.episodes
+    subject = load_subject(minisim)
+    golden, episodes = Golden.from_subject(subject).sequences, subject.episodes
     assert episodes is not None
     assert len(golden) == len(episodes) <= 4000 // 5
-    first = episodes.until(0)
+    first = episodes.take_first(0)
     assert first.count == 1
     assert len(first) == int(np.flatnonzero(episodes.first)[1])
 
@@ -211,17 +211,17 @@ def test_verification_fails_where_bits_differ(
         (["--to", "c", "--candidate", "1:"], "'1:' is not G:N, such as 19:3"),
         (["--to", "c", "--candidate", "1:0", "--generation", "2"], "leave out --generation"),
         (["--to", "c", "--prefix", "2wheels"], "prefix: '2wheels' found, expected a letter"),
-        (["--to", "c", "--prefix", "class"], "prefix: 'class' is a word of C, C++ or Python"),
+        (["--to", "c", "--prefix", "class"], "prefix: 'class' is a keyword of C, C++ or Python"),
         (["--to", "c", "--prefix", "a_test"], "prefix: 'a_test' ends with _test"),
         (["--to", "c", "--prefix", "size"], "prefix: size_t is a type of C or POSIX"),
         (["--to", "fmu", "--prefix", "off"], "prefix: off_t is a type of C or POSIX"),
         (["--to", "ros2", "--prefix", "uint8"], "prefix: uint8_t is a type of C or POSIX"),
-        (["--to", "cpp", "--prefix", "String"], "prefix: String.h is a header of C or of the system"),
-        (["--to", "micropython", "--prefix", "array"], "prefix: 'array' is a module of Python"),
+        (["--to", "cpp", "--prefix", "String"], "prefix: String.h is a C or system header"),
+        (["--to", "micropython", "--prefix", "array"], "prefix: 'array' is a Python module"),
         (["--to", "c", "--output", "taken"], "taken: is a file where a folder is expected"),
         (
             ["--to", "c", "--output", "full"],
-            "controller.h: is there already and was not exported by Swarmwright",
+            "controller.h: already exists and was not exported by Swarmwright",
         ),
     ],
 )
@@ -282,7 +282,7 @@ def test_no_compiler(program: Any, minisim: Run, tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("CC", "nocc -O2")
     result = program("export", minisim.path, "--to", "c", "--verify")
     assert result.returncode == 2
-    assert result.stderr == "swarmwright: CC=nocc -O2: there is no such program\n"
+    assert result.stderr == "swarmwright: CC=nocc -O2: program not found\n"
     assert not (tmp_path / "controller").exists()
     monkeypatch.delenv("CC")
     monkeypatch.setenv("PATH", "/nowhere")
@@ -338,10 +338,10 @@ def test_names_and_ranges_are_stored_with_the_run(tmp_path: Path, caplog: pytest
         "method": {"kind": "random_search", "population": 2, "generations": 1},
     }  # fmt: skip
     run = swarmwright.optimize(swarmwright.Experiment.from_mapping(values), out=tmp_path / "run")
-    here = subject_of(run)
+    here = load_subject(run)
     shutil.rmtree(run.path / "code")
     source.unlink()
-    subject = subject_of(run)
+    subject = load_subject(run)
     assert subject.episodes is None
     assert subject.description == here.description
     assert subject.step_size == here.step_size == 0.05
@@ -353,9 +353,9 @@ def test_names_and_ranges_are_stored_with_the_run(tmp_path: Path, caplog: pytest
     with sqlite3.connect(run.path / "run.sqlite") as store:
         store.execute("DELETE FROM fact WHERE name = 'channels'")
         seal_facts(store)
-    old = subject_of(Run.open(run.path))
+    old = load_subject(Run.open(run.path))
     assert old.sensors[0].limits == "range and scale not known"
-    assert "names, units and ranges of sensors and actuators are not known: " in caplog.text
+    assert "names, units and ranges of sensors and actuators are unknown: " in caplog.text
 
 
 def test_an_edited_sketch_is_kept(minisim: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -376,7 +376,7 @@ def test_an_edited_sketch_is_kept(minisim: Run, tmp_path: Path, caplog: pytest.L
     export(0)
     assert sketch.read_text() == edited
     assert sketch.with_name("controller_arduino.ino.new").read_text() == first
-    assert "has been edited since it was exported, and is kept" in caplog.text
+    assert "was edited after the export and is kept" in caplog.text
     export(0, force=True)
     assert sketch.read_text() == first
 
@@ -407,7 +407,7 @@ def test_names_and_units_are_spelled_in_ascii() -> None:
 
 
 def test_a_name_that_is_an_identifier_keeps_it() -> None:
-    assert identifiers(["goal x", "goal_x", "goal-x", "größe", ""], "SENSOR") == [
+    assert make_identifiers(["goal x", "goal_x", "goal-x", "größe", ""], "SENSOR") == [
         "GOAL_X_0",
         "GOAL_X",
         "GOAL_X_2",

@@ -12,7 +12,7 @@ import pytest
 from swarmwright import Controller, InputError
 from swarmwright.controllers import REPRESENTATIONS, scxml
 from swarmwright.export.scxml import Scxml
-from swarmwright.export.sequences import random_sequences
+from swarmwright.export.sequences import draw_random_sequences
 from swarmwright.export.subject import Subject
 from tests.python.export.specifications import subject
 
@@ -32,7 +32,7 @@ def test_what_is_written_does_the_same(tmp_path: Path, seed: int) -> None:
     exporter = Scxml()
     for name, text in exporter.files(made, "walker").items():
         (tmp_path / name).write_text(str(text))
-    sequences = random_sequences(made.specification, 300)
+    sequences = draw_random_sequences(made.specification, 300)
     assert exporter.run(tmp_path, "walker", sequences).tobytes() == sequences.actuators.tobytes()
     again = scxml.read(tmp_path / "walker.scxml").specification()
     assert again == {**made.specification, "weights": again["weights"]}
@@ -42,10 +42,10 @@ def test_what_is_written_does_the_same(tmp_path: Path, seed: int) -> None:
 
 
 def test_names_are_identifiers() -> None:
-    from swarmwright.controllers.scxml._write import identifiers
+    from swarmwright.controllers.scxml._write import make_identifiers
 
     names = ["goal x", "goal-x", "1st", "and", "", "N free", "goal_x_2"]
-    found = identifiers(names)
+    found = make_identifiers(names)
     assert found == ["goal_x", "goal_x_2", "_1st", "and_", "value", "N_free", "goal_x_2_2"]
 
 
@@ -67,7 +67,7 @@ def test_reserved_words_are_no_names(tmp_path: Path) -> None:
     again = scxml.read(tmp_path / "walker.scxml").specification(RESERVED[:3], RESERVED[3:])
     assert again["thresholds"] == made.specification["thresholds"]
     assert again["weights"] == np.array(made.specification["weights"], np.float32).tolist()
-    sequences = random_sequences(made.specification, 50)
+    sequences = draw_random_sequences(made.specification, 50)
     assert Scxml().run(tmp_path, "walker", sequences).tobytes() == sequences.actuators.tobytes()
 
 
@@ -75,7 +75,7 @@ def test_reserved_words_are_no_names(tmp_path: Path) -> None:
 def test_no_reserved_word_of_ecmascript_is_left() -> None:
     from swarmwright.controllers.scxml import _write
 
-    words = _write.identifiers(sorted(_write._RESERVED))
+    words = _write.make_identifiers(sorted(_write._RESERVED))
     program = (
         f'"use strict"; for (const one of {json.dumps(words)}) new Function(`"use strict"; var ${{one}}`);'
     )

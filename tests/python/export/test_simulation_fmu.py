@@ -19,8 +19,8 @@ from swarmwright import Experiment, InputError, _engine, optimize
 from swarmwright.cli._commands import program
 from swarmwright.export import simulation_fmu as module
 from swarmwright.export.exporting import export_controller
-from swarmwright.export.fmu_parts import named
-from swarmwright.export.simulation_fmu import LIBRARY, simulation_fmu
+from swarmwright.export.fmu_parts import name_variables
+from swarmwright.export.simulation_fmu import LIBRARY, build_simulation_fmu
 from swarmwright.export.simulation_model import Model
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.fmu.coupling import coupled
@@ -50,7 +50,7 @@ GROUPS = {**CASES["minisim"], "numDefenders": 2, "defenderSteering": "controller
 @contextmanager
 def driven(folder: Path, title: str, parameters: dict[str, Any], fmi: str) -> Iterator[Driven]:
     file = folder / "world.fmu"
-    file.write_bytes(simulation_fmu(title, parameters, fmi=fmi, name="world"))
+    file.write_bytes(build_simulation_fmu(title, parameters, fmi=fmi, name="world"))
     assert validate_fmu(str(file)) == []
     with driving(file) as world:
         yield world
@@ -68,7 +68,7 @@ def test_every_step_is_that_of_the_engine(
         for group in catalogue.groups(title, parameters)
     ] or [(100, about["sensor_names"], about["actuator_names"])]
     channels = [
-        (named("sensors", sensors), named("actuators", actuators))
+        (name_variables("sensors", sensors), name_variables("actuators", actuators))
         for count, sensors, actuators in kinds
         for _ in range(count)
     ]
@@ -114,7 +114,7 @@ def test_every_step_is_that_of_the_engine(
 def test_attached_back_it_gives_the_same_record(fmi: str, tmp_path: Path) -> None:
     """Three agents that start at random; parameters are set at the export and by the experiment."""
     file = tmp_path / "server.fmu"
-    file.write_bytes(simulation_fmu("minisim", CASES["minisim"], fmi=fmi, name="server"))
+    file.write_bytes(build_simulation_fmu("minisim", CASES["minisim"], fmi=fmi, name="server"))
     records = []
     for simulation, parameters in (("minisim", CASES["minisim"]), (str(file), {})):
         experiment = Experiment.from_mapping(
@@ -146,9 +146,12 @@ def test_coupled_with_controllers_it_gives_the_fitness_of_the_run(tmp_path: Path
     )
     run = optimize(experiment, out=tmp_path / "run")
     export_controller(run.path, to="fmu", output=tmp_path, prefix="robot")
-    (tmp_path / "world.fmu").write_bytes(simulation_fmu("minisim", parameters, fmi="3.0", name="world"))
+    (tmp_path / "world.fmu").write_bytes(build_simulation_fmu("minisim", parameters, fmi="3.0", name="world"))
     about = catalogue.description("minisim")
-    names = [*named("sensors", about["sensor_names"]), *named("actuators", about["actuator_names"])]
+    names = [
+        *name_variables("sensors", about["sensor_names"]),
+        *name_variables("actuators", about["actuator_names"]),
+    ]
     ends = [(f"world.agent[{n}].{name}", f"robot{n}.{name}") for n in (1, 2) for name in names]
     connections = [
         f"{robot}:{world}" if ".actuators." in world else f"{world}:{robot}" for world, robot in ends
@@ -242,7 +245,7 @@ def test_parameters_have_units_and_limits(fmi: str, tmp_path: Path) -> None:
     }
     for title, known in expected.items():
         file = tmp_path / f"{title}.fmu"
-        file.write_bytes(simulation_fmu(title, CASES[title], fmi=fmi, name="world"))
+        file.write_bytes(build_simulation_fmu(title, CASES[title], fmi=fmi, name="world"))
         assert validate_fmu(str(file)) == []
         description = read_model_description(str(file))
         found = {
@@ -256,9 +259,9 @@ def test_parameters_have_units_and_limits(fmi: str, tmp_path: Path) -> None:
 
 
 def test_there_are_no_more_agents_than_variables() -> None:
-    ranges = {one.name: one.range for one in Model.of("minisim", GROUPS).parameters}
+    ranges = {one.name: one.range for one in Model.from_simulation("minisim", GROUPS).parameters}
     assert (ranges["numAgents"], ranges["numDefenders"]) == ((1, 3), (0, 2))
-    assert Model.of("minisim", GROUPS).agents == 5
+    assert Model.from_simulation("minisim", GROUPS).agents == 5
 
 
 @pytest.mark.parametrize(
@@ -277,7 +280,7 @@ def test_the_stop_time_is_when_every_episode_has_ended(
     title: str, parameters: dict[str, Any], stop: float | None, tmp_path: Path
 ) -> None:
     file = tmp_path / "world.fmu"
-    file.write_bytes(simulation_fmu(title, parameters, fmi="2.0", name="world"))
+    file.write_bytes(build_simulation_fmu(title, parameters, fmi="2.0", name="world"))
     found = read_model_description(str(file)).defaultExperiment.stopTime
     assert (None if found is None else float(found)) == (None if stop is None else pytest.approx(stop))
     if stop is not None and stop < 10:
@@ -287,7 +290,7 @@ def test_the_stop_time_is_when_every_episode_has_ended(
 
 def test_attached_back_an_episode_may_be_longer_than_at_the_export(tmp_path: Path) -> None:
     file = tmp_path / "world.fmu"
-    file.write_bytes(simulation_fmu("minisim", {}, fmi="2.0", name="world"))
+    file.write_bytes(build_simulation_fmu("minisim", {}, fmi="2.0", name="world"))
     evaluated = [
         optimize(
             Experiment.from_mapping(
@@ -312,7 +315,7 @@ def test_parameters_set_by_the_master(tmp_path: Path) -> None:
     """Numbers, text, JSON in text; what the simulation refuses is in the log."""
     said: list[str] = []
     file = tmp_path / "world.fmu"
-    file.write_bytes(simulation_fmu("minisim", {}, fmi="3.0", name="world"))
+    file.write_bytes(build_simulation_fmu("minisim", {}, fmi="3.0", name="world"))
     known = read_model_description(str(file))
     references = {one.name: one.valueReference for one in known.modelVariables}
     folder = extract(str(file), str(tmp_path / "world"))
@@ -356,7 +359,7 @@ def test_parameters_set_by_the_master(tmp_path: Path) -> None:
 def test_event_mode_that_is_not_announced_is_refused(tmp_path: Path) -> None:
     said: list[str] = []
     file = tmp_path / "world.fmu"
-    file.write_bytes(simulation_fmu("minisim", {}, fmi="3.0", name="world"))
+    file.write_bytes(build_simulation_fmu("minisim", {}, fmi="3.0", name="world"))
     folder = extract(str(file), str(tmp_path / "world"))
     token = read_model_description(str(file)).guid
     fmu = FMU3Slave(guid=token, unzipDirectory=folder, modelIdentifier="world", instanceName="w")
@@ -388,7 +391,7 @@ def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_licences_of_the_library_are_in_it() -> None:
-    with zipfile.ZipFile(io.BytesIO(simulation_fmu("minisim", {}, fmi="3.0", name="world"))) as archive:
+    with zipfile.ZipFile(io.BytesIO(build_simulation_fmu("minisim", {}, fmi="3.0", name="world"))) as archive:
         text = archive.read("documentation/licenses/license.txt").decode()
     assert "swarmwright-fmi" in text
     assert "Permission is hereby granted, free of charge" in text  # of crates under MIT
@@ -405,4 +408,4 @@ def test_a_parameter_by_which_there_are_other_sensors(tmp_path: Path) -> None:
 def test_missing_licences_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LICENSES", tmp_path / "missing")
     with pytest.raises(InputError, match=r"is missing, .* `make \.venv/\.engine`"):
-        simulation_fmu("minisim", {}, fmi="2.0", name="world")
+        build_simulation_fmu("minisim", {}, fmi="2.0", name="world")

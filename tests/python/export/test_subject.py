@@ -10,8 +10,8 @@ from swarmwright.controllers.kinds import KINDS
 from swarmwright.export import EXPORTERS, Subject
 from swarmwright.export.c import C
 from swarmwright.export.python import Python
-from swarmwright.export.sequences import Sequences, difference, random_sequences
-from swarmwright.export.walk import walk_of
+from swarmwright.export.sequences import Sequences, draw_random_sequences, measure_difference
+from swarmwright.export.walk import generate_walk
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, subject
 
@@ -24,7 +24,7 @@ def recorded(name: str, low: float) -> Subject:
     """With episodes in which all sensors are from `low` to 1."""
     sensors = np.random.default_rng(1).uniform(low, 1, (60, 9)).astype(np.float32)
     accepted = np.ones(60, np.bool_)
-    episodes = Sequences.computed(ALL[name], np.arange(60) % 20 == 0, sensors, accepted)
+    episodes = Sequences.compute(ALL[name], np.arange(60) % 20 == 0, sensors, accepted)
     return replace(subject(ALL[name]), episodes=episodes, episode_count=3)
 
 
@@ -49,15 +49,15 @@ def test_another_sensor_in_the_place_of_the_random_one(form: str, name: str, tmp
     made, exporter = recorded(name, -1), EXPORTERS.get(form)()
     assert made.episodes is not None
     write(exporter.files(made, "robot"), tmp_path)
-    drawn = random_sequences(made.specification, 100, checks_random=made.checks_random)
+    drawn = draw_random_sequences(made.specification, 100, checks_random=made.checks_random)
     assert (np.abs(drawn.sensors[drawn.accepted, RANDOM_SENSOR]) > 1).any()
     for sequences in (made.episodes, drawn):
-        assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
+        assert measure_difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
     exporter.self_test(tmp_path, "robot")
 
 
 def test_the_pseudo_random_steps_try_it_as_the_other_sensors() -> None:
-    other, random = walk_of(recorded("modules", -1)), walk_of(recorded("modules", 0))
-    assert other.probes_of[RANDOM_SENSOR] == other.probes_of[0]
-    first, count = random.probes_of[RANDOM_SENSOR]
+    other, random = generate_walk(recorded("modules", -1)), generate_walk(recorded("modules", 0))
+    assert other.sensor_probes[RANDOM_SENSOR] == other.sensor_probes[0]
+    first, count = random.sensor_probes[RANDOM_SENSOR]
     assert (random.probes[first : first + count] >= 0).all()

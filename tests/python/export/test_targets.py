@@ -16,8 +16,8 @@ from swarmwright.common.errors import RunError
 from swarmwright.controllers.source.text import literals
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
-from swarmwright.export.programs import run, stepped, steps
-from swarmwright.export.sequences import difference, random_sequences
+from swarmwright.export.programs import format_steps, parse_actuators, run
+from swarmwright.export.sequences import draw_random_sequences, measure_difference
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, few, network, sequences_of, subject
 from tests.python.export.test_c import STRICT, together
@@ -59,8 +59,8 @@ def test_arm(target: tuple[str, str, str], options: list[str], tmp_path: Path) -
     for index, name in enumerate(names):
         sequences = sequences_of(name)
         words = [emulator, "-L", root, "./all", str(index)]
-        written = stepped(run(words, tmp_path, name, steps(sequences)), sequences, name)
-        assert difference(sequences, written) == (0.0, 0), name
+        written = parse_actuators(run(words, tmp_path, name, format_steps(sequences)), sequences, name)
+        assert measure_difference(sequences, written) == (0.0, 0), name
 
 
 @pytest.mark.slow
@@ -224,7 +224,7 @@ int main(void)
 def test_avr_has_the_same_bits(name: str, tmp_path: Path) -> None:
     """On an emulated ATmega328P, whose floats are computed by avr-libc: ordinary and subnormal numbers."""
     need("avr-gcc", "simavr")
-    sequences = random_sequences(ALL[name], 30, refused=False)
+    sequences = draw_random_sequences(ALL[name], 30, refused=False)
     write(C().files(subject(ALL[name]), "robot"), tmp_path)
     columns = {
         "uint8_t first[STEPS]": sequences.first.astype(int).astype(str),

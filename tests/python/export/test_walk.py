@@ -8,31 +8,31 @@ import numpy as np
 import pytest
 
 from swarmwright.export.c import C
-from swarmwright.export.walk import checksum, walk_of
+from swarmwright.export.walk import compute_checksum, generate_walk
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, subject
 
 
 @pytest.mark.parametrize("name", ["mealy_fsm", "layered-tanh-0", "fully_meshed-relu-9", "modules"])
 def test_the_same_steps_for_the_same_controller(name: str) -> None:
-    walk, again = walk_of(subject(ALL[name])), walk_of(subject(ALL[name]))
+    walk, again = generate_walk(subject(ALL[name])), generate_walk(subject(ALL[name]))
     assert (walk.steps, walk.checksum, walk.words) == (again.steps, again.checksum, again.words)
     assert walk.steps >= (100 if name != "fully_meshed-relu-9" else 1)
-    assert len(walk.probes_of) == ALL[name]["sensors"]
+    assert len(walk.sensor_probes) == ALL[name]["sensors"]
 
 
 def test_all_rows_of_a_state_machine_are_visited() -> None:
-    assert "18 of the 18 rows and 3 of the 3 states" in walk_of(subject(ALL["mealy_fsm"])).words
+    assert "18 of the 18 rows and 3 of the 3 states" in generate_walk(subject(ALL["mealy_fsm"])).words
 
 
 def test_states_that_cannot_be_reached_are_said() -> None:
-    assert "4 of the 5 rows and 4 of the 5 states" in walk_of(subject(ALL["mealy_fsm-blind"])).words
+    assert "4 of the 5 rows and 4 of the 5 states" in generate_walk(subject(ALL["mealy_fsm-blind"])).words
 
 
 def test_a_sign_that_changes_twice_changes_the_checksum() -> None:
     actuators = np.array([[1.0], [0.5], [1.0]], np.float32)
     other = np.array([[-1.0], [0.5], [-1.0]], np.float32)
-    assert checksum(actuators) != checksum(other)
+    assert compute_checksum(actuators) != compute_checksum(other)
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def test_an_edited_file_is_not_written_over(name: str, tmp_path: Path) -> None:
     write(FILES, tmp_path)
     edited = FILES[name] + "edited\n"
     (tmp_path / name).write_text(edited)
-    with pytest.raises(InputError, match=f"{name}: has been edited since it was exported; .*--force"):
+    with pytest.raises(InputError, match=f"{name}: was edited after the export; .*--force"):
         write(NEW, tmp_path)
     assert {one: (tmp_path / one).read_text() for one in FILES} == {**FILES, name: edited}
     write(NEW, tmp_path, force=True)
@@ -98,7 +98,7 @@ def test_files_of_earlier_versions_are_known_by_their_mark(tmp_path: Path) -> No
     (tmp_path / "robot.c").write_text(FILES["robot.c"] + "edited\n")
     write(marked, tmp_path)
     (tmp_path / DIGESTS).unlink()
-    with pytest.raises(InputError, match=r"robot\.automode: is there already and was not exported"):
+    with pytest.raises(InputError, match=r"robot\.automode: already exists and was not exported"):
         write(NEW, tmp_path)
 
 
@@ -108,6 +108,8 @@ def test_the_controller_of_another_group_is_not_written_over(tmp_path: Path) -> 
 
     write(files("hunters"), tmp_path)
     write(files("hunters"), tmp_path)
-    with pytest.raises(InputError, match=r"robot\.h: has the controller of the group hunters; name another"):
+    with pytest.raises(
+        InputError, match=r"robot\.h: contains the controller of the group hunters; choose another"
+    ):
         write(files("prey"), tmp_path)
     write(files("prey"), tmp_path, force=True)

@@ -125,7 +125,7 @@ def test_a_group_is_exported_by_itself(run: Run, built_in: Run, tmp_path: Path) 
         assert found.verification.ok
         assert found.subject.episode_count
         assert found.files[0].name == f"{name}.py"  # of a group, by default
-    with pytest.raises(InputError, match="has the controller of the group hunters; name another"):
+    with pytest.raises(InputError, match="contains the controller of the group hunters; choose another"):
         export_controller(run, to="python", group="prey", prefix="hunters", output=tmp_path / "hunters")
     named = export_controller(built_in, to="python", group="defenders", output=tmp_path / "named")
     assert [one.name for one in named.subject.sensors] == ["agent x", "agent y", "goal x", "goal y"]
@@ -148,14 +148,14 @@ def test_a_run_is_drawn_replayed_and_evaluated(run: Run) -> None:
     ("groups", "message"),
     [
         ({"hunters": {}}, "controller.groups: prey missing"),
-        ({**GROUPS, "pray": {}}, "controller.groups.pray: there is no such group; did you mean 'prey'"),
+        ({**GROUPS, "pray": {}}, "controller.groups.pray: unknown group; did you mean 'prey'"),
         ({**GROUPS, "prey": {"sensors": 4}}, "controller.groups.prey.sensors: .*has 3, not 4"),
         ({**GROUPS, "hunters": {"agents": 4}}, "controller.groups.hunters.agents: .*has 2, not 4"),
         ({**GROUPS, "prey": {"kind": "layerd"}}, "controller.groups.prey: .*did you mean 'layered'"),
         ({**GROUPS, "prey": {"hiden": [1]}}, "controller.groups.prey.hiden: unknown key"),
         ({**GROUPS, "prey": {"hidden": [0]}}, r"controller.groups.prey.hidden\[0\]: must be at least 1"),
         ({**GROUPS, "prey": {"kind": "parameter_set"}}, "controller.groups.prey: parameter_set steers no"),
-        ({**GROUPS, "prey": {"kind": "team"}}, "controller.groups.prey: a team within a team"),
+        ({**GROUPS, "prey": {"kind": "team"}}, "controller.groups.prey: teams cannot be nested"),
         ({}, "controller.groups: must have at least 1"),
         (["hunters"], "controller.groups: must be a mapping"),
     ],
@@ -172,7 +172,7 @@ def test_a_simulation_without_groups_says_how_to_have_some() -> None:
 
 def test_groups_of_an_unknown_simulation_are_those_of_the_file() -> None:
     sizes = {"sensors": 3, "actuators": 1}
-    with pytest.raises(InputError, match=r"controller.groups.one.agents: is missing"):
+    with pytest.raises(InputError, match=r"controller.groups.one.agents: missing"):
         experiment("elsewhere", {"one": sizes, "two": sizes})
     found = experiment("elsewhere", {"one": {**sizes, "agents": 2}, "two": {"sensors": 5, "actuators": 2}})
     assert (found.sensors, found.actuators) == (5, 2)

@@ -148,7 +148,7 @@ def test_exports_name_the_kinds(run: Run, tmp_path: Path) -> None:
         ),
         (
             {"controller": {"kind": "modules"}},
-            r"modules needs 9 sensors .* has 9 and 10; take a robot such as e-puck-rm1\.2 of arena for all",
+            r"modules needs 9 sensors .* has 9 and 10; use a robot such as e-puck-rm1\.2 of arena for all",
         ),
         (
             {"parameters": {"robots": [ROBOTS[0], {**ROBOTS[1], "name": "wheels"}]}},

@@ -109,7 +109,7 @@ def test_a_quadrotor_that_touches_falls_and_is_out() -> None:
         "covered": pytest.approx(covered * 2 / 3, rel=0.2),
         "closest": pytest.approx(8**0.5, abs=0.01),
     }
-    states = [body.state for body in quadrotors.scene().of_kind("agent")]
+    states = [body.state for body in quadrotors.scene().find_bodies("agent")]
     assert states == ["crashed", "free", "free"]
 
 

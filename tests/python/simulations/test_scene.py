@@ -135,7 +135,7 @@ WRONG = {
     ),
     "empty kind": Wrong(
         Scene(5, 4, 0, "", [Body("", 1, 1)]),
-        r"bodies\[0\].kind: it is empty",
+        r"bodies\[0\].kind: is empty",
     ),
     "body": Wrong(
         Scene(5, 4, 0, "", ["agent"]),  # type: ignore[list-item]
@@ -175,7 +175,7 @@ WRONG = {
     ),
     "link": Wrong(
         Scene(5, 4, 0, "", [body()], links=[(0, 1)]),
-        r"links\[0\]: \(0, 1\) found, but there are 1 bodies",
+        r"links\[0\]: \(0, 1\) found, expected indices of the 1 bodies",
     ),
     "color": Wrong(
         Scene(5, 4, 0, "", [], styles=[Style("agent", color="blue")]),
@@ -221,7 +221,7 @@ def test_all_of_a_scene_comes_through_the_engine(tmp_path: Path) -> None:
     )
     replayed = Replay.of(optimize(experiment, servers="in-process", out=tmp_path / "run"))
     episode: Any = replayed.episode()
-    assert Scene.of(episode.scene()) == dataclasses.replace(WHOLE, bodies=tuple(WHOLE.bodies))
+    assert Scene.from_fields(episode.scene()) == dataclasses.replace(WHOLE, bodies=tuple(WHOLE.bodies))
     first = record(episode).scenes[0]
     assert list(first.bodies) == WHOLE.bodies
     assert np.asarray(first.links).tolist() == [[0, 1]]

@@ -35,7 +35,9 @@ def test_a_behaviour_without_memory_passes(tmp_path: Path) -> None:
 
 def test_a_counter_in_self_is_found(tmp_path: Path) -> None:
     name = behaviour(tmp_path, "self.steps += 1", "speeds += np.sin(self.steps / 7)")
-    with pytest.raises(RunError, match=r"spin\.py:4: .*act: changes self\.steps, which all robots .* share"):
+    with pytest.raises(
+        RunError, match=r"spin\.py:4: .*act: changes self\.steps, which is shared by all robots"
+    ):
         check_behaviour(name)
 
 

@@ -1,8 +1,8 @@
 """The kinds of controllers, a folder each: options and genes, figure, and source code in each language.
 
-What the rest of the library needs of a kind is in its entry of `KINDS`; nothing else knows it by its name.
-The package of a kind has its options and its representation, `code` its source in C and Python and its graph
-of ONNX, `figure` its drawing. All of these but the representation are optional.
+Other packages reach a kind through its entry in `KINDS` only. The package of a kind defines its options and
+its representation, `code` its source in C and Python and its ONNX graph, `figure` its drawing. All but the
+representation are optional.
 """
 
 from collections.abc import Mapping
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 class Kind:
     """A kind of controller; addresses are `module:name` below `swarmwright.controllers`.
 
-    They are imported when they are asked for, see `part`.
+    They are imported on demand by `import_part`.
     """
 
     representation: str = ""
-    """The class; empty for a kind that is made by another one's."""
+    """The class; empty for a kind whose controllers another kind's representation creates."""
     figure: str = ""
     """Returns the figure of a `Drawing`."""
     c: str = ""
@@ -36,24 +36,24 @@ class Kind:
     """Returns the `source.in_python.PythonCode` of an `Evolved` controller."""
     onnx: str = ""
     """Adds an `Evolved` controller to a `source.in_onnx.Graph`."""
-    words: str = "activations:words"
+    words: str = "activations:describe_network"
     """Returns a specification in a few words."""
     machine: str = ""
-    """Returns the `Machine` of a specification, as films and pages show it; None for one too large."""
+    """Returns the `Machine` of a specification for films and pages; None if it is too large."""
     visits: str = ""
-    """Of kinds with tables: returns which rows of these steps of self-tests visit."""
+    """For kinds with tables: returns the rows that the steps of self-tests visit."""
     swarm: str = ""
-    """Of kinds that the engine does not step: the class that does, in Python."""
+    """For kinds that the engine does not step: the Python class that does."""
     stateless: bool = False
     """Whether actuators depend on the sensors of the same step alone."""
     overflows: bool = False
-    """Whether nodes can become NaN, and then are for ever."""
+    """Whether nodes can become NaN, which lasts until a reset."""
     random_sensor: int | None = None
-    """The sensor that is a random number from 0 to 1."""
+    """Index of the sensor that is a random number from 0 to 1."""
 
 
-def part(address: str) -> Any:  # noqa: ANN401 - as the field of `Kind` says
-    """Import one of the parts of a kind."""
+def import_part(address: str) -> Any:  # noqa: ANN401 - as the field of `Kind` says
+    """Import a part of a kind by its address."""
     module, _, name = address.partition(":")
     return getattr(import_module(f"swarmwright.controllers.{module}"), name)
 
@@ -96,7 +96,7 @@ KINDS: dict[str, Kind] = {
         c="kinds.mealy_fsm.code:c",
         python="kinds.mealy_fsm.code:python",
         onnx="kinds.mealy_fsm.code:onnx",
-        words="kinds.mealy_fsm.tables:words",
+        words="kinds.mealy_fsm.tables:describe",
         machine="kinds.mealy_fsm.tables:machine",
         visits="kinds.mealy_fsm.tables:visits",
     ),
@@ -105,7 +105,7 @@ KINDS: dict[str, Kind] = {
         figure="kinds.modules.figure:draw",
         c="kinds.modules.code:c",
         python="kinds.modules.code:python",
-        words="kinds.modules.tables:words",
+        words="kinds.modules.tables:describe",
         machine="kinds.modules.tables:machine",
         random_sensor=8,
     ),
@@ -123,7 +123,7 @@ KINDS: dict[str, Kind] = {
         figure="kinds.modules.figure:draw",
         c="kinds.modules.code:c",
         python="kinds.modules.code:python",
-        words="kinds.modules.tables:words",
+        words="kinds.modules.tables:describe",
         machine="kinds.modules.tables:machine",
         swarm="modules.machine:Swarm",
         random_sensor=8,
@@ -131,33 +131,33 @@ KINDS: dict[str, Kind] = {
     "team": Kind(
         representation="kinds.team:Team",
         figure="kinds.team.figure:draw",
-        words="kinds.team:words",
+        words="kinds.team:describe",
     ),
 }
 """By the `kind` of a specification, see protocol/schemas/controller.schema.json."""
 
 
 def kind_of(specification: Mapping[str, Any]) -> Kind:
-    """Return the kind of a specification; one without parts for an unknown kind."""
+    """Return the kind of a specification; a `Kind` without parts if it is unknown."""
     return KINDS.get(str(specification.get("kind")), Kind())
 
 
-def words_of(specification: Mapping[str, Any]) -> str:
-    """Return what kind of controller it is: `layered, 4-8-1, tanh`; `modules (behaviour tree)`."""
-    return str(part(kind_of(specification).words)(specification))
+def describe_controller(specification: Mapping[str, Any]) -> str:
+    """Describe a controller in a few words: `layered, 4-8-1, tanh`; `modules (behaviour tree)`."""
+    return str(import_part(kind_of(specification).words)(specification))
 
 
-def drawn(drawing: Drawing) -> "Figure":
-    """Return the figure of a controller. Raises InputError for one that cannot be drawn."""
+def draw_controller(drawing: Drawing) -> "Figure":
+    """Return the figure of a controller. Raises InputError for kinds that cannot be drawn."""
     draw = kind_of(drawing.specification).figure
     if not draw:
-        raise InputError(f"controller: one of the kind {drawing.specification.get('kind')!r} cannot be drawn")
-    figure: Figure = part(draw)(drawing)
+        raise InputError(f"controller: the kind {drawing.specification.get('kind')!r} cannot be drawn")
+    figure: Figure = import_part(draw)(drawing)
     return figure
 
 
 def machine_of(specification: Mapping[str, Any]) -> "Machine | None":
-    """Return the state machine of a controller that is no team; None where it has none to be shown."""
+    """Return the state machine of a controller other than a team; None if there is none to show."""
     address = kind_of(specification).machine
-    found: Machine | None = part(address)(specification) if address else None
-    return found
+    machine: Machine | None = import_part(address)(specification) if address else None
+    return machine

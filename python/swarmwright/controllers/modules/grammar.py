@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any, Self
 
 BEHAVIOURS = ("exploration", "stop", "phototaxis", "anti_phototaxis", "attraction", "repulsion")
-"""In the order of their numbers."""
+"""Names in the order of their numbers."""
 CONDITIONS = (
     "black_floor",
     "grey_floor",
@@ -18,19 +18,19 @@ CONDITIONS = (
     "few_neighbours",
     "fixed_probability",
 )
-"""In the order of their numbers."""
+"""Names in the order of their numbers."""
 SENSORS, ACTUATORS = 9, 2
 MOST_STATES, MOST_TRANSITIONS = 16, 4
 MOST_SUBTREES = 4
-OF_STATE, OF_TRANSITION = 4, 5
-"""Weights of a state without its transitions, and of a transition."""
+STATE_WEIGHTS, TRANSITION_WEIGHTS = 4, 5
+"""Number of weights of a state without its transitions, and of a transition."""
 
 BEHAVIOUR_PARAMETERS: dict[str, str] = {"exploration": "rwm", "attraction": "alpha", "repulsion": "alpha"}
-"""What a behaviour is set by; others by nothing."""
+"""Parameter of each behaviour that has one."""
 CONDITION_PARAMETERS: dict[str, tuple[str, ...]] = {
     name: ("xi", "eta") if "neighbours" in name else ("probability",) for name in CONDITIONS
 }
-"""What a condition is set by."""
+"""Parameters of each condition."""
 RANGES: dict[str, tuple[float, float, bool]] = {
     "rwm": (1, 100, True),
     "alpha": (1, 5, True),
@@ -39,11 +39,11 @@ RANGES: dict[str, tuple[float, float, bool]] = {
     "eta": (0, 20, False),
 }
 """Lowest and highest value of each parameter, and whether it is an integer."""
-PLACES = {"rwm": 1, "alpha": 2, "probability": 2, "xi": 3, "eta": 4}
-"""In the weights of a state or of a transition."""
+COLUMNS = {"rwm": 1, "alpha": 2, "probability": 2, "xi": 3, "eta": 4}
+"""Column of each parameter in the weights of a state or of a transition."""
 
 KIND, PYTHON_KIND = "modules", "python_modules"
-"""Kinds of controllers: all modules are the engine's; some are written in Python."""
+"""Kinds of controllers: only engine modules; with modules in Python."""
 
 Range = tuple[float, float, bool]
 """Lowest and highest value of a parameter, and whether it is an integer."""
@@ -51,29 +51,29 @@ Range = tuple[float, float, bool]
 
 @dataclass(frozen=True)
 class Module:
-    """A behaviour or a condition: its name, and what it is set by."""
+    """A behaviour or a condition: its name and its parameters."""
 
     name: str
     parameters: Mapping[str, Range]
     file: str = ""
-    """Of a class that is named by its file: what this is called, without its folder."""
+    """For a class in a file: the name of the file without its folder."""
     sha256: str = ""
-    """Of that file and of what it imports, in hexadecimal."""
+    """SHA-256 of that file and its imports, in hexadecimal."""
 
     @property
     def built_in(self) -> bool:
-        """Whether it is one of the engine's."""
+        """Whether the module is part of the engine."""
         return not self.file and (self.name in BEHAVIOURS or self.name in CONDITIONS)
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return it as specifications hold it."""
+        """Return the module as a mapping for specifications."""
         code = {"file": self.file, "sha256": self.sha256} if self.file else {}
         ranges = {name: list(parameter) for name, parameter in self.parameters.items()}
         return {"name": self.name, **code, "parameters": ranges}
 
 
-def built_in(name: str) -> Module:
-    """Return one of the engine's modules by its name."""
+def engine_module(name: str) -> Module:
+    """Return a module of the engine by its name."""
     if name in BEHAVIOUR_PARAMETERS:
         names: tuple[str, ...] = (BEHAVIOUR_PARAMETERS[name],)
     else:
@@ -83,46 +83,46 @@ def built_in(name: str) -> Module:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """The modules that a machine is made of, in the order of their numbers, and where their parameters are.
+    """The modules of a machine, in the order of their numbers, and the columns of their parameters.
 
-    Parameters of the engine's modules have the places that they have in the engine's weights. Those of
-    others follow, each in a place of its own.
+    Parameters of the engine's modules have the same columns as in the engine. Parameters of user modules
+    follow, each in its own column.
     """
 
     behaviours: tuple[Module, ...]
     conditions: tuple[Module, ...]
 
     @classmethod
-    def of(cls, specification: Mapping[str, Any]) -> Self:
-        """Return the modules of a controller; of one of the kind `modules` all of the engine's."""
+    def from_specification(cls, specification: Mapping[str, Any]) -> Self:
+        """Return the modules of a controller; for the kind `modules`, all of the engine's."""
         if specification.get("kind") != PYTHON_KIND:
-            return cls(tuple(map(built_in, BEHAVIOURS)), tuple(map(built_in, CONDITIONS)))
-        return cls(*(tuple(map(module_of, specification[key])) for key in ("behaviours", "conditions")))
+            return cls(tuple(map(engine_module, BEHAVIOURS)), tuple(map(engine_module, CONDITIONS)))
+        return cls(*(tuple(map(parse_module, specification[key])) for key in ("behaviours", "conditions")))
 
     @property
     def in_python(self) -> bool:
-        """Whether a module is not one of the engine's."""
+        """Whether any module is not part of the engine."""
         return not all(module.built_in for module in (*self.behaviours, *self.conditions))
 
     @cached_property
-    def of_state(self) -> int:
-        """Weights of a state without its transitions."""
-        return OF_STATE + _own_places(self.behaviours)
+    def state_weights(self) -> int:
+        """Number of weights of a state without its transitions."""
+        return STATE_WEIGHTS + _count_user_parameters(self.behaviours)
 
     @cached_property
-    def of_transition(self) -> int:
-        """Weights of a transition."""
-        return OF_TRANSITION + _own_places(self.conditions)
+    def transition_weights(self) -> int:
+        """Number of weights of a transition."""
+        return TRANSITION_WEIGHTS + _count_user_parameters(self.conditions)
 
     @cached_property
-    def behaviour_places(self) -> dict[str, dict[str, int]]:
-        """Behaviour -> parameter -> its place among the weights of a state."""
-        return _places(self.behaviours, OF_STATE)
+    def behaviour_columns(self) -> dict[str, dict[str, int]]:
+        """Behaviour -> parameter -> column in the weights of a state."""
+        return _assign_columns(self.behaviours, STATE_WEIGHTS)
 
     @cached_property
-    def condition_places(self) -> dict[str, dict[str, int]]:
-        """Condition -> parameter -> its place among the weights of a transition."""
-        return _places(self.conditions, OF_TRANSITION)
+    def condition_columns(self) -> dict[str, dict[str, int]]:
+        """Condition -> parameter -> column in the weights of a transition."""
+        return _assign_columns(self.conditions, TRANSITION_WEIGHTS)
 
     def behaviour(self, name: str) -> Module:
         """Return a behaviour by its name."""
@@ -133,28 +133,28 @@ class Catalogue:
         return next(module for module in self.conditions if module.name == name)
 
 
-def module_of(entry: Mapping[str, Any]) -> Module:
-    """Return a module as specifications hold it."""
+def parse_module(entry: Mapping[str, Any]) -> Module:
+    """Parse a module of a specification."""
     ranges = {name: (low, high, bool(whole)) for name, (low, high, whole) in entry["parameters"].items()}
     return Module(str(entry["name"]), ranges, str(entry.get("file", "")), str(entry.get("sha256", "")))
 
 
-def _own_places(modules: Sequence[Module]) -> int:
+def _count_user_parameters(modules: Sequence[Module]) -> int:
     return sum(len(module.parameters) for module in modules if not module.built_in)
 
 
-def _places(modules: Sequence[Module], first: int) -> dict[str, dict[str, int]]:
-    places: dict[str, dict[str, int]] = {}
+def _assign_columns(modules: Sequence[Module], first: int) -> dict[str, dict[str, int]]:
+    columns: dict[str, dict[str, int]] = {}
     for module in modules:
         if module.built_in:
-            places[module.name] = {name: PLACES[name] for name in module.parameters}
+            columns[module.name] = {name: COLUMNS[name] for name in module.parameters}
         else:
-            places[module.name] = {name: first + index for index, name in enumerate(module.parameters)}
+            columns[module.name] = {name: first + index for index, name in enumerate(module.parameters)}
             first += len(module.parameters)
-    return places
+    return columns
 
 
-BUILT_IN = Catalogue(tuple(map(built_in, BEHAVIOURS)), tuple(map(built_in, CONDITIONS)))
+BUILT_IN = Catalogue(tuple(map(engine_module, BEHAVIOURS)), tuple(map(engine_module, CONDITIONS)))
 """All modules of the engine."""
 
 
@@ -177,28 +177,28 @@ class State:
 
 
 def is_tree(specification: Mapping[str, Any]) -> bool:
-    """Return whether a controller of the kind `modules` is a behaviour tree."""
+    """Whether a controller of the kind `modules` is a behaviour tree."""
     return specification.get("form") == "tree"
 
 
 def is_modules(specification: Mapping[str, Any]) -> bool:
-    """Return whether a controller is a machine or a tree of modules."""
+    """Whether a controller is a machine or a tree of modules."""
     return specification.get("kind") in {KIND, PYTHON_KIND}
 
 
-def weight_count(architecture: Mapping[str, Any]) -> int:
-    """Return how many weights controllers of an architecture have."""
-    catalogue = Catalogue.of(architecture)
-    each = catalogue.of_state + int(architecture["transitions"]) * catalogue.of_transition
+def count_weights(architecture: Mapping[str, Any]) -> int:
+    """Return the number of weights of an architecture."""
+    catalogue = Catalogue.from_specification(architecture)
+    each = catalogue.state_weights + int(architecture["transitions"]) * catalogue.transition_weights
     return 1 + int(architecture["states"]) * each
 
 
 def states_of(specification: Mapping[str, Any]) -> tuple[State, ...]:
-    """Return the states of a controller of the kind `modules`, state 0 first; of a tree the subtrees."""
-    tree, catalogue = is_tree(specification), Catalogue.of(specification)
+    """Return the states of a controller of the kind `modules`, state 0 first; the subtrees of a tree."""
+    tree, catalogue = is_tree(specification), Catalogue.from_specification(specification)
     weights = [float(weight) for weight in specification["weights"]]
     most = int(specification["transitions"])
-    first, each = catalogue.of_state, catalogue.of_transition
+    first, each = catalogue.state_weights, catalogue.transition_weights
     width = first + most * each
     count = _whole(weights[0], 1, int(specification["states"]))
     states = []
@@ -211,7 +211,7 @@ def states_of(specification: Mapping[str, Any]) -> tuple[State, ...]:
         )
         if tree:
             transitions = (Transition(0, transitions[0].condition, transitions[0].parameters),)
-        parameters = _parameters(row, behaviour, catalogue.behaviour_places)
+        parameters = _parameters(row, behaviour, catalogue.behaviour_columns)
         states.append(State(behaviour.name, parameters, transitions))
     return tuple(states)
 
@@ -219,15 +219,15 @@ def states_of(specification: Mapping[str, Any]) -> tuple[State, ...]:
 def _transition(row: Sequence[float], states: int, catalogue: Catalogue) -> Transition:
     condition = catalogue.conditions[_whole(row[1], 0, len(catalogue.conditions) - 1)]
     target = _whole(row[0], 0, states - 1)
-    return Transition(target, condition.name, _parameters(row, condition, catalogue.condition_places))
+    return Transition(target, condition.name, _parameters(row, condition, catalogue.condition_columns))
 
 
 def _parameters(
-    row: Sequence[float], module: Module, places: Mapping[str, Mapping[str, int]]
+    row: Sequence[float], module: Module, columns: Mapping[str, Mapping[str, int]]
 ) -> dict[str, float]:
     parameters: dict[str, float] = {}
     for name, (low, high, whole) in module.parameters.items():
-        value = min(max(row[places[module.name][name]], low), high)
+        value = min(max(row[columns[module.name][name]], low), high)
         parameters[name] = int(value) if whole else value
     return parameters
 
@@ -239,21 +239,21 @@ def _whole(weight: float, low: int, high: int) -> int:
 def weights_of(
     states: Sequence[State], most_states: int, most_transitions: int, catalogue: Catalogue = BUILT_IN
 ) -> list[float]:
-    """Return the weights of a controller with these states; places that are not used are 0."""
-    first, each = catalogue.of_state, catalogue.of_transition
+    """Return the weights of a controller with these states; unused weights are 0."""
+    first, each = catalogue.state_weights, catalogue.transition_weights
     weights = [float(len(states))]
     for state in states:
         row = [0.0] * first
         row[0] = float(catalogue.behaviours.index(catalogue.behaviour(state.behaviour)))
         row[3] = float(len(state.transitions))
         for name, value in state.parameters.items():
-            row[catalogue.behaviour_places[state.behaviour][name]] = float(value)
+            row[catalogue.behaviour_columns[state.behaviour][name]] = float(value)
         for transition in state.transitions:
             part = [0.0] * each
             part[0] = float(transition.target)
             part[1] = float(catalogue.conditions.index(catalogue.condition(transition.condition)))
             for name, value in transition.parameters.items():
-                part[catalogue.condition_places[transition.condition][name]] = float(value)
+                part[catalogue.condition_columns[transition.condition][name]] = float(value)
             row += part
         weights += row + [0.0] * (first + most_transitions * each - len(row))
     return weights + [0.0] * ((most_states - len(states)) * (first + most_transitions * each))

@@ -1,6 +1,6 @@
 """Machines and trees with modules in Python, for all robots of many episodes at once.
 
-The engine's modules in Python, with the same bits, for machines that have others beside them.
+Includes the engine's modules in Python, bit-identical, for machines that combine them with user modules.
 """
 
 import traceback
@@ -26,7 +26,7 @@ from swarmwright.controllers.modules._base import (
 )
 from swarmwright.controllers.modules.registered import implementation
 
-# ruff: noqa: ARG002 - all have the same arguments
+# ruff: noqa: ARG002 - modules share one signature
 
 
 _SHORT = np.float32(0.1)
@@ -43,8 +43,8 @@ def _parameters(*names: str) -> Mapping[str, Parameter]:
 
 def _length(vector: Numbers) -> Numbers:
     x, y = vector[:, 0], vector[:, 1]
-    found: Numbers = np.sqrt(x * x + y * y)
-    return found
+    length: Numbers = np.sqrt(x * x + y * y)
+    return length
 
 
 def _sigmoid(x: Numbers) -> Numbers:
@@ -53,24 +53,24 @@ def _sigmoid(x: Numbers) -> Numbers:
     p = ((_TANH_P[3] * z + _TANH_P[2]) * z + _TANH_P[1]) * z + _TANH_P[0]
     q = ((_TANH_Q[3] * z + _TANH_Q[2]) * z + _TANH_Q[1]) * z + _TANH_Q[0]
     t = (y * p) / q
-    found: Numbers = _HALF + _HALF * np.clip((t + t) / (_ONE + t * t), -_ONE, _ONE)
-    return found
+    values: Numbers = _HALF + _HALF * np.clip((t + t) / (_ONE + t * t), -_ONE, _ONE)
+    return values
 
 
-def below(
-    one: NDArray[np.uint32], other: NDArray[np.uint32], count: NDArray[np.uint32]
+def draw_below(
+    first: NDArray[np.uint32], second: NDArray[np.uint32], count: NDArray[np.uint32]
 ) -> NDArray[np.uint32]:
     """Return numbers below counts, from 16 bits of two random words."""
     byte = np.uint32(255)
-    return ((one & byte | (other & byte) << np.uint32(8)) * count) >> np.uint32(16)
+    return ((first & byte | (second & byte) << np.uint32(8)) * count) >> np.uint32(16)
 
 
 class Exploration(Behaviour):
-    """Straight ahead; an obstacle in front makes the robot turn on the spot for a random time."""
+    """Move straight ahead; at an obstacle in front, turn on the spot for a random time."""
 
     parameters = _parameters("rwm")
     state = 1
-    """How many more steps the robot turns: to the left above 0, to the right below."""
+    """Remaining steps of a turn: to the left if positive, to the right if negative."""
 
     def act(self, senses: Senses, parameters: Parameters, state: Numbers, random: RandomNumbers) -> Numbers:
         """Return the speeds."""
@@ -82,7 +82,7 @@ class Exploration(Behaviour):
         ahead = (_length(senses.proximity) >= _SHORT) & (senses.proximity[:, 0] >= 0)
         begins = ahead & ~(to_left | to_right)
         words = random.words
-        steps = below(words[0], words[1], parameters["rwm"].astype(np.uint32)).astype(np.float32)
+        steps = draw_below(words[0], words[1], parameters["rwm"].astype(np.uint32)).astype(np.float32)
         steps = np.maximum(steps, _ONE)
         state[:, 0] = turn - np.sign(turn)
         state[begins, 0] = np.where(senses.proximity[:, 1] < 0, steps, -steps)[begins]
@@ -90,7 +90,7 @@ class Exploration(Behaviour):
 
 
 class Stop(Behaviour):
-    """Stays where it is."""
+    """Stand still."""
 
     def act(self, senses: Senses, parameters: Parameters, state: Numbers, random: RandomNumbers) -> Numbers:
         """Return the speeds."""
@@ -98,7 +98,7 @@ class Stop(Behaviour):
 
 
 class _Follow(Behaviour):
-    """Follows a sum of vectors."""
+    """Follow a sum of vectors."""
 
     light: ClassVar[float] = 0
     obstacles: ClassVar[float] = -5
@@ -125,19 +125,19 @@ class _Follow(Behaviour):
 
 
 class Phototaxis(_Follow):
-    """Towards the light, around obstacles."""
+    """Move towards the light, around obstacles."""
 
     light = 1
 
 
 class AntiPhototaxis(_Follow):
-    """Away from the light, around obstacles."""
+    """Move away from the light, around obstacles."""
 
     light = -1
 
 
 class Attraction(_Follow):
-    """Towards neighbours, around obstacles."""
+    """Move towards neighbours, around obstacles."""
 
     parameters = _parameters("alpha")
     obstacles = -6
@@ -148,7 +148,7 @@ class Attraction(_Follow):
 
 
 class Repulsion(_Follow):
-    """Away from neighbours, around obstacles."""
+    """Move away from neighbours, around obstacles."""
 
     parameters = _parameters("alpha")
 
@@ -158,7 +158,7 @@ class Repulsion(_Follow):
 
 
 class _Floor(Condition):
-    """On ground of a colour."""
+    """Hold on ground of a colour."""
 
     parameters = _parameters("probability")
 
@@ -174,7 +174,7 @@ class _Floor(Condition):
 
 
 class BlackFloor(_Floor):
-    """On black ground."""
+    """Hold on black ground."""
 
     def holds(self, ground: Numbers) -> NDArray[np.bool_]:
         """Return where the ground is black."""
@@ -182,7 +182,7 @@ class BlackFloor(_Floor):
 
 
 class WhiteFloor(_Floor):
-    """On white ground."""
+    """Hold on white ground."""
 
     def holds(self, ground: Numbers) -> NDArray[np.bool_]:
         """Return where the ground is white."""
@@ -190,7 +190,7 @@ class WhiteFloor(_Floor):
 
 
 class GreyFloor(_Floor):
-    """On grey ground."""
+    """Hold on grey ground."""
 
     def holds(self, ground: Numbers) -> NDArray[np.bool_]:
         """Return where the ground is neither black nor white."""
@@ -198,7 +198,7 @@ class GreyFloor(_Floor):
 
 
 class Neighbours(Condition):
-    """The more neighbours there are, the more likely."""
+    """More likely the more neighbours there are."""
 
     parameters = _parameters("xi", "eta")
     sign: ClassVar[np.float32] = _ONE
@@ -206,18 +206,18 @@ class Neighbours(Condition):
     def probability(
         self, senses: Senses, parameters: Parameters, state: Numbers, random: RandomNumbers
     ) -> Numbers:
-        """Return the logistic function of how many there are more than xi, times eta."""
+        """Return the logistic function of eta times (number of neighbours - xi)."""
         return _sigmoid(parameters["eta"] * (self.sign * (senses.neighbours - parameters["xi"])))
 
 
 class FewNeighbours(Neighbours):
-    """The fewer neighbours there are, the more likely."""
+    """More likely the fewer neighbours there are."""
 
     sign = -_ONE
 
 
 class FixedProbability(Condition):
-    """Always equally likely."""
+    """Hold with a constant probability."""
 
     parameters = _parameters("probability")
 
@@ -229,42 +229,42 @@ class FixedProbability(Condition):
 
 
 PAGE = "docs/how-to/plug-ins.md"
-"""The page that says what a module has to be."""
+"""The guide to user modules."""
 
-Made = TypeVar("Made")
+Instance = TypeVar("Instance")
 _UNIT = np.float32(2.0**-24)
 Rows = NDArray[np.int64]
 
 
 class Swarm:
-    """Robots, each with a machine of one architecture, and with a state of its own.
+    """Robots, each with its own machine and state; all machines share one architecture.
 
     Args:
         architecture: of the kind `python_modules`.
         weights: (machines, weights).
 
-    Raises InputError when a module is not here, has other parameters than when it was designed with, or
-    cannot be made without arguments.
+    Raises InputError when a module is missing, its parameters have changed since the controller was designed,
+    or its class cannot be constructed without arguments.
     """
 
     def __init__(self, architecture: Mapping[str, Any], weights: Numbers) -> None:
-        catalogue = grammar.Catalogue.of(architecture)
+        catalogue = grammar.Catalogue.from_specification(architecture)
         self._behaviours: list[Behaviour] = [
-            _made(implementation("behaviour", behaviour)) for behaviour in catalogue.behaviours
+            _instantiate(implementation("behaviour", behaviour)) for behaviour in catalogue.behaviours
         ]
         self._conditions: list[Condition] = [
-            _made(implementation("condition", condition)) for condition in catalogue.conditions
+            _instantiate(implementation("condition", condition)) for condition in catalogue.conditions
         ]
-        self._behaviour_places = list(catalogue.behaviour_places.items())
-        self._condition_places = list(catalogue.condition_places.items())
+        self._behaviour_places = list(catalogue.behaviour_columns.items())
+        self._condition_places = list(catalogue.condition_columns.items())
         self._tree = grammar.is_tree(architecture)
-        self._first, self._each = catalogue.of_state, catalogue.of_transition
+        self._first, self._each = catalogue.state_weights, catalogue.transition_weights
         self._states, self._most = int(architecture["states"]), int(architecture["transitions"])
         self._counts, self._table = self._read(catalogue, np.asarray(weights, dtype=np.float32))
         self.restart(np.zeros(0, dtype=np.int64))
 
     def _read(self, catalogue: grammar.Catalogue, weights: Numbers) -> tuple[Rows, Numbers]:
-        """Return how many states machines have, and (machines, states, weights of a state), all limited."""
+        """Return the number of states and the weights, (machines, states, weights of a state), limited."""
         counts = np.trunc(np.clip(weights[:, 0], 1, self._states)).astype(np.int64)
         table = (
             weights[:, 1:].reshape(len(weights), self._states, self._first + self._most * self._each).copy()
@@ -272,15 +272,15 @@ class Swarm:
         _limit(table, 0, (0, len(self._behaviours) - 1, True))
         _limit(table, 3, (0, self._most, True))
         for module in catalogue.behaviours:
-            for name, place in catalogue.behaviour_places[module.name].items():
-                _limit(table, place, module.parameters[name])
+            for name, column in catalogue.behaviour_columns[module.name].items():
+                _limit(table, column, module.parameters[name])
         for k in range(self._most):
             at = self._first + k * self._each
             table[..., at] = np.trunc(np.clip(table[..., at], 0, counts[:, np.newaxis] - 1))
             _limit(table, at + 1, (0, len(self._conditions) - 1, True))
             for module in catalogue.conditions:
-                for name, place in catalogue.condition_places[module.name].items():
-                    _limit(table, at + place, module.parameters[name])
+                for name, column in catalogue.condition_columns[module.name].items():
+                    _limit(table, at + column, module.parameters[name])
         return counts, table
 
     def restart(self, owners: Rows) -> None:
@@ -288,59 +288,75 @@ class Swarm:
         count = len(owners)
         self._owners = owners
         self.current = np.zeros(count, dtype=np.int64)
-        """The state in which the machine of each robot makes its next step."""
+        """Current state of each robot's machine."""
         self._settled = np.zeros(count, dtype=np.bool_)
         widest = max(behaviour.state for behaviour in self._behaviours)
-        self._kept = np.zeros((count, widest), dtype=np.float32)
+        self._behaviour_state = np.zeros((count, widest), dtype=np.float32)
         widest = max(condition.state for condition in self._conditions)
-        self._conditions_kept = np.zeros((count, self._most, widest), dtype=np.float32)
+        self._condition_state = np.zeros((count, self._most, widest), dtype=np.float32)
 
     def extend(self, owners: Rows, before: int, after: int) -> None:
-        """Make place for more robots in each episode, which had `before` and get `after` of them."""
-        kept: list[NDArray[Any]] = [self.current, self._settled, self._kept, self._conditions_kept]
+        """Grow each episode from `before` to `after` robots."""
+        old_arrays: list[NDArray[Any]] = [
+            self.current,
+            self._settled,
+            self._behaviour_state,
+            self._condition_state,
+        ]
         self.restart(owners)
-        now: list[NDArray[Any]] = [self.current, self._settled, self._kept, self._conditions_kept]
-        for old, new in zip(kept, now, strict=True):
+        new_arrays: list[NDArray[Any]] = [
+            self.current,
+            self._settled,
+            self._behaviour_state,
+            self._condition_state,
+        ]
+        for old, new in zip(old_arrays, new_arrays, strict=True):
             new.reshape(-1, after, *new.shape[1:])[:, :before] = old.reshape(-1, before, *old.shape[1:])
 
     def step(self, robots: Rows, sensors: Numbers) -> Numbers:
-        """Return the actuators of some robots, (n, 2).
+        """Return the actuators of a subset of robots, (n, 2).
 
         Args:
-            robots: which, (n,), each once.
+            robots: indices, (n,), without repetition.
             sensors: (n, 9), finite.
 
         Raises RunError when the code of a module fails.
         """
-        within = np.clip(sensors[:, 8], np.float32(0), 1 - _UNIT)
-        bits = (within * np.float32(16777216)).astype(np.uint32)
+        random_sensor = np.clip(sensors[:, 8], np.float32(0), 1 - _UNIT)
+        bits = (random_sensor * np.float32(16777216)).astype(np.uint32)
         words = random_words(bits)
         if self._tree:
-            return self._tick(robots, sensors, bits, words)
+            return self._step_trees(robots, sensors, bits, words)
         part = self._table[self._owners[robots], self.current[robots]]
         actuators = self._act(robots, part, sensors, bits, words)
-        self._change(robots, part, sensors, bits, words)
+        self._make_transitions(robots, part, sensors, bits, words)
         return actuators
 
     def _act(
         self, robots: Rows, part: Numbers, sensors: Numbers, bits: NDArray[np.uint32], words: list[Any]
     ) -> Numbers:
-        """Return what the behaviours of rows of the table do."""
+        """Return the actuators of the behaviours in rows of the table."""
         actuators = np.zeros((len(robots), 2), dtype=np.float32)
         numbers = part[:, 0].astype(np.int64)
         for number, behaviour in enumerate(self._behaviours):
             rows = np.flatnonzero(numbers == number)
             if not len(rows):
                 continue
-            name, places = self._behaviour_places[number]
-            state = self._kept[robots[rows], : behaviour.state]
-            given = {key: part[rows, place] for key, place in places.items()}
+            name, columns = self._behaviour_places[number]
+            state = self._behaviour_state[robots[rows], : behaviour.state]
+            parameters = {key: part[rows, column] for key, column in columns.items()}
             random = RandomNumbers(bits[rows], 0, [word[rows] for word in words])
-            speeds = called(
-                behaviour.act, name, Senses.of(sensors[rows]), given, state, random, shape=(len(rows), 2)
+            speeds = call_module(
+                behaviour.act,
+                name,
+                Senses.from_rows(sensors[rows]),
+                parameters,
+                state,
+                random,
+                shape=(len(rows), 2),
             )
             actuators[rows] = np.clip(speeds, -1, 1)
-            self._kept[robots[rows], : behaviour.state] = state
+            self._behaviour_state[robots[rows], : behaviour.state] = state
         return actuators
 
     def _holds(
@@ -352,32 +368,32 @@ class Swarm:
         unit: Numbers,
         *,
         k: int,
-        place: int,
+        position: int,
     ) -> NDArray[np.bool_]:
-        """Return where the condition of transition k, whose weights are in `part`, holds. unit: 0..1."""
+        """Return where the condition of transition k, with the weights `part`, holds. unit: 0..1."""
         holds = np.zeros(len(robots), dtype=np.float32)
         numbers = part[:, 1].astype(np.int64)
         for number, condition in enumerate(self._conditions):
             rows = np.flatnonzero(numbers == number)
             if not len(rows):
                 continue
-            name, places = self._condition_places[number]
-            state = self._conditions_kept[robots[rows], k, : condition.state]
-            given = {key: part[rows, place] for key, place in places.items()}
-            random = RandomNumbers(bits[rows], 1 + place)
-            holds[rows] = called(
+            name, columns = self._condition_places[number]
+            state = self._condition_state[robots[rows], k, : condition.state]
+            parameters = {key: part[rows, column] for key, column in columns.items()}
+            random = RandomNumbers(bits[rows], 1 + position)
+            holds[rows] = call_module(
                 condition.probability,
                 name,
-                Senses.of(sensors[rows]),
-                given,
+                Senses.from_rows(sensors[rows]),
+                parameters,
                 state,
                 random,
                 shape=(len(rows),),
             )
-            self._conditions_kept[robots[rows], k, : condition.state] = state
+            self._condition_state[robots[rows], k, : condition.state] = state
         return unit < holds
 
-    def _change(
+    def _make_transitions(
         self, robots: Rows, part: Numbers, sensors: Numbers, bits: NDArray[np.uint32], words: list[Any]
     ) -> None:
         """Make transitions."""
@@ -390,62 +406,66 @@ class Swarm:
                 transition = part[rows, at : at + self._each]
                 unit = _unit(words[k][rows])
                 held[rows, k] = self._holds(
-                    robots[rows], transition, sensors[rows], bits[rows], unit, k=k, place=k
+                    robots[rows], transition, sensors[rows], bits[rows], unit, k=k, position=k
                 )
         self._settled[robots] = True
         number = held.sum(axis=1)
         rows = np.flatnonzero(number)
         if not len(rows):
             return
-        choice = below(words[2][rows], words[3][rows], number[rows].astype(np.uint32)).astype(np.int64)
+        choice = draw_below(words[2][rows], words[3][rows], number[rows].astype(np.uint32)).astype(np.int64)
         order = np.cumsum(held[rows], axis=1)
         chosen = np.argmax(held[rows] & (order == choice[:, np.newaxis] + 1), axis=1)
         self.current[robots[rows]] = part[rows, self._first + chosen * self._each].astype(np.int64)
         self._settled[robots[rows]] = False
-        self._forget(robots[rows])
+        self._clear_state(robots[rows])
 
-    def _tick(self, robots: Rows, sensors: Numbers, bits: NDArray[np.uint32], words: list[Any]) -> Numbers:
-        """Return what trees do: each goes on to the first subtree whose condition does not hold."""
+    def _step_trees(
+        self, robots: Rows, sensors: Numbers, bits: NDArray[np.uint32], words: list[Any]
+    ) -> Numbers:
+        """Return the actuators of trees: each advances to the first subtree whose condition does not hold."""
         owners = self._owners[robots]
         counts = self._counts[owners]
-        going = np.ones(len(robots), dtype=np.bool_)
+        active = np.ones(len(robots), dtype=np.bool_)
         for index in range(self._states):
-            rows = np.flatnonzero(going & (self.current[robots] == index) & (index < counts))
+            rows = np.flatnonzero(active & (self.current[robots] == index) & (index < counts))
             if not len(rows):
                 continue
             transition = self._table[owners[rows], index, self._first :]
             unit = _unit(words[index][rows])
-            holds = self._holds(robots[rows], transition, sensors[rows], bits[rows], unit, k=0, place=index)
-            going[rows] = holds
+            holds = self._holds(
+                robots[rows], transition, sensors[rows], bits[rows], unit, k=0, position=index
+            )
+            active[rows] = holds
             done = robots[rows[holds]]
             self.current[done] += 1
-            self._forget(done)
+            self._clear_state(done)
         actuators = np.zeros((len(robots), 2), dtype=np.float32)
         ended = self.current[robots] >= counts
         rows = np.flatnonzero(~ended)
         part = self._table[owners[rows], self.current[robots[rows]]]
-        some = [word[rows] for word in words]
-        actuators[rows] = self._act(robots[rows], part, sensors[rows], bits[rows], some)
+        tick_words = [word[rows] for word in words]
+        actuators[rows] = self._act(robots[rows], part, sensors[rows], bits[rows], tick_words)
         self.current[robots[ended]] = 0
         return actuators
 
-    def _forget(self, robots: Rows) -> None:
-        self._kept[robots] = 0
-        self._conditions_kept[robots] = 0
+    def _clear_state(self, robots: Rows) -> None:
+        self._behaviour_state[robots] = 0
+        self._condition_state[robots] = 0
 
 
-def _limit(table: Numbers, place: int, limits: grammar.Range) -> None:
+def _limit(table: Numbers, column: int, limits: grammar.Range) -> None:
     low, high, whole = limits
-    values = np.clip(table[..., place], low, high)
-    table[..., place] = np.trunc(values) if whole else values
+    values = np.clip(table[..., column], low, high)
+    table[..., column] = np.trunc(values) if whole else values
 
 
 def _unit(word: NDArray[np.uint32]) -> Numbers:
-    found: Numbers = (word >> np.uint32(8)).astype(np.float32) * _UNIT
-    return found
+    unit: Numbers = (word >> np.uint32(8)).astype(np.float32) * _UNIT
+    return unit
 
 
-def called(
+def call_module(
     method: Callable[..., Any],
     name: str,
     senses: Senses,
@@ -455,70 +475,72 @@ def called(
     *,
     shape: tuple[int, ...],
 ) -> Numbers:
-    """Return what a module returns.
+    """Call a module and return its result.
 
-    Raises RunError, with file and line, when that is not possible, and where the module has replaced an
-    attribute of its object.
+    Raises RunError, with file and line, when the call fails, the result is invalid, or the module has
+    replaced an attribute of its object.
     """
-    what = f"{name}: {method.__name__}"
+    label = f"{name}: {method.__name__}"
     module = method.__self__  # type: ignore[attr-defined] # of an object
     kind, before = type(module), dict(vars(module))
     try:
-        # What comes out is checked.
+        # The result is checked below.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             returned = method(senses, parameters, state, random)
-    # Also `sys.exit` is a mistake of the module's.
+    # `sys.exit` in a module is an error, too.
     except (Exception, SystemExit) as error:
-        raise RunError(f"{_line(kind, error)}: {what}: {type(error).__name__}: {error}") from error
-    found = np.empty(0, np.float32)
+        raise RunError(f"{_line(kind, error)}: {label}: {type(error).__name__}: {error}") from error
+    result = np.empty(0, np.float32)
     problem = _attribute_problem(before, vars(module))
     if problem is None:
         try:
-            found = np.asarray(returned, dtype=np.float32)
+            result = np.asarray(returned, dtype=np.float32)
         except (TypeError, ValueError):
             problem = f"returns {type(returned).__name__}, expected an array"
         else:
-            problem = _array_problem(found, shape)
+            problem = _array_problem(result, shape)
     if problem is None:
-        return found
-    raise RunError(f"{locate_definition(kind)}: {what}: {problem}")
+        return result
+    raise RunError(f"{locate_definition(kind)}: {label}: {problem}")
 
 
 def _attribute_problem(before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:
-    """Say which attribute of a module's object was replaced, if any was.
+    """Return a message if a module has replaced an attribute of its object.
 
-    One object acts for the robots of all episodes, so that what it keeps makes episodes depend on each other.
-    A new attribute may be a constant that is made at the first call, as in stored runs; what changes is found
-    at the next call.
+    One object acts for the robots of all episodes, so attributes that change make episodes depend on each
+    other. A new attribute may be a constant that is set in the first call, as in stored runs; changes of it
+    are detected in the next call.
     """
     for name, value in after.items():
         if name in before and before[name] is not value:
             return (
-                f"changes self.{name}, which all robots of all episodes share, so that episodes cannot be "
-                f"repeated; keep what a robot remembers in `state`, and set constants in __init__ ({PAGE})"
+                f"changes self.{name}, which is shared by all robots of all episodes; keep the memory of a "
+                f"robot in `state`, and set constants in __init__ ({PAGE})"
             )
     return None
 
 
-def _array_problem(found: Numbers, shape: tuple[int, ...]) -> str | None:
-    """Say what is wrong with what a module returns, if anything is."""
-    if found.shape != shape:
-        return f"returns an array of the shape {found.shape}, expected {shape}"
-    if not np.isfinite(found).all():
+def _array_problem(result: Numbers, shape: tuple[int, ...]) -> str | None:
+    """Return a message if the result of a module is invalid."""
+    if result.shape != shape:
+        return f"returns an array of the shape {result.shape}, expected {shape}"
+    if not np.isfinite(result).all():
         return "returns a number that is not finite"
     return None
 
 
-def _made(kind: type[Made]) -> Made:
+def _instantiate(kind: type[Instance]) -> Instance:
     try:
         return kind()
     except (Exception, SystemExit) as error:
         words = f"{kind.__name__}: __init__: {type(error).__name__}: {error}"
-        raise InputError(f"{_line(kind, error)}: {words}; modules are made without arguments") from error
+        raise InputError(
+            f"{_line(kind, error)}: {words}; modules are constructed without arguments"
+        ) from error
 
 
 def _line(kind: type[Any], error: BaseException) -> str:
-    """Return the last line of the user's that led to an error, or where the class is."""
+    """Return the last line of user code that led to an error, or the location of the class."""
     frames = [
         frame for frame in traceback.extract_tb(error.__traceback__) if not is_installed(frame.filename)
     ]
@@ -528,8 +550,8 @@ def _line(kind: type[Any], error: BaseException) -> str:
 
 
 def random_words(bits: NDArray[np.uint32]) -> list[NDArray[np.uint32]]:
-    """Return the random words that a step's behaviours and conditions share.
+    """Return the random words that the behaviours and conditions of a step share.
 
-    bits: (n,), of each robot's random sensor: 24 of them.
+    bits: (n,), the 24 bits of each robot's random sensor.
     """
     return pcg4d(bits, 1, 2, 3)

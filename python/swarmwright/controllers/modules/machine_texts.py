@@ -1,4 +1,4 @@
-"""Machines and trees of modules in words, and as diagrams of Graphviz and Mermaid."""
+"""Machines and trees of modules as text and as diagrams for Graphviz and Mermaid."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal

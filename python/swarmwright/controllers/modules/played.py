@@ -1,7 +1,4 @@
-"""An episode with a machine in Python, as the engine's `Episode` is one.
-
-Episodes of the engine, and machines in Python for their robots.
-"""
+"""Episodes of the engine whose robots have machines in Python."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,7 +14,7 @@ from swarmwright.controllers.modules.machine import Swarm
 
 
 class Robots:
-    """The robots of some episodes.
+    """The robots of several episodes.
 
     Args:
         episodes: at their start.
@@ -37,7 +34,7 @@ class Robots:
         self._swarm = Swarm(architecture, weights)
         self._owners = owners
         self._each = 0
-        """Robots of an episode, for which there is a place."""
+        """Allocated robots of each episode."""
         self._acted = 0
 
     @property
@@ -72,7 +69,7 @@ class Robots:
 
 
 class PlayedEpisode:
-    """One episode, a step at a time.
+    """One episode, stepped like the engine's `Episode`.
 
     Args:
         simulation: its title, or a host.
@@ -85,7 +82,7 @@ class PlayedEpisode:
 
     def __init__(
         self,
-        simulation: Any,  # noqa: ANN401 - as the engine takes it
+        simulation: Any,  # noqa: ANN401 - as in the engine
         parameters: dict[str, Any],
         seed: int,
         specification: dict[str, Any],
@@ -97,7 +94,7 @@ class PlayedEpisode:
 
     @property
     def done(self) -> bool:
-        """Whether it has ended."""
+        """Whether the episode has ended."""
         return self._episodes.done
 
     @property
@@ -107,8 +104,8 @@ class PlayedEpisode:
 
     def metrics(self, names: list[str]) -> list[float]:
         """Return the named metrics so far."""
-        found: list[float] = self._episodes.metrics(names)[0].tolist()
-        return found
+        values: list[float] = self._episodes.metrics(names)[0].tolist()
+        return values
 
     @property
     def metric_names(self) -> list[str]:
@@ -137,13 +134,13 @@ class PlayedEpisode:
         return self._robots.states
 
     def scene(self) -> SceneFields:
-        """Return what it looks like."""
+        """Return the current scene."""
         return self._episodes.scene()
 
     def scene_arrays(self) -> SceneArrays:
-        """Return the same as arrays."""
+        """Return the current scene as arrays."""
         return self._episodes.scene_arrays()
 
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
-        """Return the same as text."""
+        """Return the current scene as text."""
         return self._episodes.text(columns, color, rows, unicode)

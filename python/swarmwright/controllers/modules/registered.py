@@ -1,4 +1,4 @@
-"""Behaviours and conditions by their names: the engine's, those of installed packages, and those in files."""
+"""Lookup of behaviours and conditions: the engine's, those of installed packages, and those in files."""
 
 import inspect
 import math
@@ -19,11 +19,11 @@ from swarmwright.controllers.modules import grammar
 from swarmwright.controllers.modules._base import Behaviour, Condition, Parameter
 
 _LARGEST_LIMIT = 1e6
-"""Of the range of a parameter, without its sign."""
-_TAKEN = {"name", "behaviour", "transitions", "to", "condition"}
+"""Largest absolute value of a parameter's limits."""
+_RESERVED_NAMES = {"name", "behaviour", "transitions", "to", "condition"}
 """Keys of machines in files."""
 _MOST_STATE = 1000
-"""Numbers of a module's state for each robot."""
+"""Most state numbers of a module for each robot."""
 
 BEHAVIOURS: Registry[Behaviour] = Registry(
     "behaviour",
@@ -62,95 +62,95 @@ REGISTRIES: Mapping[str, Registry[Behaviour] | Registry[Condition]] = {
 
 Kind = type[Behaviour] | type[Condition]
 _in_files: dict[tuple[str, str, str], tuple[Kind, grammar.Module, Path]] = {}
-"""What, class, SHA-256 -> what was imported from files, and from which."""
+"""(role, class name, SHA-256) -> imported class, its module, and its file."""
 
 
-def module(what: str, name: str) -> grammar.Module:
-    """Return what is known of a behaviour or a condition.
+def module(role: str, name: str) -> grammar.Module:
+    """Return a behaviour or a condition by its name.
 
     Args:
-        what: behaviour or condition.
-        name: a registered one, or `path/to/file.py:Class`, whose file is imported.
+        role: behaviour or condition.
+        name: a registered name, or `path/to/file.py:Class`, whose file is imported.
 
-    Raises InputError for an unknown one, and one that is not right.
+    Raises InputError for an unknown or invalid module.
     """
-    return _from_file(what, name) if is_in_file(name) else _by_name(what, name)
+    return _import_file(role, name) if is_in_file(name) else _find_registered(role, name)
 
 
 @overload
-def implementation(what: Literal["behaviour"], known: grammar.Module) -> type[Behaviour]: ...
+def implementation(role: Literal["behaviour"], entry: grammar.Module) -> type[Behaviour]: ...
 
 
 @overload
-def implementation(what: Literal["condition"], known: grammar.Module) -> type[Condition]: ...
+def implementation(role: Literal["condition"], entry: grammar.Module) -> type[Condition]: ...
 
 
-def implementation(what: str, known: grammar.Module) -> Kind:
+def implementation(role: str, entry: grammar.Module) -> Kind:
     """Return the class of a behaviour or a condition of a specification.
 
-    Raises InputError where it is not installed, its file was not imported, or it has other parameters.
+    Raises InputError if it is not installed, its file was not imported, or its parameters differ.
     """
-    if known.file:
-        kind, there, _ = _found(what, known)
+    if entry.file:
+        kind, current, _ = _find_import(role, entry)
     else:
-        there, kind = _by_name(what, known.name), REGISTRIES[what].get(known.name)
-    if there != known:
+        current, kind = _find_registered(role, entry.name), REGISTRIES[role].get(entry.name)
+    if current != entry:
         raise InputError(
-            f"{what} {known.name!r}: has other parameters, or other ranges of these, than when this "
-            "controller was designed; use the version of that time"
+            f"{role} {entry.name!r}: its parameters or their ranges have changed since this controller "
+            "was designed; use the version of that time"
         )
     return kind
 
 
-def _found(what: str, known: grammar.Module) -> tuple[Kind, grammar.Module, Path]:
-    """Return what was imported of a module in a file. Raises InputError where it was not."""
-    found = _in_files.get((what, known.name, known.sha256))
-    if found is None:
+def _find_import(role: str, entry: grammar.Module) -> tuple[Kind, grammar.Module, Path]:
+    """Return the import of a module in a file. Raises InputError if it was not imported."""
+    imported = _in_files.get((role, entry.name, entry.sha256))
+    if imported is None:
         raise InputError(
-            f"{what} {known.name!r}: its code, {known.file} (SHA-256 {known.sha256[:16]}..), is not "
-            "known here; load the controller from its run folder, or from a file beside that code "
-            "(Controller.load)"
+            f"{role} {entry.name!r}: its code, {entry.file} (SHA-256 {entry.sha256[:16]}..), has not been "
+            "imported; load the controller with Controller.load from its run folder, or from a file beside "
+            "that code"
         )
-    return found
+    return imported
 
 
-def name_of(what: str, known: grammar.Module) -> str:
+def import_name_of(role: str, entry: grammar.Module) -> str:
     """Return the name by which a module of a specification is imported: that of `module`.
 
-    Raises InputError where its file was not imported.
+    Raises InputError if its file was not imported.
     """
-    return f"{_found(what, known)[2]}:{known.name}" if known.file else known.name
+    return f"{_find_import(role, entry)[2]}:{entry.name}" if entry.file else entry.name
 
 
-def find(specification: Mapping[str, Any], folder: Path) -> None:
-    """Import the code of modules that a controller in a folder names by their files.
+def import_modules(specification: Mapping[str, Any], folder: Path) -> None:
+    """Import the modules that a controller names by their files.
 
-    It lies beside the controller, or in the folder's copies where that is a run's; only code with the SHA-256
-    that the controller knows is imported. Raises InputError for code that is not trusted.
+    The code is beside the controller, or in the copies of a run folder; only code with the SHA-256 in the
+    controller is imported. Raises InputError for code that is not trusted.
     """
-    catalogue = grammar.Catalogue.of(specification)
-    for what, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
+    catalogue = grammar.Catalogue.from_specification(specification)
+    for role, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
         for part in parts:
-            if part.file and (what, part.name, part.sha256) not in _in_files:
+            if part.file and (role, part.name, part.sha256) not in _in_files:
                 path = _loading().find_file(folder, part.file, part.sha256)
                 if path is not None:
-                    _from_file(what, f"{path}:{part.name}")
+                    _import_file(role, f"{path}:{part.name}")
 
 
 def _loading() -> Any:  # noqa: ANN401 - a module
-    # By name, as plug-ins are: what imports the code of users is above this package.
+    # By name: the package that imports user code is above this one.
     return import_module("swarmwright.simulations.loading")
 
 
-def _from_file(what: str, name: str) -> grammar.Module:
+def _import_file(role: str, name: str) -> grammar.Module:
     parsed = SimulationName.parse(name)
     assert parsed.file is not None
     code, sha256 = _loading().import_with_digest(parsed.file)
-    found = getattr(code, parsed.member, None)
-    base = Behaviour if what == "behaviour" else Condition
-    if not (isinstance(found, type) and issubclass(found, base)):
+    member = getattr(code, parsed.member, None)
+    base = Behaviour if role == "behaviour" else Condition
+    if not (isinstance(member, type) and issubclass(member, base)):
         file = shorten_path(str(parsed.file))
-        if found is not None:
+        if member is not None:
             raise InputError(
                 f"{file}: {parsed.member} is not a subclass of "
                 f"swarmwright.controllers.modules.{base.__name__}"
@@ -160,64 +160,66 @@ def _from_file(what: str, name: str) -> grammar.Module:
             for key, value in vars(code).items()
             if isinstance(value, type) and issubclass(value, base) and value is not base
         ]
-        there = f"available: {', '.join(classes)}" if classes else f"no {what} is there"
+        available = f"available: {', '.join(classes)}" if classes else f"the file defines no {role}"
         raise InputError(
-            f"{file}: has no class {parsed.member!r}{did_you_mean(parsed.member, classes) or ';'} {there}"
+            f"{file}: has no class {parsed.member!r}{did_you_mean(parsed.member, classes) or ';'} {available}"
         )
     label = parsed.member
-    made = grammar.Module(label, _ranges(what, label, found), parsed.file.name, sha256)
-    _in_files[what, label, sha256] = (found, made, parsed.file.absolute())
-    return made
+    entry = grammar.Module(label, _ranges(role, label, member), parsed.file.name, sha256)
+    _in_files[role, label, sha256] = (member, entry, parsed.file.absolute())
+    return entry
 
 
 @cache
-def _by_name(what: str, name: str) -> grammar.Module:
-    registry = REGISTRIES[what]
+def _find_registered(role: str, name: str) -> grammar.Module:
+    registry = REGISTRIES[role]
     if name in registry.built_in:
-        return grammar.built_in(name)
-    return grammar.Module(name, _ranges(what, name, registry.get(name)))
+        return grammar.engine_module(name)
+    return grammar.Module(name, _ranges(role, name, registry.get(name)))
 
 
-def _ranges(what: str, name: str, found: Kind) -> dict[str, grammar.Range]:
-    """Return the parameters of a module. Raises InputError for what is not right with it."""
-    where = f"{locate_definition(found)}: {what} {name!r} ({found.__name__})"
-    if inspect.isabstract(found):
-        missing = ", ".join(sorted(found.__abstractmethods__))
-        raise InputError(f"{where}: defines no {missing}()")
-    if not isinstance(found.parameters, Mapping):
-        raise InputError(f"{where}: parameters must be a mapping from names to Parameter(low, high)")
-    state: object = found.state
+def _ranges(role: str, name: str, class_: Kind) -> dict[str, grammar.Range]:
+    """Return the parameters of a module. Raises InputError if the class is invalid."""
+    label = f"{locate_definition(class_)}: {role} {name!r} ({class_.__name__})"
+    if inspect.isabstract(class_):
+        missing = ", ".join(sorted(class_.__abstractmethods__))
+        raise InputError(f"{label}: does not define {missing}()")
+    if not isinstance(class_.parameters, Mapping):
+        raise InputError(f"{label}: parameters must be a mapping from names to Parameter(low, high)")
+    state: object = class_.state
     if not isinstance(state, int) or isinstance(state, bool) or not 0 <= state <= _MOST_STATE:
-        raise InputError(f"{where}: state must be an integer of 0 to {_MOST_STATE}, not {state!r}")
-    return {key: _range(where, key, parameter) for key, parameter in found.parameters.items()}
+        raise InputError(f"{label}: state must be an integer of 0 to {_MOST_STATE}, not {state!r}")
+    return {key: _range(label, key, parameter) for key, parameter in class_.parameters.items()}
 
 
-def _range(where: str, name: object, given: object) -> grammar.Range:
-    where = f"{where}: parameter {name!r}"
-    if not isinstance(name, str) or not name.isidentifier() or name in _TAKEN:
-        raise InputError(f"{where}: must be named by an identifier, none of {', '.join(sorted(_TAKEN))}")
-    if not isinstance(given, Parameter):
+def _range(label: str, name: object, parameter: object) -> grammar.Range:
+    label = f"{label}: parameter {name!r}"
+    if not isinstance(name, str) or not name.isidentifier() or name in _RESERVED_NAMES:
         raise InputError(
-            f"{where}: is {given!r}, expected Parameter(low, high) or Parameter(low, high, True)"
+            f"{label}: the name must be an identifier other than {', '.join(sorted(_RESERVED_NAMES))}"
         )
-    for limit in (given.low, given.high):
+    if not isinstance(parameter, Parameter):
+        raise InputError(
+            f"{label}: is {parameter!r}, expected Parameter(low, high) or Parameter(low, high, True)"
+        )
+    for limit in (parameter.low, parameter.high):
         if not _is_number(limit):
             raise InputError(
-                f"{where}: {limit!r} is not a number of -{_LARGEST_LIMIT:g} to {_LARGEST_LIMIT:g}"
+                f"{label}: {limit!r} is not a number of -{_LARGEST_LIMIT:g} to {_LARGEST_LIMIT:g}"
             )
-        if given.integer and limit != int(limit):
-            raise InputError(f"{where}: {limit!r} is not an integer, but integer is True")
-    if given.integer:
-        low, high = float(int(given.low)), float(int(given.high))
+        if parameter.integer and limit != int(limit):
+            raise InputError(f"{label}: {limit!r} is not an integer, but integer is True")
+    if parameter.integer:
+        low, high = float(int(parameter.low)), float(int(parameter.high))
     else:
-        low, high = float(np.float32(given.low)), float(np.float32(given.high))
+        low, high = float(np.float32(parameter.low)), float(np.float32(parameter.high))
     if not low < high:
-        raise InputError(f"{where}: low, {given.low:g}, must be smaller than high, {given.high:g}")
-    return low, high, bool(given.integer)
+        raise InputError(f"{label}: low, {parameter.low:g}, must be smaller than high, {parameter.high:g}")
+    return low, high, bool(parameter.integer)
 
 
 def _is_number(limit: object) -> bool:
-    """Whether it is a number that a parameter may have."""
+    """Whether a limit is a number within the supported range."""
     if not isinstance(limit, int | float) or isinstance(limit, bool):
         return False
     return math.isfinite(limit) and abs(limit) <= _LARGEST_LIMIT

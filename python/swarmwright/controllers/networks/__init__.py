@@ -1,4 +1,4 @@
-"""Networks of nodes, each with a bias and weights: what the neural representations share."""
+"""Base class of the neural representations: networks of nodes with a bias and weights."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -21,15 +21,15 @@ OUTPUT_RANGE = {
     "clamp": (0.0, 1.0),
     "sigmoid": (0.0, 1.0),
 }
-"""What a node's output is mapped from to become an actuator in -1..1, by activation."""
+"""Range of a node's output that is mapped to actuators in -1..1, by activation."""
 
 
 class NetworkOptions(RepresentationOptions):
-    """Options that all networks have; those of the genetic operators are after FREVO's FullyMeshedNet."""
+    """Options of all networks; those of the genetic operators follow FREVO's FullyMeshedNet."""
 
     output_range: list[float] | None = Field(default=None, min_length=2, max_length=2)
-    """Outputs of the network that are mapped to the actuators -1 and 1; other ones are clamped. By default as
-    the activation of the output nodes says: 0 and 1 for clamp and sigmoid, -1 and 1 for all others."""
+    """Outputs of the network that are mapped to the actuators -1 and 1; values beyond are clamped. Default:
+    by the activation of the output nodes, 0 and 1 for clamp and sigmoid, -1 and 1 for all others."""
 
     weight_range: float = Field(default=2.0, gt=0, le=1e6)
     """Initial weights are uniform in +-weight_range; a mutation of severity 1 moves a weight by as much."""
@@ -41,7 +41,7 @@ class NetworkOptions(RepresentationOptions):
 
     @field_validator("output_range")
     @classmethod
-    def _ascending(cls, value: list[float] | None) -> list[float] | None:
+    def _check_ascending(cls, value: list[float] | None) -> list[float] | None:
         if value is not None and not _is_range(*value):
             raise ValueError(f"must be two finite numbers, the lower one first, not {value}")
         return value
@@ -53,13 +53,13 @@ class NetworkOptions(RepresentationOptions):
 
     @property
     def last_activation(self) -> str:
-        """Function of the output nodes."""
+        """Activation function of the output nodes."""
         activation: str = self.activation  # type: ignore[attr-defined] # every network's options have it
         return activation
 
 
 def _is_range(low: float, high: float) -> bool:
-    """Return whether the engine, which computes in binary32, takes it."""
+    """Whether the engine, which computes in binary32, accepts the range."""
     with np.errstate(over="ignore", invalid="ignore"):
         width = np.float32(high) - np.float32(low)
     return bool(np.isfinite(width) and width > 0)
@@ -68,11 +68,11 @@ def _is_range(low: float, high: float) -> bool:
 class NodeNetwork(Representation):
     """A genome is a row of nodes, each with its bias first and then its incoming weights.
 
-    Operators after FREVO (Components/Representations/FullyMeshedNet, method numbers 1 and 2): a mutation adds
-    to each gene, with the given probability, a number uniform in +-severity times the gene's range; a
+    Operators follow FREVO (Components/Representations/FullyMeshedNet, method numbers 1 and 2): a mutation
+    adds to each gene, with the given probability, a number uniform in +-severity times the gene's range; a
     crossover replaces a run of neighbouring nodes, at least one and not all, with the father's (the run ends
-    at the last node); the distance is the sum of absolute differences. FREVO's method 2 grants negative
-    weights only the least step and biases +-10; here `proportional` goes by the absolute value for both. A
+    at the last node); the distance is the sum of absolute differences. FREVO's method 2 gives negative
+    weights only the smallest step and biases +-10; here `proportional` uses the absolute value for both. A
     network of a single node has no runs of nodes to exchange: it exchanges runs of genes. The engine computes
     them, in binary64, and rounds to binary32 at the end.
     """
@@ -85,7 +85,7 @@ class NodeNetwork(Representation):
 
     @cached_property
     def _starts(self) -> NDArray[np.intp]:
-        """Where each node begins, and the end of the last one."""
+        """Index of the first gene of each node, and the end of the last node."""
         sizes = np.array([0, *(size + 1 for size in self.node_sizes())], dtype=np.intp)
         starts: NDArray[np.intp] = np.cumsum(sizes)
         return starts
@@ -101,10 +101,10 @@ class NodeNetwork(Representation):
 
     @property
     def operators(self) -> _engine.NodeNetwork | None:
-        """The engine's operators; None if a subclass has others."""
+        """The engine's operators; None if a subclass overrides them."""
         kind, names = type(self), ("initials", "mutations", "matings")
-        known = all(getattr(kind, name) is getattr(NodeNetwork, name) for name in names)
-        return self._operators if known else None
+        inherited = all(getattr(kind, name) is getattr(NodeNetwork, name) for name in names)
+        return self._operators if inherited else None
 
     @property
     def genome_size(self) -> int:
@@ -147,26 +147,26 @@ class NodeNetwork(Representation):
     def matings(
         self, genomes: Genomes, mothers: NDArray[np.int64], partners: NDArray[np.int64], streams: Streams
     ) -> Genomes:
-        """Return a child of each mother and the most different one of its partners."""
+        """Return a child of each mother and its most distant partner."""
         return self._operators.matings(genomes, mothers, partners, streams)
 
-    def distance(self, one: Genome, other: Genome) -> float:
+    def distance(self, genome: Genome, other: Genome) -> float:
         """Return the sum of absolute differences, added in the genome's order in binary64."""
-        return float(_distances(one, other[np.newaxis])[0])
+        return float(_distances(genome, other[np.newaxis])[0])
 
-    def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
+    def distances(self, genome: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        return _distances(one, others)
+        return _distances(genome, others)
 
     def distances_among(
-        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+        self, genomes: Genomes, indices: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Return the distances of genomes that are named by their index."""
-        return _engine.distances(genomes, ones, others)
+        """Return the distances between genomes, given by their indices."""
+        return _engine.distances(genomes, indices, others)
 
 
-def _distances(one: Genome, others: Genomes) -> NDArray[np.float64]:
+def _distances(genome: Genome, others: Genomes) -> NDArray[np.float64]:
     # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
-    differences = np.abs(one.astype(np.float64) - others)
+    differences = np.abs(genome.astype(np.float64) - others)
     sums: NDArray[np.float64] = np.add.accumulate(differences, axis=1)[:, -1]
     return sums

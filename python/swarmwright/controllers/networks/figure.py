@@ -1,6 +1,6 @@
 """Neural networks as nodes and lines: colour and width are the weight, fill is the bias.
 
-Those of many nodes as matrices: a row for each node, its bias and weights as colours.
+Networks of many nodes are drawn as matrices: a row for each node, its bias and weights as colours.
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.controllers.activations import in_words
+from swarmwright.controllers.activations import describe_activations
 from swarmwright.controllers.drawing import Drawing, Names
 from swarmwright.display.figures.style import INK, PAPER, SOFT, new_figure
 
@@ -22,32 +22,32 @@ if TYPE_CHECKING:
 NEGATIVE, NOTHING, POSITIVE = "#D55E00", "#F2F2EE", "#0072B2"
 """From Okabe and Ito's palette, which is safe for colour-blind readers."""
 _MOST_NODES, _MOST_LINES = 26, 900
-"""In a column, and altogether: beyond, matrices are drawn instead of lines."""
+"""Most nodes in a column and most lines in all; beyond, matrices are drawn instead."""
 _RADIUS = 0.17
 _BETWEEN = 3.0  # columns
 _APART = 0.56  # nodes
 _NAMED = 40
-"""Nodes up to which each has its name on the axis."""
+"""Most nodes of which each is named on the axis."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Nodes that are computed together, and what they see."""
+    """Nodes that are computed together, and their inputs."""
 
     sources: tuple[tuple[int, int], ...]
-    """What they see: (column, index) of each, column 0 holds the sensors."""
+    """(column, index) of each input; column 0 holds the sensors."""
     column: int
-    """In which they are drawn; the last is that of the actuators."""
+    """Column in which they are drawn; the last holds the actuators."""
     first: int
-    """Index in their column of the first one."""
+    """Index of the first node in the column."""
     bias: NDArray[np.float64]
     """(nodes,)"""
     weights: NDArray[np.float64]
     """(nodes, sources)"""
 
 
-def columns(specification: Mapping[str, Any]) -> list[int]:
-    """Return how many nodes each column has: sensors, hidden ones, actuators."""
+def column_sizes(specification: Mapping[str, Any]) -> list[int]:
+    """Return the number of nodes of each column: sensors, hidden nodes, actuators."""
     hidden = specification["hidden"]
     between = list(hidden) if isinstance(hidden, list) else [hidden] if hidden else []
     return [specification["sensors"], *between, specification["actuators"]]
@@ -58,49 +58,49 @@ class Network:
     """A network to be drawn."""
 
     columns: list[int]
-    """How many nodes each column has: sensors, hidden ones, actuators."""
+    """Number of nodes of each column: sensors, hidden nodes, actuators."""
     layers: list[Layer]
     facts: str
     """Its kind, sizes and activations, below the title."""
     recurrent: bool = False
-    """Whether nodes may see any node."""
+    """Whether nodes may be connected with any node."""
     matrices: list[Layer] | None = None
-    """A layer for each column, where `layers` has others."""
+    """A layer for each column, if `layers` is organized differently."""
 
 
-def facts(specification: Mapping[str, Any], sizes: list[int], activation: str = "") -> str:
+def format_facts(specification: Mapping[str, Any], sizes: list[int], activation: str = "") -> str:
     """Return the line below the title; activation: in words, by default those of the specification."""
     kind = f"{specification['kind']} {'-'.join(map(str, sizes))}"
-    return f"{kind}, {activation or in_words(specification)}"
+    return f"{kind}, {activation or describe_activations(specification)}"
 
 
-def everything(sizes: list[int]) -> tuple[tuple[int, int], ...]:
+def node_indices(sizes: list[int]) -> tuple[tuple[int, int], ...]:
     """Return the (column, index) of every node."""
     return tuple((column, index) for column, size in enumerate(sizes) for index in range(size))
 
 
 def draw_network(network: Network, drawing: Drawing) -> "Figure":
     """Return the figure of a network."""
-    sizes, found = network.columns, network.layers
-    if max(sizes) > _MOST_NODES or sum(layer.weights.size for layer in found) > _MOST_LINES:
+    sizes, layers = network.columns, network.layers
+    if max(sizes) > _MOST_NODES or sum(layer.weights.size for layer in layers) > _MOST_LINES:
         return _draw_matrices(network, drawing.names, drawing.title)
     title, iterations = drawing.title, drawing.specification.get("iterations")
-    places = [
+    positions = [
         [
             (column * _BETWEEN, (size - 1 - 2 * index) / 2 * _node_distance(size, max(sizes)))
             for index in range(size)
         ]
         for column, size in enumerate(sizes)
     ]
-    rows = max(max(abs(y) for _, y in column) for column in places) * 2
+    rows = max(max(abs(y) for _, y in column) for column in positions) * 2
     width = 3.6 + 2.1 * (len(sizes) - 1)
     figure = new_figure(max(7.0, width), min(max(3.6, rows * 0.72 + 2.0), 14))
     axes = figure.add_subplot()
-    unit = _largest(np.concatenate([layer.weights.ravel() for layer in found]))
-    bias_unit = _largest(np.concatenate([layer.bias for layer in found]))
-    _lines(axes, found, places, unit)
-    _nodes(axes, found, places, bias_unit)
-    _labels(axes, places, drawing.names)
+    unit = _largest(np.concatenate([layer.weights.ravel() for layer in layers]))
+    bias_unit = _largest(np.concatenate([layer.bias for layer in layers]))
+    _draw_lines(axes, layers, positions, unit)
+    _draw_nodes(axes, layers, positions, bias_unit)
+    _draw_labels(axes, positions, drawing.names)
     # As data and not as limits: the axes are as wide as the figure, their title is below the figure's.
     axes.update_datalim([(-1.6, -rows / 2 - 0.55), ((len(sizes) - 1) * _BETWEEN + 1.5, rows / 2 + 0.55)])
     axes.margins(0)
@@ -110,7 +110,7 @@ def draw_network(network: Network, drawing: Drawing) -> "Figure":
     figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
     computed = f", computed {iterations} times in each step" if iterations else ""
     axes.set_title(f"{network.facts}{computed}", loc="left", fontsize=10, color=SOFT)
-    _legend(figure, unit, bias_unit, network.recurrent)
+    _draw_legend(figure, unit, bias_unit, network.recurrent)
     return figure
 
 
@@ -119,16 +119,18 @@ def _node_distance(size: int, largest_size: int) -> float:
     return max(_APART, min(2.0, _APART * largest_size / (size + 0.5)))
 
 
-def _lines(axes: "Axes", found: list[Layer], places: list[list[tuple[float, float]]], unit: float) -> None:
+def _draw_lines(
+    axes: "Axes", layers: list[Layer], positions: list[list[tuple[float, float]]], unit: float
+) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.patches import FancyArrowPatch
 
     straight = []
-    for layer in found:
+    for layer in layers:
         for node, row in enumerate(layer.weights):
-            target = places[layer.column][layer.first + node]
+            target = positions[layer.column][layer.first + node]
             for (column, index), weight in zip(layer.sources, row, strict=True):
-                source = places[column][index]
+                source = positions[column][index]
                 look = _weight_style(weight / unit)
                 if column < layer.column:
                     straight.append((abs(weight), source, target, look))
@@ -146,9 +148,9 @@ def _lines(axes: "Axes", found: list[Layer], places: list[list[tuple[float, floa
                         source, target, connectionstyle=f"arc3,rad={bend}", shrinkA=14, shrinkB=14, **arrow
                     )
                 axes.add_patch(patch)
-    if not straight:  # of nodes that see no other
+    if not straight:  # nodes without inputs
         return
-    straight.sort(key=lambda one: one[0])  # strong ones above weak ones
+    straight.sort(key=lambda line: line[0])  # strong weights above weak ones
     axes.add_collection(
         LineCollection(
             [(source, target) for _, source, target, _ in straight],
@@ -165,44 +167,53 @@ def _weight_style(share: float) -> tuple[str, float, float]:
     return POSITIVE if share > 0 else NEGATIVE, 0.4 + 3.8 * abs(share), 0.25 + 0.65 * abs(share)
 
 
-def _loop(place: tuple[float, float]) -> Any:  # noqa: ANN401 - a path of matplotlib
-    """Return the way from a node to itself, above it."""
+def _loop(position: tuple[float, float]) -> Any:  # noqa: ANN401 - a path of matplotlib
+    """Return the path of an arrow from a node to itself, above it."""
     from matplotlib.path import Path
 
-    x, y = place
+    x, y = position
     r = _RADIUS * 1.15
     points = [(x - 0.7 * r, y + 0.75 * r), (x - 2.6 * r, y + 3.6 * r), (x + 2.6 * r, y + 3.6 * r)]
     return Path([*points, (x + 0.75 * r, y + 0.85 * r)], [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
 
 
-def _nodes(axes: "Axes", found: list[Layer], places: list[list[tuple[float, float]]], unit: float) -> None:
+def _draw_nodes(
+    axes: "Axes", layers: list[Layer], positions: list[list[tuple[float, float]]], unit: float
+) -> None:
     from matplotlib.patches import Circle
 
     colors = _colormap()
-    for place in places[0]:
-        axes.add_patch(Circle(place, _RADIUS * 0.6, facecolor=PAPER, edgecolor=INK, linewidth=1.2, zorder=5))
-    for layer in found:
+    for position in positions[0]:
+        axes.add_patch(
+            Circle(position, _RADIUS * 0.6, facecolor=PAPER, edgecolor=INK, linewidth=1.2, zorder=5)
+        )
+    for layer in layers:
         for node, bias in enumerate(layer.bias):
-            place = places[layer.column][layer.first + node]
+            position = positions[layer.column][layer.first + node]
             share = bias / unit
             axes.add_patch(
                 Circle(
-                    place, _RADIUS, facecolor=colors(0.5 + share / 2), edgecolor=INK, linewidth=1.2, zorder=5
+                    position,
+                    _RADIUS,
+                    facecolor=colors(0.5 + share / 2),
+                    edgecolor=INK,
+                    linewidth=1.2,
+                    zorder=5,
                 )
             )
 
 
-def _labels(axes: "Axes", places: list[list[tuple[float, float]]], names: Names) -> None:
+def _draw_labels(axes: "Axes", positions: list[list[tuple[float, float]]], names: Names) -> None:
     text: dict[str, Any] = {"va": "center", "fontsize": 10.5, "color": INK, "parse_math": False}
-    for (x, y), name in zip(places[0], names.sensors, strict=True):
+    for (x, y), name in zip(positions[0], names.sensors, strict=True):
         axes.text(x - 0.24, y, name, ha="right", **text)
     # Arrows between outputs may be behind them.
     ground = {"facecolor": PAPER, "edgecolor": "none", "pad": 1.5, "alpha": 0.85}
-    for (x, y), name in zip(places[-1], names.actuators, strict=True):
+    for (x, y), name in zip(positions[-1], names.actuators, strict=True):
         axes.text(x + 0.32, y, name, ha="left", zorder=6, bbox=ground, **text)
 
 
-def _legend(figure: "Figure", unit: float, bias_unit: float, recurrent: bool) -> None:
+def _draw_legend(figure: "Figure", unit: float, bias_unit: float, recurrent: bool) -> None:
     from matplotlib.lines import Line2D
 
     handles = []
@@ -217,25 +228,27 @@ def _legend(figure: "Figure", unit: float, bias_unit: float, recurrent: bool) ->
         )
         for share in (-1.0, 1.0)
     ]  # fmt: skip
-    what = "weights (arrows: back, sideways and to itself)" if recurrent else "weights"
+    title = "weights (arrows: back, sideways and to itself)" if recurrent else "weights"
     figure.legend(
-        handles=handles, title=what, loc="outside lower center", ncols=len(handles), fontsize=10,
+        handles=handles, title=title, loc="outside lower center", ncols=len(handles), fontsize=10,
         title_fontsize=10, frameon=False, labelcolor=INK,
     )  # fmt: skip
 
 
 def _draw_matrices(network: Network, names: Names, title: str) -> "Figure":
-    sizes, found = network.columns, network.matrices or network.layers
-    unit = _largest(np.concatenate([np.column_stack([node.bias, node.weights]).ravel() for node in found]))
-    figure = new_figure(10, 2.2 + sum(_height(node) for node in found))
-    grid = figure.subplots(len(found), 1, height_ratios=[_height(node) for node in found], squeeze=False)
+    sizes, layers = network.columns, network.matrices or network.layers
+    unit = _largest(np.concatenate([np.column_stack([node.bias, node.weights]).ravel() for node in layers]))
+    figure = new_figure(10, 2.2 + sum(_matrix_height(node) for node in layers))
+    grid = figure.subplots(
+        len(layers), 1, height_ratios=[_matrix_height(node) for node in layers], squeeze=False
+    )
     image = None
-    for axes, layer in zip(grid[:, 0], found, strict=True):
+    for axes, layer in zip(grid[:, 0], layers, strict=True):
         image = axes.imshow(
             np.column_stack([layer.bias, layer.weights]), cmap=_colormap(), vmin=-unit, vmax=unit,
             aspect="auto", interpolation="nearest",
         )  # fmt: skip
-        _name(axes, layer, sizes, names)
+        _name_axes(axes, layer, sizes, names)
     assert image is not None
     bar = figure.colorbar(image, ax=list(grid[:, 0]), shrink=0.8, pad=0.02)
     bar.ax.tick_params(labelsize=9, colors=INK)
@@ -245,11 +258,11 @@ def _draw_matrices(network: Network, names: Names, title: str) -> "Figure":
     return figure
 
 
-def _height(layer: Layer) -> float:
+def _matrix_height(layer: Layer) -> float:
     return min(max(1.0, 0.24 * len(layer.bias)), 4.5)
 
 
-def _name(axes: "Axes", layer: Layer, sizes: list[int], names: Names) -> None:
+def _name_axes(axes: "Axes", layer: Layer, sizes: list[int], names: Names) -> None:
     last = len(sizes) - 1
     sources = ["bias", *(_label(column, index, last, names) for column, index in layer.sources)]
     nodes = [_label(layer.column, index, last, names) for index in range(len(layer.bias))]
@@ -260,7 +273,7 @@ def _name(axes: "Axes", layer: Layer, sizes: list[int], names: Names) -> None:
     axes.tick_params(axis="x", rotation=90 if len(sources) <= _NAMED else 0)
     axes.set_ylabel("actuators" if layer.column == last else f"layer {layer.column}", fontsize=10, color=INK)
     if len(sources) > _NAMED:
-        axes.set_xlabel("bias, then what the nodes see", fontsize=10, color=INK)
+        axes.set_xlabel("bias, then inputs of the nodes", fontsize=10, color=INK)
 
 
 def _label(column: int, index: int, last: int, names: Names) -> str:
@@ -276,7 +289,7 @@ def _label(column: int, index: int, last: int, names: Names) -> str:
 
 
 def _colormap() -> "LinearSegmentedColormap":
-    """Return the colours from negative over nothing to positive."""
+    """Return the colour map from negative through zero to positive."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("weights", [NEGATIVE, NOTHING, POSITIVE])

@@ -1,4 +1,4 @@
-"""Statecharts as files have them: states inside states, their transitions, and what these do."""
+"""Statecharts: nested states, their transitions and actions."""
 
 import ast
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Assignment:
-    """A number for an actuator."""
+    """The assignment of a number to an actuator."""
 
     actuator: str
     value: float
@@ -16,13 +16,13 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Event:
-    """An event that the machine gives to itself."""
+    """An event that the machine raises or sends to itself."""
 
     name: str
     internal: bool
-    """Raised, so that it comes before events that are sent."""
+    """Whether it is raised, and so handled before events that are sent."""
     optional: bool
-    """Whether it may be meant for others, so that no transition has to wait for it."""
+    """Whether it may be for other receivers, so that no transition has to wait for it."""
     line: int
 
 
@@ -31,16 +31,16 @@ Action = Assignment | Event
 
 @dataclass
 class Transition:
-    """A transition; without targets it stays in its state, which it neither leaves nor enters."""
+    """A transition; without targets it neither leaves nor enters its state."""
 
     line: int
     events: list[str] = field(default_factory=list)
-    """Descriptors of events; none where it is taken without an event."""
+    """Descriptors of events; empty for a transition without an event."""
     condition: ast.expr | None = None
     targets: list[str] = field(default_factory=list)
     actions: list[Action] = field(default_factory=list)
     internal: bool = False
-    """Whether it does not leave its state where all targets are inside of it."""
+    """Whether it stays in its state if all targets are inside of it."""
 
 
 @dataclass
@@ -48,77 +48,77 @@ class State:
     """A state, or a pseudostate."""
 
     name: str
-    """Its `id`, or words for one without; empty for the whole machine."""
+    """Its `id`, or a description without one; empty for the whole machine."""
     line: int
-    """Of the file, from 1."""
+    """Line in the file, from 1."""
     kind: str
     """`scxml` (the whole machine), `state`, `parallel`, `final` or `history`."""
     parent: "State | None"
-    """The state that it is in; None for the whole machine."""
+    """The enclosing state; None for the whole machine."""
     order: int
-    """In the document."""
+    """Position in document order."""
     deep: bool = False
-    """Of a history: whether it remembers states at every depth."""
+    """For a history: whether it remembers states at every depth."""
     children: list["State"] = field(default_factory=list)
-    """States and histories inside, in the order of the document."""
+    """Inner states and histories, in document order."""
     entry: list[Action] = field(default_factory=list)
-    """What is executed when it is entered."""
+    """Actions on entry."""
     exit: list[Action] = field(default_factory=list)
-    """What is executed when it is left."""
+    """Actions on exit."""
     transitions: list[Transition] = field(default_factory=list)
-    """Those that leave it, in the order of the document."""
+    """Outgoing transitions, in document order."""
     initial: Transition | None = None
-    """What is entered first; of a history, as long as there is nothing to remember."""
+    """The initial transition; for a history, its default."""
 
     @property
     def inner(self) -> list["State"]:
-        """The states inside, without histories."""
+        """The inner states, without histories."""
         return [child for child in self.children if child.kind != "history"]
 
     @property
     def is_atomic(self) -> bool:
-        """Whether there are no states inside."""
+        """Whether the state has no inner states."""
         return not self.inner
 
     @property
     def is_compound(self) -> bool:
-        """Whether one of the states inside is active."""
+        """Whether exactly one inner state is active."""
         return self.kind != "parallel" and not self.is_atomic
 
     @property
     def ancestors(self) -> list["State"]:
-        """The states around, the innermost first."""
-        found = []
+        """The enclosing states, innermost first."""
+        ancestors = []
         state = self.parent
         while state is not None:
-            found.append(state)
+            ancestors.append(state)
             state = state.parent
-        return found
+        return ancestors
 
-    def inside(self, other: "State") -> bool:
-        """Whether it is inside of another state, at any depth."""
+    def is_inside(self, other: "State") -> bool:
+        """Whether the state is inside of another state, at any depth."""
         return any(ancestor is other for ancestor in self.ancestors)
 
-    def all(self) -> Iterator["State"]:
-        """Yield it and all inside, in document order."""
+    def walk(self) -> Iterator["State"]:
+        """Yield the state and all inner states, in document order."""
         yield self
         for child in self.children:
-            yield from child.all()
+            yield from child.walk()
 
     @property
     def all_transitions(self) -> list[Transition]:
-        """Its transitions, and the one that says what is entered first."""
+        """Its transitions, including the initial transition."""
         return [*self.transitions, *([self.initial] if self.initial else [])]
 
     @property
     def actions(self) -> list[Action]:
-        """All that is done in it and by its transitions."""
+        """All actions of the state and its transitions."""
         return [*self.entry, *self.exit, *(action for t in self.all_transitions for action in t.actions)]
 
 
-def combinations(state: State) -> int:
-    """Return in how many ways a state can be active, as the drawing has it."""
-    counts = [combinations(child) for child in state.inner]
+def count_configurations(state: State) -> int:
+    """Return the number of configurations of a state."""
+    counts = [count_configurations(child) for child in state.inner]
     if not counts:
         return 1
     if state.kind != "parallel":

@@ -1,4 +1,4 @@
-"""SCXML files: what is in them, and what of it is not supported."""
+"""Reader of SCXML files."""
 
 import ast
 import re
@@ -11,8 +11,8 @@ from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.xml import Element
 from swarmwright.common.xml import read as read_xml
 from swarmwright.controllers.scxml._chart import Action, Assignment, Event, State, Transition
-from swarmwright.controllers.scxml._conditions import ConditionError, constant, parse
-from swarmwright.controllers.scxml._machine import EVENT, StateMachine, in_expression
+from swarmwright.controllers.scxml._conditions import ConditionError, evaluate_constant, parse_expression
+from swarmwright.controllers.scxml._machine import EVENT, StateMachine, normalize_name
 from swarmwright.controllers.scxml._steps import Descriptors
 
 _BARE = re.compile(rb"<state\s*>")
@@ -20,14 +20,14 @@ _LARGEST_FILE_BYTES = 1 << 28
 _IGNORED = frozenset({"log"})
 _NAMESPACE = "http://www.w3.org/2005/07/scxml"
 _EDITORS = frozenset({"http://www.qt.io/2015/02/scxml-ext"})
-"""Namespaces of what editors note for themselves, which is ignored wherever it is."""
+"""Namespaces of editors' annotations, which are ignored."""
 _ACTING = frozenset({"onentry", "onexit", "transition"})
-"""Elements in which those of other namespaces may be actions."""
+"""Elements in which elements of other namespaces may be actions."""
 _DATA = '<data id="NAME" expr="0.5"/>'
 _INSTEAD = {
-    "invoke": 'actions of ROS are not computed by controllers; assign actuators: <assign location="heading" '
+    "invoke": 'controllers cannot call ROS actions; assign actuators: <assign location="heading" '
     'expr="0.5"/>',
-    "if": "is not supported; take a transition with the condition",
+    "if": "is not supported; use a transition with the condition",
     "script": "is not supported; assign actuators",
 }
 
@@ -38,7 +38,7 @@ _HOLD = {
     "parallel": ("scxml", "state", "parallel"),
     "state": ("scxml", "state", "parallel"),
 }
-"""In which elements each state can be."""
+"""Allowed parents of each kind of state."""
 _EXPECTED = {
     "scxml": ("datamodel", "final", "parallel", "state"),
     "state": ("final", "history", "initial", "onentry", "onexit", "parallel", "state", "transition"),
@@ -51,64 +51,67 @@ _EXPECTED = {
 def read(path: Path) -> StateMachine:
     """Read a state machine.
 
-    Raises InputError with everything that is wrong or not supported, file and line each.
+    Raises InputError with all problems and unsupported elements, each with file and line.
     """
     try:
         root = read_xml(path)
     except InputError as error:
-        raise InputError(_not_closed(path) or str(error)) from error
+        raise InputError(_find_unclosed_state(path) or str(error)) from error
     return _Reader(path, root).machine()
 
 
 class _Namespaces:
-    """Elements without the prefixes of their namespaces, and without those that are not SCXML's."""
+    """Removes namespace prefixes, and elements of other namespaces than SCXML's."""
 
     def __init__(self, root: Element) -> None:
-        # Whatever the outermost element's namespace is, files without the usual one are read as well.
-        self.own = {_NAMESPACE, self._named(root, {}), ""}
+        # The namespace of the root element counts as SCXML's, so that files without the usual one can be
+        # read.
+        self.scxml_namespaces = {_NAMESPACE, self._namespace(root, {}), ""}
         self.problems = ProblemLines()
-        self._take(root, {}, "")
+        self._strip_prefix(root, {}, "")
 
     @staticmethod
-    def _declared(element: Element, known: dict[str, str]) -> dict[str, str]:
-        """Return the namespaces inside of an element, by prefix; the default one has none."""
-        found = {
+    def _namespaces(element: Element, outer: dict[str, str]) -> dict[str, str]:
+        """Return the namespaces inside an element, by prefix; the default namespace has an empty prefix."""
+        declared = {
             key.removeprefix("xmlns").removeprefix(":"): value
             for key, value in element.attributes.items()
             if key == "xmlns" or key.startswith("xmlns:")
         }
-        return {**known, **found} if found else known
+        return {**outer, **declared} if declared else outer
 
-    def _named(self, element: Element, known: dict[str, str]) -> str:
-        """Return an element's namespace; empty for none, or for a prefix that is not declared."""
+    def _namespace(self, element: Element, outer: dict[str, str]) -> str:
+        """Return an element's namespace; empty without one or for an undeclared prefix."""
         prefix = element.tag.rpartition(":")[0]
-        return self._declared(element, known).get(prefix, "")
+        return self._namespaces(element, outer).get(prefix, "")
 
-    def _take(self, element: Element, known: dict[str, str], inside: str) -> bool:
-        """Whether an element is kept, without its prefix; inside: the name of the one around it."""
-        namespace = self._named(element, known)
-        if namespace not in self.own:
-            if inside in _ACTING and namespace not in _EDITORS:
+    def _strip_prefix(self, element: Element, outer: dict[str, str], parent_tag: str) -> bool:
+        """Strip the prefix of an element; return whether to keep it. parent_tag: the tag of its parent."""
+        namespace = self._namespace(element, outer)
+        if namespace not in self.scxml_namespaces:
+            if parent_tag in _ACTING and namespace not in _EDITORS:
                 self.problems.add(
-                    str(element.error(f"what elements of {namespace} do is not known here; leave it out"))
+                    str(element.error(f"elements of {namespace} are not supported here; remove it"))
                 )
             return False
         element.tag = element.tag.rpartition(":")[2]
-        spaces = self._declared(element, known)
-        element.children = [child for child in element.children if self._take(child, spaces, element.tag)]
+        spaces = self._namespaces(element, outer)
+        element.children = [
+            child for child in element.children if self._strip_prefix(child, spaces, element.tag)
+        ]
         return True
 
 
-def _not_closed(path: Path) -> str | None:
-    """Return what is wrong with a file in which `<state>` stands for `</state>`; None for another one."""
+def _find_unclosed_state(path: Path) -> str | None:
+    """Return the message for a file that closes states with `<state>`; None for other files."""
     data = read_bytes(path, _LARGEST_FILE_BYTES)
-    found = _BARE.search(data)
-    if found is None or data.count(b"</state") >= len(re.findall(rb"<state\s[^<>]*[^/<>]>", data)):
+    match = _BARE.search(data)
+    if match is None or data.count(b"</state") >= len(re.findall(rb"<state\s[^<>]*[^/<>]>", data)):
         return None
-    line = data.count(b"\n", 0, found.start()) + 1
+    line = data.count(b"\n", 0, match.start()) + 1
     return (
-        f"{path}:{line}: <state> found where </state> is expected; a version of Modelio's CPSwarm module "
-        "writes it so: write </state> at the end of each state"
+        f"{path}:{line}: <state> found where </state> is expected, a bug of some versions of Modelio's "
+        "CPSwarm module; write </state> at the end of each state"
     )
 
 
@@ -117,22 +120,22 @@ class _Reader:
         self.root = root
         self.problems = _Namespaces(root).problems
         self.states: dict[str, State] = {}
-        self._declared_as: dict[str, str] = {}
-        """Names of data as expressions have them -> as they are declared."""
+        self._declared_names: dict[str, str] = {}
+        """Normalized name of data -> declared name."""
         self._constants: dict[str, float] = {}
-        """Numbers of data by their names in expressions."""
+        """Numbers of data by normalized name."""
         top = State("", root.line, "scxml", None, 0)
-        self.machine_ = StateMachine(path, root.attributes.get("name", ""), top)
+        self.state_machine = StateMachine(path, root.attributes.get("name", ""), top)
 
     def problem(self, element: Element, message: str) -> None:
         self.problems.add(str(element.error(message)))
 
     def machine(self) -> StateMachine:
-        self._inside(self.machine_.root, self.root)
+        self._read_content(self.state_machine.root, self.root)
         self._check_targets()
         self._check_events()
         self.problems.stop()
-        return self.machine_
+        return self.state_machine
 
     def _unknown(self, element: Element, expected: tuple[str, ...]) -> None:
         if element.tag in _IGNORED:
@@ -147,21 +150,21 @@ class _Reader:
             name = element.attributes.get("id", "")
             if element.tag != "data" or not name:
                 self.problem(element, 'found inside <datamodel>; expected <data id="NAME"/>')
-            elif name in self.machine_.declared:
+            elif name in self.state_machine.declared:
                 self.problem(element, f"duplicate id {name!r}; keep one")
-            elif (own := in_expression(name)) in self._declared_as:
-                other = self._declared_as[own]
+            elif (normalized := normalize_name(name)) in self._declared_names:
+                other = self._declared_names[normalized]
                 self.problem(
-                    element, f"the ids {other!r} and {name!r} are the same in an expression; rename one"
+                    element, f"the ids {other!r} and {name!r} are equal in expressions; rename one of them"
                 )
             else:
-                self._declared_as[own] = name
-                value = self.machine_.declared[name] = self._declared(element)
+                self._declared_names[normalized] = name
+                value = self.state_machine.declared[name] = self._data_value(element)
                 if value is not None:
-                    self._constants[own] = value
+                    self._constants[normalized] = value
 
-    def _declared(self, element: Element) -> float | None:
-        """Return the number of a `<data>`, in its attribute or inside; None where it has none."""
+    def _data_value(self, element: Element) -> float | None:
+        """Return the number of a `<data>`, from its attribute or content; None without one."""
         text = element.text.strip()
         if "src" in element.attributes:
             self.problem(element, f"src: is not supported; write the number, {_DATA}")
@@ -182,15 +185,15 @@ class _Reader:
             return 0.0
         return self._value(element, text, attribute)
 
-    def _value(self, element: Element, text: str, what: str) -> float:
+    def _value(self, element: Element, text: str, label: str) -> float:
         try:
-            return constant(parse(text), self._constants)
+            return evaluate_constant(parse_expression(text), self._constants)
         except ConditionError as error:
-            self.problem(element, f"{what}: {error}")
+            self.problem(element, f"{label}: {error}")
             return 0.0
 
-    def _inside(self, parent: State, element: Element) -> None:
-        """Read what is inside of a state, or of the machine."""
+    def _read_content(self, parent: State, element: Element) -> None:
+        """Read the content of a state, or of the machine."""
         for inner in element.children:
             if inner.tag in _STATES:
                 if parent.kind not in _HOLD[inner.tag]:
@@ -211,11 +214,11 @@ class _Reader:
                 parent.transitions.append(self._transition(inner))
             else:
                 self._unknown(inner, _EXPECTED[parent.kind])
-        given = element.attributes.get("initial", "").split()
-        if given and parent.kind in {"scxml", "state"}:
+        initial_targets = element.attributes.get("initial", "").split()
+        if initial_targets and parent.kind in {"scxml", "state"}:
             if parent.initial is not None:
                 self.problem(element, "has both an attribute initial and <initial>; keep one")
-            parent.initial = Transition(element.line, targets=given)
+            parent.initial = Transition(element.line, targets=initial_targets)
 
     def _state(self, parent: State, element: Element) -> None:
         name = element.attributes.get("id", "").strip()
@@ -231,33 +234,33 @@ class _Reader:
         depth = element.attributes.get("type", "shallow")
         if element.tag == "history" and depth not in {"shallow", "deep"}:
             self.problem(element, f"type {depth!r} found, expected shallow or deep")
-        # The order in the document is the order in which states are met.
+        # States are read in document order.
         state = State(name, element.line, element.tag, parent, len(self.states) + 1, depth == "deep")
         self.states[name] = state
         parent.children.append(state)
-        self._inside(state, element)
+        self._read_content(state, element)
         if state.kind == "history" and state.initial is None:
-            self.problem(element, 'has no <transition target=".."/>, which says what is entered at first')
+            self.problem(element, 'has no default; add <transition target=".."/>')
         if state.kind == "parallel" and state.is_atomic:
             self.problem(element, "has no states inside; expected two or more")
 
     def _initial(self, parent: State, element: Element) -> None:
-        """Read what is entered first: the one transition of an `<initial>` or a history."""
-        ones = element.all("transition")
-        if len(ones) != 1:
-            self.problem(element, f"{len(ones)} transitions found inside; expected one")
-        if parent.initial is not None or not ones:
+        """Read the initial transition: the only transition of an `<initial>` or a history."""
+        transitions = element.all("transition")
+        if len(transitions) != 1:
+            self.problem(element, f"{len(transitions)} transitions found inside; expected one")
+        if parent.initial is not None or not transitions:
             return
-        parent.initial = self._transition(ones[0])
+        parent.initial = self._transition(transitions[0])
         if parent.initial.events or parent.initial.condition or not parent.initial.targets:
-            self.problem(ones[0], "expected a target, without event and cond")
+            self.problem(transitions[0], "expected a target, without event and cond")
 
     def _transition(self, element: Element) -> Transition:
         text = element.attributes.get("cond")
         tree: ast.expr | None = None
         if text is not None:
             try:
-                tree = parse(text)
+                tree = parse_expression(text)
             except ConditionError as error:
                 self.problem(element, f"cond: {error}")
         kind = element.attributes.get("type", "external")
@@ -288,13 +291,13 @@ class _Reader:
                 self._unknown(inner, ("assign", "log", "raise", "send"))
         return actions
 
-    def _send(self, element: Element, found: list[Action]) -> None:
+    def _send(self, element: Element, actions: list[Action]) -> None:
         for parameter in element.children:
             name = parameter.attributes.get("name", "").strip()
             if parameter.tag != "param" or not name:
                 self.problem(parameter, 'expected <param name="ACTUATOR" expr="NUMBER"/> inside <send>')
                 continue
-            found.append(Assignment(name, self._output(parameter), parameter.line))
+            actions.append(Assignment(name, self._output(parameter), parameter.line))
         for attribute in ("delay", "delayexpr"):
             if attribute in element.attributes:
                 self.problem(element, f"{attribute}: is not supported; count control steps with states")
@@ -303,24 +306,25 @@ class _Reader:
             if not element.children:
                 self.problem(
                     element,
-                    f"target {target!r} found; controllers send numbers to actuators, and events to "
-                    'themselves: leave it out, or write target="#_internal"',
+                    f"target {target!r} is not supported: controllers send events to themselves only; remove "
+                    "it, "
+                    'or write target="#_internal"',
                 )
         elif element.children or "event" in element.attributes:
-            self._event(element, found, internal=bool(target))
+            self._event(element, actions, internal=bool(target))
         else:
             self.problem(
                 element, 'is empty; expected an event, or <param name="ACTUATOR" expr="NUMBER"/> inside'
             )
 
-    def _event(self, element: Element, found: list[Action], *, internal: bool) -> None:
+    def _event(self, element: Element, actions: list[Action], *, internal: bool) -> None:
         name = element.attributes.get("event", "").strip()
         if not name and not element.children:
             self.problem(element, "the attribute event is missing")
         elif name == EVENT:
-            self.problem(element, f"the event {EVENT!r} is that of each control step; take another name")
+            self.problem(element, f"the event {EVENT!r} is reserved for control steps; choose another name")
         elif name:
-            found.append(Event(name, internal, bool(element.children), element.line))
+            actions.append(Event(name, internal, bool(element.children), element.line))
 
     def _output(self, element: Element) -> float:
         value = self._number(element, "expr")
@@ -329,9 +333,11 @@ class _Reader:
         return value
 
     def _check_events(self) -> None:
-        """Events that no transition waits for are mistakes, or meant for others where they carry numbers."""
-        waited = [event for state in self.states.values() for t in state.transitions for event in t.events]
-        awaited = Descriptors(waited)
+        """Drop events that no transition waits for; report those without numbers, which are mistakes."""
+        descriptors = [
+            event for state in self.states.values() for t in state.transitions for event in t.events
+        ]
+        awaited = Descriptors(descriptors)
         for state in self.states.values():
             for block in (state.entry, state.exit, *(t.actions for t in state.all_transitions)):
                 for sent in [item for item in block if isinstance(item, Event)]:
@@ -341,14 +347,14 @@ class _Reader:
                     if not sent.optional:
                         self.problems.add(
                             f"{self.root.file}:{sent.line}: event: no transition waits for {sent.name!r}"
-                            f"{did_you_mean(sent.name, waited)}"
+                            f"{did_you_mean(sent.name, descriptors)}"
                         )
 
     def _check_targets(self) -> None:
         if not self.states:
             self.problem(self.root, "has no states")
             return
-        for state in (self.machine_.root, *self.states.values()):
+        for state in (self.state_machine.root, *self.states.values()):
             if state.initial is not None:
                 self._check(state, state.initial, "initial" if state.kind != "history" else "target")
             elif state.is_compound:
@@ -356,35 +362,39 @@ class _Reader:
             for transition in state.transitions:
                 self._check(state, transition, "target")
 
-    def _check(self, state: State, transition: Transition, what: str) -> None:
-        """Check that targets are there, in the state where they have to be, and can be active together."""
-        element = "transition" if what == "target" else state.kind
-        place = f"{self.root.file}:{transition.line}: <{element}>: {what}:"
-        found = []
+    def _check(self, state: State, transition: Transition, attribute: str) -> None:
+        """Check that targets exist, are inside the required state, and can be active together."""
+        element = "transition" if attribute == "target" else state.kind
+        location = f"{self.root.file}:{transition.line}: <{element}>: {attribute}:"
+        targets = []
         for name in transition.targets:
             if name in self.states:
-                found.append(self.states[name])
+                targets.append(self.states[name])
             else:
-                self.problems.add(f"{place} there is no state {name!r}{did_you_mean(name, self.states)}")
+                self.problems.add(f"{location} unknown state {name!r}{did_you_mean(name, self.states)}")
         if transition is state.initial:
             parent = state.parent if state.kind == "history" else state
-            for target in found:
+            for target in targets:
                 shallow = state.kind == "history" and not state.deep
-                if parent is None or not target.inside(parent) or (shallow and target.parent is not parent):
-                    where = "directly inside" if shallow else "inside"
+                if (
+                    parent is None
+                    or not target.is_inside(parent)
+                    or (shallow and target.parent is not parent)
+                ):
+                    relation = "directly inside" if shallow else "inside"
                     self.problems.add(
-                        f"{place} {target.name!r} is not {where} of {parent.name if parent else ''!r}"
+                        f"{location} {target.name!r} is not {relation} {parent.name if parent else ''!r}"
                     )
-        within: dict[int, State] = {}  # a target by each state that it is in, and by itself
-        for target in found:
+        within: dict[int, State] = {}  # state -> a target that is the state or inside of it
+        for target in targets:
             around = [target, *target.ancestors]
             meeting = next((up for up in around if id(up) in within), None)
             if meeting is not None:
                 other = within[id(meeting)]
                 if meeting.kind != "parallel" or meeting is target or meeting is other:
                     self.problems.add(
-                        f"{place} {other.name!r} and {target.name!r} are not in two regions of a <parallel>, "
-                        "so that they cannot be entered together"
+                        f"{location} {other.name!r} and {target.name!r} cannot be entered together; they "
+                        "must be in different regions of a <parallel>"
                     )
             for up in around:
                 within.setdefault(id(up), target)

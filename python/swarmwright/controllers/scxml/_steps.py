@@ -1,8 +1,8 @@
 """Steps of statecharts, by the algorithm of SCXML's appendix D, for many values of the sensors at once.
 
-Document order decides between the regions of a parallel state, and inner states come before outer ones. What
-is chosen depends on the sensors through conditions alone; each branch below has the rows, combinations of
-intervals of the sensors, for which the same transitions are taken.
+Regions of a parallel state are handled in document order, inner states before outer states. Transitions
+depend on the sensors through conditions only; each branch below holds the rows, combinations of sensor
+intervals, for which the same transitions are taken.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -13,46 +13,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.controllers.scxml._chart import Event, State, Transition
-from swarmwright.controllers.scxml._conditions import Bits, Condition, named
+from swarmwright.controllers.scxml._conditions import Bits, Condition, state_names
 
 Rows = NDArray[np.int64]
 Output = tuple[int, float]
-"""An actuator, and the number that it gets."""
+"""An actuator and its number."""
 _MOST_EVENTS = 10_000
-"""Events that wait at once, at most."""
+"""Most events in the queues."""
 _MOST_ASSIGNMENTS = 100_000
-"""Assignments of one step, at most."""
+"""Most assignments of one step."""
 _MOST_MICROSTEPS = 1000
-"""Transitions of one step after which a machine is said not to come to rest."""
+"""Most sets of transitions of one step; beyond, the step counts as endless."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a machine keeps from one control step to the next, besides numbers of actuators."""
+    """State of a machine between control steps, apart from the numbers of actuators."""
 
     active: tuple[int, ...]
-    """States, by their order in the document."""
+    """Active states, by document order."""
     remembered: tuple[tuple[int, tuple[int, ...]], ...] = ()
-    """Of histories that have something to remember."""
+    """States remembered by histories."""
 
 
 @dataclass(eq=False)
 class Edge:
-    """A transition with what it means for this simulation's sensors and actuators."""
+    """A transition, resolved for the sensors and actuators of the simulation."""
 
     source: State
-    of: Transition
+    transition: Transition
     targets: list[State]
     condition: Condition = True
     on_step: Condition | None = None
-    """When the event of a control step triggers it; None for never."""
+    """Condition under which a control step triggers it; None for never."""
     compares: bool = False
     """Whether it depends on a sensor, or on a control step."""
 
 
 @dataclass(frozen=True)
 class _Branch:
-    """Rows for which a step has gone the same way so far. States are named by their `order`."""
+    """Rows for which a step has taken the same transitions so far. States are numbers, their `order`."""
 
     rows: Rows
     """Indices of the rows."""
@@ -61,15 +61,15 @@ class _Branch:
     remembered: dict[int, tuple[int, ...]]
     """States that each history remembers."""
     internal: tuple[str, ...] = ()
-    """Internal events that wait, the first one first."""
+    """Queue of internal events, first in first out."""
     external: tuple[str, ...] = ()
-    """External events that wait: those that the machine has sent to itself."""
+    """Queue of external events: those that the machine has sent to itself."""
     done: tuple[Output, ...] = ()
     """Assignments that were executed, in order."""
-    seen: frozenset[Any] = frozenset()
-    """Configurations between microsteps: one that comes again never ends."""
+    configurations: frozenset[Any] = frozenset()
+    """Configurations between microsteps; a repeated configuration is an endless loop."""
     microsteps: int = 0
-    """How many sets of transitions were taken."""
+    """Number of sets of transitions taken."""
 
     @property
     def snapshot(self) -> Snapshot:
@@ -77,7 +77,7 @@ class _Branch:
 
 
 class EndlessError(ValueError):
-    """Transitions without an event of a control step go in a circle. The message names a state."""
+    """Transitions without an event form an endless loop. The message names a state."""
 
 
 class Steps:
@@ -86,8 +86,8 @@ class Steps:
     Args:
         root: the machine.
         edges: all transitions, by `id` of the `Transition`.
-        outputs: for each action that assigns, by its `id`, what it does.
-        truth: returns, for a condition and the names of active states, whether it holds for each row.
+        outputs: actuator and number of each assignment, by its `id`.
+        truth: evaluates a condition for each row, with the names of active states.
         rows: number of rows.
     """
 
@@ -99,9 +99,9 @@ class Steps:
         truth: Callable[[Condition, frozenset[str]], Bits],
         rows: int,
     ) -> None:
-        self._states = list(root.all())
+        self._states = list(root.walk())
         self._root, self._edges, self._outputs, self._truth, self._count = root, edges, outputs, truth, rows
-        self._known: dict[tuple[int, bool, frozenset[str]], Bits] = {}
+        self._truth_cache: dict[tuple[int, bool, frozenset[str]], Bits] = {}
 
     def begin(self) -> tuple[Snapshot, tuple[Output, ...]]:
         """Enter the machine. Sensors have no values yet: transitions that depend on them are not taken."""
@@ -112,85 +112,89 @@ class Steps:
         return end.snapshot, end.done
 
     def step(self, snapshot: Snapshot) -> list[tuple[Rows, Snapshot, tuple[Output, ...]]]:
-        """Return, for parts of all rows, the state after a control step, and numbers in their order."""
+        """Return, for each subset of rows, the state after a control step and its outputs in order."""
         begin = _Branch(np.arange(self._count), frozenset(snapshot.active), dict(snapshot.remembered))
-        taken = self._triggered(begin, lambda edge: edge.on_step)
-        return [(end.rows, end.snapshot, end.done) for end in self._finish(taken, started=True)]
+        branches = self._take_transitions(begin, lambda edge: edge.on_step)
+        return [(end.rows, end.snapshot, end.done) for end in self._finish(branches, started=True)]
 
     def _finish(self, waiting: list[_Branch], *, started: bool) -> list[_Branch]:
-        """Take transitions without an event, then those of events that the machine gave to itself."""
+        """Take transitions without an event, then those of queued events, until the step ends."""
         ends = []
         while waiting:
             branch = waiting.pop()
             key = (branch.active, branch.snapshot.remembered, branch.internal, branch.external)
-            if key in branch.seen or branch.microsteps > _MOST_MICROSTEPS:
+            if key in branch.configurations or branch.microsteps > _MOST_MICROSTEPS:
                 atomic = min(state for state in branch.active if self._states[state].is_atomic)
                 raise EndlessError(repr(self._states[atomic].name))
             _check_size(branch)
-            branch = replace(branch, seen=branch.seen | {key})
-            for rows, chosen in self._select(branch, lambda e: None if e.of.events else e.condition, started):
+            branch = replace(branch, configurations=branch.configurations | {key})
+            for rows, chosen in self._select(
+                branch, lambda edge: None if edge.transition.events else edge.condition, started
+            ):
                 part = replace(branch, rows=rows)
                 if chosen:
                     waiting.append(self._microstep(part, chosen))
                 elif branch.internal:
                     event, rest = branch.internal[0], branch.internal[1:]
-                    waiting += self._on(replace(part, internal=rest), event, started)
+                    waiting += self._handle_event(replace(part, internal=rest), event, started)
                 elif branch.external:
                     event, rest = branch.external[0], branch.external[1:]
-                    waiting += self._on(replace(part, external=rest), event, started)
+                    waiting += self._handle_event(replace(part, external=rest), event, started)
                 else:
                     ends.append(part)
         return ends
 
-    def _on(self, branch: _Branch, event: str, started: bool) -> list[_Branch]:
+    def _handle_event(self, branch: _Branch, event: str, started: bool) -> list[_Branch]:
         def condition(edge: Edge) -> Condition | None:
-            return edge.condition if any(matches(awaited, event) for awaited in edge.of.events) else None
+            return (
+                edge.condition if any(matches(awaited, event) for awaited in edge.transition.events) else None
+            )
 
-        return self._triggered(branch, condition, started)
+        return self._take_transitions(branch, condition, started)
 
-    def _triggered(
+    def _take_transitions(
         self, branch: _Branch, condition: Callable[[Edge], Condition | None], started: bool = True
     ) -> list[_Branch]:
-        found = []
+        branches = []
         for rows, chosen in self._select(branch, condition, started):
             part = replace(branch, rows=rows)
-            found.append(self._microstep(part, chosen) if chosen else part)
-        return found
+            branches.append(self._microstep(part, chosen) if chosen else part)
+        return branches
 
     def _select(
         self, branch: _Branch, condition: Callable[[Edge], Condition | None], started: bool
     ) -> list[tuple[Rows, list[Edge]]]:
-        """Return the transitions taken: for each atomic state the first, inner states before outer ones."""
-        if any(self._states[place].kind == "final" and self._is_top(place) for place in branch.active):
+        """Select the first transition that holds of each atomic state, inner states before outer states."""
+        if any(self._states[order].kind == "final" and self._is_top(order) for order in branch.active):
             return [(branch.rows, [])]
-        found: list[tuple[Rows, list[Edge]]] = [(branch.rows, [])]
+        selections: list[tuple[Rows, list[Edge]]] = [(branch.rows, [])]
         for number in sorted(branch.active):
             state = self._states[number]
             if not state.is_atomic:
                 continue
-            around = [
+            edges = [
                 self._edges[id(transition)]
-                for at in (state, *state.ancestors)
-                for transition in at.transitions
+                for holder in (state, *state.ancestors)
+                for transition in holder.transitions
             ]
-            tried = [(edge, test) for edge in around if (test := condition(edge)) is not None]
+            candidates = [(edge, test) for edge in edges if (test := condition(edge)) is not None]
             after = []
-            for rows, chosen in found:
-                left = rows
-                for edge, test in tried:
-                    if not left.size:
+            for rows, chosen in selections:
+                remaining = rows
+                for edge, test in candidates:
+                    if not remaining.size:
                         break
                     if started:
-                        holds = self._holds(edge, test, branch.active)[left]
+                        holds = self._holds(edge, test, branch.active)[remaining]
                     else:
                         holds = self._early(edge, test, branch)
                     if holds.any():
-                        after.append((left[holds], chosen if edge in chosen else [*chosen, edge]))
-                        left = left[~holds]
-                if left.size:
-                    after.append((left, chosen))
-            found = after
-        return [(rows, self._without_conflicts(branch, chosen)) for rows, chosen in found]
+                        after.append((remaining[holds], chosen if edge in chosen else [*chosen, edge]))
+                        remaining = remaining[~holds]
+                if remaining.size:
+                    after.append((remaining, chosen))
+            selections = after
+        return [(rows, self._resolve_conflicts(branch, chosen)) for rows, chosen in selections]
 
     def _is_top(self, number: int) -> bool:
         return self._states[number].parent is self._root
@@ -204,22 +208,22 @@ class Steps:
         return frozenset(self._states[state].name for state in active)
 
     def _holds(self, edge: Edge, test: Condition, active: frozenset[int]) -> Bits:
-        asked = named(test)
-        names = self._names(active) & asked if asked else frozenset[str]()
+        tested_names = state_names(test)
+        names = self._names(active) & tested_names if tested_names else frozenset[str]()
         key = (id(edge), test is edge.on_step, names)
-        if key not in self._known:
-            self._known[key] = self._truth(test, names)
-        return self._known[key]
+        if key not in self._truth_cache:
+            self._truth_cache[key] = self._truth(test, names)
+        return self._truth_cache[key]
 
-    def _without_conflicts(self, branch: _Branch, chosen: list[Edge]) -> list[Edge]:
-        """Leave out transitions that would leave a state which another one leaves: inner sources win."""
-        kept: list[tuple[Edge, frozenset[int]]] = []
-        for state in chosen:
-            leaves = self._exits(branch, [state])
-            rivals = [other for other in kept if leaves & other[1]]
-            if all(state.source.inside(other.source) for other, _ in rivals):
-                kept = [other for other in kept if other not in rivals] + [(state, leaves)]
-        return [edge for edge, _ in kept]
+    def _resolve_conflicts(self, branch: _Branch, chosen: list[Edge]) -> list[Edge]:
+        """Drop transitions that exit a state which another transition exits: inner sources win."""
+        winners: list[tuple[Edge, frozenset[int]]] = []
+        for edge in chosen:
+            exits = self._exits(branch, [edge])
+            rivals = [winner for winner in winners if exits & winner[1]]
+            if all(edge.source.is_inside(rival.source) for rival, _ in rivals):
+                winners = [winner for winner in winners if winner not in rivals] + [(edge, exits)]
+        return [edge for edge, _ in winners]
 
     def _microstep(self, branch: _Branch, chosen: list[Edge]) -> _Branch:
         leaves = self._exits(branch, chosen)
@@ -230,11 +234,11 @@ class Steps:
                     remembered[history.order] = self._memory(history, branch.active)
         done, internal, external = branch.done, branch.internal, branch.external
         blocks = [self._states[number].exit for number in sorted(leaves, reverse=True)]
-        blocks += [edge.of.actions for edge in chosen]
+        blocks += [edge.transition.actions for edge in chosen]
         for block in blocks:
             done += self._outputs_of(block)
-            internal, external = _queued(block, internal, external)
-        left = replace(
+            internal, external = _queue_events(block, internal, external)
+        exited = replace(
             branch,
             active=branch.active - leaves,
             remembered=remembered,
@@ -243,13 +247,13 @@ class Steps:
             done=done,
             microsteps=branch.microsteps + 1,
         )
-        # A history that is a target is looked up as it is after states were left.
-        return self._enter(left, chosen)
+        # Histories that are targets are looked up after states are exited.
+        return self._enter(exited, chosen)
 
     def _memory(self, history: State, active: frozenset[int]) -> tuple[int, ...]:
         parent = history.parent
         assert parent is not None
-        inside = [state for state in sorted(active) if self._states[state].inside(parent)]
+        inside = [state for state in sorted(active) if self._states[state].is_inside(parent)]
         if history.deep:
             return tuple(state for state in inside if self._states[state].is_atomic)
         return tuple(state for state in inside if self._states[state].parent is parent)
@@ -258,27 +262,31 @@ class Steps:
         return tuple(self._outputs[id(item)] for item in block if id(item) in self._outputs)
 
     def _targets(self, branch: _Branch, targets: Sequence[State]) -> list[State]:
-        """Return targets with what histories stand for."""
-        found = []
+        """Return targets, with histories replaced by the states that they stand for."""
+        resolved = []
         for target in targets:
             if target.kind != "history":
-                found.append(target)
+                resolved.append(target)
             elif target.order in branch.remembered:
-                found += [self._states[state] for state in branch.remembered[target.order]]
+                resolved += [self._states[state] for state in branch.remembered[target.order]]
             else:
                 assert target.initial is not None
-                found += self._targets(branch, self._edges[id(target.initial)].targets)
-        return found
+                resolved += self._targets(branch, self._edges[id(target.initial)].targets)
+        return resolved
 
     def _domain(self, branch: _Branch, edge: Edge) -> State:
-        """Return the state in which everything is left."""
+        """Return the domain of a transition: the state whose inner states are all exited."""
         targets = self._targets(branch, edge.targets)
         source = edge.source
-        if edge.of.internal and source.is_compound and all(target.inside(source) for target in targets):
+        if (
+            edge.transition.internal
+            and source.is_compound
+            and all(target.is_inside(source) for target in targets)
+        ):
             return source
         for around in source.ancestors:
             if (around.is_compound or around is self._root) and all(
-                target.inside(around) for target in targets
+                target.is_inside(around) for target in targets
             ):
                 return around
         return self._root
@@ -288,19 +296,19 @@ class Steps:
         for edge in edges:
             if edge.targets:
                 domain = self._domain(branch, edge)
-                exits |= {state for state in branch.active if self._states[state].inside(domain)}
+                exits |= {state for state in branch.active if self._states[state].is_inside(domain)}
         return frozenset(exits)
 
     def _enter(self, branch: _Branch, chosen: Sequence[Edge]) -> _Branch:
         entry = _Entry(self, branch)
         for edge in chosen:
             for target in edge.targets:
-                entry.down(target)
+                entry.enter_inside(target)
             if not edge.targets:
                 continue
             domain = self._root if edge.source is self._root else self._domain(branch, edge)
             for target in self._targets(branch, edge.targets):
-                entry.up(target, domain)
+                entry.enter_ancestors(target, domain)
         active, done = set(branch.active), branch.done
         internal, external = branch.internal, branch.external
         for number in sorted(entry.states):
@@ -312,7 +320,7 @@ class Steps:
             blocks += entry.histories.get(number, [])
             for block in blocks:
                 done += self._outputs_of(block)
-                internal, external = _queued(block, internal, external)
+                internal, external = _queue_events(block, internal, external)
             if state.kind == "final" and state.parent is not None and state.parent is not self._root:
                 internal += (f"done.state.{state.parent.name}",)
                 outer = state.parent.parent
@@ -327,17 +335,17 @@ class Steps:
 
 
 class _Entry:
-    """The states that are entered."""
+    """The set of states to enter."""
 
     def __init__(self, steps: Steps, branch: _Branch) -> None:
         self._steps, self._branch = steps, branch
         self.states: set[int] = set()
         self.default: set[int] = set()
         self.histories: dict[int, list[Any]] = {}
-        """Of states whose history has nothing to remember: what is done then."""
+        """Default actions of histories without memory, by parent."""
 
-    def down(self, state: State) -> None:
-        """Enter a state and what is entered inside of it."""
+    def enter_inside(self, state: State) -> None:
+        """Enter a state and its default inner states."""
         if state.kind == "history":
             self._history(state)
             return
@@ -347,7 +355,7 @@ class _Entry:
         elif state.is_compound:
             assert state.initial is not None
             self.default.add(state.order)
-            self._all(self._steps._edges[id(state.initial)].targets, state)
+            self._enter_all(self._steps._edges[id(state.initial)].targets, state)
 
     def _history(self, state: State) -> None:
         parent, initial = state.parent, state.initial
@@ -355,19 +363,19 @@ class _Entry:
         assert initial is not None
         remembered = self._branch.remembered.get(state.order)
         if remembered is not None:
-            self._all([self._steps._states[order] for order in remembered], parent)
+            self._enter_all([self._steps._states[order] for order in remembered], parent)
             return
         self.histories.setdefault(parent.order, []).append(initial.actions)
-        self._all(self._steps._edges[id(initial)].targets, parent)
+        self._enter_all(self._steps._edges[id(initial)].targets, parent)
 
-    def _all(self, targets: Sequence[State], within: State) -> None:
+    def _enter_all(self, targets: Sequence[State], within: State) -> None:
         for target in targets:
-            self.down(target)
+            self.enter_inside(target)
         for target in targets:
-            self.up(target, within)
+            self.enter_ancestors(target, within)
 
-    def up(self, state: State, domain: State) -> None:
-        """Enter the states around one, up to a domain, and the other regions of parallel ones."""
+    def enter_ancestors(self, state: State, domain: State) -> None:
+        """Enter the ancestors of a state up to a domain, and the other regions of parallel ancestors."""
         for around in state.ancestors:
             if around is domain:
                 break
@@ -378,15 +386,15 @@ class _Entry:
     def _regions(self, state: State) -> None:
         for region in state.inner:
             if not any(
-                order == region.order or self._steps._states[order].inside(region) for order in self.states
+                order == region.order or self._steps._states[order].is_inside(region) for order in self.states
             ):
-                self.down(region)
+                self.enter_inside(region)
 
 
-def _queued(
+def _queue_events(
     block: Sequence[Any], internal: tuple[str, ...], external: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return both queues with the events of a block of actions."""
+    """Return both queues after appending the events of a block of actions."""
     events = [item for item in block if isinstance(item, Event)]
     return (
         internal + tuple(event.name for event in events if event.internal),
@@ -395,24 +403,24 @@ def _queued(
 
 
 def _check_size(branch: _Branch) -> None:
-    """Raise ValueError for a machine that goes on and on, before it takes all memory."""
+    """Raise ValueError if a step grows without bound, before it exhausts memory."""
     if len(branch.internal) + len(branch.external) > _MOST_EVENTS:
-        raise ValueError(f"more than {_MOST_EVENTS} events wait at once")
+        raise ValueError(f"more than {_MOST_EVENTS} events are queued in one step")
     if len(branch.done) > _MOST_ASSIGNMENTS:
         raise ValueError(f"one step assigns more than {_MOST_ASSIGNMENTS} numbers")
 
 
 class Descriptors:
-    """Descriptors of events, of which one may match an event as in `matches`."""
+    """A set of event descriptors, matched as in `matches`."""
 
     def __init__(self, descriptors: Collection[str]) -> None:
-        self._all = "*" in descriptors
+        self._matches_all = "*" in descriptors
         self._prefixes = {_prefix(descriptor) for descriptor in descriptors}
         self._lengths = sorted({len(prefix) for prefix in self._prefixes})
 
     def match(self, event: str) -> bool:
-        """Whether one of them names an event."""
-        return self._all or any(
+        """Whether any of them matches an event."""
+        return self._matches_all or any(
             event[:length] in self._prefixes and event[length : length + 1] in {"", "."}
             for length in self._lengths
             if length <= len(event)
@@ -420,7 +428,7 @@ class Descriptors:
 
 
 def matches(descriptor: str, event: str) -> bool:
-    """Whether a descriptor names an event: `*` names all, `a` also `a.b`."""
+    """Whether a descriptor matches an event: `*` matches all, `a` also `a.b`."""
     if descriptor == "*":
         return True
     prefix = _prefix(descriptor)

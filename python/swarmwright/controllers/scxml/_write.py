@@ -20,22 +20,22 @@ _ECMASCRIPT = (
     "return static super switch this throw true try typeof var void while with yield await arguments eval "
     "undefined NaN Infinity"
 )
-"""Words that name no variable in the data model, in strict mode or a module."""
-_SCXML = "In"  # its other names begin with underscores, which are taken off
-# Conditions are read back as expressions of Python, so its words are none of a sensor either.
+"""Reserved words of the data model, also in strict mode and modules."""
+_SCXML = "In"  # its other names begin with underscores, which are stripped
+# Conditions are read back as Python expressions, so Python's keywords are reserved, too.
 _RESERVED = frozenset(f"{_ECMASCRIPT} {_SCXML}".split()) | frozenset(keyword.kwlist)
 
 
-def scxml_of(
+def to_scxml(
     specification: Mapping[str, Any],
     sensors: Sequence[str],
     actuators: Sequence[str],
     facts: Sequence[str] = (),
 ) -> str:
-    """Return a state machine that does what a controller does.
+    """Convert a controller to a state machine in SCXML.
 
-    Each row of its table is a transition, taken at the event `step`: in each control step sensors get their
-    values, then the event is sent.
+    Each row of its table is a transition on the event `step`: in each control step, sensors are set, then the
+    event is sent.
 
     Args:
         specification: of the kind mealy_fsm.
@@ -44,8 +44,8 @@ def scxml_of(
         facts: lines of a comment at the top.
     """
     states, thresholds = int(specification["states"]), specification["thresholds"]
-    # Names of states and of data are identifiers of one document, which are all different.
-    words = identifiers([*sensors, *actuators], [f"state{state}" for state in range(states)])
+    # States and data share the identifiers of the document.
+    words = make_identifiers([*sensors, *actuators], [f"state{state}" for state in range(states)])
     senses, acts = words[: len(sensors)], words[len(sensors) :]
     rows = np.array(specification["weights"], dtype=np.float32).reshape(states, -1, 1 + len(acts))
     combinations = np.indices([len(ends) + 1 for ends in thresholds]).reshape(len(thresholds), -1).T.tolist()
@@ -81,7 +81,7 @@ def scxml_of(
 
 
 def _test(name: str, ends: Sequence[float], interval: int) -> str:
-    """Return whether a sensor is in an interval: above its lower end, and not above its upper one."""
+    """Return the condition that a sensor is in an interval, including its upper limit."""
     tests = [f"{name} > {_number(ends[interval - 1])}"] if interval else []
     if interval < len(ends):
         tests.append(f"{name} <= {_number(ends[interval])}")
@@ -94,24 +94,24 @@ def _number(value: float) -> str:
     return repr(float(np.float32(value)))
 
 
-def identifiers(names: Sequence[str], others: Collection[str] = ()) -> list[str]:
-    """Return names that an expression can have, all different.
+def make_identifiers(names: Sequence[str], others: Collection[str] = ()) -> list[str]:
+    """Return unique identifiers that are valid in expressions.
 
-    One that is reserved or taken gets an underscore at its end, which readers do not compare.
+    Reserved names get an underscore at the end, which readers ignore.
 
     Args:
         names: of sensors and actuators.
-        others: identifiers that are taken.
+        others: identifiers already in use.
     """
     reserved = _RESERVED.union(others)
-    found: list[str] = []
-    taken: set[str] = set()
+    result: list[str] = []
+    used: set[str] = set()
     for name in names:
         word = _NO_WORD.sub("_", name).strip("_") or "value"
         word = f"_{word}" if word[0].isdigit() else f"{word}_" if word in reserved else word
         unique, count = word, 2
-        while unique.lower().replace("_", "") in taken:
+        while unique.lower().replace("_", "") in used:
             unique, count = f"{word}_{count}", count + 1
-        taken.add(unique.lower().replace("_", ""))
-        found.append(unique)
-    return found
+        used.add(unique.lower().replace("_", ""))
+        result.append(unique)
+    return result

@@ -1,4 +1,4 @@
-"""Source code of controllers: what the kinds share, in C and C++, in Python, and as graphs of ONNX."""
+"""Code generation shared by the kinds of controllers: C and C++, Python, and ONNX graphs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class Evolved:
-    """A controller with its weights, of which code is made."""
+    """A controller with its weights, for code generation."""
 
     specification: Mapping[str, Any]
-    """As plain values, see protocol/schemas/controller.schema.json."""
+    """The controller as plain values, see protocol/schemas/controller.schema.json."""
 
     @property
     def kind(self) -> str:
@@ -28,5 +28,5 @@ class Evolved:
 
     @cached_property
     def checks_random(self) -> bool:
-        """Whether steps refuse a random number that is not from 0 to 1."""
+        """Whether steps reject a random sensor that is outside 0..1."""
         return False

@@ -7,27 +7,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.ranges import shortest_decimal
-from swarmwright.controllers.activations import STEEP, of_nodes
+from swarmwright.controllers.activations import STEEP, find_activations
 from swarmwright.controllers.source import Evolved
-from swarmwright.controllers.source.text import literals, templates, wrapped
+from swarmwright.controllers.source.text import literals, templates, wrap_items
 
 render = templates(__file__, "templates")
 
 TYPES = {16: "uint16_t", 32: "uint32_t"}
-"""Of integers, by their bits."""
+"""Unsigned integer types by their bits."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Constant numbers."""
+    """A table of constants."""
 
     name: str
     type: str
     length: int
     text: str
-    """Their lines between the braces."""
+    """The lines between the braces."""
     evolved: NDArray[np.float32] | NDArray[np.uint32] | None = None
-    """The numbers, where these are evolved, and not what the controller is made of."""
+    """The evolved numbers; None for a table that belongs to the structure of the controller."""
 
 
 @dataclass(frozen=True)
@@ -42,29 +42,29 @@ class Code:
     state: str
     """Members of the struct."""
     state_words: str
-    """What the struct holds."""
+    """Description of the struct's content."""
     refuses: str = ""
-    """A sentence on when a step returns false, besides for sensors that are NaN or infinite."""
+    """A sentence on other reasons for which a step returns false than NaN or infinite sensors."""
 
-    def reads(self, name: str) -> bool:
-        """Return whether the code calls a macro."""
+    def uses_macro(self, name: str) -> bool:
+        """Whether the code uses a macro."""
         return f"{name}(" in self.step or f"{name}(" in self.kernel
 
 
-def refused(language: Mapping[str, str], states: int = 0, beyond: str = "") -> str:
-    """Return the condition in which a step changes nothing; states: how many there are, of a machine."""
-    own, function = language["self"], f"{language['detail']}{language['p']}_finite"
-    parts = [f"{own}ready != {language['PREFIX']}_READY"]
+def refusal_condition(language: Mapping[str, str], states: int = 0, extra_condition: str = "") -> str:
+    """Return the condition in which a step is refused; states: the number of states of a machine."""
+    receiver, function = language["self"], f"{language['detail']}{language['p']}_finite"
+    parts = [f"{receiver}ready != {language['PREFIX']}_READY"]
     if states:
-        parts.append(f"{own}state >= {states}")
+        parts.append(f"{receiver}state >= {states}")
     parts.append(f"!{function}(sensors)")
-    return " || ".join([*parts, *([beyond] if beyond else [])])
+    return " || ".join([*parts, *([extra_condition] if extra_condition else [])])
 
 
 def overflow(language: Mapping[str, str], computed: int) -> tuple[str, str]:
-    """Return the function that notices an overflow, and what a step does then.
+    """Return the function that detects an overflow, and its use in a step.
 
-    Both are empty for controllers inside of simulations, which act as the engine's do.
+    Both are empty for controllers inside simulations, which behave as in the engine.
     """
     if language.get("loaded"):
         return "", ""
@@ -76,22 +76,22 @@ OVERFLOW = (
     "It also returns false, with the actuators as before, when sensors are so large that a node overflows to "
     "NaN, and then until the next reset."
 )
-"""When a step of a recurrent network is refused, besides."""
+"""Note on refused steps of recurrent networks."""
 
 
 def weights_table(weights: NDArray[np.float32], rows: list[tuple[str, int]]) -> Table:
-    """Return the table of weights; rows: a node's name and how many numbers it has."""
+    """Return the table of weights; rows: name of each node and its number of weights."""
     texts = literals(weights)
     lines, at = [], 0
     for name, count in rows:
-        lines.append(f"    /* {name}: bias, weights */\n{wrapped(texts[at : at + count])}")
+        lines.append(f"    /* {name}: bias, weights */\n{wrap_items(texts[at : at + count])}")
         at += count
     return Table("weights", "float", len(texts), "\n".join(lines), weights)
 
 
 def network(controller: Evolved, language: dict[str, str]) -> str:
     """Return the functions of the layers of a network and of its actuators."""
-    hidden, output = of_nodes(controller.specification)
+    hidden, output = find_activations(controller.specification)
     functions = []
     if {hidden, output} & {"tanh", "sigmoid", STEEP}:
         functions.append(render("c_tanh.txt", language))
@@ -103,8 +103,8 @@ def network(controller: Evolved, language: dict[str, str]) -> str:
     return "\n".join(functions)
 
 
-def _layer_function(activation: str, which: str, language: dict[str, str]) -> str:
-    values = {**language, "which": which}
+def _layer_function(activation: str, function_prefix: str, language: dict[str, str]) -> str:
+    values = {**language, "which": function_prefix}
     return "\n".join(render(name, values) for name in (f"c_activation_{activation}.txt", "c_network.txt"))
 
 
@@ -114,13 +114,13 @@ def actuator_function(low: float, high: float, language: dict[str, str]) -> str:
     return render("c_actuator.txt", {**language, "output_range": words, "actuator": lines})
 
 
-def double(what: str, language: dict[str, str]) -> str:
-    """Return what refuses compilers whose double has not 64 bits; what: is computed with it."""
-    return render("c_double.txt", {**language, "what": what})
+def double(subject: str, language: dict[str, str]) -> str:
+    """Return a check that `double` has 64 bits; subject: of its message."""
+    return render("c_double.txt", {**language, "what": subject})
 
 
 def _actuator(low: float, high: float, language: dict[str, str]) -> tuple[str, str]:
-    """Return in words and as code how an output is mapped to -1..1."""
+    """Return the mapping of an output to -1..1 as a description and as code."""
     p = language["p"]
     if (low, high) == (-1, 1):
         return "as it is", "    const float a = output;"

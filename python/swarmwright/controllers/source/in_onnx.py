@@ -25,16 +25,16 @@ class Node(NamedTuple):
 
 @dataclass
 class Graph:
-    """A graph that is being made: each operation adds a node and returns the name of its result."""
+    """A graph under construction: each operation adds a node and returns the name of its result."""
 
     nodes: list[Node] = field(default_factory=list)
     constants: dict[str, NDArray[Any]] = field(default_factory=dict)
     state: tuple[type[np.generic], list[str | int]] | None = None
-    """Type and shape of the state; None for what remembers nothing."""
+    """Type and shape of the state; None for stateless controllers."""
     initial_state: str = ""
-    """For one agent, as an expression of NumPy."""
+    """Initial state of one agent, as a NumPy expression."""
     largest_tensor_elements: int = 1
-    """Of intermediate results, for one agent."""
+    """Largest intermediate result for one agent, in elements."""
 
     def add(self, operator: str, *inputs: str, result: str = "", **attributes: Any) -> str:  # noqa: ANN401 - as ONNX
         """Add a node; return the name of its result."""
@@ -56,8 +56,8 @@ class Graph:
         """Return the name of whole numbers."""
         return self.constant(np.array(values, np.int64), f"whole_{'_'.join(map(str, values))}")
 
-    def limited(self, value: str, low: str | None, high: str | None) -> str:
-        """Return a value within limits; a NaN stays one."""
+    def limit(self, value: str, low: str | None, high: str | None) -> str:
+        """Clip a value to limits; NaN stays NaN."""
         if high is not None:
             value = self.add("Where", self.add("Greater", value, high), high, value)
         if low is not None:
@@ -66,7 +66,7 @@ class Graph:
 
 
 def layer(activation: str, graph: Graph, rows: NDArray[np.float32], below: str, name: str) -> str:
-    """Add a layer: sums one term after the other, from 0, then the bias, then the activation."""
+    """Add a layer: sums in the order of the terms, starting at 0, then the bias, then the activation."""
     nodes, width = rows.shape[0], rows.shape[1] - 1
     graph.largest_tensor_elements = max(graph.largest_tensor_elements, nodes * rows.shape[1])
     weights = graph.constant(np.ascontiguousarray(rows[:, 1:]), f"weights_{name}")
@@ -80,13 +80,13 @@ def layer(activation: str, graph: Graph, rows: NDArray[np.float32], below: str, 
 
 
 def _tanh(graph: Graph, x: str) -> str:
-    y = graph.limited(x, graph.number(-9.15), graph.number(9.15))
+    y = graph.limit(x, graph.number(-9.15), graph.number(9.15))
     z = graph.add("Mul", y, y)
     p, q = _polynomial(graph, z, _TANH_P), _polynomial(graph, z, _TANH_Q)
     t = graph.add("Div", graph.add("Mul", y, p), q)
     below = graph.add("Add", graph.number(1), graph.add("Mul", t, t))
     h = graph.add("Div", graph.add("Add", t, t), below)
-    return graph.limited(h, graph.number(-1), graph.number(1))
+    return graph.limit(h, graph.number(-1), graph.number(1))
 
 
 def _polynomial(graph: Graph, z: str, coefficients: tuple[float, ...]) -> str:
@@ -112,14 +112,14 @@ _ACTIVATIONS: dict[str, Callable[[Graph, str], str]] = {
     "tanh": _tanh,
     "sigmoid": _sigmoid,
     STEEP: lambda graph, x: _sigmoid(graph, graph.add("Mul", graph.number(STEEPNESS), x)),
-    "relu": lambda graph, x: graph.limited(x, graph.number(0), None),
+    "relu": lambda graph, x: graph.limit(x, graph.number(0), None),
     "clamp": _clamp,
     "linear": lambda _, x: x,
 }
 
 
 def actuators(controller: Evolved, graph: Graph, outputs: str) -> None:
-    """Add the actuators, from what outputs of the network are mapped to them."""
+    """Add the mapping of the network's outputs to actuators."""
     low, high = np.array(controller.specification["output_range"], np.float32)
     a = outputs
     if (low, high) == (0, 1):
@@ -129,4 +129,4 @@ def actuators(controller: Evolved, graph: Graph, outputs: str) -> None:
         share = graph.add("Div", above, graph.number(float(high - low)))
         a = graph.add("Sub", graph.add("Mul", share, graph.number(2)), graph.number(1))
     a = graph.add("Where", graph.add("IsNaN", a), graph.number(0), a)
-    graph.add("Identity", graph.limited(a, graph.number(-1), graph.number(1)), result="actuators")
+    graph.add("Identity", graph.limit(a, graph.number(-1), graph.number(1)), result="actuators")

@@ -1,7 +1,7 @@
 """Source code in Python and MicroPython: the arithmetic of decision 002.
 
-Numbers of Python have 64 bits, those of MicroPython 64 or 32. A result of one operation on two binary32
-that is computed in binary64 and then rounded to binary32 is the correctly rounded one, for +, -, * and /.
+Floats have 64 bits in Python, and 64 or 32 in MicroPython. For +, -, * and /, computing an operation on two
+binary32 numbers in binary64 and rounding the result to binary32 gives the correctly rounded result.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.ranges import shortest_decimal
-from swarmwright.controllers.activations import STEEP, STEEPNESS, of_nodes
+from swarmwright.controllers.activations import STEEP, STEEPNESS, find_activations
 from swarmwright.controllers.source import Evolved
 from swarmwright.controllers.source.text import templates
 
@@ -19,7 +19,7 @@ render = templates(__file__, "templates")
 
 Values = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.uint16] | NDArray[np.uint32]
 Numbers = Callable[[Values], str]
-"""An expression that is an array of these numbers."""
+"""Formats numbers as an expression for an array."""
 
 _TANH = {
     "LIMIT": 9.15, "P1": 0.015736774, "P2": 7.970824e-5, "P3": 4.2581547e-8,
@@ -42,11 +42,11 @@ class PythonCode:
     step: str
     """Lines of the method step."""
     state_words: str
-    """What is kept from step to step, in words."""
+    """Description of the state that is kept from step to step."""
     imports: str = ""
-    """Lines, besides those that every module has."""
+    """Additional import lines."""
     refuses: str = ""
-    """A sentence on when a step raises ValueError, besides for other sensors than finite numbers."""
+    """A sentence on other reasons for ValueError in a step than sensors that are not finite."""
 
 
 OVERFLOW = [
@@ -56,15 +56,15 @@ OVERFLOW = [
 RETURN_ACTUATORS = ["return [_actuator(value, cell) for value in values]"]
 
 
-def indented(lines: list[str]) -> str:
-    """Return lines as those of a method."""
+def indent_method(lines: list[str]) -> str:
+    """Indent lines as the body of a method."""
     return "\n".join(f"        {line}" for line in lines)
 
 
 def constants(controller: Evolved, numbers: Numbers) -> list[str]:
     """Return the constants that the functions of `network` need."""
     lines = []
-    functions = set(of_nodes(controller.specification))
+    functions = set(find_activations(controller.specification))
     if functions & {"tanh", "sigmoid", STEEP}:
         lines += tanh_constants(numbers)
     if STEEP in functions:
@@ -83,11 +83,11 @@ def tanh_constants(numbers: Numbers) -> list[str]:
 
 def network(controller: Evolved) -> str:
     """Return the functions of the layers of a network and of its actuators."""
-    hidden, output = of_nodes(controller.specification)
+    hidden, output = find_activations(controller.specification)
     parts = [render("python_tanh.txt", {})] if {hidden, output} & {"tanh", "sigmoid", STEEP} else []
-    for activation, which in ((hidden, ""), (output, "output_"))[: 1 if hidden == output else 2]:
-        parts.append(f"def _{which}activation(a, cell):\n{ACTIVATIONS[activation]}\n")
-        parts.append(render("python_network.txt", {"which": which}))
+    for activation, function_prefix in ((hidden, ""), (output, "output_"))[: 1 if hidden == output else 2]:
+        parts.append(f"def _{function_prefix}activation(a, cell):\n{ACTIVATIONS[activation]}\n")
+        parts.append(render("python_network.txt", {"which": function_prefix}))
     parts.append(actuator_function(*controller.specification["output_range"]))
     return "\n\n".join(parts).rstrip("\n")
 

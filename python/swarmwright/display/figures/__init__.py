@@ -1,1 +1,1 @@
-"""All pictures that are made with Matplotlib: fitness, diversity, comparisons, controllers."""
+"""Figures made with Matplotlib: fitness, diversity, comparisons, controllers."""

@@ -11,13 +11,13 @@ from swarmwright.display.figures.style import (
     COLORS,
     INK,
     SOFT,
-    drawable,
-    dress,
-    entitle,
+    clip_drawable,
+    draw_title,
     new_figure,
-    points,
-    styled,
-    whole_ticks,
+    scale_points,
+    set_integer_ticks,
+    style_axes,
+    use_style_fonts,
 )
 
 if TYPE_CHECKING:
@@ -28,40 +28,42 @@ if TYPE_CHECKING:
 _RECORDED, _HELD_OUT = COLORS[2], INK
 
 
-@styled()
+@use_style_fonts()
 def draw(curve: "LearningCurve") -> "Figure":
     """Return the figure: recorded and held-out fitness, with 95 % intervals, over evaluations."""
-    places = np.array([point.evaluations for point in curve.points], dtype=float)
+    xs = np.array([point.evaluations for point in curve.points], dtype=float)
     fitness = [point.best.fitness for point in curve.points]
 
     def column(values: list[float | None]) -> "np.typing.NDArray[np.float64]":
-        found = np.array(values, dtype=np.float64)
-        return drawable(np.where(np.isfinite(found), found, np.nan))
+        array = np.array(values, dtype=np.float64)
+        return clip_drawable(np.where(np.isfinite(array), array, np.nan))
 
     figure = new_figure(9, 5.2)
     axes = figure.subplots()
     axes.fill_between(
-        places, column([estimate.low for estimate in fitness]),
+        xs, column([estimate.low for estimate in fitness]),
         column([estimate.high for estimate in fitness]),
         color=_HELD_OUT, alpha=0.15, linewidth=0, label="95 % confidence interval",
     )  # fmt: skip
     axes.plot(
-        places, column([point.best.recorded for point in curve.points]), color=_RECORDED,
-        linewidth=points(1.4), linestyle="--", marker="o", markersize=points(4),
+        xs, column([point.best.recorded for point in curve.points]), color=_RECORDED,
+        linewidth=scale_points(1.4), linestyle="--", marker="o", markersize=scale_points(4),
         label=f"recorded fitness of the {curve.run.best_words}",
     )  # fmt: skip
     axes.plot(
-        places, column([estimate.mean for estimate in fitness]), color=_HELD_OUT, linewidth=points(2.2),
-        marker="D", markersize=points(4), label="its fitness on held-out seeds",
+        xs, column([estimate.mean for estimate in fitness]), color=_HELD_OUT, linewidth=scale_points(2.2),
+        marker="D", markersize=scale_points(4), label="its fitness on held-out seeds",
     )  # fmt: skip
     axes.margins(x=0.02, y=0.08)
-    dress(axes, x=AXES["evaluations"], y="fitness (more is better)")
-    whole_ticks(axes.xaxis, places)
+    style_axes(axes, x=AXES["evaluations"], y="fitness (more is better)")
+    set_integer_ticks(axes.xaxis, xs)
     experiment = curve.run.experiment
-    entitle(figure, title_of(experiment))
+    draw_title(figure, title_of(experiment))
     axes.set_title(
         f"each point: {format_count(len(curve.seeds), 'episode')}, the same for all; seed {experiment.seed}",
-        loc="left", fontsize=points(10.5), color=SOFT,
+        loc="left", fontsize=scale_points(10.5), color=SOFT,
     )  # fmt: skip
-    figure.legend(loc="outside lower center", ncols=3, fontsize=points(10.5), frameon=False, labelcolor=INK)
+    figure.legend(
+        loc="outside lower center", ncols=3, fontsize=scale_points(10.5), frameon=False, labelcolor=INK
+    )
     return figure

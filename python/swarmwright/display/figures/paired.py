@@ -1,4 +1,4 @@
-"""The figure of two controllers in the same episodes."""
+"""The figure of a comparison of two controllers in the same episodes."""
 
 from typing import TYPE_CHECKING
 
@@ -10,13 +10,13 @@ from swarmwright.display.figures.style import (
     INK,
     PAPER,
     SOFT,
-    drawable,
-    dress,
-    entitle,
+    clip_drawable,
+    draw_title,
     new_figure,
-    points,
-    styled,
-    whole_ticks,
+    scale_points,
+    set_integer_ticks,
+    style_axes,
+    use_style_fonts,
 )
 
 if TYPE_CHECKING:
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 _A, _B, _EQUAL = COLORS[0], COLORS[1], SOFT
 _NAME = 40
-"""Characters of a controller's name in a label."""
+"""Longest name of a controller, in characters."""
 
 
-@styled()
+@use_style_fonts()
 def draw(comparison: "ControllerComparison") -> "Figure":
     """Return the figure: fitness of A over that of B, and all differences in ascending order."""
     counts = ~np.isnan(comparison.differences)
     first, second = (
-        drawable(evaluation.ranking.replace_failures(evaluation.episodes)[counts])
+        clip_drawable(evaluation.ranking.replace_failures(evaluation.episodes)[counts])
         for evaluation in (comparison.first, comparison.second)
     )
     figure = new_figure(11, 5.2)
@@ -44,76 +44,76 @@ def draw(comparison: "ControllerComparison") -> "Figure":
     a, b = (
         letter if letter == name else f"{letter}: {name}" for letter, name in zip("AB", names, strict=True)
     )
-    _pairs(pairs, first, second)
-    dress(pairs, x=f"fitness of {b}", y=f"fitness of {a}")
+    _draw_pairs(pairs, first, second)
+    style_axes(pairs, x=f"fitness of {b}", y=f"fitness of {a}")
     pairs.set_title(
-        "an episode each; dotted: the same fitness", loc="left", fontsize=points(10.5), color=SOFT
+        "one point per episode; dotted: equal fitness", loc="left", fontsize=scale_points(10.5), color=SOFT
     )
-    _differences(ordered, comparison)
-    dress(ordered, x="episodes, by their difference", y="difference of fitness, A - B")
+    _draw_differences(ordered, comparison)
+    style_axes(ordered, x="episodes, by their difference", y="difference of fitness, A - B")
     ordered.set_title(
-        f"{format_count(len(first), 'episode')}, the same for both{_failures(comparison)}",
-        loc="left", fontsize=points(10.5), color=SOFT,
+        f"{format_count(len(first), 'episode')}, the same for both{_describe_failures(comparison)}",
+        loc="left", fontsize=scale_points(10.5), color=SOFT,
     )  # fmt: skip
-    entitle(figure, f"{comparison.experiment.subject}: A against B")
+    draw_title(figure, f"{comparison.experiment.subject}: A against B")
     figure.legend(
-        *ordered.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=points(10.5),
-        frameon=False, labelcolor=INK,
+        *ordered.get_legend_handles_labels(), loc="outside lower center", ncols=5,
+        fontsize=scale_points(10.5), frameon=False, labelcolor=INK,
     )  # fmt: skip
     return figure
 
 
-def _failures(comparison: "ControllerComparison") -> str:
-    """Return how failed episodes count, empty where there are none."""
+def _describe_failures(comparison: "ControllerComparison") -> str:
+    """Describe how failed episodes count; empty without failures."""
     value = comparison.first.ranking.options.failure_fitness
     failed = comparison.first.failed + comparison.second.failed
     if not failed:
         return ""
     if value is None:
-        return f"; {len(comparison.left_out):,} left out: a controller failed"
+        return f"; {len(comparison.left_out):,} excluded: a controller failed"
     return f"; {format_count(failed, 'failure')} count{'s' if failed == 1 else ''} as {value:g}"
 
 
-def _pairs(axes: "Axes", first: "Values", second: "Values") -> None:
+def _draw_pairs(axes: "Axes", first: "Values", second: "Values") -> None:
     """Draw the fitness of A over that of B, with equal axes."""
-    for _, color, which in _parts(first - second):
+    for _, color, mask in _split_outcomes(first - second):
         axes.plot(
-            second[which], first[which], "o", color=color, markersize=points(5), alpha=0.75,
-            markeredgecolor=PAPER, markeredgewidth=points(0.5),
+            second[mask], first[mask], "o", color=color, markersize=scale_points(5), alpha=0.75,
+            markeredgecolor=PAPER, markeredgewidth=scale_points(0.5),
         )  # fmt: skip
-    both = np.concatenate([first, second])
-    low, high = (float(both.min()), float(both.max())) if len(both) else (0.0, 1.0)
+    values = np.concatenate([first, second])
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
     margin = 0.06 * (high - low) or 0.5
     low, high = low - margin, high + margin
-    axes.plot([low, high], [low, high], color=SOFT, linewidth=points(1), linestyle=":", zorder=1)
+    axes.plot([low, high], [low, high], color=SOFT, linewidth=scale_points(1), linestyle=":", zorder=1)
     axes.set_xlim(low, high)
     axes.set_ylim(low, high)
     axes.set_aspect("equal")
     axes.locator_params(nbins=6)
 
 
-def _differences(axes: "Axes", comparison: "ControllerComparison") -> None:
+def _draw_differences(axes: "Axes", comparison: "ControllerComparison") -> None:
     """Draw all differences in ascending order, their mean and its interval."""
-    values = drawable(np.sort(comparison.paired))
+    values = clip_drawable(np.sort(comparison.paired))
     places = np.arange(1.0, len(values) + 1)
     mean = comparison.difference
     if mean.low is not None and mean.high is not None:
-        axes.axhspan(*drawable(np.array([mean.low, mean.high])), color=INK, alpha=0.12, linewidth=0,
+        axes.axhspan(*clip_drawable(np.array([mean.low, mean.high])), color=INK, alpha=0.12, linewidth=0,
                      label="95 % interval of the mean")  # fmt: skip
     if len(values):
-        middle = float(drawable(np.array([mean.mean]))[0])
-        axes.axhline(middle, color=INK, linewidth=points(1.8), label="mean difference")
-    axes.axhline(0.0, color=SOFT, linewidth=points(1), linestyle=":", zorder=1)
-    for name, color, which in _parts(values):
-        if which.any():
-            axes.vlines(places[which], 0.0, values[which], color=color, linewidth=points(1.2), alpha=0.6)
-            axes.plot(places[which], values[which], "o", color=color, markersize=points(4), label=name)
-    whole_ticks(axes.xaxis, places)
+        middle = float(clip_drawable(np.array([mean.mean]))[0])
+        axes.axhline(middle, color=INK, linewidth=scale_points(1.8), label="mean difference")
+    axes.axhline(0.0, color=SOFT, linewidth=scale_points(1), linestyle=":", zorder=1)
+    for name, color, mask in _split_outcomes(values):
+        if mask.any():
+            axes.vlines(places[mask], 0.0, values[mask], color=color, linewidth=scale_points(1.2), alpha=0.6)
+            axes.plot(places[mask], values[mask], "o", color=color, markersize=scale_points(4), label=name)
+    set_integer_ticks(axes.xaxis, places)
     axes.margins(x=0.02)
 
 
-def _parts(differences: "Values") -> "list[tuple[str, str, np.typing.NDArray[np.bool_]]]":
-    """Return in which episodes which controller is better, with its colour."""
+def _split_outcomes(differences: "Values") -> "list[tuple[str, str, np.typing.NDArray[np.bool_]]]":
+    """Return label, colour and mask of episodes for each outcome."""
     return [
         ("A is better", _A, differences > 0),
         ("B is better", _B, differences < 0),

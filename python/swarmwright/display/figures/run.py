@@ -1,4 +1,4 @@
-"""The figure of one run: fitness, and how different the candidates were."""
+"""The figure of a run: fitness and diversity."""
 
 import math
 from typing import TYPE_CHECKING, Any
@@ -13,18 +13,18 @@ from swarmwright.display.figures.style import (
     INK,
     PAPER,
     SOFT,
-    above_axes,
-    current,
-    drawable,
-    dress,
-    entitle,
-    far_below,
-    fitting_columns,
+    clip_drawable,
+    current_page,
+    cut_axis,
+    describe_far_below,
+    draw_title,
+    fit_columns,
     new_figure,
-    points,
-    styled,
-    whole_ticks,
-    zoom,
+    scale_points,
+    set_integer_ticks,
+    style_axes,
+    use_style_fonts,
+    wrap_above_axes,
 )
 
 if TYPE_CHECKING:
@@ -37,19 +37,19 @@ if TYPE_CHECKING:
 
 _BEST, _MEAN, _SPREAD = COLORS[2], COLORS[1], COLORS[0]
 _MARGIN, _PAGE_MARGIN = 0.14, 0.22
-"""Room above and below curves, as a share of their height; more where axes are low."""
+"""Margin above and below curves, relative to their height; larger on pages."""
 _LEGEND_LINE_INCHES = 0.22
-"""Inches of a line of the legend on screens."""
+"""Height of a line of the legend on screens, in inches."""
 _ONE_ROW = 80
-"""Characters of a legend of one row, fewer than this."""
+"""Characters below which a legend has one row."""
 
 
-@styled()
+@use_style_fonts()
 def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations") -> "Figure":
     """Return the figure.
 
     Args:
-        run: with a finished generation at least.
+        run: with at least one finished generation.
         diversity: of each generation, (generations,), see `swarmwright.runs.diversity`.
         x: "evaluations" or "generations".
     """
@@ -60,119 +60,131 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
     )
     figure = new_figure(9, 6.6)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
-    _fitness(upper, run, places)
-    _diversity(lower, diversity, places)
-    dress(upper, y="fitness (more is better)")
+    _draw_fitness(upper, run, places)
+    _draw_diversity(lower, diversity, places)
+    style_axes(upper, y="fitness (more is better)")
     continuous = run.experiment.representation().continuous
-    dress(
+    style_axes(
         lower,
         x=AXES[x],
         y="diversity"
-        if current().narrow
+        if current_page().narrow
         else "diversity\n(first generation: 1)"
         if continuous
         else "diversity\n(genes that differ)",
     )
-    whole_ticks(lower.xaxis, places)
-    _titles(figure, upper, run)
+    set_integer_ticks(lower.xaxis, places)
+    _draw_titles(figure, upper, run)
     return figure
 
 
-@styled()
+@use_style_fonts()
 def fitness(run: "Run") -> "Figure":
-    """Return the figure of fitness over generations alone. run: with a finished generation at least."""
+    """Return the figure of fitness over generations alone. run: with at least one finished generation."""
     places = np.array([summary.generation for summary in run.history], dtype=float)
     figure = new_figure(9, 5.2)
     axes = figure.subplots()
-    _fitness(axes, run, places)
-    dress(axes, x=AXES["generations"], y="fitness (more is better)")
-    whole_ticks(axes.xaxis, places)
-    _titles(figure, axes, run)
+    _draw_fitness(axes, run, places)
+    style_axes(axes, x=AXES["generations"], y="fitness (more is better)")
+    set_integer_ticks(axes.xaxis, places)
+    _draw_titles(figure, axes, run)
     return figure
 
 
 def title_of(experiment: "Experiment") -> str:
-    """Return what a run does, in words."""
+    """Return the title of a run: subject, method and controller."""
     method = label_of(experiment.method.kind)
     kind: str = experiment.controller.kind
     article = "an" if kind[0] in "aeiou" else "a"
     return f"{experiment.subject}: {method} evolves {article} {kind} controller"
 
 
-def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
-    """Say above and below what is drawn."""
+def _draw_titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
+    """Draw title and legend."""
     experiment = run.experiment
     failed = sum(summary.failed for summary in run.history)
-    entitle(figure, title_of(experiment))
+    draw_title(figure, title_of(experiment))
     upper.set_title(
-        above_axes(
+        wrap_above_axes(
             f"{format_count(run.evaluations, 'evaluation')} in "
-            f"{format_count(run.generations, 'generation')}, "
-            f"seed {experiment.seed}" + (f", {failed:,} failed" if failed else "")
+            f"{format_count(run.generations, 'generation')}, seed {experiment.seed}" + (f", {failed:,} "
+            "failed" if failed else "")
         ),
-        loc="left", fontsize=points(10.5), color=SOFT,
+        loc="left", fontsize=scale_points(10.5), color=SOFT,
     )  # fmt: skip
     handles, labels = upper.get_legend_handles_labels()
     most = 4 if sum(map(len, labels)) < _ONE_ROW else 2
-    columns = fitting_columns(labels, most)
+    columns = fit_columns(labels, most)
     if columns < min(most, len(labels)):
         rows = [-(-len(labels) // count) for count in (columns, most)]
-        figure.set_figheight(figure.get_figheight() + points(_LEGEND_LINE_INCHES) * (rows[0] - rows[1]))
+        figure.set_figheight(figure.get_figheight() + scale_points(_LEGEND_LINE_INCHES) * (rows[0] - rows[1]))
     figure.legend(
-        handles, labels, loc="outside lower center", ncols=columns, fontsize=points(10.5), frameon=False,
-        labelcolor=INK,
+        handles, labels, loc="outside lower center", ncols=columns, fontsize=scale_points(10.5),
+        frameon=False, labelcolor=INK,
     )  # fmt: skip
 
 
-def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
+def _draw_fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     history = run.history
     marker = "o" if len(history) == 1 else None
 
     def column(name: str) -> "NDArray[np.float64]":
         values = np.array([getattr(summary, name) for summary in history], dtype=np.float64)
-        return drawable(np.where(np.isfinite(values), values, np.nan))
+        return clip_drawable(np.where(np.isfinite(values), values, np.nan))
 
     quartiles = column("lower_quartile"), column("upper_quartile")
     half: dict[str, Any] = {"color": _MEAN, "alpha": 0.18, "label": "middle half of the population"}
     if len(history) == 1:
-        axes.vlines(places, *quartiles, linewidth=points(12), **half)
+        axes.vlines(places, *quartiles, linewidth=scale_points(12), **half)
     else:
         axes.fill_between(places, *quartiles, linewidth=0, **half)
     best = column("best_so_far")
-    now = column("best")
-    drawn = np.stack([quartiles[0], quartiles[1], best, now])
+    current_best = column("best")
+    drawn = np.stack([quartiles[0], quartiles[1], best, current_best])
     mean = column("mean")
-    outside = far_below(places, drawn.min(axis=0), drawn.max(axis=0), mean)
-    axes.plot(places, mean, color=_MEAN, linewidth=points(1.4), marker=marker, label="mean")
+    outside = describe_far_below(places, drawn.min(axis=0), drawn.max(axis=0), mean)
+    axes.plot(places, mean, color=_MEAN, linewidth=scale_points(1.4), marker=marker, label="mean")
     if outside is None:
         drawn = np.vstack([drawn, mean])
-    if not np.array_equal(now, best, equal_nan=True):  # elitist methods keep their best
+    if not np.array_equal(current_best, best, equal_nan=True):  # elitist methods keep their best
         axes.step(
-            places, now, where="post", color=_BEST, linewidth=points(1.0), marker=marker, alpha=0.6,
-            label="best of the population",
+            places, current_best, where="post", color=_BEST, linewidth=scale_points(1.0), marker=marker,
+            alpha=0.6, label="best of the population",
         )  # fmt: skip
     axes.step(
-        places, best, where="post", color=_BEST, linewidth=points(2.4), marker=marker, label=run.best_words
+        places,
+        best,
+        where="post",
+        color=_BEST,
+        linewidth=scale_points(2.4),
+        marker=marker,
+        label=run.best_words,
     )
     if np.isnan(best).all():
         axes.text(0.5, 0.5, "every candidate failed", transform=axes.transAxes, ha="center", color=SOFT)
         return
-    # With racing and with `reevaluate` it also falls: the best of the run is the last one then.
-    known = np.flatnonzero(~np.isnan(best))
-    found = int(known[-1])
-    if (np.diff(best[known]) >= 0).all():
-        found = int(known[best[known] == best[found]][0])
+    # With racing and `reevaluate` the curve may fall; then the best of the run is the last value.
+    finite = np.flatnonzero(~np.isnan(best))
+    best_index = int(finite[-1])
+    if (np.diff(best[finite]) >= 0).all():
+        best_index = int(finite[best[finite] == best[best_index]][0])
     axes.plot(
-        places[found], best[found], "o", markersize=points(8), color=_BEST, markeredgecolor=PAPER, zorder=5
+        places[best_index],
+        best[best_index],
+        "o",
+        markersize=scale_points(8),
+        color=_BEST,
+        markeredgecolor=PAPER,
+        zorder=5,
     )
-    text = _number(history[found].best_so_far + 0.0, drawn[np.isfinite(drawn)])
+    text = _format_number(history[best_index].best_so_far + 0.0, drawn[np.isfinite(drawn)])
     axes.annotate(
-        text, (places[found], best[found]), xytext=(0, points(8)), textcoords="offset points",
-        ha="center" if found else "left", color=_BEST, fontsize=points(11.5), fontweight="bold",
+        text, (places[best_index], best[best_index]), xytext=(0, scale_points(8)), textcoords="offset points",
+        ha="center" if best_index else "left", color=_BEST, fontsize=scale_points(11.5), fontweight="bold",
     )  # fmt: skip
-    margin = _MARGIN if current().width is None else _PAGE_MARGIN
+    margin = _MARGIN if current_page().width is None else _PAGE_MARGIN
     low, high = drawn.min(axis=0), drawn.max(axis=0)
-    held_out = _held_out(axes, run, float(places[-1]))
+    held_out = _draw_held_out(axes, run, float(places[-1]))
     if held_out is not None:
         low[-1], high[-1] = np.fmin(low[-1], held_out[0]), np.fmax(high[-1], held_out[1])
     axes.margins(x=0.02, y=margin)
@@ -180,13 +192,13 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
         bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
         spare = margin * top - margin * bottom
         axes.set_ylim(bottom - spare, top + spare)
-    zoom(axes, [(places, low, high)], outside=outside)
+    cut_axis(axes, [(places, low, high)], outside=outside)
 
 
-def _held_out(axes: "Axes", run: "Run", place: float) -> tuple[float, float] | None:
-    """Draw the fitness of the best on held-out seeds at a place; return the ends of its interval.
+def _draw_held_out(axes: "Axes", run: "Run", position: float) -> tuple[float, float] | None:
+    """Draw the fitness of the best candidate on held-out seeds; return the limits of its interval.
 
-    None where it was not validated, or has the same fitness with any seed.
+    None if it was not validated, or its fitness does not depend on seeds.
     """
     validation = run.validation
     if validation is None or not validation.depends_on_seed:
@@ -194,27 +206,27 @@ def _held_out(axes: "Axes", run: "Run", place: float) -> tuple[float, float] | N
     best = validation.best.fitness
     if not math.isfinite(best.mean) or best.low is None or best.high is None:
         return None
-    mean, low, high = drawable(np.array([best.mean, best.low, best.high])).tolist()
+    mean, low, high = clip_drawable(np.array([best.mean, best.low, best.high])).tolist()
     axes.errorbar(
-        place, mean, yerr=[[mean - low], [high - mean]], fmt="D", markersize=points(6), color=INK,
-        ecolor=INK, elinewidth=points(1.6), capsize=points(4), zorder=6, clip_on=False,
+        position, mean, yerr=[[mean - low], [high - mean]], fmt="D", markersize=scale_points(6), color=INK,
+        ecolor=INK, elinewidth=scale_points(1.6), capsize=scale_points(4), zorder=6, clip_on=False,
         label=f"best on held-out seeds ({len(validation.seeds):,} episodes, 95 % interval)",
     )  # fmt: skip
     return low, high
 
 
-def _number(value: float, among: "NDArray[np.float64]") -> str:
-    """Return a number with four digits, or as many as tell it from others. among: these and itself."""
-    span = float(np.ptp(among)) if np.isfinite(np.ptp(among)) else 0.0
+def _format_number(value: float, numbers: "NDArray[np.float64]") -> str:
+    """Format a number with four digits, or more to distinguish it from the other numbers."""
+    span = float(np.ptp(numbers)) if np.isfinite(np.ptp(numbers)) else 0.0
     digits = 4
     if 0.0 < span < abs(value):
         digits = min(max(4, math.ceil(math.log10(abs(value)) - math.log10(span)) + 2), 15)
     return f"{value:.{digits}g}"
 
 
-def _diversity(axes: "Axes", values: "NDArray[np.float64]", places: "NDArray[np.float64]") -> None:
+def _draw_diversity(axes: "Axes", values: "NDArray[np.float64]", places: "NDArray[np.float64]") -> None:
     marker = "o" if np.count_nonzero(np.isfinite(values)) == 1 else None
-    axes.plot(places, values, color=_SPREAD, linewidth=points(1.8), marker=marker)
+    axes.plot(places, values, color=_SPREAD, linewidth=scale_points(1.8), marker=marker)
     axes.fill_between(places, 0, values, color=_SPREAD, alpha=0.12, linewidth=0)
     axes.set_ylim(bottom=0)
     if not np.isfinite(values).any():

@@ -1,4 +1,4 @@
-"""The style of figures of runs, and writing them to files."""
+"""Style of figures of runs, and saving of figures."""
 
 import io
 import math
@@ -31,73 +31,73 @@ if TYPE_CHECKING:
 
 
 _BEGINNING_SHARE = 0.1
-"""Share of the x axis that is a curve's beginning, which may be cut."""
+"""Share of the x axis that counts as a curve's beginning, which may be cut."""
 _LARGEST_SPAN_RATIO = 1.5
-"""Up to how many times the span of the rest the whole axis is drawn uncut."""
+"""Largest ratio of the whole span to the span without the beginning that is drawn uncut."""
 _LARGEST_DROP_RATIO = 2.0
-"""Up to how many times the height of a band a line may lie below it, so that an axis has both."""
+"""Largest distance of a line below a band, relative to its height, to show both on one axis."""
 _FEWEST_POINTS = 8
-"""Points of a curve below which nothing is cut."""
+"""Fewest points of a curve that may be cut."""
 
 Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Cut:
-    """What an axis leaves out at its lower end."""
+    """The cut of an axis at its lower end."""
 
     low: float
-    """Where the axis begins."""
+    """Lower limit of the axis."""
     high: float
-    """Where it ends, with a margin above the greatest value."""
+    """Upper limit, with a margin above the largest value."""
     least: float
-    """The least value, below the axis."""
+    """Smallest value, below the axis."""
 
     @property
     def note(self) -> str:
-        """What is left out, in words."""
+        """Description of the cut."""
         return _note("the beginning", self.least)
 
 
-def _note(what: str, least: float) -> str:
-    return f"↓ {what} reaches down to {least + 0.0:.4g}".replace("-", "−")
+def _note(subject: str, least: float) -> str:
+    return f"↓ {subject} reaches down to {least + 0.0:.4g}".replace("-", "−")
 
 
-def far_below(x: Values, low: Values, high: Values, line: Values) -> str | None:
-    """Return in words how far a line lies below a band, where the band would be squashed if an axis had both.
+def describe_far_below(x: Values, low: Values, high: Values, line: Values) -> str | None:
+    """Describe a line that is too far below a band to show both on one axis.
 
-    None where it is near, or where only its first tenth is so low, which `cut` leaves out.
+    None if it is close enough, or if only its first tenth is so low, which `cut` omits.
 
-    x: ascending, (points,), like all others. low: of the band. high: of the band. line: what is tested.
+    x: ascending, (points,), like all others. low, high: limits of the band. line: the tested line.
     """
-    known = np.isfinite(low) & np.isfinite(high) & np.isfinite(line)
-    if not known.any():
+    finite = np.isfinite(low) & np.isfinite(high) & np.isfinite(line)
+    if not finite.any():
         return None
-    later = known & (x >= x[known][0] + _BEGINNING_SHARE * (x[known][-1] - x[known][0]))
+    later = finite & (x >= x[finite][0] + _BEGINNING_SHARE * (x[finite][-1] - x[finite][0]))
     least, bottom, top = float(line[later].min()), float(low[later].min()), float(high[later].max())
     span = top / _LARGEST_SPAN_RATIO - bottom / _LARGEST_SPAN_RATIO  # neither overflows
     below = bottom / _LARGEST_SPAN_RATIO - least / _LARGEST_SPAN_RATIO
     if span <= 0 or below <= _LARGEST_DROP_RATIO * span:
         return None
-    return _note("the mean", float(line[known].min()))
+    return _note("the mean", float(line[finite].min()))
 
 
 def cut(curves: Sequence[tuple[Values, Values, Values]]) -> Cut | None:
-    """Return where an axis begins so that first values do not dominate it; None: nothing needs to be cut.
+    """Return the cut of an axis dominated by first values; None if no cut is needed.
 
-    That is so if all values span more than 1.5 times the range of those after a curve's first tenth.
+    An axis is cut if all values span more than 1.5 times the range of those after a curve's first tenth.
 
-    curves: of each x, ascending, and the least and the greatest value there, (points,) each.
+    curves: ascending x, and the smallest and largest value at each x, (points,) each.
     """
     lows, highs, leasts = [], [], []
     for x, bottom, top in curves:
-        known = np.isfinite(bottom) & np.isfinite(top)
-        if np.count_nonzero(known) < _FEWEST_POINTS:
+        finite = np.isfinite(bottom) & np.isfinite(top)
+        if np.count_nonzero(finite) < _FEWEST_POINTS:
             return None
-        later = known & (x >= x[known][0] + _BEGINNING_SHARE * (x[known][-1] - x[known][0]))
+        later = finite & (x >= x[finite][0] + _BEGINNING_SHARE * (x[finite][-1] - x[finite][0]))
         lows.append(float(bottom[later].min()))
         highs.append(float(top[later].max()))
-        leasts.append(float(bottom[known].min()))
+        leasts.append(float(bottom[finite].min()))
     if not lows:
         return None
     low, high, least = min(lows), max(highs), min(leasts)
@@ -109,42 +109,42 @@ def cut(curves: Sequence[tuple[Values, Values, Values]]) -> Cut | None:
 
 
 _MM = 1 / 25.4
-"""Inches."""
+"""A millimetre in inches."""
 _TIMES = ("Times New Roman", "Nimbus Roman", "TeX Gyre Termes", "Liberation Serif", "STIXGeneral")
 _HELVETICA = ("Helvetica", "Arial", "Nimbus Sans", "TeX Gyre Heros", "Liberation Sans", "DejaVu Sans")
 _LIBERTINE = ("Linux Libertine O", "Libertinus Serif", *_TIMES)
 _SCREEN_POINTS = 11.0
-"""Size of labels of axes on screens, to which those of other texts and lines are relative."""
+"""Font size of axis labels on screens; other sizes are relative to it."""
 _SCREEN_DPI, _PRINT_DPI = 120, 300
-"""Pixels per inch on screens, and on paper, where publishers ask for at least so many."""
+"""Pixels per inch on screens, and in print, as publishers require."""
 _NARROW_INCHES = 5.0
-"""Width of a figure below which axes that are side by side elsewhere are one below the other."""
+"""Width of a figure below which axes are stacked instead of side by side."""
 _LIMITS_INCHES = (1.0, 40.0)
-"""Least and greatest width of a figure."""
+"""Smallest and largest width of a figure, in inches."""
 _WIDTH = re.compile(r"(\d+(?:\.\d+)?) ?(in|mm|cm|pt)")
 _UNITS = {"in": 1.0, "mm": _MM, "cm": 10 * _MM, "pt": 1 / 72.27}
-"""Inches of each; a point is TeX's, in which \\columnwidth is told."""
+"""Units in inches; a point is that of TeX, the unit of \\columnwidth."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """How figures look."""
+    """A style of figures."""
 
     description: str
     column: float | None = None
-    """Inches of a column; None: as wide as the figure needs."""
+    """Width of a column in inches; None: as wide as the figure needs."""
     page: float | None = None
-    """Inches of both columns."""
+    """Width of both columns, in inches."""
     points: float = _SCREEN_POINTS
-    """Size of labels of axes."""
+    """Font size of axis labels."""
     families: tuple[str, ...] = ()
-    """Fonts, of which the first one that is installed is used; empty: Matplotlib's own."""
+    """Fonts in order of preference; empty: Matplotlib's default."""
     titled: bool = True
-    """Whether figures have a title; in papers the caption has it."""
+    """Whether figures have a title; papers use the caption instead."""
 
     @property
     def pixels_per_inch(self) -> int:
-        """Of PNG files."""
+        """Resolution of PNG files."""
         return _SCREEN_DPI if self.column is None else _PRINT_DPI
 
 
@@ -172,40 +172,42 @@ STYLES: Mapping[str, Style] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Page:
-    """What a figure is drawn for."""
+    """Style, width and title of a figure."""
 
     style: Style = STYLES["screen"]
     width: float | None = None
-    """Inches; None: as wide as the figure needs."""
+    """Width in inches; None: as wide as the figure needs."""
     title: str | None = None
-    """Instead of the figure's own; empty: none. None: the figure's own, where the style has titles."""
+    """Replaces the default title; empty: no title. None: the default title, if the style has titles."""
 
     @property
     def scale(self) -> float:
-        """Size of texts, relative to that on screens."""
+        """Font size relative to screens."""
         return self.style.points / _SCREEN_POINTS
 
     @property
     def narrow(self) -> bool:
-        """Whether axes have no room beside each other."""
+        """Whether axes are stacked because there is no room side by side."""
         return self.width is not None and self.width < _NARROW_INCHES
 
-    def heading(self, own: str) -> str:
-        """Return the title of a figure; empty for none. own: that it has by itself."""
+    def heading(self, default: str) -> str:
+        """Return the title of a figure; empty: no title. default: its default title."""
         if self.title is not None:
             return self.title
-        return own if self.style.titled else ""
+        return default if self.style.titled else ""
 
     @classmethod
-    def of(cls, style: str = "screen", width: str | float | None = None, title: str | None = None) -> "Page":
-        """Return what the options of figures ask for.
+    def from_options(
+        cls, style: str = "screen", width: str | float | None = None, title: str | None = None
+    ) -> "Page":
+        """Return the page for the options of a figure.
 
         Args:
             style: name of a style.
             width: "column" or "page" of the style, inches, or a length such as "89 mm".
-            title: instead of the figure's own; empty: none.
+            title: replaces the default title; empty: no title.
 
-        Raises InputError for another style or width.
+        Raises InputError for an unknown style or an invalid width.
         """
         if style not in STYLES:
             raise InputError(f"style: must be one of {', '.join(STYLES)}, not {format_value(style)}")
@@ -222,8 +224,8 @@ def _inches(width: str | float | None, name: str, style: Style) -> float | None:
         if style.page is None:
             raise _no_columns(name)
         return style.page
-    found = _WIDTH.fullmatch(width) if isinstance(width, str) else None
-    inches = float(found[1]) * _UNITS[found[2]] if found else width
+    match = _WIDTH.fullmatch(width) if isinstance(width, str) else None
+    inches = float(match[1]) * _UNITS[match[2]] if match else width
     if isinstance(inches, str):
         try:
             inches = float(inches)
@@ -240,7 +242,7 @@ def _inches(width: str | float | None, name: str, style: Style) -> float | None:
 
 def _no_columns(name: str) -> InputError:
     return InputError(
-        f"width: the style {name} has no columns; give inches, or a style such as ieee, whose columns it has"
+        f"width: the style {name} has no columns; use inches, or a style with columns such as ieee"
     )
 
 
@@ -248,14 +250,14 @@ _SCREEN = Page()
 _current: ContextVar[Page] = ContextVar("page", default=_SCREEN)
 
 
-def current() -> Page:
-    """Return what figures are drawn for at the moment."""
+def current_page() -> Page:
+    """Return the page for which figures are currently drawn."""
     return _current.get()
 
 
 @contextmanager
-def on(page: Page) -> Iterator[None]:
-    """Within the block, figures are drawn for a page."""
+def use_page(page: Page) -> Iterator[None]:
+    """Draw figures for a page within the block."""
     token = _current.set(page)
     try:
         yield
@@ -268,102 +270,106 @@ INK, SOFT, PAPER, GRID, EDGE = "#22303c", "#5b6875", "#ffffff", "#e3e7eb", "#9aa
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B8A900")
 DASHES = ("-", "--", ":", "-.")
 AXES = {"evaluations": "evaluations", "generations": "generation (from 0)"}
-"""What an axis over these is called."""
+"""Labels of axes."""
 LARGEST = 1e300
-"""Greater values are drawn as this one."""
+"""Largest drawn value; larger values are clipped to it."""
 _TITLE_CHARACTERS = 8.2
-"""Of a title in an inch, about."""
+"""Approximate characters of a title per inch."""
 _LEAST_HEIGHT = 0.75
-"""Least height of a figure on a page, as a share of that on screens with texts of the same size."""
+"""Least height of a figure on a page, relative to screens with the same font size."""
 _LETTER_INCHES, _MARK_INCHES = 0.085, 0.5
-"""Inches of a legend on screens: a letter, a mark with its margin; about."""
+"""Approximate inches of a letter and of a marker with its margin in a legend on screens."""
 _AXIS_INCHES = 0.9
-"""Inches beside axes on screens, for labels and numbers of the vertical one."""
+"""Inches beside axes on screens, for labels and numbers of the vertical axis."""
 ENDINGS = (".png", ".svg", ".pdf")
 
 
-def look(index: int) -> tuple[str, str]:
-    """Return colour and line style of group number `index`; other dashes when the colours are used up."""
+def group_style(index: int) -> tuple[str, str]:
+    """Return colour and line style of a group; dashes change after all colours."""
     return COLORS[index % len(COLORS)], DASHES[index // len(COLORS) % len(DASHES)]
 
 
-def points(size: float) -> float:
-    """Return the size of texts, lines and marks that is `size` on screens, in the present style."""
-    return size * current().scale
+def scale_points(size: float) -> float:
+    """Scale a size of texts, lines and markers from screens to the current style."""
+    return size * current_page().scale
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """Within the block, or the function that this decorates, texts have the fonts of the present style."""
+def use_style_fonts() -> Iterator[None]:
+    """Use the fonts of the current style within the block, or the decorated function."""
     with use_plain_settings():  # imports Matplotlib, also with an unknown MPLBACKEND
         from matplotlib import rc_context, rcParams
 
-        families = _installed(current().style)
+        families = _find_fonts(current_page().style)
         with rc_context({"font.family": [*families, *rcParams["font.family"]]}):
             yield
 
 
-def _installed(style: Style) -> list[str]:
-    """Return the fonts of a style that can be embedded; where none but the last is there, this is said."""
+def _find_fonts(style: Style) -> list[str]:
+    """Return the fonts of a style that can be embedded; warn if only the last is available."""
     from matplotlib.font_manager import fontManager
 
-    # Others than TrueType are not embedded in full by Matplotlib.
-    there = {font.name for font in fontManager.ttflist if font.fname.lower().endswith((".ttf", ".ttc"))}
-    found = [name for name in style.families if name in there]
-    if style.families and found == [style.families[-1]]:
-        *wanted, instead = style.families
+    # Matplotlib fully embeds TrueType fonts only.
+    installed = {font.name for font in fontManager.ttflist if font.fname.lower().endswith((".ttf", ".ttc"))}
+    available = [name for name in style.families if name in installed]
+    if style.families and available == [style.families[-1]]:
+        *preferred, fallback = style.families
         warn_once(
-            f"none of the fonts {', '.join(wanted)} is installed as TrueType; {instead}, which comes with "
-            "Matplotlib, is used in their place"
+            f"none of the fonts {', '.join(preferred)} is installed as TrueType; Matplotlib's {fallback} is "
+            "used instead"
         )
-    return found
+    return available
 
 
-def fitting_columns(entries: Sequence[str], most: int) -> int:
-    """Return in how many columns a legend fits into the width of the page.
+def fit_columns(entries: Sequence[str], most: int) -> int:
+    """Return the number of columns of a legend that fits the page.
 
-    entries: its texts, which may have several lines. most: columns.
+    entries: its texts, which may have several lines. most: most columns.
     """
-    width = current().width or math.inf
-    needed = [points(max(map(len, entry.split("\n"))) * _LETTER_INCHES + _MARK_INCHES) for entry in entries]
+    width = current_page().width or math.inf
+    needed = [
+        scale_points(max(map(len, entry.split("\n"))) * _LETTER_INCHES + _MARK_INCHES) for entry in entries
+    ]
     for columns in range(min(most, len(entries)), 1, -1):
         if sum(float(max(part)) for part in np.array_split(needed, columns)) <= width:
             return columns
     return 1
 
 
-def above_axes(words: str) -> str:
-    """Return what stands above axes that are as wide as the page, in lines that fit."""
-    width = current().width
+def wrap_above_axes(text: str) -> str:
+    """Wrap a text above axes to the width of the page."""
+    width = current_page().width
     if width is None:
-        return words
-    return textwrap.fill(words, max(int((width - points(_AXIS_INCHES)) / points(_LETTER_INCHES)), 1))
+        return text
+    return textwrap.fill(
+        text, max(int((width - scale_points(_AXIS_INCHES)) / scale_points(_LETTER_INCHES)), 1)
+    )
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Return a figure of inches, with a separate canvas: no global state, no display.
+    """Return a figure of a size in inches, with its own canvas: no global state, no display.
 
-    On a page of another width, its height follows; with texts that are larger in comparison, it is higher.
+    On a page of another width, the height is scaled with it, and increased for larger texts.
     """
-    page = current()
+    page = current_page()
     if page.width is not None:
         height *= max(page.width / width, _LEAST_HEIGHT * page.scale)
         width = page.width
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure = _shown()(
+    figure = _figure_class()(
         figsize=(width, height), dpi=page.style.pixels_per_inch, facecolor=PAPER, layout="constrained"
     )
     FigureCanvasAgg(figure)
     engine = figure.get_layout_engine()
     assert engine is not None
-    engine.set(h_pad=points(0.09), w_pad=points(0.09))  # type: ignore[call-arg] # inches; options differ between engines
+    engine.set(h_pad=scale_points(0.09), w_pad=scale_points(0.09))  # type: ignore[call-arg] # inches; options differ between engines
     return figure
 
 
 @cache
-def _shown() -> "type[Figure]":
-    """Return the class of figures that a notebook shows, whatever is set up there for pyplot's."""
+def _figure_class() -> "type[Figure]":
+    """Return a class of figures that notebooks display independently of pyplot."""
     from matplotlib.figure import Figure
 
     class ShownFigure(Figure):
@@ -371,59 +377,61 @@ def _shown() -> "type[Figure]":
             return png_of(self)
 
         @use_plain_settings()
-        def savefig(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401 - as the library's
+        def savefig(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401 - as in Matplotlib
             super().savefig(*arguments, **options)
 
     return ShownFigure
 
 
-def drawable(values: "Values") -> "Values":
-    """Return values as Matplotlib can draw them: it computes with their differences, which must be finite."""
+def clip_drawable(values: "Values") -> "Values":
+    """Clip values so that their differences are finite, as Matplotlib requires."""
     return np.clip(values, -LARGEST, LARGEST)
 
 
-def entitle(figure: "Figure", text: str) -> None:
-    """Write a title above all axes, if the page has one; what does not fit into one line is cut."""
-    heading = current().heading(text)
+def draw_title(figure: "Figure", text: str) -> None:
+    """Draw the title of a figure, if the page has one, shortened to one line."""
+    heading = current_page().heading(text)
     if not heading:
         return
     figure.suptitle(
-        shorten(escape_line(heading), round(_TITLE_CHARACTERS * figure.get_figwidth() / current().scale)),
-        x=0.012, ha="left", fontsize=points(14), fontweight="bold", color=INK, parse_math=False,
+        shorten(
+            escape_line(heading), round(_TITLE_CHARACTERS * figure.get_figwidth() / current_page().scale)
+        ),
+        x=0.012, ha="left", fontsize=scale_points(14), fontweight="bold", color=INK, parse_math=False,
     )  # fmt: skip
 
 
-def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
-    """Give axes their labels, grid and frame."""
-    axes.set_xlabel(x, fontsize=points(11), color=INK)
-    axes.set_ylabel(y, fontsize=points(11), color=INK)
+def style_axes(axes: "Axes", *, x: str = "", y: str = "") -> None:
+    """Set labels, grid and frame of axes."""
+    axes.set_xlabel(x, fontsize=scale_points(11), color=INK)
+    axes.set_ylabel(y, fontsize=scale_points(11), color=INK)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set_parse_math(False)  # names and units of others' simulations are plain text
-    axes.tick_params(labelsize=points(10), colors=INK)
-    axes.grid(color=GRID, linewidth=points(0.8))
+        axis.label.set_parse_math(False)  # names and units of simulations are plain text
+    axes.tick_params(labelsize=scale_points(10), colors=INK)
+    axes.grid(color=GRID, linewidth=scale_points(0.8))
     axes.set_axisbelow(True)
     for axis in (axes.xaxis, axes.yaxis):
-        without_offset(axis)
+        disable_offset(axis)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(EDGE)
 
 
-def without_offset(axis: Any) -> None:  # noqa: ANN401 - an axis of matplotlib
-    """Write numbers with as many digits as it takes, not their differences from another number."""
+def disable_offset(axis: Any) -> None:  # noqa: ANN401 - an axis of matplotlib
+    """Write numbers in full instead of as differences from an offset."""
     from matplotlib.ticker import ScalarFormatter
 
     if isinstance(form := axis.get_major_formatter(), ScalarFormatter):
         form.set_useOffset(False)
 
 
-def zoom(
+def cut_axis(
     axes: "Axes", curves: Sequence[tuple[Values, Values, Values]], *, outside: str | None = None
 ) -> None:
-    """Cut off first values that dominate the axis, and label the cut; see `cut.cut`.
+    """Cut off first values that dominate the axis, and label the cut; see `cut`.
 
-    outside: what else does not fit on the axis, in words.
+    outside: description of other values beyond the axis.
     """
     hidden = cut(curves)
     if hidden is not None:
@@ -432,37 +440,40 @@ def zoom(
     if not notes:
         return
     note = axes.text(
-        0.988, 0.02, "\n".join(notes), transform=axes.transAxes, fontsize=points(10), color=SOFT, ha="right",
-        va="bottom", bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 1.5}, zorder=6,
+        0.988, 0.02, "\n".join(notes), transform=axes.transAxes, fontsize=scale_points(10), color=SOFT,
+        ha="right", va="bottom", zorder=6,
+        bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
     )  # fmt: skip
     note.set_in_layout(False)
 
 
-def whole_ticks(axis: Any, places: "Values") -> None:  # noqa: ANN401 - an axis of matplotlib
-    """Write whole numbers with a separator, 10,000; of a single place, (1,), that alone."""
+def set_integer_ticks(axis: Any, values: "Values") -> None:  # noqa: ANN401 - an axis of matplotlib
+    """Set integer ticks with separators, 10,000; a single tick for a single value."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     axis.set_major_locator(MaxNLocator(nbins=6, integer=True, min_n_ticks=1))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
-    if len(places) == 1:
-        axis.set_ticks(places)
+    if len(values) == 1:
+        axis.set_ticks(values)
 
 
-def check(path: Path) -> None:
-    """Raise InputError unless a figure can be written there."""
+def check_figure_path(path: Path) -> None:
+    """Raise InputError unless a figure can be saved to a path."""
     if path.suffix.lower() not in ENDINGS:
-        raise InputError(f"{path}: figures end with {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
+        raise InputError(
+            f"{path}: unknown suffix of a figure; use {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
+        )
     if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder '{path.parent}'; create it first")
+        raise InputError(f"{path}: the folder '{path.parent}' does not exist; create it first")
 
 
 @use_plain_settings()
 def save(figure: "Figure", path: Path) -> Path:
-    """Write a figure by the ending of its file; return the path.
+    """Save a figure in the format of the file suffix; return the path.
 
-    Raises InputError for another ending or a file that cannot be written.
+    Raises InputError for an unknown suffix or a file that cannot be written.
     """
-    check(path)
+    check_figure_path(path)
     buffer = io.BytesIO()
     kind = path.suffix.lower()[1:]
     # Without a date, the same figure is the same file.

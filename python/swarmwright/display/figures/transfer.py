@@ -1,11 +1,20 @@
-"""The figure of a transfer: fitness in each target over fitness in the run's own simulation."""
+"""The figure of a transfer: fitness in each target over fitness in the run's simulation."""
 
 import textwrap
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.formatting import format_count
 from swarmwright.common.values import sort_key
-from swarmwright.display.figures.style import INK, SOFT, dress, entitle, look, new_figure, points, styled
+from swarmwright.display.figures.style import (
+    INK,
+    SOFT,
+    draw_title,
+    group_style,
+    new_figure,
+    scale_points,
+    style_axes,
+    use_style_fonts,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,16 +24,16 @@ if TYPE_CHECKING:
     from swarmwright.runs.transfer.transferred import Transferred
 
 _LABEL = 34
-"""Characters in a line of the legend."""
+"""Longest line of the legend, in characters."""
 _BEST, _OTHER = 7, 4
-"""Points: size of the best candidate of a run, and of the others."""
+"""Marker size in points of the best candidate of a run, and of the others."""
 
 
-@styled()
+@use_style_fonts()
 def draw(transfer: "Transfer") -> "Figure":
-    """Return the figure: a field for each target, a point for each candidate, with 95 % intervals."""
+    """Return the figure: axes for each target, a point for each candidate, with 95 % intervals."""
     count = len(transfer.targets)
-    # Colours do not depend on the order in which runs are given.
+    # Colours do not depend on the order of the runs.
     keys = {key for group in transfer.groups for key in group.differs}
     groups = sorted(transfer.groups, key=lambda group: sort_key(group.differs, keys))
     labels = [
@@ -34,49 +43,54 @@ def draw(transfer: "Transfer") -> "Figure":
         candidate.generation is None for transferred in transfer.runs for candidate in transferred.candidates
     ):
         labels.append(["random controllers"])
-    signs = _signs(transfer)
+    signs = _legend_signs(transfer)
     labels += [[name] for name, _ in signs]
-    # The legend has two columns, filled one after the other; fields keep their size beside it.
+    # The legend has two columns, filled one after the other; axes keep their size.
     first = (len(labels) + 1) // 2
     lines = max(sum(map(len, column)) for column in (labels[:first], labels[first:]))
     figure = new_figure(1.0 + 4.6 * count, 5.5 + 0.2 * lines)
     fields = figure.subplots(1, count, squeeze=False)[0]
     group_of = {str(run.path): index for index, group in enumerate(groups) for run in group.runs}
-    own = sorted({transferred.run.experiment.subject for transferred in transfer.runs})
+    subjects = sorted({transferred.run.experiment.subject for transferred in transfer.runs})
     for axes, target in zip(fields, transfer.targets, strict=True):
         for transferred in transfer.runs:
             if transferred.target == target:
-                _points(axes, transferred, group_of[str(transferred.run.path)])
+                _draw_points(axes, transferred, group_of[str(transferred.run.path)])
         low, high = (
             min(axes.get_xlim()[0], axes.get_ylim()[0]), max(axes.get_xlim()[1], axes.get_ylim()[1])
         )  # fmt: skip
-        axes.plot([low, high], [low, high], color=SOFT, linewidth=points(1), linestyle=":", zorder=1)
+        axes.plot([low, high], [low, high], color=SOFT, linewidth=scale_points(1), linestyle=":", zorder=1)
         axes.set_xlim(low, high)
         axes.set_ylim(low, high)
         axes.set_aspect("equal")
         axes.locator_params(nbins=6)
-        dress(axes, x=f"fitness in {', '.join(own)}", y=f"fitness in {target}")
-        axes.set_title("dotted: nothing is lost", loc="left", fontsize=points(10), color=SOFT)
+        style_axes(axes, x=f"fitness in {', '.join(subjects)}", y=f"fitness in {target}")
+        axes.set_title("dotted: equal fitness", loc="left", fontsize=scale_points(10), color=SOFT)
     handles = []
     for index, label in enumerate(labels[: len(labels) - len(signs)]):
         random = index == len(groups)
-        color = SOFT if random else look(index)[0]
+        color = SOFT if random else group_style(index)[0]
         inside = "none" if random else color
         line = fields[0].plot([], [], "o", color=color, markerfacecolor=inside, label="\n".join(label))
         handles += line
     handles += [fields[0].errorbar([], [], label=name, **style) for name, style in signs]
     legend = figure.legend(
-        handles=handles, loc="outside lower left", ncols=2, fontsize=points(10), frameon=False, labelcolor=INK
+        handles=handles,
+        loc="outside lower left",
+        ncols=2,
+        fontsize=scale_points(10),
+        frameon=False,
+        labelcolor=INK,
     )
     for text in legend.get_texts():
         text.set_parse_math(False)
     count = len({str(transferred.run.path) for transferred in transfer.runs})
-    entitle(figure, f"{format_count(count, 'run')}: transfer from {', '.join(own)}")
+    draw_title(figure, f"{format_count(count, 'run')}: transfer from {', '.join(subjects)}")
     return figure
 
 
-def _signs(transfer: "Transfer") -> list[tuple[str, dict[str, Any]]]:
-    """Return what the sizes of points and the lines across them mean, where there are any, with its style."""
+def _legend_signs(transfer: "Transfer") -> list[tuple[str, dict[str, Any]]]:
+    """Return the legend entries of marker sizes and intervals, with their styles."""
     plain: dict[str, Any] = {"color": SOFT, "fmt": "o"}
     signs: list[tuple[str, dict[str, Any]]] = []
     if any(len(run.candidates) > 1 for run in transfer.runs):
@@ -84,23 +98,23 @@ def _signs(transfer: "Transfer") -> list[tuple[str, dict[str, Any]]]:
             ("best of the run", {**plain, "markersize": _BEST}),
             ("other candidates of the run", {**plain, "markersize": _OTHER}),
         ]
-    fitness = [of for run in transfer.runs for of in (*run.source_fitness, *run.target_fitness)]
-    if any(of.low is not None for of in fitness):
-        bars = {"fmt": "none", "ecolor": SOFT, "elinewidth": points(0.8), "xerr": [], "yerr": []}
+    fitness = [mean for run in transfer.runs for mean in (*run.source_fitness, *run.target_fitness)]
+    if any(mean.low is not None for mean in fitness):
+        bars = {"fmt": "none", "ecolor": SOFT, "elinewidth": scale_points(0.8), "xerr": [], "yerr": []}
         signs.append(("95 % interval of the mean", bars))
     return signs
 
 
-def _points(axes: "Axes", transferred: "Transferred", group: int) -> None:
-    color, _ = look(group)
-    for index, (candidate, here, there) in enumerate(
+def _draw_points(axes: "Axes", transferred: "Transferred", group: int) -> None:
+    color, _ = group_style(group)
+    for index, (candidate, source, target) in enumerate(
         zip(transferred.candidates, transferred.source_fitness, transferred.target_fitness, strict=True)
     ):
         random = candidate.generation is None
-        across, up = (0.0 if of.low is None else of.mean - of.low for of in (here, there))
+        across, up = (0.0 if mean.low is None else mean.mean - mean.low for mean in (source, target))
         axes.errorbar(
-            here.mean, there.mean, up, across, fmt="o",
+            source.mean, target.mean, up, across, fmt="o",
             markersize=_BEST if index == 0 else _OTHER, color=SOFT if random else color,
             markerfacecolor="none" if random else color, alpha=0.9 if index == 0 else 0.6,
-            linewidth=points(0.8), zorder=3 if index == 0 else 2,
+            linewidth=scale_points(0.8), zorder=3 if index == 0 else 2,
         )  # fmt: skip

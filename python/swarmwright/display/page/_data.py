@@ -1,4 +1,4 @@
-"""Episodes as the page's script reads them."""
+"""Data of episodes for the page's script."""
 
 import base64
 import io
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Part, Shown
-from swarmwright.display._key import directed, scale_of
+from swarmwright.display._key import find_directed, scale_of
 from swarmwright.display._look import (
     CELLS,
     LED,
@@ -21,10 +21,10 @@ from swarmwright.display._look import (
     STATES,
     STRETCH,
     Looks,
-    floors,
+    floor_labels,
+    floor_patch,
+    is_moving,
     label,
-    moving,
-    whole,
 )
 from swarmwright.display._scene import Patch, Scene
 from swarmwright.display._trace import Trace
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
 
 EXACT = 300_000
-"""Numbers up to which they are binary32; more are parts of their range in 2 bytes."""
+"""Most numbers that are binary32; more are quantized to 2 bytes."""
 
 
-def packed(values: NDArray[Any], kind: str) -> dict[str, Any]:
-    """Return numbers as base64.
+def pack(values: NDArray[Any], kind: str) -> dict[str, Any]:
+    """Encode numbers as base64.
 
-    kind: f4 or i4 for binary32 and integers, u1 for 0..255, q1 and q2 for parts of the range in 1 or 2 bytes,
-    of which the largest stands for NaN.
+    kind: f4 or i4 for binary32 and integers, u1 for 0..255, q1 and q2 for quantization to 1 or 2 bytes, of
+    which the largest value is NaN.
     """
     if kind in {"f4", "i4", "u1"}:
         raw = np.ascontiguousarray(values, dtype={"f4": "<f4", "i4": "<i4", "u1": "u1"}[kind])
@@ -62,38 +62,38 @@ def packed(values: NDArray[Any], kind: str) -> dict[str, Any]:
 
 
 def number_kind(count: int, coarse: str = "q2") -> str:
-    """Return how so many numbers are packed."""
+    """Return the kind in which a number of values is packed."""
     return "f4" if count <= EXACT else coarse
 
 
-def series(values: NDArray[Any], kind: str | None = None, coarse: str = "q2") -> dict[str, Any]:
-    """Return numbers of things over time: once what never changes.
+def pack_series(values: NDArray[Any], kind: str | None = None, coarse: str = "q2") -> dict[str, Any]:
+    """Encode values over time; constant columns are stored once.
 
-    values: (scenes, things). kind: as for `packed`; None: by how many there are, `coarse` for many.
+    values: (scenes, things). kind: as for `pack`; None: by how many there are, `coarse` for many.
     """
     first = values[0]
     same = values == first
     if values.dtype.kind == "f":
         same |= np.isnan(values) & np.isnan(first)
-    which = np.flatnonzero(~same.all(axis=0))
-    changing = values[:, which]
+    changing_columns = np.flatnonzero(~same.all(axis=0))
+    changing_values = values[:, changing_columns]
     base_kind = kind or "f4"
-    result: dict[str, Any] = {"base": packed(first, base_kind), "which": packed(which, "i4")}
-    if len(which):
-        result["data"] = packed(changing.reshape(-1), kind or number_kind(changing.size, coarse))
+    result: dict[str, Any] = {"base": pack(first, base_kind), "which": pack(changing_columns, "i4")}
+    if len(changing_columns):
+        result["data"] = pack(changing_values.reshape(-1), kind or number_kind(changing_values.size, coarse))
     return result
 
 
 _MOST_PLACES = 4_000_000
-"""Places of moving bodies on a page; of longer episodes every second, third, .. scene is on it."""
+"""Most positions of moving bodies on a page; of longer episodes, every second, third, .. scene is used."""
 _MOST_TRACED = 3_000_000
-"""Sensors and actuators on a page; with more, those of the first agents are."""
+"""Most sensor and actuator values on a page; with more, only the first agents are included."""
 _MOST_LINKS = 1_000_000
 _MOST_RAYS = 2_000_000
 _MOST_PICTURES = 300
-"""Pictures on a page."""
+"""Most pictures on a page."""
 _LARGEST_PICTURE = (560, 560)
-"""Pixels of one."""
+"""Largest size of a picture, in pixels."""
 
 _TABLES = {
     "shapes": {name: path for name, (_, path) in SHAPES.items()},
@@ -103,26 +103,26 @@ _TABLES = {
     "stretch": STRETCH,
     "states": list(STATES),
 }
-"""What is the same on all pages."""
+"""Data that all pages share."""
 
 
 def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dict[str, Any], Looks]:
-    """Return episodes that are shown beside each other as plain values, and how their bodies look.
+    """Return episodes shown side by side as plain values, and the looks of their bodies.
 
-    step_seconds and speed; looks: shape and colour by label; states: colours of the states of controllers;
-    known_seconds: of a step in the simulated world, null where not known; kinds: names of kinds of agents;
-    shapes as paths; cells, moving, led, stretch: the kinds that fill a cell of a grid, that leave trails,
-    that show LEDs, and that are parts of walls; scale: what values of bodies are; shown; floors: what
-    legends call grey values; and episodes, see `_episode`.
+    step_seconds and speed; looks: shape and colour by label; states: colours of controller states;
+    known_seconds: simulated seconds of a step, null if unknown; kinds: names of kinds of agents; shapes as
+    paths; cells, moving, led, stretch: the kinds that fill a cell of a grid, leave trails, are LEDs, and are
+    wall sections; scale: of the bodies' values; shown; floors: labels of grey values; and episodes, see
+    `_episode`.
     """
-    every = list(chain.from_iterable(part.recording.scenes for part in parts))
-    looks = Looks(every)
-    scales = [found for part in parts if (found := scale_of(part.recording)) is not None]
+    scenes = list(chain.from_iterable(part.recording.scenes for part in parts))
+    looks = Looks(scenes)
+    scales = [scale for part in parts if (scale := scale_of(part.recording)) is not None]
     grounds: list[Scene] = []
-    known: list[object] = []
-    for scene in every:
-        if scene.patches not in known or scene.floor not in known:
-            known = [*known[-8:], scene.patches, scene.floor]
+    previous: list[object] = []
+    for scene in scenes:
+        if scene.patches not in previous or scene.floor not in previous:
+            previous = [*previous[-8:], scene.patches, scene.floor]
             grounds.append(scene)
     data = {
         "step_seconds": max(parts[0].recording.step_size, 0.02),
@@ -138,7 +138,7 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
             "high": max(scale.high for scale in scales),
         },
         "shown": vars(shown),
-        "floors": sorted(floors(*grounds).items()),
+        "floors": sorted(floor_labels(*grounds).items()),
         **_TABLES,
         "episodes": [_episode(part) for part in parts],
     }
@@ -146,8 +146,8 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
 
 
 def _looks(parts: Sequence[Part], looks: Looks) -> dict[str, dict[str, Any]]:
-    """Return shape and colour by label; `directed` of bodies with headings."""
-    headed = {label(*look) for part in parts for look in directed(part.recording)}
+    """Return shape and colour by label; `directed` for bodies with headings."""
+    headed = {label(*look) for part in parts for look in find_directed(part.recording)}
     return {
         name: {**look, "directed": True} if name in headed else {**look}
         for name, look in looks.plain().items()
@@ -158,20 +158,20 @@ def _episode(part: Part) -> dict[str, Any]:
     """Return an episode as plain values.
 
     name, width, height, origin, grid and message of the world; fitness so far at each scene, and metrics by
-    name, null where it is not finite; keys: scenes that are kept, `stride` apart; bodies; ground: [scene
-    from which, floor, patches, walls, lights]; and, where there are any, rays, links, trace, states of
-    agents, the machine of all of them, and groups of a team that have machines.
+    name, null if not finite; keys: included scenes, `stride` apart; bodies; ground: [first scene, floor,
+    patches, walls, lights]; and, if present, rays, links, trace, states of agents, the machine of all agents,
+    and groups of a team that have machines.
     """
     recording = part.recording
     scenes = recording.scenes
     first = scenes[0]
-    every = [Bodies.of(scene.bodies) for scene in scenes]
-    count = int(np.count_nonzero(moving(every[0])))
+    all_bodies = [Bodies.from_bodies(scene.bodies) for scene in scenes]
+    count = int(np.count_nonzero(is_moving(all_bodies[0])))
     stride = max(1, -(-len(scenes) * count // _MOST_PLACES))
     keys = list(range(0, len(scenes), stride))
     if keys[-1] != len(scenes) - 1:
         keys.append(len(scenes) - 1)
-    kept = [every[key] for key in keys]
+    key_bodies = [all_bodies[key] for key in keys]
     trace = recording.trace
     return {
         "name": part.name,
@@ -186,10 +186,10 @@ def _episode(part: Part) -> dict[str, Any]:
             for name, values in (trace.metrics if trace else {}).items()
         },
         "stride": stride,
-        "keys": packed(np.array(keys), "i4"),
-        "bodies": _bodies(kept),
+        "keys": pack(np.array(keys), "i4"),
+        "bodies": _bodies(key_bodies),
         "ground": _grounds(scenes),
-        "rays": _rays(kept),
+        "rays": _rays(key_bodies),
         "links": _links([scenes[key] for key in keys]),
         "trace": None if trace is None else _trace(trace, keys, part),
         "states": None if trace is None else states_data(trace, keys),
@@ -198,62 +198,64 @@ def _episode(part: Part) -> dict[str, Any]:
     }
 
 
-def _bodies(kept: Sequence[Bodies]) -> dict[str, Any]:
-    """Return bodies; `most`: of each look, in a scene."""
-    count = max(len(bodies) for bodies in kept)
-    looks = list(dict.fromkeys(look for bodies in kept for look in bodies.looks))
+def _bodies(key_bodies: Sequence[Bodies]) -> dict[str, Any]:
+    """Return bodies; `most`: largest number of each look in a scene."""
+    count = max(len(bodies) for bodies in key_bodies)
+    looks = list(dict.fromkeys(look for bodies in key_bodies for look in bodies.looks))
     index = {look: number for number, look in enumerate(looks)}
     most = dict.fromkeys(looks, 0)
-    look = np.zeros((len(kept), count), dtype=np.uint8 if len(looks) < 256 else np.int32)
+    look = np.zeros((len(key_bodies), count), dtype=np.uint8 if len(looks) < 256 else np.int32)
     numbers = {
-        name: np.full((len(kept), count), np.nan, dtype=np.float32)
+        name: np.full((len(key_bodies), count), np.nan, dtype=np.float32)
         for name in ("x", "y", "radius", "heading", "value")
     }
-    for row, bodies in enumerate(kept):
-        own = np.array([index[one] for one in bodies.looks], dtype=look.dtype)
-        look[row, : len(bodies)] = own[bodies.look] if len(own) else 0
-        for number, amount in zip(own, np.bincount(bodies.look, minlength=len(own)), strict=True):
+    for row, bodies in enumerate(key_bodies):
+        look_numbers = np.array([index[name] for name in bodies.looks], dtype=look.dtype)
+        look[row, : len(bodies)] = look_numbers[bodies.look] if len(look_numbers) else 0
+        for number, amount in zip(
+            look_numbers, np.bincount(bodies.look, minlength=len(look_numbers)), strict=True
+        ):
             most[looks[number]] = max(most[looks[number]], int(amount))
         for name, values in numbers.items():
             values[row, : len(bodies)] = getattr(bodies, name)
-    longest = max(kept, key=len)
+    longest = max(key_bodies, key=len)
     kinds = {"heading": "q1"}
     return {
         "count": count,
         "looks": looks,
-        "most": [most[one] for one in looks],
-        "agents": packed(longest.agents(), "i4"),
-        "labels": _labels(kept),
+        "most": [most[name] for name in looks],
+        "agents": pack(longest.agents(), "i4"),
+        "labels": _labels(key_bodies),
         "series": {
-            "look": series(look, "u1" if len(looks) < 256 else "i4"),
-            **{name: series(values, coarse=kinds.get(name, "q2")) for name, values in numbers.items()},
+            "look": pack_series(look, "u1" if len(looks) < 256 else "i4"),
+            **{name: pack_series(values, coarse=kinds.get(name, "q2")) for name, values in numbers.items()},
         },
     }
 
 
-def _labels(kept: Sequence[Bodies]) -> list[tuple[int, list[str]]]:
-    """Return labels of all bodies, with the kept scene from which they hold."""
+def _labels(key_bodies: Sequence[Bodies]) -> list[tuple[int, list[str]]]:
+    """Return labels of all bodies, with the first included scene of each set."""
     changes: list[tuple[int, list[str]]] = []
-    for row, bodies in enumerate(kept):
-        now = bodies.labels or []
-        if now != (changes[-1][1] if changes else []):
-            changes.append((row, now))
+    for row, bodies in enumerate(key_bodies):
+        labels = bodies.labels or []
+        if labels != (changes[-1][1] if changes else []):
+            changes.append((row, labels))
     return changes
 
 
 def _grounds(scenes: Sequence[Scene]) -> list[tuple[int, dict[str, Any]]]:
     changes: list[tuple[int, dict[str, Any]]] = []
-    before: tuple[object, ...] | None = None
+    previous: tuple[object, ...] | None = None
     for index, scene in enumerate(scenes):
         ground = (scene.floor, tuple(scene.patches), tuple(scene.walls), tuple(scene.lights))
-        if ground == before:
+        if ground == previous:
             continue
-        before = ground
+        previous = ground
         changes.append(
             (
                 index,
                 {
-                    "floor": None if scene.floor is None else _patch(whole(scene)),
+                    "floor": None if scene.floor is None else _patch(floor_patch(scene)),
                     "patches": [_patch(patch) for patch in scene.patches],
                     "walls": [{"points": _points(wall.points), "solid": wall.solid} for wall in scene.walls],
                     "lights": [
@@ -273,24 +275,24 @@ def _points(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in points]
 
 
-def _rays(kept: Sequence[Bodies]) -> dict[str, Any] | None:
-    count = max(len(bodies.ray_body) for bodies in kept)
-    if not 0 < count * len(kept) <= _MOST_RAYS:
+def _rays(key_bodies: Sequence[Bodies]) -> dict[str, Any] | None:
+    count = max(len(bodies.ray_body) for bodies in key_bodies)
+    if not 0 < count * len(key_bodies) <= _MOST_RAYS:
         return None
-    body = np.full((len(kept), count), -1, dtype=np.int32)
-    numbers = np.full((4, len(kept), count), np.nan, dtype=np.float32)
-    for row, bodies in enumerate(kept):
+    body = np.full((len(key_bodies), count), -1, dtype=np.int32)
+    numbers = np.full((4, len(key_bodies), count), np.nan, dtype=np.float32)
+    for row, bodies in enumerate(key_bodies):
         body[row, : len(bodies.ray_body)] = bodies.ray_body
         numbers[:, row, : len(bodies.ray_body)] = bodies.ray_numbers.T
     names = ("angle", "start", "length", "reading")
     return {
-        "body": series(body, "i4"),
-        **{name: series(values, coarse="q1") for name, values in zip(names, numbers, strict=True)},
+        "body": pack_series(body, "i4"),
+        **{name: pack_series(values, coarse="q1") for name, values in zip(names, numbers, strict=True)},
     }
 
 
 def _links(scenes: Sequence[Scene]) -> dict[str, Any] | None:
-    """Return pairs of bodies, each pair once, and where those of each kept scene begin."""
+    """Return pairs of bodies, without repetition, and the first pair of each included scene."""
     starts = [0]
     pairs: list[NDArray[Any]] = []
     for scene in scenes:
@@ -302,13 +304,13 @@ def _links(scenes: Sequence[Scene]) -> dict[str, Any] | None:
             return None
     if not starts[-1]:
         return None
-    return {"starts": packed(np.array(starts), "i4"), "ends": packed(np.concatenate(pairs).reshape(-1), "i4")}
+    return {"starts": pack(np.array(starts), "i4"), "ends": pack(np.concatenate(pairs).reshape(-1), "i4")}
 
 
 def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | None:
-    """Return what agents sensed and did at the kept scenes: names, and (scenes, agents) numbers of each.
+    """Return sensors and actuators at the included scenes: names, and values (scenes, agents) of each.
 
-    kinds: agents up to `end` that are of none before have these of the numbers alone: names, null for others.
+    kinds: agents up to `end`, beginning after the previous kind, have these names, null for unused values.
     """
     steps, agents, sensors = trace.sensors.shape
     width = sensors + trace.actuators.shape[2]
@@ -317,14 +319,14 @@ def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | No
     agents = min(agents, max(1, _MOST_TRACED // (len(keys) * width)))
     rows = [key for key in keys if key < steps]
     numbers = np.concatenate([trace.sensors[rows, :agents], trace.actuators[rows, :agents]], axis=2)
-    # Nothing follows the last scene.
+    # There is no step after the last scene.
     missing = np.full((len(keys) - len(rows), agents, width), np.nan, dtype=np.float32)
     numbers = np.concatenate([numbers, missing])
     kind = number_kind(numbers.size)
-    given = {"sensor": part.sensor_names, "actuator": part.actuator_names}
+    known_names = {"sensor": part.sensor_names, "actuator": part.actuator_names}
     names = [
-        given[what][index] if index < len(given[what]) else f"{what} {index}"
-        for what, count in (("sensor", sensors), ("actuator", width - sensors))
+        known_names[noun][index] if index < len(known_names[noun]) else f"{noun} {index}"
+        for noun, count in (("sensor", sensors), ("actuator", width - sensors))
         for index in range(count)
     ]
     return {
@@ -332,7 +334,7 @@ def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | No
         "sensors": sensors,
         "names": names,
         "kinds": _kinds(part, sensors, width - sensors),
-        "values": [packed(numbers[:, :, index].reshape(-1), kind) for index in range(width)],
+        "values": [pack(numbers[:, :, index].reshape(-1), kind) for index in range(width)],
     }
 
 
@@ -340,20 +342,20 @@ def _kinds(part: Part, sensors: int, actuators: int) -> list[dict[str, Any]]:
     kinds, end = [], 0
     for kind in part.kinds:
         if (len(kind.sensors), len(kind.actuators)) != (sensors, actuators):
-            return []  # not those of this episode
+            return []  # kinds of another episode
         end += kind.agents
         kinds.append({"name": kind.name, "end": end, "names": [*kind.sensors, *kind.actuators]})
     return kinds
 
 
 def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, Any]:
-    """Return an episode in pictures as plain values, as `page_data` without bodies.
+    """Return an episode of pictures as plain values, like `page_data` without bodies.
 
-    pictures: JPEG, as addresses that hold the data; picture_steps: the step of each.
+    pictures: JPEG images as data URLs; picture_steps: the step of each.
     """
     count = min(len(recording.pictures), _MOST_PICTURES)
     last = len(recording.pictures) - 1
-    chosen = sorted({round(place * last / max(count - 1, 1)) for place in range(count)})
+    chosen = sorted({round(number * last / max(count - 1, 1)) for number in range(count)})
     images = [recording.image(index) for index in chosen]
     return {
         "step_seconds": max(recording.step_size, 0.02),
@@ -394,20 +396,20 @@ def _number(value: float, digits: int) -> float | None:
 
 
 NO_STATE = 255
-"""Stands for an agent whose controller has no states."""
+"""State of an agent whose controller has no states."""
 
 
 def states_data(trace: Trace, keys: Sequence[int]) -> dict[str, Any] | None:
-    """Return the states that agents are in; None for controllers without states.
+    """Return the states of agents; None for controllers without states.
 
-    agents: how many; at: (scenes, agents), NO_STATE for an agent without states.
+    agents: their number; at: (scenes, agents), NO_STATE for agents without states.
     """
     if trace.states is None:
         return None
     states = trace.states[list(keys)]
     return {
         "agents": states.shape[1],
-        "at": packed(np.where(states < 0, NO_STATE, states).reshape(-1), "u1"),
+        "at": pack(np.where(states < 0, NO_STATE, states).reshape(-1), "u1"),
     }
 
 
@@ -418,4 +420,4 @@ def machine_data(trace: Trace, part: Part) -> Machine | None:
     """
     if trace.states is None or part.machines.groups is not None:
         return None
-    return part.machines.of_all(int(trace.states.max(initial=0)))
+    return part.machines.common_machine(int(trace.states.max(initial=0)))

@@ -1,4 +1,4 @@
-"""Episodes that a simulation draws itself, picture by picture: as an animation, a video, a still, a page."""
+"""Episodes drawn by the simulation itself: as an animation, a video, a still, or a page."""
 
 from swarmwright.display.pictures._files import save
 from swarmwright.display.pictures._record import Pictured, PictureRecording, Pictures, record

@@ -1,4 +1,4 @@
-"""Pictures of an episode as files, by the ending of the name."""
+"""Saving of episodes of pictures in formats by file suffix."""
 
 import io
 from collections.abc import Callable, Iterator
@@ -20,35 +20,34 @@ if TYPE_CHECKING:
 
 COLORS = 256
 _STILLS, _ROW = 6, 3
-"""Pictures of a still, and in each of its rows."""
+"""Pictures of a still, and of each of its rows."""
 _LINE_HEIGHT_PIXELS = 20
-"""Pixels of a line of text."""
+"""Height of a line of text, in pixels."""
 
 
 def save(
     recording: PictureRecording, path: Path, *, caption: Caption | None = None, speed: float = 1.0
 ) -> None:
-    """Write an episode; .gif and .mp4 move, .png shows six moments, .html is a page to play and step through.
+    """Save an episode: .gif and .mp4 as animations, .png as six moments, .html as a page with playback.
 
-    Raises ValueError for another ending, InputError when a video is wanted and what encodes it is not
-    installed, OSError.
+    Raises ValueError for an unknown suffix, InputError when ffmpeg is missing for a video, and OSError.
     """
     ending = path.suffix.lower()
     if ending not in _WRITERS:
-        raise ValueError(f"'{path}': files end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
+        raise ValueError(f"'{path}': unknown suffix; use {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
     _WRITERS[ending](recording, path, caption or Caption(), speed)
 
 
-def _animation(recording: PictureRecording, path: Path, _caption: Caption, speed: float) -> None:
+def _write_animation(recording: PictureRecording, path: Path, _caption: Caption, speed: float) -> None:
     from PIL import Image
 
-    chosen, seconds = recording.chosen(MOST_FRAMES, GIF_SECONDS, speed)
+    chosen, seconds = recording.select_pictures(MOST_FRAMES, GIF_SECONDS, speed)
     images = [recording.image(index) for index in chosen]
-    # One palette of the whole episode, without dithering: still areas stay the same, nothing flickers.
-    sample = [images[round(place * (len(images) - 1) / 3)].resize((160, 120)) for place in range(4)]
+    # One palette for the whole episode without dithering, so that static areas do not flicker.
+    sample = [images[round(number * (len(images) - 1) / 3)].resize((160, 120)) for number in range(4)]
     strip = Image.new("RGB", (640, 120))
-    for place, image in enumerate(sample):
-        strip.paste(image, (160 * place, 0))
+    for number, image in enumerate(sample):
+        strip.paste(image, (160 * number, 0))
     palette = strip.quantize(COLORS)
     frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [round(1000 * seconds)] * (len(frames) - 1) + [round(1000 * LAST_FRAME_SECONDS)]
@@ -59,22 +58,22 @@ def _animation(recording: PictureRecording, path: Path, _caption: Caption, speed
     path.write_bytes(buffer.getvalue())
 
 
-def _film(recording: PictureRecording, path: Path, caption: Caption, speed: float) -> None:
-    chosen, seconds = recording.chosen(len(recording.pictures), FILM_SECONDS, speed)
-    encode(_images(recording, chosen), seconds, path, title=caption.title)
+def _write_film(recording: PictureRecording, path: Path, caption: Caption, speed: float) -> None:
+    chosen, seconds = recording.select_pictures(len(recording.pictures), FILM_SECONDS, speed)
+    encode(_iterate_images(recording, chosen), seconds, path, title=caption.title)
 
 
-def _images(recording: PictureRecording, chosen: list[int]) -> "Iterator[Image]":
+def _iterate_images(recording: PictureRecording, chosen: list[int]) -> "Iterator[Image]":
     for index in chosen:
         yield recording.image(index)
 
 
-def _still(recording: PictureRecording, path: Path, caption: Caption, _speed: float) -> None:
-    """Six moments from the first to the last step, each with its step and the fitness so far."""
+def _write_still(recording: PictureRecording, path: Path, caption: Caption, _speed: float) -> None:
+    """Draw six moments from the first to the last step, each with step and fitness so far."""
     from PIL import Image, ImageDraw, ImageFont
 
     count = min(_STILLS, len(recording.pictures))
-    chosen = [round(place * (len(recording.pictures) - 1) / max(count - 1, 1)) for place in range(count)]
+    chosen = [round(number * (len(recording.pictures) - 1) / max(count - 1, 1)) for number in range(count)]
     images = [recording.image(index) for index in chosen]
     for image in images:
         image.thumbnail((400, 400))
@@ -85,8 +84,8 @@ def _still(recording: PictureRecording, path: Path, caption: Caption, _speed: fl
     sheet = Image.new("RGB", size, PAPER)
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
     draw.text((8, 5), caption.title, fill=INK, font=font)
-    for place, (index, image) in enumerate(zip(chosen, images, strict=True)):
-        row, column = divmod(place, columns)
+    for number, (index, image) in enumerate(zip(chosen, images, strict=True)):
+        row, column = divmod(number, columns)
         left, top = (
             8 + column * (width + 8),
             8 + _LINE_HEIGHT_PIXELS + row * (height + _LINE_HEIGHT_PIXELS + 8),
@@ -108,13 +107,13 @@ def _still(recording: PictureRecording, path: Path, caption: Caption, _speed: fl
     path.write_bytes(buffer.getvalue())
 
 
-def _page(recording: PictureRecording, path: Path, caption: Caption, speed: float) -> None:
+def _write_page(recording: PictureRecording, path: Path, caption: Caption, speed: float) -> None:
     write_pictures(recording, path, caption=caption, speed=speed)
 
 
 _WRITERS: dict[str, Callable[[PictureRecording, Path, Caption, float], None]] = {
-    ".html": _page,
-    ".gif": _animation,
-    ".mp4": _film,
-    ".png": _still,
+    ".html": _write_page,
+    ".gif": _write_animation,
+    ".mp4": _write_film,
+    ".png": _write_still,
 }

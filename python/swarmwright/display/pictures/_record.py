@@ -1,4 +1,4 @@
-"""An episode as the pictures that its simulation draws."""
+"""Recordings of episodes whose simulation draws pictures."""
 
 import io
 from collections.abc import Callable
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
 
 MOST_PICTURES = 600
-"""Pictures that are kept of an episode; of longer ones every second, fourth, .. step."""
+"""Most recorded pictures of an episode; of longer episodes, every second, fourth, .. step."""
 LARGEST_SIZE_PIXELS = (640, 640)
-"""Pixels of a picture; larger ones are scaled down."""
+"""Largest size of a picture in pixels; larger pictures are scaled down."""
 
 Draw = Callable[[], NDArray[np.uint8]]
-"""Draws what there is now, (height, width, 3)."""
+"""Draws the current state, (height, width, 3)."""
 
 
 @dataclass(frozen=True)
 class PictureRecording:
     """A whole episode in pictures.
 
-    pictures: as PNG. steps: the step of each, the first and the last one among them. fitness_so_far:
+    pictures: as PNG. steps: the step of each, including the first and the last. fitness_so_far:
     before the first step and after each. step_size: seconds between two steps when shown.
     """
 
@@ -51,11 +51,10 @@ class PictureRecording:
         with Image.open(io.BytesIO(self.pictures[index])) as opened:
             return opened.convert("RGB")
 
-    def chosen(self, most: int, shortest: float, speed: float) -> tuple[list[int], float]:
-        """Return which pictures a video shows, and the seconds that each is shown.
+    def select_pictures(self, most: int, shortest: float, speed: float) -> tuple[list[int], float]:
+        """Select the pictures of a video; return their indices and the seconds of each.
 
-        most: pictures. shortest: the least seconds that one is shown. speed: how many times faster than real
-        time.
+        most: most pictures. shortest: least seconds of a picture. speed: factor relative to real time.
         """
         seconds = max(self.step_size, 0.02) * (len(self.fitness_so_far) - 1) / speed
         count = max(1, min(len(self.pictures), most, int(seconds / shortest) + 1))
@@ -87,47 +86,51 @@ class Pictured:
         return self._episode.step_size
 
     def step(self) -> None:
-        """Move on by one step."""
+        """Advance by one step."""
         self._episode.step()
         self._step += 1
 
     def scene(self) -> SceneFields:
-        """Raise InputError: there are pictures only."""
-        raise InputError("this simulation draws pictures and no scenes; --save FILE.html, .gif, .mp4 or .png")
+        """Raise InputError, since the simulation draws pictures only."""
+        raise InputError(
+            "this simulation draws pictures instead of scenes; use --save FILE.html, .gif, .mp4 or .png"
+        )
 
     def text(self, columns: int, color: bool, rows: int, unicode: bool) -> str:
-        """Return the picture in characters, below a line with the step."""
-        return as_text(self._draw(), f"step {self._step}", columns, rows, color=color and unicode)
+        """Return the picture as characters, below a line with the step."""
+        return format_picture(self._draw(), f"step {self._step}", columns, rows, color=color and unicode)
 
 
 class Pictures:
-    """Pictures of an episode, kept while it goes on; of a long one every second, fourth, .. step."""
+    """Recorder of pictures of a running episode; of a long episode, every second, fourth, .. step."""
 
     def __init__(self, draw: Draw) -> None:
         self._draw = draw
-        self._kept: dict[int, bytes] = {}
+        self._pictures: dict[int, bytes] = {}
         self._fitness: list[float] = []
         self._every = 1
 
     def keep(self, fitness: float, *, ended: bool) -> None:
-        """Keep what there is before the first step, and after each; fitness: so far."""
+        """Record a picture, before the first step and after each step; fitness: so far."""
         self._fitness.append(fitness)
         step = len(self._fitness) - 1
         if step % self._every and not ended:
             return
-        self._kept[step] = _png(self._draw())
-        if len(self._kept) > MOST_PICTURES and not ended:
+        self._pictures[step] = _encode_png(self._draw())
+        if len(self._pictures) > MOST_PICTURES and not ended:
             self._every *= 2
-            self._kept = {step: picture for step, picture in self._kept.items() if step % self._every == 0}
+            self._pictures = {
+                step: picture for step, picture in self._pictures.items() if step % self._every == 0
+            }
 
     def recording(self, step_size: float) -> PictureRecording:
-        """Return what has been kept; step_size: seconds between two steps when shown."""
-        pictures, steps = tuple(self._kept.values()), tuple(self._kept)
+        """Return the recording; step_size: seconds between two steps when shown."""
+        pictures, steps = tuple(self._pictures.values()), tuple(self._pictures)
         return PictureRecording(pictures, steps, tuple(self._fitness[: steps[-1] + 1]), step_size)
 
 
 def record(episode: Playable, draw: Draw) -> PictureRecording:
-    """Step an episode to its end and keep pictures of it."""
+    """Step an episode to its end and record pictures."""
     pictures = Pictures(draw)
     pictures.keep(episode.fitness, ended=episode.done)
     while not episode.done:
@@ -136,7 +139,7 @@ def record(episode: Playable, draw: Draw) -> PictureRecording:
     return pictures.recording(episode.step_size)
 
 
-def _png(drawn: NDArray[np.uint8]) -> bytes:
+def _encode_png(drawn: NDArray[np.uint8]) -> bytes:
     from PIL import Image
 
     image = Image.fromarray(np.ascontiguousarray(drawn))
@@ -147,12 +150,12 @@ def _png(drawn: NDArray[np.uint8]) -> bytes:
 
 
 _SHADES = " .:-=+*#%@"
-"""From dark to bright."""
+"""Characters from dark to bright."""
 _RESET = "\x1b[0m"
 
 
-def as_text(drawn: NDArray[np.uint8], head: str, columns: int, rows: int, *, color: bool) -> str:
-    """Return a line and below it a picture, (height, width, 3), in at most so many columns and rows."""
+def format_picture(drawn: NDArray[np.uint8], head: str, columns: int, rows: int, *, color: bool) -> str:
+    """Return a heading and a picture, (height, width, 3), as text of at most this many columns and rows."""
     from PIL import Image
 
     image = Image.fromarray(np.ascontiguousarray(drawn))
@@ -162,11 +165,11 @@ def as_text(drawn: NDArray[np.uint8], head: str, columns: int, rows: int, *, col
     width, height = max(1, round(image.width * scale)), max(1, round(image.height * scale / 2))
     width, height = min(width, columns), min(height, available)
     small = np.asarray(image.resize((width, 2 * height), Image.Resampling.BOX))
-    lines = _colored(small) if color else _shaded(small)
+    lines = _format_colored(small) if color else _format_shaded(small)
     return "\n".join([escape_line(head)[:columns], *lines])
 
 
-def _colored(pixels: NDArray[np.uint8]) -> list[str]:
+def _format_colored(pixels: NDArray[np.uint8]) -> list[str]:
     lines = []
     for upper, lower in zip(pixels[::2].tolist(), pixels[1::2].tolist(), strict=True):
         cells = [
@@ -177,7 +180,7 @@ def _colored(pixels: NDArray[np.uint8]) -> list[str]:
     return lines
 
 
-def _shaded(pixels: NDArray[np.uint8]) -> list[str]:
+def _format_shaded(pixels: NDArray[np.uint8]) -> list[str]:
     bright = pixels.astype(float).mean(axis=2).reshape(len(pixels) // 2, 2, -1).mean(axis=1)
     levels = (bright / 256 * len(_SHADES)).astype(int)
     return ["".join(_SHADES[level] for level in row).rstrip() for row in levels.tolist()]

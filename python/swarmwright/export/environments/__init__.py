@@ -1,9 +1,9 @@
-"""Simulations as environments for learning: of PettingZoo for swarms, of Gymnasium for one agent.
+"""Simulations as environments for reinforcement learning: PettingZoo for swarms, Gymnasium for one agent.
 
     env = swarmwright.environments.parallel_env("arena", {"mission": "aggregation"})
 
-Libraries of reinforcement learning train with them, in the simulations, missions and robots that controllers
-are evolved in. The sum of an episode's rewards is its fitness.
+Reinforcement learning libraries train with them in the same simulations, missions and robots in which
+controllers evolve. The sum of an episode's rewards is its fitness.
 """
 
 from collections.abc import Mapping
@@ -26,24 +26,25 @@ def parallel_env(
     *,
     render_mode: Literal["rgb_array"] | None = None,
 ) -> "SwarmEnv":
-    """Return a simulation as a parallel environment of PettingZoo: all agents act in each step.
+    """Return a simulation as a parallel PettingZoo environment: all agents act in each step.
 
-    Agents are called agent_0, agent_1, .., or by the name of their group. Observations are what an agent
-    senses, float32 of any size; actions are its actuators, float32 in -1..1. All agents get the same reward:
-    by how much the fitness has changed; the sum over an episode is its fitness. At its end all are truncated
-    where the time of a built-in simulation was over, as always in the arena, else terminated, with `fitness`
-    and `metrics` in their infos. Copies, also by pickle, have begun no episode. `reset(seed=S)` is the
-    episode that the simulation has with this seed; without one, the episode of the next seed follows,
-    at first of `parameters.seed` (0).
+    Agents are named agent_0, agent_1, .., or after their group. Observations are an agent's sensors,
+    unbounded float32; actions are its actuators, float32 in -1..1. All agents get the same reward, the change
+    of the fitness; its sum over an episode is the fitness. At the end, all agents are truncated if the time
+    of a built-in simulation was over, as always in the arena, else terminated, with `fitness` and `metrics`
+    in their infos. Copies, also by pickle, start without an episode. `reset(seed=S)` begins the episode of
+    the simulation with this seed; without a seed, the episode of the next seed, initially `parameters.seed`
+    (0).
 
     Args:
         simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment, its file
-            (.yaml) or a mapping with its keys: then its simulation, parameters and fitness are used.
-        parameters: of the simulation, as in an experiment; for an experiment, those that differ.
+            (.yaml)
+            or a mapping with its keys, whose simulation, parameters and fitness are used.
+        parameters: of the simulation, as in an experiment; for an experiment, only the changes.
         render_mode: rgb_array: `render()` returns a picture, (height, width, 3) of uint8.
 
-    Raises InputError when PettingZoo is not installed, the simulation is not here, does not take these
-    parameters, or controls its agents itself.
+    Raises InputError when PettingZoo is not installed, the simulation is unknown, rejects the parameters, or
+    controls its agents itself.
     """
     try:
         from swarmwright.export.environments._parallel import SwarmEnv  # noqa: PLC0415 - PettingZoo may be missing
@@ -59,15 +60,15 @@ def gymnasium_env(
     *,
     render_mode: Literal["rgb_array"] | None = None,
 ) -> "AgentEnv":
-    """Return a simulation with one agent as an environment of Gymnasium; all as in `parallel_env`.
+    """Return a simulation with one agent as a Gymnasium environment; otherwise as `parallel_env`.
 
     Args:
         simulation: as in `parallel_env`.
         parameters: as in `parallel_env`.
         render_mode: as in `parallel_env`.
 
-    Raises InputError when Gymnasium is not installed, for a simulation with several agents, and as
-    `parallel_env`.
+    Raises InputError when Gymnasium is not installed, for a simulation with several agents, and in the
+    cases of `parallel_env`.
     """
     try:
         from swarmwright.export.environments._single import AgentEnv  # noqa: PLC0415 - Gymnasium may be missing

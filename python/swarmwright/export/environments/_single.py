@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError
-from swarmwright.export.environments._world import OfWorld, World
+from swarmwright.export.environments._world import World, WorldEnv
 
 
-class AgentEnv(OfWorld, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """A simulation with one agent as an environment; see `gymnasium_env`, which makes it."""
+class AgentEnv(WorldEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A simulation with one agent as an environment; see `gymnasium_env`, which creates it."""
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as in the base class
 
@@ -40,9 +40,9 @@ class AgentEnv(OfWorld, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]])
         seed: int | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin an episode: with this seed, or with one that is drawn from `np_random`."""
+        """Begin an episode with a seed, or with one drawn from `np_random`."""
         if seed is not None:
-            simulation_seed("seed", seed)  # before the base class takes it
+            simulation_seed("seed", seed)  # validate it before the base class uses it
         super().reset(seed=seed, options=options)
         sensed = self._world.reset(seed, self.np_random)[0]
         self._going = True
@@ -53,7 +53,7 @@ class AgentEnv(OfWorld, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]])
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Let the agent act."""
         if not self._going:
-            raise InputError("step: the episode has ended, or none has begun; call reset() first")
+            raise InputError("step: no episode is running; call reset() first")
         sensed, reward = self._world.step({0: action})
         self._going = bool(sensed)
         info = {} if self._going else self._world.outcome()

@@ -1,4 +1,4 @@
-"""What environments of all libraries have in common: an episode, its agents, and how its fitness changes."""
+"""Shared part of the environments: an episode, its agents, and the changes of its fitness."""
 
 import math
 from collections.abc import Mapping
@@ -25,14 +25,13 @@ _METRICS_OF_EARLY_ENDS: Mapping[str | None, tuple[str, ...]] = {
     "emergency_exit": ("out",),
     "minisim": ("arrived", "caught"),
 }
-"""Of built-in simulations, whose episodes end after some time: metrics that count agents which have ended
-before."""
+"""Metrics of built-in simulations that count agents that ended before the time limit."""
 _SEEDS = 2**63
-"""Seeds that are drawn are below."""
+"""Upper bound of drawn seeds."""
 
 
 class World:
-    """One simulation, episode after episode."""
+    """A simulation, episode after episode."""
 
     def __init__(
         self,
@@ -43,40 +42,41 @@ class World:
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: {render_mode!r} found, expected 'rgb_array' or None")
         self.arguments = (simulation, parameters, render_mode)
-        """What it was made with."""
+        """Arguments of the constructor."""
         kind = EpisodeSequence if render_mode is None else DrawnEpisodes
         self.episode = kind(simulation, parameters)
         self.experiment = self.episode.experiment
-        self._built_in = _built_in(self.experiment.simulation)
+        self._built_in = _find_built_in(self.experiment.simulation)
         self.render_mode = render_mode
         if not self.episode.actuators:
             raise InputError(
-                f"simulation: {self.experiment.simulation} controls its agents itself: nothing acts here"
+                f"simulation: {self.experiment.simulation} controls its agents itself, so there are no "
+                "actions"
             )
         self._fitness = 0.0
-        # Refused here where there is nothing to draw; Matplotlib takes long, and comes with `picture`.
+        # Fail early if there is nothing to draw; Matplotlib is imported later, in `picture`.
         if isinstance(self.episode, DrawnEpisodes) and self.episode.picture() is None:
             self.episode.scene()
         acting = self.episode.observe().agents.tolist()
         if not acting:
             raise InputError(
-                f"simulation: the episode of {self.experiment.simulation} has ended before its first step "
-                "with these parameters; make it longer, and see that it has agents"
+                f"simulation: the episode of {self.experiment.simulation} ends before its first step with "
+                "these parameters; make it longer, and check that it has agents"
             )
-        self.names = self._named(len(acting))
+        self.names = self._name_agents(len(acting))
         self.frames: dict[str, float] = (
             {"render_fps": 1 / seconds} if (seconds := self.episode.step_seconds) else {}
         )
-        """Of the metadata of environments: how fast it is shown."""
-        # Only a step tells whether agents act in turn.
+        """Frame rate for the metadata of environments."""
+        # Whether agents act in turn is known after a step.
         self.episode.step(np.zeros((len(acting), self.episode.actuators), np.float32))
         if self.episode.acts_in_turn or not set(self.episode.observe().agents.tolist()).issubset(acting):
             raise InputError(
-                f"simulation: the agents of {self.experiment.simulation} act in turn, those of parallel "
-                "environments at the same time; use swarmwright.Episodes"
+                f"simulation: the agents of {self.experiment.simulation} act in turn, but parallel "
+                "environments need simultaneous actions; use swarmwright.Episodes"
             )
 
-    def _named(self, count: int) -> list[str]:
+    def _name_agents(self, count: int) -> list[str]:
         groups = catalogue.groups(self.experiment.simulation, self.experiment.parameters)
         if not groups:
             self._sizes = [(self.episode.sensors, self.episode.actuators)] * count
@@ -87,7 +87,7 @@ class World:
         return [f"{group.name}_{index}" for group in groups for index in range(group.agents)]
 
     def spaces(self, agent: int) -> tuple[Box, Box]:
-        """Return the spaces of what an agent senses and does."""
+        """Return the observation space and the action space of an agent."""
         sensors, actuators = self._sizes[agent]
         return (
             Box(-np.inf, np.inf, (sensors,), np.float32),
@@ -95,41 +95,42 @@ class World:
         )
 
     def reset(self, seed: int | None, generator: np.random.Generator) -> dict[int, NDArray[np.float32]]:
-        """Begin an episode; return what the agents sense. generator: of the seed where there is none."""
+        """Begin an episode; return the sensors of agents. generator: of the seed if it is None."""
         chosen = int(generator.integers(_SEEDS)) if seed is None else simulation_seed("seed", seed)
         self.episode.restart(chosen)
         self._fitness = 0.0
-        self.last = self._sensed()
+        self.last = self._observe()
         return self.last
 
     def step(self, actions: Mapping[int, Any]) -> tuple[dict[int, NDArray[np.float32]], float]:
-        """Let agents act; return what those sense that act next, and the change of the fitness."""
+        """Let agents act; return the sensors of those that act next, and the change of the fitness."""
         agents = self.episode.observe().agents.tolist()
         rows = np.zeros((len(agents), self.episode.actuators), dtype=np.float32)
         for row, agent in zip(rows, agents, strict=True):
-            given = float32_of(self.names[agent], actions[agent])
+            action = float32_of(self.names[agent], actions[agent])
             expected = self._sizes[agent][1]
-            if given.shape != (expected,):
+            if action.shape != (expected,):
                 raise InputError(
-                    f"{self.names[agent]}: an action of the shape {given.shape} found, expected ({expected},)"
+                    f"{self.names[agent]}: an action of the shape {action.shape} found, expected "
+                    f"({expected},)"
                 )
-            if not np.isfinite(given).all():
+            if not np.isfinite(action).all():
                 raise InputError(
-                    f"{self.names[agent]}: the action {given.tolist()} found, expected finite numbers"
+                    f"{self.names[agent]}: the action {action.tolist()} found, expected finite numbers"
                 )
-            row[:expected] = given
+            row[:expected] = action
         self.episode.step(rows)
-        now = self._fitness_now()
-        reward, self._fitness = now - self._fitness, now
+        fitness = self._current_fitness()
+        reward, self._fitness = fitness - self._fitness, fitness
         if not self.episode.done:
-            self.last = {**self.last, **(sensed := self._sensed())}
+            self.last = {**self.last, **(sensed := self._observe())}
             return sensed, reward
         return {}, reward
 
-    def _fitness_now(self) -> float:
-        """Return the fitness so far: before the end the last one, 0 at first, where it has no value.
+    def _current_fitness(self) -> float:
+        """Return the fitness so far; without a value, the last one, initially 0.
 
-        Raises RunError where it has none at the end.
+        Raises RunError if there is no value at the end.
         """
         try:
             values, faults = fitness_and_faults(self.episode)
@@ -137,9 +138,9 @@ class World:
             if self.episode.done:
                 raise
             return self._fitness
-        now = float(values[0])
-        if math.isfinite(now):
-            return now
+        fitness = float(values[0])
+        if math.isfinite(fitness):
+            return fitness
         if self.episode.done:
             reason = f"fitness: {faults[0].reason}" if faults else "its fitness is not a finite number"
             raise RunError(f"the episode failed: {reason}")
@@ -147,7 +148,7 @@ class World:
 
     @property
     def is_truncated(self) -> bool:
-        """Whether the episode has ended since its time was over: agents do not sense how much is left."""
+        """Whether the episode has ended because its time was over, which agents cannot sense."""
         counted = _METRICS_OF_EARLY_ENDS.get(self._built_in)
         if counted is None:
             return self.episode.is_truncated
@@ -157,12 +158,12 @@ class World:
         return sum(float(metrics[name][0]) for name in counted) < self._finishing
 
     def outcome(self) -> dict[str, Any]:
-        """Return what is known at the end of an episode."""
+        """Return fitness, metrics and seed at the end of an episode."""
         metrics = {name: float(values[0]) for name, values in self.episode.metrics.items()}
         return {"fitness": self._fitness, "metrics": metrics, "seed": self.episode.seeds[0]}
 
     def picture(self) -> NDArray[np.uint8] | None:
-        """Return what the world looks like, (height, width, 3)."""
+        """Return a picture of the world, (height, width, 3)."""
         if not isinstance(self.episode, DrawnEpisodes):
             return None
         drawn = self.episode.picture()
@@ -172,28 +173,28 @@ class World:
         recording = Recording((scene,), (self._fitness,), self.episode.step_seconds)
         return np.asarray(Picture(recording, dpi=_DPI).image(scene, 0.0))
 
-    def _sensed(self) -> dict[int, NDArray[np.float32]]:
-        seen = self.episode.observe()
-        rows = zip(seen.agents.tolist(), seen.sensors, strict=True)
+    def _observe(self) -> dict[int, NDArray[np.float32]]:
+        observation = self.episode.observe()
+        rows = zip(observation.agents.tolist(), observation.sensors, strict=True)
         return {agent: row[: self._sizes[agent][0]].copy() for agent, row in rows}
 
 
-class OfWorld:
-    """An environment of one simulation; its copies, also by pickle, have begun no episode."""
+class WorldEnv:
+    """Base class of environments; copies, also by pickle, start without an episode."""
 
     _world: World
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how another one is made, for copies and other processes."""
-        return _of_world, (type(self), *self._world.arguments)
+        """Return the constructor and its arguments, for copies and other processes."""
+        return _create_environment, (type(self), *self._world.arguments)
 
 
-def _of_world(kind: Any, *arguments: Any) -> Any:  # noqa: ANN401 - a class of environments, what its world is of
+def _create_environment(kind: Any, *arguments: Any) -> Any:  # noqa: ANN401 - a class of environments, arguments of its world
     return kind(World(*arguments))
 
 
-def _built_in(simulation: str) -> str | None:
-    """Return the built-in simulation whose episodes one has; also those of missions in a class in Python."""
+def _find_built_in(simulation: str) -> str | None:
+    """Return the built-in simulation of a name, also for missions in a Python class."""
     if is_python(simulation):
         return catalogue.ARENA if catalogue.has_missions(simulation) else None
     return catalogue.find_built_in(simulation)

@@ -1,9 +1,4 @@
-"""From the parts of a model to an experiment, with a comment on where each line comes from.
-
-Kinds of agents with different sensors or actuators, as the groups of a team.
-
-Parameters of a model as parameters of its simulation: those with a value, and those that are evolved.
-"""
+"""Conversion of a model to an experiment, with comments that name the source of each line."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -25,11 +20,11 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.importing import Imported
 from swarmwright.experiment.start_from import entry_of
 from swarmwright.experiment.validation import check
-from swarmwright.interop.models._files import files_of
+from swarmwright.interop.models._files import list_files
 from swarmwright.interop.models._files import load as load_part
 from swarmwright.interop.models._model import Model
-from swarmwright.interop.models._names import Known, title_of
-from swarmwright.interop.models._parts import Member, Optimised, Place, Problems
+from swarmwright.interop.models._names import SimulationParameters, find_title
+from swarmwright.interop.models._parts import Location, Member, OptimisedParameter, Problems
 from swarmwright.methods import METHODS
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import make_absolute, make_relative
@@ -37,185 +32,199 @@ from swarmwright.simulations.names import make_absolute, make_relative
 
 @dataclass
 class Parameters:
-    """By the name that the simulation has for each, with where it comes from."""
+    """Parameters of the simulation by name, with the source of each."""
 
     fixed: dict[str, tuple[Any, str]] = field(default_factory=dict)
     evolved: dict[str, tuple[dict[str, Any], str]] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
-    """Comments on what the simulation does not have."""
+    omitted: list[str] = field(default_factory=list)
+    """Comments on parameters that the simulation does not have."""
     notes: list[str] = field(default_factory=list)
     agents: int = 0
-    """How many agents the model has at most; 0 if it does not say."""
+    """Largest number of agents of the model; 0 if unknown."""
 
     @classmethod
-    def of(cls, model: Model, known: Known, *, evolved: bool) -> Self:
+    def from_model(cls, model: Model, simulation: SimulationParameters, *, evolved: bool) -> Self:
         """Return the parameters of a model.
 
         evolved: whether its optimised parameters are evolved; else they keep the simulation's defaults.
 
-        Raises InputError when an optimised parameter is none of the simulation's, two are the same one, or a
-        name may stand for several.
+        Raises InputError for an optimised parameter that the simulation does not have, for two that are the
+        same parameter, and for ambiguous names.
         """
-        found = cls()
-        found._take_properties(model, known)
-        if model.differ and known.parameters is not None:
-            found._take_groups(model, known, evolved=evolved)
+        parameters = cls()
+        parameters._take_properties(model, simulation)
+        if model.has_groups and simulation.parameters is not None:
+            parameters._take_groups(model, simulation, evolved=evolved)
         else:
-            found._take_members(model, known)
+            parameters._take_members(model, simulation)
         if evolved:
-            found._take_optimised(model, known)
+            parameters._take_optimised(model, simulation)
         elif model.optimised:
             names = ", ".join(parameter.name for parameter in model.optimised)
-            found.notes.append(f"the optimised parameters {names} are not evolved, but the controller is")
-        return found
+            parameters.notes.append(
+                f"the optimised parameters {names} are not evolved; the controller is evolved instead"
+            )
+        return parameters
 
-    def _take_properties(self, model: Model, known: Known) -> None:
+    def _take_properties(self, model: Model, simulation: SimulationParameters) -> None:
         problems = Problems()
-        named = [(property_.name, property_.place) for property_ in model.properties]
-        if known.agents is None:
-            named += [(member.name, member.place) for member in model.members]
-        for name, place in named:
-            if known.is_ambiguous(name):
-                problems.add(place, known.missing(name))
+        names = [(property_.name, property_.location) for property_ in model.properties]
+        if simulation.agents is None:
+            names += [(member.name, member.location) for member in model.members]
+        for name, location in names:
+            if simulation.is_ambiguous(name):
+                problems.add(location, simulation.describe_problem(name))
         problems.stop()
         for property_ in model.properties:
-            own = known.name(property_.name)
-            if own is None:
-                given = f"{escape_line(property_.name)} = {escape_line(str(property_.value))}"
-                self.left_out.append(f"{given}: {known.missing(property_.name)}")
+            parameter = simulation.find(property_.name)
+            if parameter is None:
+                assignment = f"{escape_line(property_.name)} = {escape_line(str(property_.value))}"
+                self.omitted.append(f"{assignment}: {simulation.describe_problem(property_.name)}")
             else:
-                self.fixed[own] = (
+                self.fixed[parameter] = (
                     property_.value,
-                    f"{property_.name}, {property_.place.file.name}:{property_.place.line}",
+                    f"{property_.name}, {property_.location.file.name}:{property_.location.line}",
                 )
 
-    def _take_members(self, model: Model, known: Known) -> None:
+    def _take_members(self, model: Model, simulation: SimulationParameters) -> None:
         if not model.members:
             return
         self.agents = sum(member.number for member in model.members)
         counts = [(member.name, member.number, member) for member in model.members]
-        place = model.members[0].place
-        where = f"{' + '.join(member.name for member in model.members)}, {place.file.name}:{place.line}"
-        if known.agents is not None:
-            before = self.fixed.get(known.agents)
-            if before is not None and before[0] != self.agents:
+        location = model.members[0].location
+        source = (
+            f"{' + '.join(member.name for member in model.members)}, {location.file.name}:{location.line}"
+        )
+        if simulation.agents is not None:
+            previous = self.fixed.get(simulation.agents)
+            if previous is not None and previous[0] != self.agents:
                 self.notes.append(
-                    f"{known.agents}: {before[1]} says {before[0]}, the swarm has {self.agents}, which "
-                    "is taken"
+                    f"{simulation.agents}: {previous[1]} says {previous[0]}, but the swarm has "
+                    f"{self.agents}, which is used"
                 )
-            self.fixed[known.agents] = self.agents, where
+            self.fixed[simulation.agents] = self.agents, source
             if len(model.members) > 1:
                 names = ", ".join(member.name for member in model.members)
                 self.notes.append(
-                    f"{known.simulation} has agents of one kind: {names} are {self.agents} of them"
+                    f"{simulation.simulation} has one kind of agents: {names} become {self.agents} agents"
                 )
             return
         for name, number, member in counts:
-            own = known.name(name)
-            if own is None:
-                self.left_out.append(f"{escape_line(name)} = {number}: {known.missing(name)}")
+            parameter = simulation.find(name)
+            if parameter is None:
+                self.omitted.append(f"{escape_line(name)} = {number}: {simulation.describe_problem(name)}")
             else:
-                self.fixed[own] = (
+                self.fixed[parameter] = (
                     number,
-                    f"{member.launch_file or name}, {place.file.name}:{member.place.line}",
+                    f"{member.launch_file or name}, {location.file.name}:{member.location.line}",
                 )
 
-    def _take_groups(self, model: Model, known: Known, *, evolved: bool) -> None:
-        """Take the numbers of agents of each kind; in a team, groups state those without a parameter.
+    def _take_groups(self, model: Model, simulation: SimulationParameters, *, evolved: bool) -> None:
+        """Take the numbers of agents of each kind; a team states numbers without a parameter itself.
 
-        Raises InputError when agents that steer themselves are of a kind that the simulation does not have.
+        Raises InputError if agents control themselves and the simulation has no parameter for their number.
         """
         problems = Problems()
         self.agents = sum(member.number for member in model.members)
         for member in model.members:
-            own = known.number_of(member.name)
-            if own is not None:
-                where = f"{member.name}, {member.place.file.name}:{member.place.line}"
-                self.fixed[own] = member.number, where
+            parameter = simulation.find_agents_of(member.name)
+            if parameter is not None:
+                source = f"{member.name}, {member.location.file.name}:{member.location.line}"
+                self.fixed[parameter] = member.number, source
             elif evolved:
                 problems.add(
-                    member.place,
-                    f"senses or does other things than other agents, but {known.simulation} has no parameter "
-                    "with the number of agents of this kind",
+                    member.location,
+                    "its sensors or actuators differ from those of other agents, but "
+                    f"{simulation.simulation} has no parameter for the number of these agents",
                 )
         problems.stop()
 
-    def _take_optimised(self, model: Model, known: Known) -> None:
+    def _take_optimised(self, model: Model, simulation: SimulationParameters) -> None:
         problems = Problems()
         names = [member.name for member in model.members]
         for parameter in model.optimised:
-            found = alike(parameter.name, names)
-            if len(found) > 1:
-                which = " or ".join(repr(names[index]) for index in found)
+            matches = alike(parameter.name, names)
+            if len(matches) > 1:
+                candidates = " or ".join(repr(names[index]) for index in matches)
                 problems.add(
-                    parameter.place, f"{parameter.name!r} may be the agents {which}; write one of these names"
+                    parameter.location,
+                    f"{parameter.name!r} is ambiguous: {candidates}; write one of these names",
                 )
                 continue
-            member = model.members[found[0]] if found else None
-            name = known.name(parameter.name)
+            member = model.members[matches[0]] if matches else None
+            name = simulation.find(parameter.name)
             if member is not None and len(model.members) == 1:
-                name = known.agents or name  # the number of agents is what is optimised
-            elif member is not None and model.differ:
-                name = known.number_of(member.name)
+                name = simulation.agents or name  # the number of agents is optimised
+            elif member is not None and model.has_groups:
+                name = simulation.find_agents_of(member.name)
             if name is None:
-                problems.add(parameter.place, known.missing(parameter.name))
+                problems.add(parameter.location, simulation.describe_problem(parameter.name))
                 continue
             if name in self.evolved:
                 problems.add(
-                    parameter.place, f"{parameter.name} is the same parameter as another one, {name}"
+                    parameter.location,
+                    f"{parameter.name} is the parameter {name}, which is already optimised; remove one of "
+                    "them",
                 )
                 continue
             if member is not None and self.agents:
                 self.agents += max(0, int(parameter.range[1]) - member.number)
             self.fixed.pop(name, None)
-            self.evolved[name] = _options(parameter), _where(parameter)
+            self.evolved[name] = _options(parameter), _describe_source(parameter)
         problems.stop()
 
 
-def _options(parameter: Optimised) -> dict[str, Any]:
+def _options(parameter: OptimisedParameter) -> dict[str, Any]:
     return {"type": "integer" if parameter.whole else "real", "range": parameter.range}
 
 
-def _where(parameter: Optimised) -> str:
+def _describe_source(parameter: OptimisedParameter) -> str:
     scaled = (
         "" if parameter.scale == 1 else f", {parameter.low} to {parameter.high} times {parameter.scale:g}"
     )
-    return f"{parameter.meta}{scaled}, {parameter.place.file.name}:{parameter.place.line}"
+    return f"{parameter.meta}{scaled}, {parameter.location.file.name}:{parameter.location.line}"
 
 
-Groups = dict[str, tuple[dict[str, Any], Place]]
-"""Options of the groups of a team by name, with what each comes from."""
+Groups = dict[str, tuple[dict[str, Any], Location]]
+"""Options of the groups of a team by name, with their sources."""
 
 
-def groups_of(model: Model, known: Known, parameters: Mapping[str, Any], kind: str) -> Groups:
+def build_groups(
+    model: Model, simulation: SimulationParameters, parameters: Mapping[str, Any], kind: str
+) -> Groups:
     """Return the groups of a model's team.
 
     Args:
         model: with several kinds of agents.
-        known: its simulation. Where it declares groups, they have its names, and numbers of agents, sensors
-            and actuators are checked; else they state these numbers.
+        simulation: its simulation. If it declares groups, their names are used and numbers of agents, sensors
+            and
+            actuators are checked; else the options contain these numbers.
         parameters: of the simulation.
         kind: of the controllers.
 
     Raises:
-        InputError: the groups are not those of the simulation, or agents cannot have a controller.
+        InputError: the groups do not match the simulation, or agents lack sensors or actuators.
     """
     problems = Problems()
     for member in model.members:
-        for what, ways, names in (("sensors", "in", member.sensors), ("actuators", "out", member.actuators)):
+        for name, direction, names in (
+            ("sensors", "in", member.sensors),
+            ("actuators", "out", member.actuators),
+        ):
             if not names:
                 problems.add(
-                    member.place, f"has no {what} ({ways}); agents with a controller need at least one"
+                    member.location,
+                    f"has no {name} ({direction}); add at least one, which a controller needs",
                 )
     problems.stop()
     declared: list[DeclaredGroup] = []
-    if known.description is not None:
-        with suppress(InputError):  # parameters that the simulation refuses are reported with the experiment
-            declared = catalogue.groups(known.simulation, dict(parameters))
+    if simulation.description is not None:
+        with suppress(InputError):  # invalid parameters are reported with the experiment
+            declared = catalogue.groups(simulation.simulation, dict(parameters))
     if not declared:
-        return {member.name: ({"kind": kind, **_counts(member)}, member.place) for member in model.members}
-    groups = _matched(model, known.simulation, declared)
-    return {group.name: ({"kind": kind}, groups[group.name].place) for group in declared}
+        return {member.name: ({"kind": kind, **_counts(member)}, member.location) for member in model.members}
+    groups = _match_groups(model, simulation.simulation, declared)
+    return {group.name: ({"kind": kind}, groups[group.name].location) for group in declared}
 
 
 def _counts(member: Member) -> dict[str, int]:
@@ -226,98 +235,102 @@ def _counts(member: Member) -> dict[str, int]:
     }
 
 
-def _matched(model: Model, simulation: str, declared: list[DeclaredGroup]) -> dict[str, Member]:
-    """Return the kinds of agents by the names of the simulation's groups. Raises InputError."""
-    problems, found = Problems(), dict[str, Member]()
+def _match_groups(model: Model, simulation: str, declared: list[DeclaredGroup]) -> dict[str, Member]:
+    """Match kinds of agents with the simulation's groups. Raises InputError for mismatches."""
+    problems, members = Problems(), dict[str, Member]()
     names = [declaration.name for declaration in declared]
     for member in model.members:
         index = next(iter(alike(member.name, names)), None)
         if index is None:
             problems.add(
-                member.place,
-                f"is no group of agents of {simulation}{did_you_mean(member.name, names) or ';'} its groups: "
-                f"{', '.join(names)}",
+                member.location,
+                f"{simulation} has no such group of agents{did_you_mean(member.name, names) or ';'} its "
+                f"groups: {', '.join(names)}",
             )
             continue
         group = declared[index]
-        if group.name in found:
-            problems.add(member.place, f"is the same group as {found[group.name].name}; keep one")
-        found[group.name] = member
-        for what, number in _counts(member).items():
-            expected = getattr(group, what)
+        if group.name in members:
+            problems.add(
+                member.location, f"is the same group as {members[group.name].name}; keep one of them"
+            )
+        members[group.name] = member
+        for noun, number in _counts(member).items():
+            expected = getattr(group, noun)
             if number != expected:
                 problems.add(
-                    member.place, f"has {number} {what}, but {group.name} of {simulation} have {expected}"
+                    member.location, f"has {number} {noun}, but {group.name} of {simulation} have {expected}"
                 )
-    missing = [name for name in names if name not in found]
+    missing = [name for name in names if name not in members]
     if missing and not problems.lines:
         problems.add(
-            model.members[0].place,
-            f"{simulation} has {' and '.join(missing)}, too; add a part with this name for each",
+            model.members[0].location,
+            f"{' and '.join(missing)} of {simulation} missing; add a part with this name for each",
         )
     problems.stop()
-    return found
+    return members
 
 
 _STEERING = ("steering", "rule")
-"""The parameter of Minisim, and its value with which agents steer themselves."""
+"""The parameter of Minisim, and its value, by which agents control themselves."""
 _SET, _MACHINE, _TEAM = "parameter_set", "mealy_fsm", "team"
 
 
 class Draft:
-    """What is evolved of a model, and how that is written.
+    """An experiment file under construction.
 
     Args:
-        model: all its files.
-        simulation: as experiments name it.
+        model: the model.
+        simulation: its name in experiments.
         folder: of the experiment file.
         method: kind of the method.
-        controller: kind of the controller; None: as the model says.
+        controller: kind of the controller; None: derived from the model.
 
-    Raises InputError when the model does not fit the simulation, or the kind of controller.
+    Raises InputError when the model does not match the simulation or the kind of controller.
     """
 
     def __init__(
         self, model: Model, simulation: str, folder: Path, method: str, controller: str | None
     ) -> None:
         self.model, self.simulation, self.folder, self.method = model, simulation, folder, method
-        self.known = Known(simulation)
+        self.known_parameters = SimulationParameters(simulation)
         self.notes = [note for part in model.parts for note in part.notes]
-        model.check_numbers(self.known)
+        model.check_numbers(self.known_parameters)
         self.kind = controller or self._kind()
         self._check_kind()
-        self.parameters = Parameters.of(
-            model, self.known, evolved=self.kind == _SET and bool(model.optimised)
+        self.parameters = Parameters.from_model(
+            model, self.known_parameters, evolved=self.kind == _SET and bool(model.optimised)
         )
         self.notes += self.parameters.notes
         self.groups = self._groups()
         if self.kind == _SET and self._can_steer:
-            self.parameters.fixed.setdefault(_STEERING[0], (_STEERING[1], "agents steer themselves"))
-        if self.known.description is None:
-            near = nearest(simulation, (*catalogue.titles(), *SIMULATORS))
-            hint = "" if near in {None, simulation} else f" (did you mean '{near}'?)"
+            self.parameters.fixed.setdefault(_STEERING[0], (_STEERING[1], "agents control themselves"))
+        if self.known_parameters.description is None:
+            closest = nearest(simulation, (*catalogue.titles(), *SIMULATORS))
+            hint = "" if closest in {None, simulation} else f" (did you mean '{closest}'?)"
             self.notes.append(
-                f"no built-in simulation is called {simulation}{hint}. A simulation server has to offer it, "
-                "or name another one with --simulation"
+                f"{simulation} is not a built-in simulation{hint}. Start a simulation server that offers it, "
+                "or name another simulation with --simulation"
             )
         if model.behaviour is not None and self.kind != _MACHINE:
             self.notes.append(
-                f"{model.behaviour.path}: the behaviour is not used, since the controller is {self.kind}; "
-                f"--controller {_MACHINE} evolves it"
+                f"{model.behaviour.path}: the behaviour is not used because the controller is {self.kind}; "
+                f"use --controller {_MACHINE} to evolve it"
             )
 
     def _groups(self) -> Groups:
-        """Return the groups of a team; empty where all agents have the same controller."""
-        if not self.model.differ or self.kind == _SET:
+        """Return the groups of a team; empty if all agents share one controller."""
+        if not self.model.has_groups or self.kind == _SET:
             return {}
         kind = "layered" if self.kind == _TEAM else self.kind
         fixed = {name: value for name, (value, _) in self.parameters.fixed.items()}
-        return groups_of(self.model, self.known, fixed, kind)
+        return build_groups(self.model, self.known_parameters, fixed, kind)
 
     @property
     def _can_steer(self) -> bool:
-        """Whether agents steer themselves by a parameter of the simulation."""
-        return self.known.parameters is not None and _STEERING[0] in self.known.parameters
+        """Whether a parameter of the simulation lets agents control themselves."""
+        return (
+            self.known_parameters.parameters is not None and _STEERING[0] in self.known_parameters.parameters
+        )
 
     def _kind(self) -> str:
         steered = self.simulation in catalogue.titles() and not self._can_steer
@@ -329,53 +342,55 @@ class Draft:
         steered = self.simulation in catalogue.titles() and not self._can_steer
         if self.kind == _SET and self.model.optimised and steered:
             raise InputError(
-                f"{self.model.file_of('optimised parameters')}: parameters are evolved where agents steer "
-                f"themselves, but {self.simulation} is steered by a controller; name another one with "
-                "--controller layered, or another simulation"
+                f"{self.model.file_of('optimised parameters')}: parameters can only be evolved if agents "
+                f"control themselves, but {self.simulation} needs a controller; use --controller layered, or "
+                "another simulation"
             )
-        if self.kind == _MACHINE and self.model.behaviour is not None and self.model.differ:
+        if self.kind == _MACHINE and self.model.behaviour is not None and self.model.has_groups:
             raise InputError(
-                f"{self.model.behaviour.path}: the behaviour is that of one kind of agents, but there are "
-                f"several with different sensors or actuators; leave it out, or name another controller with "
-                "--controller layered"
+                f"{self.model.behaviour.path}: a behaviour applies to one kind of agents, but the model "
+                "has several with different sensors or actuators; remove the behaviour, or use --controller "
+                "layered"
             )
 
     @cached_property
     def behaviour(self) -> dict[str, Any] | None:
-        """The controller that evolution starts from; None without one.
+        """The controller from which evolution starts; None without one.
 
-        Raises InputError when its sensors and actuators are not those of the simulation.
+        Raises InputError when its sensors and actuators do not match the simulation.
         """
         if self.model.behaviour is None or self.kind != _MACHINE:
             return None
         sensors, actuators = self.model.sensor_names, self.model.actuator_names
-        if self.known.description is not None:
+        if self.known_parameters.description is not None:
             fixed = {name: value for name, (value, _) in self.parameters.fixed.items()}
             described = catalogue.description(self.simulation, fixed)
-            sensors = list(described["sensor_names"]) or _numbered("sensors", described["sensors"])
-            actuators = list(described["actuator_names"]) or _numbered("actuators", described["actuators"])
+            sensors = list(described["sensor_names"]) or _number_names("sensors", described["sensors"])
+            actuators = list(described["actuator_names"]) or _number_names(
+                "actuators", described["actuators"]
+            )
         elif not sensors and self.model.sensors is not None and not self.model.behaviour.sensors:
-            sensors = _numbered("sensors", self.model.sensors)
+            sensors = _number_names("sensors", self.model.sensors)
         return self.model.behaviour.specification(sensors, actuators)
 
     def text(self, machine: str | None) -> str:
-        """Return the experiment file; machine: the name of the file with the behaviour, beside it."""
+        """Return the experiment file; machine: name of the file with the behaviour beside it."""
         files = ", ".join(escape_line(part.path.name) for part in self.model.parts)
         lines = [
             f"# Made by `swarmwright import` of {files}.",
             "",
             f"simulation: {_text(make_relative(self.simulation, self.folder))}",
-            *self._announced(),
+            *self._format_requirements(),
             "",
             "parameters:" if self.parameters.fixed else "parameters: {}",
         ]
-        lines += [_line(name, value, where) for name, (value, where) in self.parameters.fixed.items()]
-        lines += [f"  # not taken over: {escape_line(reason)}" for reason in self.parameters.left_out]
+        lines += [_line(name, value, source) for name, (value, source) in self.parameters.fixed.items()]
+        lines += [f"  # not imported: {escape_line(reason)}" for reason in self.parameters.omitted]
         lines += ["", "controller:", f"  kind: {_TEAM if self.groups else self.kind}"]
         if self.groups:
             lines.append("  groups:")
             lines += [
-                _line(name, options, f"{place.what}, {place.file.name}:{place.line}", "    ")
+                _line(name, options, f"{place.element}, {place.file.name}:{place.line}", "    ")
                 for name, (options, place) in self.groups.items()
             ]
         if self.parameters.evolved:
@@ -384,16 +399,16 @@ class Draft:
                 _line(name, value, where, "    ") for name, (value, where) in self.parameters.evolved.items()
             ]
         if self.behaviour is not None:
-            lines += self._machine(self.behaviour, machine)
+            lines += self._format_machine(self.behaviour, machine)
         lines += ["", "method:", f"  kind: {self.method}"]
         if self.kind == _MACHINE and self.method == "nnga":
             lines.append("  probability: 0.1  # a mutation changes a part of the machine")
         lines += ["", "ranking:", "  kind: absolute", "", "seed: 1"]
         return "\n".join(line.rstrip() for line in lines) + "\n"
 
-    def _announced(self) -> list[str]:
-        """Return what servers of an unknown simulation are asked for."""
-        if self.known.description is not None:
+    def _format_requirements(self) -> list[str]:
+        """Return the requirements for servers of an unknown simulation."""
+        if self.known_parameters.description is not None:
             return []
         lines = []
         if self.parameters.agents:
@@ -404,32 +419,32 @@ class Draft:
                 lines.append(f"{key}: {behaviour.get(key, number)}")
         return lines
 
-    def _machine(self, behaviour: dict[str, Any], machine: str | None) -> list[str]:
+    def _format_machine(self, behaviour: dict[str, Any], machine: str | None) -> list[str]:
         levels = [ends or 1 for ends in behaviour["thresholds"]]
-        where = self.model.file_of("a behaviour").name
+        source = self.model.file_of("a behaviour").name
         lines = [
-            _line("states", behaviour["states"], where),
-            _line("levels", levels, "where conditions compare sensors"),
+            _line("states", behaviour["states"], source),
+            _line("levels", levels, "thresholds of the conditions"),
             _line("output_levels", 0, "any number"),
         ]
         return (
             lines
             if machine is None
-            else [*lines, "", f"start_from: {_text(machine)}  # {escape_line(where)}"]
+            else [*lines, "", f"start_from: {_text(machine)}  # {escape_line(source)}"]
         )
 
 
-def _numbered(what: str, count: int) -> list[str]:
-    return [f"{what}[{index}]" for index in range(count)]
+def _number_names(noun: str, count: int) -> list[str]:
+    return [f"{noun}[{index}]" for index in range(count)]
 
 
 def _text(value: Any) -> str:  # noqa: ANN401 - any plain value
     return dump({"x": [value]})[4:-2]
 
 
-def _line(name: str, value: Any, where: str, indent: str = "  ") -> str:  # noqa: ANN401 - any plain value
+def _line(name: str, value: Any, source: str, indent: str = "  ") -> str:  # noqa: ANN401 - any plain value
     key = dump({name: 0}).removesuffix(": 0\n")
-    return f"{indent}{key}: {_text(value)}".ljust(40) + f"  # {escape_line(where)}"
+    return f"{indent}{key}: {_text(value)}".ljust(40) + f"  # {escape_line(source)}"
 
 
 def load(
@@ -440,29 +455,29 @@ def load(
     method: str | None = None,
     controller: str | None = None,
 ) -> Imported:
-    """Make an experiment of the files of a model.
+    """Convert the files of a model to an experiment.
 
     Args:
-        paths: the files, or folders with them; each is recognised by what it holds.
+        paths: the files, or folders with them; their kind is recognised by content.
         target: the experiment file that will be written; paths in it are relative to its folder.
-        simulation: as an experiment names it; default: the one of the problem description.
+        simulation: its name in experiments; default: that of the problem description.
         method: kind of the method, with its defaults; default: nnga.
-        controller: kind of the controller, with its defaults; default: `parameter_set` where the model has
-            optimised parameters and agents may steer themselves, else `mealy_fsm` where it has a behaviour,
-            which evolution then starts from, else `layered`.
+        controller: kind of the controller, with its defaults; default: `parameter_set` if the model has
+            optimised parameters and agents may control themselves, else `mealy_fsm` if it has a behaviour,
+            from which evolution then starts, else `layered`.
 
     Raises:
-        InputError: a file is of no known kind, or wrong, or two contradict each other; the message names file
-            and line of every problem.
+        InputError: a file is invalid or of an unknown kind, or files contradict each other; the message names
+            file and line of every problem.
     """
     METHODS.check("method", method)
     REPRESENTATIONS.check("controller", controller)
-    model = Model.of(_parts(paths))
+    model = Model.from_parts(_parts(paths))
     folder = Path() if target is None else Path(target).parent
     draft = Draft(model, _simulation(model, simulation), folder, method or "nnga", controller)
     machine = None if draft.behaviour is None or target is None else f"{Path(target).stem}.controller.json"
     text = draft.text(machine)
-    # The name says what paths are relative to; there is no such file.
+    # Paths are relative to the folder of this name; the file does not exist.
     name = str(folder / "imported.yaml")
     try:
         source = parse(text, name)
@@ -473,11 +488,11 @@ def load(
         files = ", ".join(str(part.path) for part in model.parts)
         verb = "does" if len(model.parts) == 1 else "do"
         problems = remove_locations(str(error), name)
-        raise InputError(f"{files}: {verb} not make a valid experiment:\n{problems}") from error
+        raise InputError(f"{files}: {verb} not result in a valid experiment:\n{problems}") from error
     if draft.behaviour is not None and machine is None:
         raise InputError(
-            f"{model.file_of('a behaviour')}: becomes a file beside the experiment; name the experiment: "
-            "--output FILE.yaml"
+            f"{model.file_of('a behaviour')}: is written to a file beside the experiment; set the name of "
+            "the experiment with --output FILE.yaml"
         )
     files_beside = {} if machine is None else {machine: json.dumps(draft.behaviour, indent=2) + "\n"}
     return Imported(text, experiment, tuple(draft.notes), files_beside)
@@ -485,7 +500,7 @@ def load(
 
 def _parts(paths: Iterable[str | PathLike[str]]) -> list[Any]:
     parts, problems = [], []
-    for path in files_of(map(Path, paths)):
+    for path in list_files(map(Path, paths)):
         try:
             parts.append(load_part(path))
         except InputError as error:
@@ -495,13 +510,13 @@ def _parts(paths: Iterable[str | PathLike[str]]) -> list[Any]:
     return parts
 
 
-def _simulation(model: Model, named: str | None) -> str:
-    """Return the simulation, as experiments name it."""
-    if named is not None:
-        return make_absolute(named)
+def _simulation(model: Model, name: str | None) -> str:
+    """Return the name of the simulation in experiments."""
+    if name is not None:
+        return make_absolute(name)
     if not model.titles:
         raise InputError(
-            f"{', '.join(str(part.path) for part in model.parts)}: no file names the simulation; add the "
-            "problem description (<icomponent>), or name one: --simulation minisim"
+            f"{', '.join(str(part.path) for part in model.parts)}: the simulation is missing; add the "
+            "problem description (<icomponent>), or name the simulation, e.g. --simulation minisim"
         )
-    return title_of(model.titles) or model.titles[0]
+    return find_title(model.titles) or model.titles[0]

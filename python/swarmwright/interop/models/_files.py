@@ -1,4 +1,4 @@
-"""Kinds of files, recognised by what they hold: one module for each, and its line here."""
+"""Kinds of model files, recognised by their content; each kind is a module listed here."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -22,24 +22,24 @@ from swarmwright.interop.models._parts import Part
 from swarmwright.interop.models._sysml_text import read_text
 
 _XML: tuple[Any, ...] = (frevo_problem, swarm_composition, behaviour)
-"""Modules with `ROOTS`, names of root elements, `WORDS` and `load(path)`."""
+"""Modules with `ROOTS` (names of root elements), `WORDS` and `load(path)`."""
 _JSON: tuple[Any, ...] = (optimised_parameters, abstractions)
 """Modules with `recognises(values)`, `WORDS` and `load(path, source)`."""
 _SESSION = "frevo"
 _SUFFIXES = frozenset({".json", ".scxml", ".sysml", ".xml"})
-"""Files of a folder that are looked at."""
+"""Suffixes of the files of a folder that are read."""
 
 
 def load(path: Path) -> Part:
-    """Read a file of a kind that is known.
+    """Read a file of a known kind.
 
-    Raises InputError when it is of no known kind, or with everything that is wrong in it, file and line each.
+    Raises InputError for a file of an unknown kind, or with all problems in it, each with file and line.
     """
     if path.suffix.lower() == ".onnx":
-        raise InputError(f"{path}: is an ONNX model, from which no controller can be made; {_expected()}")
-    of_a_simulator = simulator_file(path.name)
-    if of_a_simulator is not None:
-        raise InputError(f"{path}: {of_a_simulator}")
+        raise InputError(f"{path}: ONNX models cannot be converted to controllers; {_describe_expected()}")
+    simulator_hint = simulator_file(path.name)
+    if simulator_hint is not None:
+        raise InputError(f"{path}: {simulator_hint}")
     first = first_character(path)
     if first == "<":
         return _load_xml(path)
@@ -49,11 +49,11 @@ def load(path: Path) -> Part:
         return _load_json(path)
     if first and sysml.recognises(path, read_text(path)):
         return sysml.load(path)
-    raise InputError(f"{path}: {'is empty' if not first else 'is of no kind that is known'}; {_expected()}")
+    raise InputError(f"{path}: {'is empty' if not first else 'unknown kind of file'}; {_describe_expected()}")
 
 
-def files_of(paths: Iterable[Path]) -> list[Path]:
-    """Return the files themselves, and those of folders by name. Raises InputError for an empty folder."""
+def list_files(paths: Iterable[Path]) -> list[Path]:
+    """Return the files, and those of folders by name. Raises InputError for a folder without model files."""
     files: list[Path] = []
     for path in paths:
         if not path.is_dir():
@@ -61,13 +61,13 @@ def files_of(paths: Iterable[Path]) -> list[Path]:
             continue
         inside = sorted(neighbour for neighbour in path.iterdir() if _is_model(neighbour))
         if not inside:
-            raise InputError(f"{path}: no file with the ending {', '.join(sorted(_SUFFIXES))} is in it")
+            raise InputError(f"{path}: contains no file with the suffix {', '.join(sorted(_SUFFIXES))}")
         files += inside
     return files
 
 
 def _is_model(path: Path) -> bool:
-    """Whether a file of a folder is looked at, which those that Swarmwright has written beside it are not."""
+    """Whether a file of a folder is a model, and not written by Swarmwright."""
     written = path.name == "candidate.json" or path.name.endswith(".controller.json")
     return path.suffix.lower() in _SUFFIXES and path.is_file() and not written
 
@@ -76,13 +76,13 @@ def _load_xml(path: Path) -> Part:
     root = xml.root_of(path)
     tag = root.tag.rpartition(":")[2]
     if tag == _SESSION:
-        raise InputError(f"{path}: is a FREVO session, which is imported alone, without other files")
+        raise InputError(f"{path}: is a FREVO session; import it without other files")
     for module in _XML:
         if tag in module.ROOTS:
             part: Part = module.load(path)
             return part
-    known = [name for module in _XML for name in module.ROOTS]
-    raise root.error(f"found as the outermost element{did_you_mean(tag, known)}; {_expected()}")
+    roots = [name for module in _XML for name in module.ROOTS]
+    raise root.error(f"unknown root element{did_you_mean(tag, roots)}; {_describe_expected()}")
 
 
 def _load_json(path: Path) -> Part:
@@ -90,12 +90,14 @@ def _load_json(path: Path) -> Part:
     for module in _JSON:
         if module.recognises(source.values):
             if source.problems:
-                raise InputError("\n".join(f"{source.place(at)}{what}" for at, _, what in source.problems))
+                raise InputError(
+                    "\n".join(f"{source.place(at)}{problem}" for at, _, problem in source.problems)
+                )
             part: Part = module.load(path, source)
             return part
-    raise InputError(f"{path}: is JSON of no kind that is known; {_expected()}")
+    raise InputError(f"{path}: unknown kind of JSON file; {_describe_expected()}")
 
 
-def _expected() -> str:
+def _describe_expected() -> str:
     words = [module.WORDS for module in (*_XML, *_JSON, sysml)]
     return f"expected a FREVO session (<{_SESSION}>), {', '.join(words[:-1])} or {words[-1]}"

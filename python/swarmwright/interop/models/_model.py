@@ -1,4 +1,4 @@
-"""The parts of a model together, and whether they contradict each other."""
+"""A model, combined from the parts of its files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,120 +6,120 @@ from typing import Any, Self
 
 from swarmwright.common.errors import InputError
 from swarmwright.controllers.scxml import StateMachine
-from swarmwright.interop.models._names import Known
-from swarmwright.interop.models._parts import Member, Optimised, Part, Property
+from swarmwright.interop.models._names import SimulationParameters
+from swarmwright.interop.models._parts import Member, OptimisedParameter, Part, Property
 
 
 @dataclass(frozen=True)
 class Model:
-    """What all files of a model say."""
+    """The combined content of a model's files."""
 
     parts: list[Part]
 
     @classmethod
-    def of(cls, parts: list[Part]) -> Self:
-        """Return the model. Raises InputError when there is none, or two files describe the same thing."""
+    def from_parts(cls, parts: list[Part]) -> Self:
+        """Combine parts. Raises InputError without parts, or if files overlap or contradict each other."""
         if not parts:
-            raise InputError("name at least one file of a model")
+            raise InputError("no files; name at least one file of a model")
         first: dict[str, Path] = {}
         problems = []
         for part in parts:
-            for words in part.contents():
+            for words in part.describe_contents():
                 if words in first:
                     problems.append(
-                        f"{part.path}: describes {words}, as {first[words]} does; leave one of them out"
+                        f"{part.path}: {words} is also described by {first[words]}; remove one of the files"
                     )
                 first.setdefault(words, part.path)
         model = cls(parts)
-        problems += model._differing()
+        problems += model._find_contradictions()
         if problems:
             raise InputError("\n".join(problems))
         return model
 
-    def _differing(self) -> list[str]:
+    def _find_contradictions(self) -> list[str]:
         problems = []
-        for what in ("sensors", "actuators"):
-            counted = [(part, getattr(part, what)) for part in self.parts if getattr(part, what) is not None]
+        for name in ("sensors", "actuators"):
+            counted = [(part, getattr(part, name)) for part in self.parts if getattr(part, name) is not None]
             for part, number in counted[1:]:
                 before, expected = counted[0]
                 if number != expected:
-                    problems.append(f"{part.path}: has {number} {what}, but {before.path} has {expected}")
+                    problems.append(f"{part.path}: has {number} {name}, but {before.path} has {expected}")
         return problems
 
-    def _all(self, name: str) -> list[Any]:
+    def _collect(self, name: str) -> list[Any]:
         return [item for part in self.parts for item in getattr(part, name)]
 
-    def _only(self, name: str) -> Any:  # noqa: ANN401 - of the field's type
+    def _first_value(self, name: str) -> Any:  # noqa: ANN401 - of the field's type
         return next((value for part in self.parts if (value := getattr(part, name)) is not None), None)
 
     @property
     def titles(self) -> list[str]:
-        """Names by which the simulation may be known."""
-        return self._all("titles")
+        """Candidate names of the simulation."""
+        return self._collect("titles")
 
     @property
     def properties(self) -> list[Property]:
-        """Parameters with one value."""
-        return self._all("properties")
+        """Parameters with a fixed value."""
+        return self._collect("properties")
 
     @property
-    def optimised(self) -> list[Optimised]:
-        """Parameters that are optimised."""
-        return self._all("optimised")
+    def optimised(self) -> list[OptimisedParameter]:
+        """Parameters to optimise."""
+        return self._collect("optimised")
 
     @property
     def members(self) -> list[Member]:
         """Kinds of agents."""
-        return self._all("members")
+        return self._collect("members")
 
     @property
-    def differ(self) -> bool:
-        """Whether the kinds of agents have different sensors or actuators."""
-        return any(part.differ for part in self.parts)
+    def has_groups(self) -> bool:
+        """Whether the kinds of agents differ in sensors or actuators."""
+        return any(part.has_groups for part in self.parts)
 
     @property
     def sensors(self) -> int | None:
-        """Numbers that an agent senses."""
-        number: int | None = self._only("sensors")
+        """Number of sensor values of an agent."""
+        number: int | None = self._first_value("sensors")
         return number
 
     @property
     def actuators(self) -> int | None:
-        """Numbers that steer an agent."""
-        number: int | None = self._only("actuators")
+        """Number of actuator values of an agent."""
+        number: int | None = self._first_value("actuators")
         return number
 
     @property
     def behaviour(self) -> StateMachine | None:
-        """The state machine that agents follow."""
-        machine: StateMachine | None = self._only("behaviour")
+        """The state machine of the agents."""
+        machine: StateMachine | None = self._first_value("behaviour")
         return machine
 
     @property
     def sensor_names(self) -> list[str]:
-        """Names of sensors, in their order; empty where no file has them."""
-        return self._all("sensor_names")
+        """Names of sensors, in order; empty if no file has them."""
+        return self._collect("sensor_names")
 
     @property
     def actuator_names(self) -> list[str]:
-        """Names of actuators, in their order; empty where no file has them."""
-        return self._all("actuator_names")
+        """Names of actuators, in order; empty if no file has them."""
+        return self._collect("actuator_names")
 
     def file_of(self, words: str) -> Path:
-        """Return the file that describes something, see `Part.contents`."""
-        return next(part.path for part in self.parts if words in part.contents())
+        """Return the file with a content, see `Part.describe_contents`."""
+        return next(part.path for part in self.parts if words in part.describe_contents())
 
-    def check_numbers(self, known: Known) -> None:
-        """Raise InputError when the simulation has other numbers of sensors or actuators."""
-        if known.description is None or known.description.get("varies"):
+    def check_numbers(self, simulation: SimulationParameters) -> None:
+        """Raise InputError unless the simulation has the same numbers of sensors and actuators."""
+        if simulation.description is None or simulation.description.get("varies"):
             return
         problems = []
         for part in self.parts:
-            for what in ("sensors", "actuators"):
-                number, expected = getattr(part, what), known.description.get(what)
+            for name in ("sensors", "actuators"):
+                number, expected = getattr(part, name), simulation.description.get(name)
                 if number is not None and expected is not None and number != expected:
                     problems.append(
-                        f"{part.path}: has {number} {what}, but {known.simulation} has {expected}"
+                        f"{part.path}: has {number} {name}, but {simulation.simulation} has {expected}"
                     )
         if problems:
             raise InputError("\n".join(problems))

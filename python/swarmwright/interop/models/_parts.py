@@ -1,4 +1,4 @@
-"""What files of modelling tools describe: parts of an experiment, each with the place that it comes from."""
+"""Parts of an experiment, read from files of modelling tools, with their source locations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,32 +12,32 @@ _LARGEST_INTEGER = 1 << 24
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where something stands in a file."""
+class Location:
+    """A location in a file."""
 
     file: Path
     line: int
-    what: str = ""
+    element: str = ""
 
-    def says(self, message: str) -> str:
-        """Return a problem with file and line."""
-        return f"{self.file}:{self.line}: {self.what + ': ' if self.what else ''}{message}"
+    def format(self, message: str) -> str:
+        """Prefix a message with file, line and element."""
+        return f"{self.file}:{self.line}: {self.element + ': ' if self.element else ''}{message}"
 
 
 @dataclass(frozen=True)
 class Property:
-    """A parameter of the simulation that has one value."""
+    """A parameter of the simulation with a fixed value."""
 
     name: str
     value: int | float | bool | str
-    place: Place
+    location: Location
 
 
 @dataclass(frozen=True)
-class Optimised:
-    """A parameter that is to be optimised.
+class OptimisedParameter:
+    """A parameter to optimise.
 
-    low, high: the range as it is in the file; the simulation gets a number of the range times `scale`.
+    low, high: the range in the file; the simulation gets a number of this range times `scale`.
     """
 
     name: str
@@ -45,19 +45,19 @@ class Optimised:
     high: int | float
     scale: float
     meta: str
-    """Where the deployment takes the value from: `command_line`, or `file:PACKAGE`."""
-    place: Place
+    """Source of the value at deployment: `command_line`, or `file:PACKAGE`."""
+    location: Location
 
     @property
     def whole(self) -> bool:
-        """Whether the simulation gets whole numbers, of which each is a 32-bit float."""
+        """Whether the simulation gets integers that are exact as 32-bit floats."""
         largest = max(abs(self.low), abs(self.high)) * self.scale
         whole = isinstance(self.low, int) and isinstance(self.high, int) and self.scale.is_integer()
         return whole and largest <= _LARGEST_INTEGER
 
     @property
     def range(self) -> list[int | float]:
-        """Lowest and highest number that the simulation gets."""
+        """Lowest and highest number for the simulation."""
         if self.whole:
             return [int(bound * self.scale) for bound in (self.low, self.high)]
         return [float(f"{bound * self.scale:.9g}") for bound in (self.low, self.high)]
@@ -65,30 +65,30 @@ class Optimised:
 
 @dataclass(frozen=True)
 class Member:
-    """A kind of agents in a swarm."""
+    """A kind of agents of a swarm."""
 
     name: str
     launch_file: str
     number: int
-    place: Place
+    location: Location
     sensors: tuple[str, ...] = ()
-    """Names of what they sense; empty where the file does not say."""
+    """Names of the sensors; empty if the file has none."""
     actuators: tuple[str, ...] = ()
 
 
 @dataclass
 class Part:
-    """What one file says. Fields that it says nothing about are empty or None."""
+    """Content of one file. Fields without content are empty or None."""
 
     path: Path
     kind: str
-    """The kind of file, in words."""
+    """Description of the kind of file."""
     name: str = ""
-    """Of the problem or the model."""
+    """Name of the problem or the model."""
     titles: tuple[str, ...] = ()
-    """Names by which the simulation may be known."""
+    """Candidate names of the simulation."""
     properties: list[Property] = field(default_factory=list)
-    optimised: list[Optimised] = field(default_factory=list)
+    optimised: list[OptimisedParameter] = field(default_factory=list)
     members: list[Member] = field(default_factory=list)
     sensors: int | None = None
     actuators: int | None = None
@@ -97,36 +97,36 @@ class Part:
     behaviour: StateMachine | None = None
     fitness: str | None = None
     notes: list[str] = field(default_factory=list)
-    """What was not taken over, a sentence each."""
+    """Notes on content that was not imported."""
 
     @property
-    def differ(self) -> bool:
-        """Whether its agents have different sensors or actuators."""
+    def has_groups(self) -> bool:
+        """Whether its kinds of agents differ in sensors or actuators."""
         return len({(member.sensors, member.actuators) for member in self.members}) > 1
 
-    def contents(self) -> list[str]:
-        """Return what it holds, in words; two files must not hold the same."""
-        held: Mapping[str, Any] = {
+    def describe_contents(self) -> list[str]:
+        """Return descriptions of its content, which must be unique among files."""
+        contents: Mapping[str, Any] = {
             "the problem": self.titles,
             "the swarm": self.members,
             "optimised parameters": self.optimised,
-            "sensors and actuators": self.sensor_names or self.actuator_names or self.differ,
+            "sensors and actuators": self.sensor_names or self.actuator_names or self.has_groups,
             "a behaviour": self.behaviour,
             "a fitness function": self.fitness,
         }
-        return [words for words, value in held.items() if value]
+        return [words for words, value in contents.items() if value]
 
 
 class Problems:
-    """Everything that is wrong with files, reported at once."""
+    """Collector of problems, reported together."""
 
     def __init__(self) -> None:
         self.lines = ProblemLines()
 
-    def add(self, place: Place, message: str) -> None:
-        """Note a problem, once."""
-        self.lines.add(place.says(message))
+    def add(self, place: Location, message: str) -> None:
+        """Add a problem, without repetition."""
+        self.lines.add(place.format(message))
 
     def stop(self) -> None:
-        """Raise InputError if there is a problem."""
+        """Raise InputError with all problems, if any."""
         self.lines.stop()

@@ -1,7 +1,7 @@
 """SysML v2's and KerML's textual notation as statements: words up to `;`, or up to a body in braces.
 
-The grammar has the standard's lexical structure and its nesting (KerML 1.0, 8.2.2; SysML 2.0, 8.2.2.1). What
-the words of a statement mean is up to the modules that use it.
+The grammar follows the standard's lexical structure and nesting (KerML 1.0, 8.2.2; SysML 2.0, 8.2.2.1).
+Modules that use it interpret the words of the statements.
 """
 
 import re
@@ -20,12 +20,12 @@ KERML = ".kerml"
 """Suffix of files in KerML, which has other reserved words."""
 _LARGEST_FILE_BYTES = 1 << 24
 _DEEPEST_NESTING = 50
-"""Levels of braces, brackets and parentheses."""
+"""Deepest nesting of braces, brackets and parentheses."""
 _GRAMMAR = r"""
 start: _item*
 _item: statement | SEMICOLON
-statement: words? COMMENTED words? COMMENT -> commented
-    | words SEMICOLON -> ended
+statement: words? COMMENTED words? COMMENT -> to_commented
+    | words SEMICOLON -> to_ended
     | words? body -> with_body
 body: LBRACE _item* words? RBRACE
 words: _word+
@@ -50,7 +50,7 @@ SEMICOLON: ";"
 %ignore NOTE
 %ignore BLANK
 """
-"""KEYWORD is a reserved word; COMMENTED one of _WITH_COMMENT; OPENED and CLOSED are braces of expressions."""
+"""KEYWORD is a reserved word; COMMENTED is in _WITH_COMMENT; OPENED and CLOSED are braces of expressions."""
 _WITH_COMMENT = frozenset({"comment", "doc", "language", "locale", "rep"})
 """Words of statements that end with a comment."""
 _SHARED = (
@@ -75,23 +75,23 @@ _KERML = (
     "unions var"
 )
 RESERVED_WORDS = frozenset(f"{_SHARED} {_SYSML}".split())
-"""Words of SysML that are no names unless they are in quotation marks."""
+"""Words of SysML that must be quoted as names."""
 _RESERVED_IN_KERML = frozenset(f"{_SHARED} {_KERML}".split())
 _NO_RESULT = frozenset(
     {"action", "attribute", "enum", "item", "metadata", "package", "part", "port", "state", "@"}
 )
-"""What has a body of statements alone, without an expression at its end."""
+"""Elements whose body has statements only, without a result expression."""
 _OPENING = frozenset({"LBRACE", "LPAR", "LSQB", "OPENED"})
 _CLOSED = frozenset({"CLOSED", "RBRACE", "RPAR", "RSQB"})
 _KINDS = {"COMMENTED": "keyword", "KEYWORD": "keyword", "NAME": "name", "NUMBER": "number", "TEXT": "text"}
-"""Of tokens -> of words; all others are signs."""
+"""Kind of token -> kind of word; all others are signs."""
 PREFIXES = frozenset(
     {"abstract", "constant", "derived", "end", "individual", "library", "private", "protected", "public"}
     | {"readonly", "ref", "standard", "variant", "variation"}
 )
 DIRECTIONS = frozenset({"in", "inout", "out"})
 _DECLARING = frozenset({"=", ":=", ":", ":>", ":>>", "::>"})
-"""Signs of declarations, which no expression has outside of brackets."""
+"""Signs that occur in declarations, but never in expressions outside brackets."""
 _IN_EXPRESSIONS = frozenset(
     {"all", "as", "false", "hastype", "if", "istype", "meta", "new", "not", "null"}
     | {"private", "protected", "public", "true"}
@@ -104,7 +104,7 @@ _UNCLOSED = {"//*": "a note", "/*": "a comment", '"': "a text", "'": "a name in 
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A word, number, text or sign, and where it stands: line, and characters of the file."""
+    """A word, number, text or sign with its position: line, and character range of the file."""
 
     kind: str
     """keyword, name, number, text or sign."""
@@ -115,26 +115,26 @@ class Word:
 
     @property
     def name(self) -> str:
-        """A name without its quotation marks; escapes of line ends stay, as names have one line."""
+        """The name without quotation marks; escaped line ends are kept, since names have one line."""
         return _ESCAPED.sub(r"\1", self.text[1:-1]) if self.text.startswith("'") else self.text
 
 
 @dataclass(slots=True)
 class Statement:
-    """Words, and the statements in the braces behind them; None where a semicolon ends it."""
+    """Words and the statements in the following braces; None if a semicolon ends the statement."""
 
     words: list[Word]
     line: int
     end: int
-    """Where the semicolon or the brace is, in characters."""
+    """Position of the semicolon or the brace, in characters."""
     body: list["Statement"] | None = field(default=None)
     is_result: bool = False
-    """Whether it is the expression at the end of a body."""
+    """Whether it is the result expression of a body."""
 
 
-def unescaped(text: str) -> str:
-    r"""Return text with what its escapes stand for, such as a tab for `\t`."""
-    return re.sub(r"\\(.)", lambda found: _ESCAPES.get(found[1], found[1]), text)
+def unescape(text: str) -> str:
+    r"""Replace escape sequences, such as `\t` by a tab."""
+    return re.sub(r"\\(.)", lambda match: _ESCAPES.get(match[1], match[1]), text)
 
 
 def read_text(path: Path) -> str:
@@ -149,42 +149,42 @@ def read_text(path: Path) -> str:
         ) from error
 
 
-def statements(text: str, path: Path) -> list[Statement]:
-    """Return the statements of a text.
+def parse_statements(text: str, path: Path) -> list[Statement]:
+    """Parse the statements of a text.
 
-    Raises InputError where it is not this notation, with file, line and column.
+    Raises InputError with file, line and column for invalid text.
     """
     line: int | None
     column: int | None
     nesting = _Nesting(_RESERVED_IN_KERML if path.suffix.lower() == KERML else RESERVED_WORDS)
     try:
         parser = Lark(_GRAMMAR, parser="lalr", lexer="basic", postlex=nesting, transformer=_Statements())
-        found: Any = parser.parse(text)
-        return list(found)
+        result: Any = parser.parse(text)
+        return list(result)
     except UnexpectedCharacters as error:
         at: Any = error.pos_in_stream
-        opened = next((what for sign, what in _UNCLOSED.items() if text.startswith(sign, at)), None)
-        wrong = f"{text[at]!r} is not expected" if opened is None else f"{opened} is not closed"
+        opened = next((noun for sign, noun in _UNCLOSED.items() if text.startswith(sign, at)), None)
+        wrong = f"{text[at]!r} is unexpected" if opened is None else f"{opened} is not closed"
         line, column = error.line, error.column
     except UnexpectedToken as error:
-        wrong, line, column = _unexpected(error.token, nesting)
+        wrong, line, column = _describe_unexpected(error.token, nesting)
     except _TokenError as error:
         wrong, line, column = error.problem, error.token.line, error.token.column
     raise InputError(f"{path}:{line}:{column}: is not valid SysML: {wrong}")
 
 
-def _unexpected(token: Token, nesting: "_Nesting") -> tuple[str, int | None, int | None]:
-    """Return what is wrong where a token cannot be, with line and column."""
+def _describe_unexpected(token: Token, nesting: "_Nesting") -> tuple[str, int | None, int | None]:
+    """Return the message for an unexpected token, with line and column."""
     before = token if token.type != "$END" or nesting.before is None else nesting.before
     if nesting.annotation is not None:
         word = nesting.annotation
-        return f"{word.value!r} is followed by no comment, /* .. */", word.line, word.column
+        return f"{word.value!r} must be followed by a comment, /* .. */", word.line, word.column
     if token.type == "$END":
-        return f"';' is missing after {_short(before)}", before.line, before.column
-    return f"{_short(token)} is not expected", token.line, token.column
+        return f"';' is missing after {_abbreviate(before)}", before.line, before.column
+    return f"{_abbreviate(token)} is unexpected", token.line, token.column
 
 
-def _short(token: Token) -> str:
+def _abbreviate(token: Token) -> str:
     return repr(str(token) if len(token) <= 40 else f"{token[:40]}..")
 
 
@@ -195,26 +195,26 @@ class _TokenError(Exception):
 
 
 class _Statements(Transformer[Token, Any]):
-    """What becomes of each rule of the grammar."""
+    """Transforms each rule of the grammar."""
 
-    def start(self, found: list[Any]) -> list[Statement]:
-        return [word for word in found if isinstance(word, Statement)]
+    def start(self, items: list[Any]) -> list[Statement]:
+        return [word for word in items if isinstance(word, Statement)]
 
     def words(self, tokens: list[Token]) -> list[Token]:
         return tokens
 
-    def commented(self, found: list[Any]) -> Statement:
-        comment = found[-1]
-        tokens = [token for part in found[:-1] for token in (part if isinstance(part, list) else [part])]
+    def to_commented(self, items: list[Any]) -> Statement:
+        comment = items[-1]
+        tokens = [token for part in items[:-1] for token in (part if isinstance(part, list) else [part])]
         return _statement(tokens, comment.end_pos)
 
-    def ended(self, found: list[Any]) -> Statement:
-        tokens, semicolon = found
+    def to_ended(self, items: list[Any]) -> Statement:
+        tokens, semicolon = items
         return _statement(tokens, semicolon.start_pos)
 
-    def with_body(self, found: list[Any]) -> Statement:
-        tokens: list[Token] = found[0] if len(found) > 1 else []
-        brace, *inside, _ = found[-1]
+    def with_body(self, items: list[Any]) -> Statement:
+        tokens: list[Token] = items[0] if len(items) > 1 else []
+        brace, *inside, _ = items[-1]
         body = [word for word in inside if isinstance(word, Statement)]
         if inside and isinstance(inside[-1], list):  # the words of a result
             result = inside[-1]
@@ -224,8 +224,8 @@ class _Statements(Transformer[Token, Any]):
             return Statement([], brace.line, brace.start_pos, body)
         return _statement(tokens, brace.start_pos, body)
 
-    def body(self, found: list[Any]) -> list[Any]:
-        return found
+    def body(self, items: list[Any]) -> list[Any]:
+        return items
 
 
 def _statement(
@@ -239,7 +239,7 @@ def _statement(
 
 
 def _check_result(owner: list[Token], result: list[Token]) -> None:
-    """Raise _TokenError where what stands at the end of a body is a statement without its semicolon."""
+    """Raise _TokenError if the end of a body is a statement without its semicolon."""
     depth = 0
     declares = result[0].type == "KEYWORD" and str(result[0]) not in _IN_EXPRESSIONS
     for token in result:
@@ -247,13 +247,14 @@ def _check_result(owner: list[Token], result: list[Token]) -> None:
         declares = declares or (not depth and str(token) in _DECLARING)
     kind = next((str(part) for part in owner if str(part) not in PREFIXES | DIRECTIONS), "")
     if declares or kind in _NO_RESULT:
-        raise _TokenError(result[-1], f"';' is missing after {_short(result[-1])}")
+        raise _TokenError(result[-1], f"';' is missing after {_abbreviate(result[-1])}")
 
 
 class _Nesting(PostLex):
-    """Between lexer and parser: checks brackets, and finds the braces of expressions.
+    """Stage between lexer and parser: checks brackets, and marks the braces of expressions.
 
-    Braces within other brackets, behind `->NAME`, `.`, `.?` and `=` hold an expression (KerML 8.2.5.8).
+    Braces inside other brackets, and after `->NAME`, `.`, `.?` and `=`, contain an expression (KerML
+    8.2.5.8).
     """
 
     always_accept = ()
@@ -264,16 +265,16 @@ class _Nesting(PostLex):
         self.before: Token | None = None
         """The last token."""
         self.annotation: Token | None = None
-        """The word that needs a comment at the end of this statement."""
+        """The word that requires a comment at the end of the current statement."""
 
     def process(self, stream: Iterable[Token]) -> Iterator[Token]:
-        in_call = False  # behind -> and the name that follows it
-        expressions = 0  # open brackets in which all braces are those of expressions
+        in_call = False  # after -> and the following name
+        expressions = 0  # open brackets inside which all braces belong to expressions
         for token in stream:
             kind = token.type
             if kind == "COMMENT":
                 if self.annotation is None:
-                    continue  # it has no meaning for a machine
+                    continue  # comments have no meaning
                 self.annotation = None
             elif kind == "NAME" and token.value in self._reserved:
                 token.type = "KEYWORD"
@@ -281,7 +282,7 @@ class _Nesting(PostLex):
                     token.type, self.annotation = "COMMENTED", token
             elif kind in {"LPAR", "LSQB", "LBRACE"}:
                 if len(self._open) >= _DEEPEST_NESTING:
-                    raise _TokenError(token, f"nested more than {_DEEPEST_NESTING} deep")
+                    raise _TokenError(token, f"nesting is deeper than {_DEEPEST_NESTING} levels")
                 behind = "" if self.before is None else self.before.value
                 if (
                     kind != "LBRACE"
@@ -293,7 +294,7 @@ class _Nesting(PostLex):
                     token.type = "OPENED" if kind == "LBRACE" else kind
                 self._open.append(token)
             elif kind in {"RPAR", "RSQB", "RBRACE"}:
-                token.type = self._closed(token)
+                token.type = self._close(token)
                 expressions -= expressions > 0
             in_call = token.value == "->" or (in_call and (kind == "NAME" or token.value == "::"))
             self.before = token
@@ -302,11 +303,11 @@ class _Nesting(PostLex):
             opened = self._open[-1]
             raise _TokenError(opened, f"{opened.value!r} is not closed")
 
-    def _closed(self, token: Token) -> str:
-        """Return the kind of a closing bracket. Raises _TokenError where it closes none."""
+    def _close(self, token: Token) -> str:
+        """Return the kind of a closing bracket. Raises _TokenError if it does not match."""
         opened = self._open.pop() if self._open else None
         if opened is None:
-            raise _TokenError(token, f"{token.value!r} found without the bracket that it closes")
+            raise _TokenError(token, f"{token.value!r} has no opening bracket")
         if _CLOSING[opened.value] != token.value:
             raise _TokenError(
                 token,

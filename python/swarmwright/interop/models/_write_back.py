@@ -1,4 +1,4 @@
-"""The way back: values of a candidate written into the files of its model."""
+"""Write the values of a candidate back into the files of its model."""
 
 import json
 import re
@@ -13,17 +13,17 @@ from swarmwright.common.files import read_bytes
 from swarmwright.common.suggestions import alike
 from swarmwright.controllers import scxml
 from swarmwright.export.scxml import Scxml
-from swarmwright.export.subject import Subject, subject_of
+from swarmwright.export.subject import Subject, load_subject
 from swarmwright.export.writing import write
 from swarmwright.interop.models import json_source, sysml
-from swarmwright.interop.models._files import files_of
+from swarmwright.interop.models._files import list_files
 from swarmwright.interop.models._files import load as load_part
-from swarmwright.interop.models._names import Known
-from swarmwright.interop.models._parts import Optimised, Part
+from swarmwright.interop.models._names import SimulationParameters
+from swarmwright.interop.models._parts import OptimisedParameter, Part
 from swarmwright.runs.run import Run, open_run
 
 CANDIDATE = "candidate.json"
-"""The values as CPSwarm's optimization tool hands a candidate to simulators and robots."""
+"""Values in the format in which CPSwarm's optimization tool passes a candidate to simulators and robots."""
 _LARGEST_FILE_BYTES = 1 << 28
 _COMMENT = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
 _TAG = re.compile(r"<(?:[\w.-]+:)?(SwarmMember|swarmMember|propentry)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*>")
@@ -38,9 +38,9 @@ _STARTS = {
 _DECLARED = re.compile(rb"<\?xml[^>]*?\sencoding\s*=\s*[\"']([A-Za-z][\w.-]*)")
 
 Values = dict[str, Any]
-"""What the simulation gets, by the name that it has for each."""
+"""Parameters of the simulation by name."""
 Counts = dict[str, str | None]
-"""Kind of agents -> parameter with their number; None where it has none of its own."""
+"""Kind of agents -> parameter with their number; None if there is none."""
 
 
 def write_back(
@@ -52,135 +52,139 @@ def write_back(
     candidate: int | None = None,
     force: bool = False,
 ) -> tuple[Subject, list[Path]]:
-    """Write copies of a model's files with the values of a candidate; return it and what was written.
+    """Write copies of a model's files with the values of a candidate; return it and the paths.
 
     Args:
         run: a run, or its folder.
         paths: the files of the model, or folders with them.
-        output: the folder that is written to.
+        output: the folder to write to.
         generation: of the candidate, from 0; as in `Run.evaluation`.
-        candidate: as in `Run.evaluation`; default: the best one.
-        force: write over files that are there.
+        candidate: as in `Run.evaluation`; default: the best.
+        force: overwrite existing files.
 
     Raises:
-        InputError: there is no such candidate, a file is wrong, or nothing in the files was evolved.
+        InputError: the candidate does not exist, a file is invalid, or nothing in the files was evolved.
     """
     opened = open_run(run)
-    subject = subject_of(opened, generation, candidate)
-    known = Known(opened.experiment.simulation)
-    parts = [load_part(path) for path in files_of(map(Path, paths))]
+    subject = load_subject(opened, generation, candidate)
+    simulation = SimulationParameters(opened.experiment.simulation)
+    parts = [load_part(path) for path in list_files(map(Path, paths))]
     values = dict(subject.values)
     files: dict[str, str | bytes] = {}
-    counts = _counts(parts, known)
+    counts = _counts(parts, simulation)
     for part in parts:
-        written = _written(part, subject, values, known, counts)
-        if written is not None:
+        content = _update_file(part, subject, values, simulation, counts)
+        if content is not None:
             if part.path.name in files:
-                raise InputError(f"{part.path}: another file has the same name; rename one of them")
-            files[part.path.name] = written
+                raise InputError(f"{part.path}: another file has the same name; rename one of the files")
+            files[part.path.name] = content
     optimised = [parameter for part in parts for parameter in part.optimised]
-    found = [
+    entries = [
         {
             "name": parameter.name,
             "meta": parameter.meta,
-            "value": _value(values, known, parameter.name, counts),
+            "value": _value(values, simulation, parameter.name, counts),
         }
         for parameter in optimised
-        if _value(values, known, parameter.name, counts) is not None
+        if _value(values, simulation, parameter.name, counts) is not None
     ]
-    if found:
-        files[CANDIDATE] = json.dumps(found, indent=2) + "\n"
+    if entries:
+        files[CANDIDATE] = json.dumps(entries, indent=2) + "\n"
     if not files:
         evolved = f"the parameters {', '.join(values)}" if values else f"a controller, {subject.kind}"
         raise InputError(
-            f"{', '.join(str(part.path) for part in parts)}: nothing in it was evolved; the run evolved "
-            f"{evolved}"
+            f"{', '.join(str(part.path) for part in parts)}: the run evolved nothing in these files; it "
+            f"evolved {evolved}"
         )
     return subject, write(files, Path(output), force=force)
 
 
-def _counts(parts: list[Part], known: Known) -> Counts:
+def _counts(parts: list[Part], simulation: SimulationParameters) -> Counts:
     """Return the parameters with the numbers of agents, as `Parameters` takes them."""
     members = [member.name for part in parts for member in part.members]
     if len(members) == 1:
-        return {members[0]: known.agents}
-    return {name: known.number_of(name) for name in members} if any(part.differ for part in parts) else {}
+        return {members[0]: simulation.agents}
+    return (
+        {name: simulation.find_agents_of(name) for name in members}
+        if any(part.has_groups for part in parts)
+        else {}
+    )
 
 
-def _value(values: Values, known: Known, name: str, counts: Counts) -> Any:  # noqa: ANN401 - a number or text
-    """Return the value of a parameter, or of the number of members; None where it was not evolved."""
+def _value(values: Values, simulation: SimulationParameters, name: str, counts: Counts) -> Any:  # noqa: ANN401 - a number or text
+    """Return the value of a parameter, or the number of members; None if it was not evolved."""
     kinds = list(counts)
-    found = [counts[kinds[index]] for index in alike(name, kinds)]
-    own = next(filter(None, found), None) or known.name(name)
-    return values.get(own) if own is not None else None
+    parameters = [counts[kinds[index]] for index in alike(name, kinds)]
+    parameter = next(filter(None, parameters), None) or simulation.find(name)
+    return values.get(parameter) if parameter is not None else None
 
 
-def _written(
-    part: Part, subject: Subject, values: Values, known: Known, counts: Counts
+def _update_file(
+    part: Part, subject: Subject, values: Values, simulation: SimulationParameters, counts: Counts
 ) -> str | bytes | None:
-    """Return a file with its values; None where nothing of it was evolved."""
+    """Return a file with the values; None if nothing in it was evolved."""
     if part.behaviour is not None:
-        return _machine(part.behaviour, subject) if subject.kind == "mealy_fsm" else None
+        return _update_machine(part.behaviour, subject) if subject.kind == "mealy_fsm" else None
 
     def value(name: str) -> Any:  # noqa: ANN401 - a number or text
-        return _value(values, known, name, counts)
+        return _value(values, simulation, name, counts)
 
     if part.kind == sysml.WORDS:
         return sysml.with_values(part.path, value)
     if part.optimised:
-        return _optimised(part, value)
+        return _update_optimised(part, value)
     names = [*(member.name for member in part.members), *(property_.name for property_ in part.properties)]
     if any(value(name) is not None for name in names):
-        return _tags(part.path, value)
+        return _update_tags(part.path, value)
     return None
 
 
-def _machine(machine: scxml.StateMachine, subject: Subject) -> str | bytes:
+def _update_machine(machine: scxml.StateMachine, subject: Subject) -> str | bytes:
     (text,) = Scxml().files(subject, machine.path.stem).values()
     return text
 
 
-def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
-    """Return OptimisedParameters with a `value` for each, between min and max."""
+def _update_optimised(part: Part, value: Callable[[str], Any]) -> str | None:
+    """Return OptimisedParameters with a `value` between min and max for each parameter."""
     document: Any = json_source.read(part.path).values
-    by_name: Mapping[str, Optimised] = {parameter.name: parameter for parameter in part.optimised}
-    found = False
+    by_name: Mapping[str, OptimisedParameter] = {parameter.name: parameter for parameter in part.optimised}
+    changed = False
     for entry in document["parameters"]:
         target = by_name[entry["name"].strip()]
         number = value(target.name)
         if number is not None:
             exact = target.whole and number % target.scale == 0
             entry["value"] = int(number // target.scale) if exact else float(f"{number / target.scale:.9g}")
-            found = True
-    return json.dumps(document, indent=2, ensure_ascii=False) + "\n" if found else None
+            changed = True
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n" if changed else None
 
 
-def _tags(path: Path, value: Callable[[str], Any]) -> bytes:
-    """Return XML in which attributes have other values; all else stays as it is, the encoding too."""
+def _update_tags(path: Path, value: Callable[[str], Any]) -> bytes:
+    """Return XML with updated attributes; everything else is kept, including the encoding."""
     data = read_bytes(path, _LARGEST_FILE_BYTES)
     encoding = _encoding(data)
     try:
         text = data.decode(encoding)
     except (LookupError, UnicodeDecodeError):
-        raise InputError(f"{path}: is not in the encoding {encoding}, which it should have") from None
+        raise InputError(f"{path}: is not valid in its encoding, {encoding}") from None
     hidden = [match.span() for match in _COMMENT.finditer(text)]
 
-    def replaced(match: re.Match[str]) -> str:
+    def replace(match: re.Match[str]) -> str:
         if any(begin <= match.start() < end for begin, end in hidden):
             return match[0]
         naming, set_ = ("key", "value") if match[1] == "propentry" else ("name", "number")
         name = _attribute(match[0], naming)
         tags = None if name is None else value(name.strip())
-        return match[0] if tags is None else _with_attribute(match[0], set_, str(tags))
+        return match[0] if tags is None else _set_attribute(match[0], set_, str(tags))
 
-    # An encoding may lack characters of a value; XML has them by number.
-    return _TAG.sub(replaced, text).encode(encoding, "xmlcharrefreplace")
+    # Characters outside the encoding become numeric references.
+    return _TAG.sub(replace, text).encode(encoding, "xmlcharrefreplace")
 
 
 def _encoding(data: bytes) -> str:
-    """Return the encoding of XML by its first bytes, or as its declaration says.
+    """Return the encoding of XML by its first bytes or its declaration.
 
-    A mark at the beginning is a character of these encodings, which stays in the text.
+    A byte order mark is decoded as a character and stays in the text.
     """
     for start, encoding in _STARTS.items():
         if data.startswith(start):
@@ -198,8 +202,8 @@ def _attribute(tag: str, name: str) -> str | None:
     return None if match is None else unescape(match[2][1:-1], {"&quot;": '"', "&apos;": "'"})
 
 
-def _with_attribute(tag: str, name: str, text: str) -> str:
-    """Return a tag with another value of an attribute, or with one more attribute."""
+def _set_attribute(tag: str, name: str, text: str) -> str:
+    """Return a tag with an attribute changed or added."""
     written = f'"{escape(text, {chr(34): "&quot;"})}"'
     changed, count = _pattern(name).subn(lambda match: match[1] + written, tag, count=1)
     return changed if count else re.sub(r"\s*(/?>)$", rf" {name}={written}\1", tag)

@@ -1,4 +1,4 @@
-"""SCXML state machines: what agents do."""
+"""SCXML state machines: the behaviour of agents."""
 
 from pathlib import Path
 
@@ -10,6 +10,6 @@ WORDS = "a state machine in SCXML (<scxml>)"
 
 
 def load(path: Path) -> Part:
-    """Read a state machine. Raises InputError with everything that is wrong, file and line each."""
+    """Read a state machine. Raises InputError with all problems, each with file and line."""
     machine = scxml.read(path)
     return Part(path, WORDS, name=machine.name, behaviour=machine)

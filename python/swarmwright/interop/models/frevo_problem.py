@@ -1,4 +1,4 @@
-"""FREVO's descriptions of problems: `<icomponent>` with config, properties and requirements.
+"""FREVO's problem descriptions: `<icomponent>` with config, properties and requirements.
 
 Modelio's CPSwarm modules write one for the problem of a model; FREVO has one beside each component.
 """
@@ -6,8 +6,8 @@ Modelio's CPSwarm modules write one for the problem of a model; FREVO has one be
 from pathlib import Path
 
 from swarmwright.common.xml import Element, read
-from swarmwright.interop.models._names import number_of, whole_of
-from swarmwright.interop.models._parts import Part, Place, Problems, Property
+from swarmwright.interop.models._names import parse_integer, parse_number
+from swarmwright.interop.models._parts import Location, Part, Problems, Property
 
 ROOTS = ("icomponent",)
 WORDS = "a FREVO problem description (<icomponent>)"
@@ -16,7 +16,7 @@ _TYPES = ("INT", "LONG", "FLOAT", "DOUBLE", "BOOLEAN", "STRING", "ENUM", "FILE")
 
 
 def load(path: Path) -> Part:
-    """Read a problem description. Raises InputError with everything that is wrong, file and line each."""
+    """Read a problem description. Raises InputError with all problems, each with file and line."""
     root = read(path)
     problems = Problems()
     sections = _sections(path, root, problems)
@@ -30,22 +30,22 @@ def load(path: Path) -> Part:
     part.name = part.titles[-1] if part.titles else ""
     if not part.titles:
         problems.add(
-            Place(path, root.line, "<config>"),
+            Location(path, root.line, "<config>"),
             'has neither classname nor name; expected <entry key="classname" type="STRING" '
             'value="minisim.Minisim"/>',
         )
     for key, element in sections["properties"].items():
         value = _value(path, key, element, problems)
         if value is not None:
-            part.properties.append(Property(key, value, _place(path, key, element)))
+            part.properties.append(Property(key, value, _locate(path, key, element)))
     requirements = sections["requirements"]
     part.sensors = _count(path, requirements, "inputnumber", problems)
     part.actuators = _count(path, requirements, "outputnumber", problems)
     candidates = _count(path, requirements, "minimumCandidates", problems)
     if candidates is not None and candidates > 1:
         problems.add(
-            _place(path, "minimumCandidates", requirements["minimumCandidates"]),
-            f"{candidates} candidates at once compete with each other, which has no counterpart; expected 1",
+            _locate(path, "minimumCandidates", requirements["minimumCandidates"]),
+            f"problems with {candidates} competing candidates are not supported; expected 1",
         )
     problems.stop()
     return part
@@ -56,46 +56,46 @@ def _sections(path: Path, root: Element, problems: Problems) -> dict[str, dict[s
     for section in root.children:
         if section.tag not in _ENTRIES:
             problems.add(
-                Place(path, section.line, f"<{section.tag}>"),
+                Location(path, section.line, f"<{section.tag}>"),
                 f"found inside <icomponent>; expected {', '.join(_ENTRIES)}",
             )
             continue
         for element in section.children:
-            place = Place(path, element.line, f"<{element.tag}>")
+            location = Location(path, element.line, f"<{element.tag}>")
             key = element.attributes.get("key", "")
             if element.tag != _ENTRIES[section.tag]:
-                problems.add(place, f"found inside <{section.tag}>; expected <{_ENTRIES[section.tag]}>")
+                problems.add(location, f"found inside <{section.tag}>; expected <{_ENTRIES[section.tag]}>")
             elif not key:
-                problems.add(place, "the attribute key is missing")
+                problems.add(location, "the attribute key is missing")
             elif "value" not in element.attributes:
-                problems.add(place, f"the attribute value of {key!r} is missing")
+                problems.add(location, f"the attribute value of {key!r} is missing")
             elif key in sections[section.tag]:
                 first = sections[section.tag][key].line
-                problems.add(place, f"duplicate key {key!r} (first in line {first}); keep one")
+                problems.add(location, f"duplicate key {key!r} (first in line {first}); keep one")
             else:
                 sections[section.tag][key] = element
     return sections
 
 
-def _place(path: Path, key: str, element: Element) -> Place:
-    return Place(path, element.line, f"<{element.tag}>: {key}")
+def _locate(path: Path, key: str, element: Element) -> Location:
+    return Location(path, element.line, f"<{element.tag}>: {key}")
 
 
 def _value(path: Path, key: str, element: Element, problems: Problems) -> int | float | bool | str | None:
     text = element.attributes["value"].strip()
     kind = element.attributes.get("type", "STRING").strip().upper()
-    place = _place(path, key, element)
+    location = _locate(path, key, element)
     if kind in {"INT", "LONG"}:
-        return whole_of(text, place, problems)
+        return parse_integer(text, location, problems)
     if kind in {"FLOAT", "DOUBLE"}:
-        return number_of(text, place, problems)
+        return parse_number(text, location, problems)
     if kind == "BOOLEAN":
         if text.lower() in {"true", "false"}:
             return text.lower() == "true"
-        problems.add(place, f"{text!r} found, expected true or false")
+        problems.add(location, f"{text!r} found, expected true or false")
         return None
     if kind not in _TYPES:
-        problems.add(place, f"unknown type {kind!r}; expected {', '.join(_TYPES)}")
+        problems.add(location, f"unknown type {kind!r}; expected {', '.join(_TYPES)}")
         return None
     return text
 
@@ -106,10 +106,10 @@ def _count(path: Path, entries: dict[str, Element], key: str, problems: Problems
     element = entries[key]
     text = element.attributes["value"].strip()
     if text.lower() in {"", "null"} and key.endswith("Candidates"):
-        return None  # Modelio writes null where the model says nothing
-    place = _place(path, key, element)
-    count = whole_of(text, place, problems)
+        return None  # Modelio writes null for missing values
+    location = _locate(path, key, element)
+    count = parse_integer(text, location, problems)
     if count is not None and count < 1:
-        problems.add(place, f"{count} found, expected a whole number of at least 1")
+        problems.add(location, f"{count} found, expected a whole number of at least 1")
         return None
     return count

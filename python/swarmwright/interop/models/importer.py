@@ -1,4 +1,4 @@
-"""Models that engineers draw, for `swarmwright import` and `swarmwright export --model`."""
+"""Importer of drawn models, for `swarmwright import` and `swarmwright export --model`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,18 +10,18 @@ from swarmwright.interop.models._write_back import write_back
 
 
 class ModelImporter(Importer):
-    """Reads the files of a model, each recognised by what it holds."""
+    """Reads the files of a model, recognised by their content."""
 
     words = "a drawn model"
     unused = frozenset({"field", "ranking"})
     last = True
 
-    def recognises(self, files: Sequence[Path]) -> bool:  # noqa: ARG002 - as its base class
-        """Accept all files: `load` says what is wrong with those of no known kind."""
+    def recognises(self, files: Sequence[Path]) -> bool:  # noqa: ARG002 - as in the base class
+        """Accept all files; `load` reports unknown kinds."""
         return True
 
     def load(self, files: Sequence[Path], options: ImportOptions) -> Imported:
-        """Make an experiment of the model."""
+        """Convert the model to an experiment."""
         return load(
             files,
             target=options.target,
@@ -40,5 +40,5 @@ class ModelImporter(Importer):
         candidate: int | None = None,
         force: bool = False,
     ) -> tuple[Subject, list[Path]]:
-        """Write copies of the files with a candidate's values; the candidate, and what was written."""
+        """Write copies of the files with a candidate's values; return the candidate and the paths."""
         return write_back(run, files, output=output, generation=generation, candidate=candidate, force=force)

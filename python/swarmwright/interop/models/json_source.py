@@ -15,7 +15,7 @@ _BLANK = re.compile(r"[ \t\r\n]*")
 _WORDS = {"null": None, "true": True, "false": False}
 _NOT_FINITE = re.compile(r"[+-]?(?:NaN|Infinity|inf|nan)")
 _DEEPEST_NESTING = 100
-"""Levels of nesting."""
+"""Deepest nesting."""
 
 
 def read(path: Path) -> Source:
@@ -27,7 +27,7 @@ def read(path: Path) -> Source:
     try:
         data = read_bytes(path, LARGEST_FILE)
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
+        raise InputError(f"{path}: file not found") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     try:
@@ -38,11 +38,11 @@ def read(path: Path) -> Source:
 
 
 def parse(text: str, name: str) -> Source:
-    """Parse JSON text; `name` is what it is called in messages. Raises InputError as `read`."""
+    """Parse JSON text; `name` is used in messages. Raises InputError as `read` does."""
     reader = _Reader(text, name)
     reader.source.values = reader.value((), 0)
     if reader.at < len(text):
-        reader.fail("there is more text after the end of the value")
+        reader.fail("unexpected text after the end of the value")
     return reader.source
 
 
@@ -59,7 +59,7 @@ class _Reader:
 
     @property
     def line(self) -> int:
-        """The line, from 1, of what comes next."""
+        """The current line, from 1."""
         self._line += self.text.count("\n", self._counted, self.at)
         self._counted = self.at
         return self._line
@@ -68,7 +68,7 @@ class _Reader:
         blank = _BLANK.match(self.text, self.at)
         self.at = self.at if blank is None else blank.end()
 
-    def _takes(self, sign: str) -> bool:
+    def _skip_sign(self, sign: str) -> bool:
         if not self.text.startswith(sign, self.at):
             return False
         self.at += len(sign)
@@ -77,16 +77,16 @@ class _Reader:
 
     def value(self, path: Path_, depth: int) -> Any:  # noqa: ANN401 - any JSON value
         if depth > _DEEPEST_NESTING:
-            self.fail(f"nested more than {_DEEPEST_NESTING} deep")
+            self.fail(f"nesting is deeper than {_DEEPEST_NESTING} levels")
         self.source.lines.setdefault(path, self.line)
-        if self._takes("{"):
+        if self._skip_sign("{"):
             return self._object(path, depth)
-        if self._takes("["):
+        if self._skip_sign("["):
             return self._array(path, depth)
         if self.text.startswith('"', self.at):
             return self._string()
         for word, value in _WORDS.items():
-            if self._takes(word):
+            if self._skip_sign(word):
                 return value
         return self._number()
 
@@ -95,9 +95,9 @@ class _Reader:
         if match is None:
             wrong = _NOT_FINITE.match(self.text, self.at)
             if wrong is not None:
-                self.fail(f"{wrong[0]} is not a number that JSON has")
-            found = self.text[self.at : self.at + 20].split("\n")[0]
-            self.fail(f"{found!r} found, expected a value" if found else "it ends too early")
+                self.fail(f"{wrong[0]} is not a JSON number")
+            rest = self.text[self.at : self.at + 20].split("\n")[0]
+            self.fail(f"{rest!r} found, expected a value" if rest else "the text ends too early")
         self.at = match.end()
         if match[1] is None and match[2] is None:
             if len(match[0]) > LONGEST_NUMBER:
@@ -119,18 +119,18 @@ class _Reader:
         return str(text)
 
     def _object(self, path: Path_, depth: int) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        if self._takes("}"):
-            return found
+        members: dict[str, Any] = {}
+        if self._skip_sign("}"):
+            return members
         while True:
             if not self.text.startswith('"', self.at):
                 self.fail("expected a key in quotation marks")
             line = self.line
             key = self._string()
             inner = (*path, key)
-            if not self._takes(":"):
+            if not self._skip_sign(":"):
                 self.fail(f"expected ':' after the key {key!r}")
-            if key in found:
+            if key in members:
                 first = self.source.lines[inner]
                 self.source.problems.append(
                     (inner, line, f"duplicate key in one object (first in line {first})")
@@ -138,19 +138,19 @@ class _Reader:
                 self.value((*inner, "duplicate"), depth + 1)
             else:
                 self.source.lines[inner] = line
-                found[key] = self.value(inner, depth + 1)
-            if self._takes("}"):
-                return found
-            if not self._takes(","):
+                members[key] = self.value(inner, depth + 1)
+            if self._skip_sign("}"):
+                return members
+            if not self._skip_sign(","):
                 self.fail("expected ',' or '}'")
 
     def _array(self, path: Path_, depth: int) -> list[Any]:
-        found: list[Any] = []
-        if self._takes("]"):
-            return found
+        items: list[Any] = []
+        if self._skip_sign("]"):
+            return items
         while True:
-            found.append(self.value((*path, len(found)), depth + 1))
-            if self._takes("]"):
-                return found
-            if not self._takes(","):
+            items.append(self.value((*path, len(items)), depth + 1))
+            if self._skip_sign("]"):
+                return items
+            if not self._skip_sign(","):
                 self.fail("expected ',' or ']'")

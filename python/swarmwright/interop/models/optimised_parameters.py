@@ -2,7 +2,7 @@
 
 Modelio's CPSwarm module writes them as `{"parameters": [{"name", "meta", "min", "max", "scale"}]}`. FREVO
 evolves a whole number from min to max, and the simulation gets that number times scale. The schema declares
-`scale` as a string, the published samples have a number; both are read.
+`scale` as a string, the published samples have a number; both are supported.
 """
 
 import math
@@ -14,22 +14,22 @@ from typing import Any
 from swarmwright.common.problems import format_value
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.yaml import Source
-from swarmwright.interop.models._parts import Optimised, Part, Place, Problems
+from swarmwright.interop.models._parts import Location, OptimisedParameter, Part, Problems
 
 WORDS = 'OptimisedParameters ({"parameters": [..]})'
 _KEYS = ("name", "meta", "min", "max", "scale")
 _VALUE = "value"
-"""The best value, which `swarmwright export --model` adds."""
+"""Key of the best value, which `swarmwright export --model` adds."""
 _META = re.compile(r"command_line|file:\s*\S.*")
 
 
 def recognises(values: object) -> bool:
-    """Whether a JSON value is such a file."""
+    """Whether a JSON value is an OptimisedParameters file."""
     return isinstance(values, Mapping) and "parameters" in values
 
 
 def load(path: Path, source: Source) -> Part:
-    """Take the parameters of a file. Raises InputError with everything that is wrong, file and line each."""
+    """Read the parameters of a file. Raises InputError with all problems, each with file and line."""
     problems = Problems()
     part = Part(path, WORDS)
     values = source.values
@@ -41,34 +41,39 @@ def load(path: Path, source: Source) -> Part:
         problems.lines.add(f"{source.place(('parameters',))}expected a list, not {format_value(entries)}")
         entries = []
     elif not entries:
-        problems.lines.add(f"{source.place(('parameters',))}is empty; there is nothing to optimise")
+        problems.lines.add(f"{source.place(('parameters',))}the list is empty; add a parameter to optimise")
     first: dict[str, int] = {}
     for index, entry in enumerate(entries):
-        found = _parameter(path, source, index, entry, problems)
-        if found is None:
+        parameter = _parameter(path, source, index, entry, problems)
+        if parameter is None:
             continue
-        if found.name in first:
-            problems.add(found.place, f"duplicate name {found.name!r} (first in line {first[found.name]})")
-        first.setdefault(found.name, found.place.line)
-        part.optimised.append(found)
+        if parameter.name in first:
+            problems.add(
+                parameter.location,
+                f"duplicate name {parameter.name!r} (first in line {first[parameter.name]})",
+            )
+        first.setdefault(parameter.name, parameter.location.line)
+        part.optimised.append(parameter)
     problems.stop()
     return part
 
 
-def _parameter(path: Path, source: Source, index: int, entry: object, problems: Problems) -> Optimised | None:
+def _parameter(
+    path: Path, source: Source, index: int, entry: object, problems: Problems
+) -> OptimisedParameter | None:
     at = ("parameters", index)
-    place = Place(path, source.lines.get(at, 1), f"parameters[{index}]")
+    location = Location(path, source.lines.get(at, 1), f"parameters[{index}]")
     if not isinstance(entry, Mapping):
-        problems.add(place, f"expected an object with {', '.join(_KEYS)}, not {format_value(entry)}")
+        problems.add(location, f"expected an object with {', '.join(_KEYS)}, not {format_value(entry)}")
         return None
-    before = len(problems.lines)
+    problem_count = len(problems.lines)
     for key in entry:
         if key not in (*_KEYS, _VALUE):
             hint = did_you_mean(key, _KEYS) or f"; expected {', '.join(_KEYS)}"
             problems.lines.add(f"{source.place((*at, key))}unknown key{hint}")
     missing = [key for key in _KEYS if key not in entry]
     if missing:
-        problems.add(place, f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
+        problems.add(location, f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
     for key in ("name", "meta"):
         value = entry.get(key, "x")
         if not isinstance(value, str) or not value.strip():
@@ -84,13 +89,13 @@ def _parameter(path: Path, source: Source, index: int, entry: object, problems: 
         problems.lines.add(
             f"{source.place((*at, 'max'))}{bounds[1]} found, expected a number above min, {bounds[0]}"
         )
-    if len(problems.lines) > before:
+    if len(problems.lines) > problem_count:
         return None
     low, high = bounds
     assert low is not None
     assert high is not None
     assert scale is not None
-    return Optimised(entry["name"].strip(), low, high, scale, entry["meta"].strip(), place)
+    return OptimisedParameter(entry["name"].strip(), low, high, scale, entry["meta"].strip(), location)
 
 
 def _bound(source: Source, at: tuple[str | int, ...], value: Any, problems: Problems) -> int | float | None:  # noqa: ANN401 - whatever the file says
@@ -111,8 +116,8 @@ def _scale(source: Source, at: tuple[str | int, ...], value: Any, problems: Prob
             number = math.nan
     if not math.isfinite(number) or number <= 0:
         problems.lines.add(
-            f'{source.place(at)}expected a number above 0, or text with one such as "0.1", not '
-            f"{format_value(value)}"
+            f'{source.place(at)}expected a number above 0, also as a string such as "0.1", '
+            f"not {format_value(value)}"
         )
         return None
     return number

@@ -1,14 +1,14 @@
-"""SwarmComposition: the kinds of agents of a swarm and how many there are of each, in XML.
+"""SwarmComposition: the kinds of agents of a swarm and their numbers, in XML.
 
-`<Swarm name=".."><SwarmMember name=".." launchFile=".." number=".."/></Swarm>`, as Modelio's CPSwarm module
-writes it and the launcher of the CPSwarm workbench reads it.
+`<Swarm name=".."><SwarmMember name=".." launchFile=".." number=".."/></Swarm>`, as written by Modelio's
+CPSwarm module and read by the launcher of the CPSwarm workbench.
 """
 
 from pathlib import Path
 
 from swarmwright.common.xml import read
-from swarmwright.interop.models._names import whole_of
-from swarmwright.interop.models._parts import Member, Part, Place, Problems
+from swarmwright.interop.models._names import parse_integer
+from swarmwright.interop.models._parts import Location, Member, Part, Problems
 
 ROOTS = ("swarm", "SwarmComposition", "Swarm")
 WORDS = "a SwarmComposition (<Swarm> with <SwarmMember>)"
@@ -16,32 +16,32 @@ _MEMBERS = ("SwarmMember", "swarmMember")
 
 
 def load(path: Path) -> Part:
-    """Read a composition. Raises InputError with everything that is wrong, file and line each."""
+    """Read a composition. Raises InputError with all problems, each with file and line."""
     root = read(path)
     problems = Problems()
     part = Part(path, WORDS, name=root.attributes.get("name", "").strip())
     first: dict[str, int] = {}
     for element in root.children:
-        place = Place(path, element.line, f"<{element.tag}>")
+        location = Location(path, element.line, f"<{element.tag}>")
         if element.tag.rpartition(":")[2] not in _MEMBERS:
-            problems.add(place, f"found inside <{root.tag}>; expected <SwarmMember>")
+            problems.add(location, f"found inside <{root.tag}>; expected <SwarmMember>")
             continue
         for attribute in element.attributes:
             if attribute not in {"name", "launchFile", "number"} and ":" not in attribute:
-                problems.add(place, f"unknown attribute {attribute}; expected name, launchFile, number")
+                problems.add(location, f"unknown attribute {attribute}; expected name, launchFile, number")
         if "launchFile" not in element.attributes:
-            problems.add(place, "the attribute launchFile is missing")
-        number = whole_of(element.attributes.get("number", "1").strip(), place, problems)
+            problems.add(location, "the attribute launchFile is missing")
+        number = parse_integer(element.attributes.get("number", "1").strip(), location, problems)
         if number is not None and not 0 <= number <= 1_000_000:
-            problems.add(place, f"number is {number}, expected 0 to 1000000")
+            problems.add(location, f"number is {number}, expected 0 to 1000000")
         launch_file = element.attributes.get("launchFile", "").strip()
         name = element.attributes.get("name", "").strip() or Path(launch_file).stem
         if not name:
-            problems.add(place, "the attribute name is missing")
+            problems.add(location, "the attribute name is missing")
         elif name in first:
-            problems.add(place, f"duplicate name {name!r} (first in line {first[name]}); keep one")
+            problems.add(location, f"duplicate name {name!r} (first in line {first[name]}); keep one")
         first.setdefault(name, element.line)
-        part.members.append(Member(name, launch_file, number or 0, place))
+        part.members.append(Member(name, launch_file, number or 0, location))
     problems.stop()
     if sum(member.number for member in part.members) < 1:
         raise root.error("has no agents; expected a <SwarmMember> with a number of at least 1")

@@ -1,11 +1,8 @@
 """Models in SysML v2's textual notation (OMG, "Systems Modeling Language", version 2.0): a subset.
 
-It reads packages, part definitions and usages with multiplicity, attributes with values, ports and directed
-features, and the metadata `@Optimize { min = ..; max = ..; scale = ..; }` of attributes and parts.
-
-Statements of SysML v2 as definitions and usages: name, types, multiplicity, value.
-
-Which definition or usage of a model in SysML v2 a name means: by packages, imports and aliases.
+Supported are packages, part definitions and usages with multiplicity, attributes with values, ports and
+directed features, and the metadata `@Optimize { min = ..; max = ..; scale = ..; }` of attributes and parts.
+Names are resolved through packages, imports and aliases.
 """
 
 import math
@@ -19,27 +16,27 @@ from typing import Any, NamedTuple
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.interop.models._parts import Member, Optimised, Part, Place, Problems, Property
+from swarmwright.interop.models._parts import Location, Member, OptimisedParameter, Part, Problems, Property
 from swarmwright.interop.models._sysml_text import (
     DIRECTIONS,
     KERML,
     PREFIXES,
     Statement,
     Word,
+    parse_statements,
     read_text,
-    statements,
-    unescaped,
+    unescape,
 )
 
 KEYWORDS = frozenset({"attribute", "item", "metadata", "package", "part", "port"})
 EXPRESSION = "expression"
-"""The keyword of the expression at the end of a body, which has none."""
+"""Keyword of a result expression, which has none."""
 SILENT = frozenset({"import", "doc", "comment", "alias", "language", "locale", "rep"})
-"""Statements without meaning for an experiment."""
+"""Statements that do not matter for an experiment."""
 LONGEST_NUMBER = 1000
-"""Characters: Python does not write integers of more than 4300 digits."""
+"""In characters; Python refuses to convert integers of more than 4300 digits."""
 _RELATIONS = frozenset({"crosses", "defined", "redefines", "references", "specializes", "subsets", "typed"})
-"""Words of a usage without a keyword, in the place of signs."""
+"""Words of a usage without a keyword that replace signs."""
 _EQUALS = frozenset({"=", ":="})
 _MODIFIERS = _RELATIONS | {"by", "default", "nonunique", "ordered"}
 _TYPED, _SPECIAL = frozenset({":"}), frozenset({":>", "specializes", "subsets"})
@@ -52,50 +49,50 @@ class Feature:
 
     statement: Statement
     keyword: str
-    """Of KEYWORDS; empty for a usage without one; `@` for metadata; else a word that is not supported."""
+    """A word of KEYWORDS; empty for a usage without keyword; `@` for metadata; else an unsupported word."""
     scope: tuple[str, ...] = ()
-    """Path of what it is in the body of."""
+    """Path of the enclosing feature."""
     is_definition: bool = False
-    """Whether it is a definition, else a usage."""
+    """Whether it is a definition and not a usage."""
     direction: str = ""
     """in, out or inout; empty without one."""
     name: str = ""
-    """Empty for one without a name."""
+    """Empty without a name."""
     reserved: str = ""
-    """A reserved word in the place of the name."""
+    """A reserved word used as a name."""
     short_name: str = ""
-    """In angle brackets in front of the name."""
+    """The short name, in angle brackets before the name."""
     types: list[list[str]] = field(default_factory=list)
-    """Qualified names of its types, and of what it specializes, word by word."""
+    """Qualified names of the types and specialized features, word by word."""
     conjugated: bool = False
     """Whether the type of a port is conjugated, `~Type`."""
     multiplicity: list[Word] | None = None
-    """What is between the brackets; None without them."""
+    """The words between the brackets; None without brackets."""
     value: list[Word] | None = None
-    """The expression behind `=`; None without one."""
+    """The expression after `=`; None without one."""
     about: list[str] = field(default_factory=list)
-    """Of metadata: the names of what it is about, where it is not in its body."""
+    """For metadata: names of the features that it annotates, if it is not in their body."""
     prefixes: list[str] = field(default_factory=list)
-    """Metadata that is written in front, #Optimize."""
+    """Metadata before the feature, #Optimize."""
 
     @property
     def line(self) -> int:
-        """Where it begins."""
+        """Line of its beginning."""
         return self.statement.line
 
     @property
     def path(self) -> tuple[str, ...]:
-        """The names around it, and its own; where it has none, another word that nothing else has."""
+        """The path of the scope and its own name; without a name, a unique word."""
         return (*self.scope, self.name or f"#{self.statement.end}")
 
     @cached_property
-    def inside(self) -> list["Feature"]:
-        """What is in its body."""
-        return [feature_of(statement, self.path) for statement in self.statement.body or []]
+    def features(self) -> list["Feature"]:
+        """The features in its body."""
+        return [parse_feature(statement, self.path) for statement in self.statement.body or []]
 
 
-def feature_of(statement: Statement, scope: tuple[str, ...] = ()) -> Feature:
-    """Return what a statement defines or uses; scope: the path of what it is in the body of."""
+def parse_feature(statement: Statement, scope: tuple[str, ...] = ()) -> Feature:
+    """Parse a definition or usage; scope: path of the enclosing feature."""
     feature = Feature(statement, "", scope)
     if statement.is_result:
         feature.keyword = EXPRESSION
@@ -104,7 +101,7 @@ def feature_of(statement: Statement, scope: tuple[str, ...] = ()) -> Feature:
     while words and (words[0].text in PREFIXES | DIRECTIONS or words[0].text == "#"):
         word = words.popleft()
         if word.text == "#" and words:
-            names = _qualified(words, feature)
+            names = _take_qualified_name(words, feature)
             feature.prefixes += names[-1:]
         elif word.text in DIRECTIONS:
             feature.direction = word.text
@@ -117,38 +114,38 @@ def feature_of(statement: Statement, scope: tuple[str, ...] = ()) -> Feature:
     if words and words[0].text == "def":
         words.popleft()
         feature.is_definition = True
-    _declaration(feature, words)
+    _parse_declaration(feature, words)
     return feature
 
 
-def _declaration(feature: Feature, words: deque[Word]) -> None:
-    """Take name, types, multiplicity and value from the words of a feature."""
+def _parse_declaration(feature: Feature, words: deque[Word]) -> None:
+    """Parse name, types, multiplicity and value of a feature."""
     while words and feature.value is None:
         word = words.popleft()
         if word.text in _EQUALS or (word.text == "default" and words and words[0].text not in _EQUALS):
             feature.value = list(words)
         elif word.text == "[":
-            feature.multiplicity = _up_to_bracket(words)
+            feature.multiplicity = _take_to_bracket(words)
         elif word.text in _REDEFINED:
-            names = _qualified(words, feature)
+            names = _take_qualified_name(words, feature)
             feature.name = feature.name or (names[-1] if names else "")
         elif word.text in _TYPED | _SPECIAL or (word.text == "by" and words):
-            feature.types += _list(words, feature)
+            feature.types += _take_names(words, feature)
         elif word.text == "<" and len(words) > 1 and words[1].text == ">":
             feature.short_name = words.popleft().name
             words.popleft()
         elif word.text == "about":
-            feature.about += [names[-1] for names in _list(words, feature)]
+            feature.about += [names[-1] for names in _take_names(words, feature)]
         elif word.kind == "name" and not feature.name:
             feature.name = word.name
-            while len(words) > 1 and words[0].text == "::":  # of metadata: its qualified name
+            while len(words) > 1 and words[0].text == "::":  # the qualified name of metadata
                 words.popleft()
                 feature.name = words.popleft().name
         elif word.kind == "keyword" and word.text not in _MODIFIERS:
             feature.reserved = feature.reserved or word.text
 
 
-def _up_to_bracket(words: deque[Word]) -> list[Word]:
+def _take_to_bracket(words: deque[Word]) -> list[Word]:
     inner: list[Word] = []
     while words and words[0].text != "]":
         inner.append(words.popleft())
@@ -157,15 +154,15 @@ def _up_to_bracket(words: deque[Word]) -> list[Word]:
     return inner
 
 
-def _list(words: deque[Word], feature: Feature) -> list[list[str]]:
-    found = [_qualified(words, feature)]
+def _take_names(words: deque[Word], feature: Feature) -> list[list[str]]:
+    names_list = [_take_qualified_name(words, feature)]
     while words and words[0].text == ",":
         words.popleft()
-        found.append(_qualified(words, feature))
-    return [names for names in found if names]
+        names_list.append(_take_qualified_name(words, feature))
+    return [names for names in names_list if names]
 
 
-def _qualified(words: deque[Word], feature: Feature) -> list[str]:
+def _take_qualified_name(words: deque[Word], feature: Feature) -> list[str]:
     if words and words[0].text == "~":
         words.popleft()
         feature.conjugated = True
@@ -178,8 +175,8 @@ def _qualified(words: deque[Word], feature: Feature) -> list[str]:
     return names
 
 
-def literal(tokens: list[Word] | None) -> Any:  # noqa: ANN401 - a number, text or truth value
-    """Return the value of a literal, a unit behind it left out.
+def parse_literal(tokens: list[Word] | None) -> Any:  # noqa: ANN401 - a number, text or truth value
+    """Return the value of a literal, ignoring its unit.
 
     None for any other expression, and for numbers that are not finite or have more than `LONGEST_NUMBER`
     characters.
@@ -199,7 +196,7 @@ def literal(tokens: list[Word] | None) -> Any:  # noqa: ANN401 - a number, text 
         number = int(word.text) if word.text.isdigit() else float(word.text)
         return sign * number if isinstance(number, int) or math.isfinite(number) else None
     if word.kind == "text":
-        return unescaped(word.text[1:-1])
+        return unescape(word.text[1:-1])
     return {"true": True, "false": False}.get(word.text)
 
 
@@ -208,28 +205,28 @@ _LIBRARY = frozenset(
     | {"KerML", "Links", "Metaobjects", "Objects", "Occurrences", "Parts", "Ports", "Quantities", "SI"}
     | {"ScalarValues", "ShapeItems", "SpatialItems", "SysML", "Time", "USCustomaryUnits", "VectorValues"}
 )
-"""Packages of the standard's libraries, in which nothing senses or acts."""
-_OF_LIBRARY = frozenset(
+"""Packages of the standard libraries, which have no sensors or actuators."""
+_LIBRARY_NAMES = frozenset(
     {"Anything", "Item", "Object", "Occurrence", "Part", "Port", "items", "objects", "parts", "ports"}
     | {"subitems", "subparts", "subports"}
 )
-"""What is often used of them without the package's name."""
+"""Names of the libraries that are often used without the package's name."""
 _WITH_MEMBERS = frozenset({"item", "package", "part", "port"})
 _MOST_STEPS = 50
-"""Steps over types, imports and aliases to where a member is defined."""
+"""Most steps over types, imports and aliases to the definition of a member."""
 
 _MOST_STEPS_OF_ALL = 500_000
-"""Steps for all names of a file: about a second."""
+"""Most steps for all names of a file: about a second."""
 
 Scope = tuple[str, ...]
 
 
 class TooManyNamesError(Exception):
-    """The imports and names of a file are too many to be looked up."""
+    """A file has too many imports and names to resolve."""
 
 
 class Unknown(NamedTuple):
-    """A name that is not found."""
+    """A name that cannot be resolved."""
 
     reason: str
 
@@ -237,14 +234,14 @@ class Unknown(NamedTuple):
 class _Import(NamedTuple):
     names: list[str]
     wildcards: int
-    """0: what has this name; else all in it, from 2 on also all in that."""
+    """0: the named feature; 1: all its members; from 2 on: all members at any depth."""
 
 
 class Names:
-    """What has a name in a model.
+    """Resolution of the names of a model.
 
     Args:
-        roots: everything outside of all packages.
+        roots: top-level features.
     """
 
     def __init__(self, roots: Sequence[Feature]) -> None:
@@ -254,10 +251,10 @@ class Names:
         self._by_name: dict[str, list[tuple[Scope, Feature]]] = {}
         """Members of all bodies, by name."""
         self._steps = 0
-        self._known: dict[tuple[Scope, str], Feature | None] = {}
-        """Members that were looked for; None also while one is looked for, as types may form a circle."""
+        self._resolved: dict[tuple[Scope, str], Feature | None] = {}
+        """Resolved members; None also during the search, since types may form a cycle."""
         self.duplicates: list[tuple[Feature, Feature]] = []
-        """Definitions with a name that another one has in the same package, and this other one."""
+        """Pairs of definitions with the same name in a package: the later and the earlier."""
         for feature in roots:
             self._add(feature)
         for path, feature in self._members.items():
@@ -265,15 +262,15 @@ class Names:
 
     def _add(self, feature: Feature) -> None:
         if feature.keyword == "import":
-            words = _before_filter(feature.statement.words)
+            words = _strip_filter(feature.statement.words)
             names = [word.name for word in words if word.kind == "name"]
             wildcards = sum(word.text.count("*") for word in words if word.kind == "sign")
             self._imports.setdefault(feature.scope, []).append(_Import(names, wildcards))
         elif feature.keyword == "alias" and feature.name:
             texts = [word.text for word in feature.statement.words]
-            behind = feature.statement.words[texts.index("for") + 1 :] if "for" in texts else []
+            targets = feature.statement.words[texts.index("for") + 1 :] if "for" in texts else []
             self._aliases[*feature.scope, feature.name] = [
-                follower.name for follower in behind if follower.kind == "name"
+                target.name for target in targets if target.kind == "name"
             ]
         elif feature.keyword in KEYWORDS or feature.is_definition or feature.direction:
             for name in filter(None, (feature.name, feature.short_name)):
@@ -283,116 +280,120 @@ class Names:
                 elif feature.is_definition:  # a usage with the same name does not hide it
                     self._members[*feature.scope, name] = feature
         if feature.keyword in _WITH_MEMBERS:
-            for inner in feature.inside:
+            for inner in feature.features:
                 self._add(inner)
 
-    def types_of(self, feature: Feature) -> Iterator[Feature | Unknown]:
-        """Yield what a feature is typed by or specializes, without what is in the standard's libraries."""
+    def resolve_types(self, feature: Feature) -> Iterator[Feature | Unknown]:
+        """Yield the types and specialized features of a feature, except those of the standard libraries."""
         for names in feature.types:
-            found = self._found(names, feature)
-            if found is not None:
-                yield found
-            elif not _is_of_library(names):
-                yield Unknown(self._missing(names))
+            type_ = self._resolve(names, feature)
+            if type_ is not None:
+                yield type_
+            elif not _is_library_name(names):
+                yield Unknown(self._describe_missing(names))
 
-    def _found(self, names: Sequence[str], feature: Feature, depth: int = 0) -> Feature | Unknown | None:
-        """Return what a name in a feature means; None for nothing."""
+    def _resolve(self, names: Sequence[str], feature: Feature, depth: int = 0) -> Feature | Unknown | None:
+        """Resolve a name used in a feature; None if there is no match."""
         for length in range(len(feature.scope), -1, -1):
-            found = self._member(feature.scope[:length], names[0], depth)
-            if found is not None and found.path != feature.path:
-                return self._below(found, names[1:], depth)
-        # In a package that is not imported, where no other has this name.
-        named = self._by_name.get(names[-1], [])
-        self._step(len(named))
-        ends = [element for path, element in named if [*path[-len(names) :]] == [*names]]
+            member = self._member(feature.scope[:length], names[0], depth)
+            if member is not None and member.path != feature.path:
+                return self._descend(member, names[1:], depth)
+        # In a package that is not imported, if the name is unique.
+        namesakes = self._by_name.get(names[-1], [])
+        self._step(len(namesakes))
+        ends = [element for path, element in namesakes if [*path[-len(names) :]] == [*names]]
         ends = [end for end in ends if end.path != feature.path]
         ends = [end for end in ends if end.is_definition] or ends
         if len(ends) > 1:
-            shown = ", ".join(f"{'::'.join(end.path)} (line {end.line})" for end in ends[:5])
-            return Unknown(f"{'::'.join(names)} may be {shown}; write its qualified name")
+            candidates = ", ".join(f"{'::'.join(end.path)} (line {end.line})" for end in ends[:5])
+            return Unknown(f"{'::'.join(names)} is ambiguous: {candidates}; write the qualified name")
         return ends[0] if ends else None
 
-    def _below(self, feature: Feature, names: Sequence[str], depth: int) -> Feature | None:
-        found: Feature | None = feature
+    def _descend(self, feature: Feature, names: Sequence[str], depth: int) -> Feature | None:
+        member: Feature | None = feature
         for name in names:
-            found = None if found is None else self._member(found.path, name, depth)
-        return found
+            member = None if member is None else self._member(member.path, name, depth)
+        return member
 
     def _member(self, scope: Scope, name: str, depth: int) -> Feature | None:
-        """Return what has a name in a body: its own, by an alias, imported or inherited; None for nothing."""
+        """Return the member of a body: own, aliased, imported or inherited; None if there is none."""
         key = (scope, name)
-        if key not in self._known and depth < _MOST_STEPS:
-            self._known[key] = None
-            self._known[key] = self._looked_up(scope, name, depth + 1)
-        return self._known.get(key)
+        if key not in self._resolved and depth < _MOST_STEPS:
+            self._resolved[key] = None
+            self._resolved[key] = self._find_member(scope, name, depth + 1)
+        return self._resolved.get(key)
 
-    def _looked_up(self, scope: Scope, name: str, depth: int) -> Feature | None:
-        own = self._members.get((*scope, name))
-        if own is not None:
-            return own
+    def _find_member(self, scope: Scope, name: str, depth: int) -> Feature | None:
+        own_member = self._members.get((*scope, name))
+        if own_member is not None:
+            return own_member
         if (*scope, name) in self._aliases:
-            return self._named_from(scope, self._aliases[*scope, name], depth)
+            return self._resolve_target(scope, self._aliases[*scope, name], depth)
         for imported in self._imports.get(scope, []):
             self._step()
-            target = self._named_from(scope, imported.names, depth)
-            found = None
+            target = self._resolve_target(scope, imported.names, depth)
+            member = None
             if target is not None and not imported.wildcards:
-                found = target if imported.names[-1] == name else None
+                member = target if imported.names[-1] == name else None
             elif target is not None:
-                found = self._member(target.path, name, depth)
-                if found is None and imported.wildcards > 1:
-                    found = self._anywhere_in(target.path, name)
-            if found is not None:
-                return found
+                member = self._member(target.path, name, depth)
+                if member is None and imported.wildcards > 1:
+                    member = self._find_nested(target.path, name)
+            if member is not None:
+                return member
         body = self._members.get(scope)
         for names in [] if body is None else body.types:
-            base = self._found(names, body, depth) if body is not None else None
-            found = self._member(base.path, name, depth) if isinstance(base, Feature) else None
-            if found is not None:
-                return found
+            base = self._resolve(names, body, depth) if body is not None else None
+            member = self._member(base.path, name, depth) if isinstance(base, Feature) else None
+            if member is not None:
+                return member
         return None
 
-    def _named_from(self, scope: Scope, names: Sequence[str], depth: int) -> Feature | None:
-        """Return what an import or an alias in a body names; None for nothing."""
+    def _resolve_target(self, scope: Scope, names: Sequence[str], depth: int) -> Feature | None:
+        """Resolve the target of an import or an alias in a body; None if there is no match."""
         for length in range(len(scope), -1, -1):
-            found = self._members.get((*scope[:length], names[0])) if names else None
-            if found is not None:
-                return self._below(found, names[1:], depth)
+            member = self._members.get((*scope[:length], names[0])) if names else None
+            if member is not None:
+                return self._descend(member, names[1:], depth)
         return None
 
-    def _anywhere_in(self, package: Scope, name: str) -> Feature | None:
-        named = self._by_name.get(name, [])
-        self._step(len(named))
-        return next((feature for path, feature in named if path[: len(package)] == package), None)
+    def _find_nested(self, package: Scope, name: str) -> Feature | None:
+        namesakes = self._by_name.get(name, [])
+        self._step(len(namesakes))
+        return next((feature for path, feature in namesakes if path[: len(package)] == package), None)
 
     def _step(self, number: int = 1) -> None:
-        """Count what is looked at. Raises TooManyNamesError when it is more than any sensible model needs."""
+        """Count steps. Raises TooManyNamesError beyond the limit for sensible models."""
         self._steps += number
         if self._steps > _MOST_STEPS_OF_ALL:
             raise TooManyNamesError
 
-    def _missing(self, names: Sequence[str]) -> str:
-        known = {
-            name for name, ones in self._by_name.items() if any(feature.is_definition for _, feature in ones)
+    def _describe_missing(self, names: Sequence[str]) -> str:
+        definitions = {
+            name
+            for name, members in self._by_name.items()
+            if any(feature.is_definition for _, feature in members)
         }
-        hint = did_you_mean(names[-1], sorted(known)) or "; add its definition"
-        shown = "::".join(names if len(names) <= 10 else [*names[:10], ".."])
-        return f"{shown} is not defined in this file{hint}"
+        hint = did_you_mean(names[-1], sorted(definitions)) or "; add its definition"
+        qualified_name = "::".join(names if len(names) <= 10 else [*names[:10], ".."])
+        return f"{qualified_name} is not defined in this file{hint}"
 
 
-def _before_filter(words: Sequence[Word]) -> list[Word]:
-    """Return the words of an import without a filter in brackets."""
+def _strip_filter(words: Sequence[Word]) -> list[Word]:
+    """Return the words of an import without its filter in brackets."""
     texts = [word.text for word in words]
     return list(words[: texts.index("[")] if "[" in texts else words)
 
 
-def _is_of_library(names: Sequence[str]) -> bool:
-    return names[0] in _LIBRARY or names[0].startswith("ISQ") or (len(names) == 1 and names[0] in _OF_LIBRARY)
+def _is_library_name(names: Sequence[str]) -> bool:
+    return (
+        names[0] in _LIBRARY or names[0].startswith("ISQ") or (len(names) == 1 and names[0] in _LIBRARY_NAMES)
+    )
 
 
 WORDS = "a model in SysML v2's textual notation (part def ..)"
 OPTIMIZE = frozenset({"optimize", "optimise"})
-"""Names of the metadata of what is optimised."""
+"""Names of the metadata of optimised features."""
 SUFFIXES = frozenset({KERML, ".sysml"})
 SIMULATION = "simulation"
 """Name of the attribute with the simulation's name."""
@@ -403,34 +404,33 @@ _MOST_FEATURES = 10_000
 """The largest multiplicity of a port or a directed feature."""
 
 _LONGEST_INHERITANCE = 100
-"""Steps from a part or a port to what it inherits from, and those inside of each other."""
+"""Most steps of inheritance and nesting of parts and ports."""
 _MOST_NAMES = 1_000_000
-"""Directed features, inherited ones counted for each that inherits them."""
-_MOST_LEFT_OUT = 100
-"""Elements that are named of those that are left out."""
+"""Most directed features, inherited features counted for each heir."""
+_MOST_IGNORED = 100
+"""Most ignored elements that are listed."""
 
 Interface = dict[tuple[str, ...], tuple[str, list[str]]]
-"""Directed features by the names of the ports around them and their own: `in` or `out`, and the names of the
-sensors or actuators."""
+"""Path of port and feature names -> direction, `in` or `out`, and the names of the sensors or actuators."""
 
 
 def recognises(path: Path, text: str) -> bool:
-    """Whether a file is such a model, by its name or its text."""
+    """Whether a file is a SysML model, by its name or its text."""
     return path.suffix.lower() in SUFFIXES or _BEGIN.search(text) is not None
 
 
 def load(path: Path) -> Part:
     """Read a model.
 
-    Raises InputError with everything that is wrong, file and line each, and when it has no agents.
+    Raises InputError with all problems, each with file and line, and for a model without agents.
     """
     return _part(_Reader(path, read_text(path)))
 
 
 def with_values(path: Path, value: Callable[[str], Any]) -> str | None:
-    """Return the text of a model with values of what was optimised; None where it has none of it.
+    """Return the text of a model with optimised values; None if it has no optimised features.
 
-    value: returns the value of a name, None for what was not evolved.
+    value: returns the value of a name, None if it was not evolved.
     """
     text = read_text(path)
     reader = _Reader(path, text)
@@ -440,18 +440,18 @@ def with_values(path: Path, value: Callable[[str], Any]) -> str | None:
         number = value(feature.name)
         if number is None:
             continue
-        written = f'"{number}"' if isinstance(number, str) else str(number)
+        replacement = f'"{number}"' if isinstance(number, str) else str(number)
         if feature.keyword == "part":
             words = feature.multiplicity or []
-            changes.append((words[0].begin, words[-1].end, written))
+            changes.append((words[0].begin, words[-1].end, replacement))
         elif feature.value:
             last = next((i for i, word in enumerate(feature.value) if word.text == "["), len(feature.value))
-            changes.append((feature.value[0].begin, feature.value[last - 1].end, written))
+            changes.append((feature.value[0].begin, feature.value[last - 1].end, replacement))
         else:
             end = feature.statement.words[-1].end
-            changes.append((end, end, f" = {written}"))
-    for begin, end, written in sorted(changes, reverse=True):
-        text = text[:begin] + written + text[end:]
+            changes.append((end, end, f" = {replacement}"))
+    for begin, end, replacement in sorted(changes, reverse=True):
+        text = text[:begin] + replacement + text[end:]
     return text if changes else None
 
 
@@ -460,157 +460,157 @@ def _part(reader: "_Reader") -> Part:
         return reader.part()
     except TooManyNamesError:
         raise InputError(
-            f"{reader.path}: has too many imports, or too many elements of one name, to find what names mean"
+            f"{reader.path}: has too many imports or elements of the same name to resolve names"
         ) from None
 
 
 class _Reader:
     def __init__(self, path: Path, text: str) -> None:
         self.path = path
-        self.roots = [feature_of(statement) for statement in statements(text, path)]
+        self.roots = [parse_feature(statement) for statement in parse_statements(text, path)]
         self.problems = Problems()
         self.result = Part(path, WORDS)
         self.optimised: list[Feature] = []
         self.names = Names(self.roots)
         self.usages: list[tuple[Feature, tuple[Feature, ...]]] = []
-        """Of parts, each with the parts around it."""
+        """Usages of parts, with their enclosing parts."""
         self.about: dict[str, Feature] = {}
-        self._left_out: list[str] = []
-        self._directed_in: dict[tuple[int, bool], Interface] = {}
-        """What is directed in features, by their `id`, and whether it is conjugated."""
-        self._names_made = 0
+        self._ignored: list[str] = []
+        self._interfaces: dict[tuple[int, bool], Interface] = {}
+        """Cached interfaces, by the `id` of the feature and whether it is conjugated."""
+        self._name_count = 0
         self._values: dict[str, Property] = {}
-        self._names_of_optimised: set[str] = set()
+        self._optimised_names: set[str] = set()
 
-    def place(self, feature: Feature) -> Place:
-        return Place(self.path, feature.line, " ".join(filter(None, (feature.keyword, feature.name))))
+    def locate(self, feature: Feature) -> Location:
+        return Location(self.path, feature.line, " ".join(filter(None, (feature.keyword, feature.name))))
 
     def part(self) -> Part:
-        for again, first in self.names.duplicates:
-            self.problems.add(self.place(again), f"duplicate definition (first in line {first.line})")
+        for duplicate, first in self.names.duplicates:
+            self.problems.add(self.locate(duplicate), f"duplicate definition (first in line {first.line})")
         for feature in self.roots:
-            self._note_metadata(feature)
+            self._collect_metadata(feature)
         self.result.name = next((root.name for root in self.roots if root.keyword == "package"), "")
         for feature in self.roots:
-            self._take(feature, in_port=False, around=())
-        self._agents()
+            self._collect_usages(feature, in_port=False, enclosing=())
+        self._collect_agents()
         self.problems.stop()
         if not self.result.members:
             raise InputError(
-                f"{self.path}: has no agents; expected a part with a multiplicity, such as part agents : "
+                f"{self.path}: has no agents; add a part with a multiplicity, such as part agents : "
                 "Agent[3]; whose definition has ports or directed features (in, out)"
             )
-        named = [property_ for property_ in self.result.properties if property_.name == SIMULATION]
+        title_properties = [property_ for property_ in self.result.properties if property_.name == SIMULATION]
         self.result.properties = [
             property_ for property_ in self.result.properties if property_.name != SIMULATION
         ]
         self.result.titles = tuple(
-            filter(None, [*(str(element.value) for element in named), self.result.name])
+            filter(None, [*(str(element.value) for element in title_properties), self.result.name])
         )
         self.result.sensors = len(self.result.sensor_names) or None
         self.result.actuators = len(self.result.actuator_names) or None
-        if self._left_out:
-            more = len(self._left_out) - _MOST_LEFT_OUT
-            shown = [*self._left_out[:_MOST_LEFT_OUT], *([f"{more} more"] if more > 0 else [])]
-            left_out = ", ".join(shown)
-            self.result.notes.append(f"{self.path}: not taken over, with all inside: {left_out}")
+        if self._ignored:
+            more = len(self._ignored) - _MOST_IGNORED
+            entries = [*self._ignored[:_MOST_IGNORED], *([f"{more} more"] if more > 0 else [])]
+            listing = ", ".join(entries)
+            self.result.notes.append(f"{self.path}: not imported, including their content: {listing}")
         return self.result
 
-    def _note_metadata(self, feature: Feature) -> None:
-        """Note metadata that stands elsewhere than in what it is about."""
+    def _collect_metadata(self, feature: Feature) -> None:
+        """Collect metadata outside the features that it annotates."""
         if feature.keyword == "@" and feature.name.lower() in OPTIMIZE:
             self.about.update(dict.fromkeys(feature.about, feature))
         if feature.keyword in {"package", "part", "port"}:
-            for inner in feature.inside:
-                self._note_metadata(inner)
+            for inner in feature.features:
+                self._collect_metadata(inner)
 
-    def _take(self, feature: Feature, *, in_port: bool, around: tuple[Feature, ...]) -> None:
+    def _collect_usages(self, feature: Feature, *, in_port: bool, enclosing: tuple[Feature, ...]) -> None:
         """Collect usages of parts, and attributes with values."""
         if feature.keyword in SILENT or self._is_optimize(feature):
             return
         if feature.keyword and feature.keyword not in KEYWORDS:
-            self._leave_out(feature)
+            self._ignore(feature)
             return
         if feature.is_definition and feature.keyword != "part":
             return
         if feature.keyword == "item" and not feature.direction:
-            self._leave_out(feature)
+            self._ignore(feature)
         if feature.keyword == "part" and not feature.is_definition:
-            self.usages.append((feature, around))
+            self.usages.append((feature, enclosing))
         if feature.keyword in {"attribute", ""} and not feature.direction and not in_port:
             self._attribute(feature)
         if feature.keyword in {"package", "part"}:
-            within = (*around, feature) if feature.keyword == "part" else around
-            for inner in feature.inside:
-                self._take(inner, in_port=in_port, around=within)
+            inner_enclosing = (*enclosing, feature) if feature.keyword == "part" else enclosing
+            for inner in feature.features:
+                self._collect_usages(inner, in_port=in_port, enclosing=inner_enclosing)
 
     @staticmethod
     def _is_optimize(feature: Feature) -> bool:
         return feature.keyword == "@" and feature.name.lower() in OPTIMIZE
 
-    def _leave_out(self, feature: Feature) -> None:
+    def _ignore(self, feature: Feature) -> None:
         words = ["metadata" if feature.keyword == "@" else feature.keyword]
         words += ["def"] if feature.is_definition else []
         name = feature.name if len(feature.name) <= 60 else f"{feature.name[:60]}.."
         words += [name] if name else []
-        self._left_out.append(f"{' '.join(words)} in line {feature.line}")
+        self._ignored.append(f"{' '.join(words)} in line {feature.line}")
 
     def _attribute(self, feature: Feature) -> None:
-        for inner in feature.inside:
+        for inner in feature.features:
             if inner.keyword not in SILENT and not self._is_optimize(inner):
-                self._leave_out(inner)
+                self._ignore(inner)
         if feature.value is not None and not feature.name:
             word = feature.reserved
-            hint = f"; {word} is a reserved word: write '{word}', in quotation marks" if word else ""
-            self.problems.add(self.place(feature), f"has a value, but no name{hint}")
+            hint = f"; quote the reserved word: '{word}'" if word else ""
+            self.problems.add(self.locate(feature), f"has a value, but no name{hint}")
             return
-        settings = self._optimize(feature)
+        settings = self._read_optimize(feature)
         if settings is not None:
-            self._optimise(feature, settings)
+            self._add_optimised(feature, settings)
             return
         if feature.value is None:
             return
-        value = literal(feature.value)
+        value = parse_literal(feature.value)
         if value is None:
             self.problems.add(
-                self.place(feature),
-                "its value is not a number (finite, of at most 1000 characters), a text, true or false",
+                self.locate(feature),
+                "its value must be a finite number of at most 1000 characters, a string, true or false",
             )
             return
         before = self._values.get(feature.name)
         if before is not None:
             if before.value != value:
                 self.problems.add(
-                    self.place(feature),
-                    f"is {value}, but {before.value} in line {before.place.line}; keep one",
+                    self.locate(feature),
+                    f"is {value}, but {before.value} in line {before.location.line}; keep one",
                 )
             return
-        self._values[feature.name] = Property(feature.name, value, self.place(feature))
+        self._values[feature.name] = Property(feature.name, value, self.locate(feature))
         self.result.properties.append(self._values[feature.name])
 
-    def _optimize(self, feature: Feature) -> dict[str, Any] | None:
-        """Return what the metadata of a feature says; None without such metadata."""
-        inside = [inner for inner in feature.inside if not inner.about]
+    def _read_optimize(self, feature: Feature) -> dict[str, Any] | None:
+        """Return the settings of a feature's @Optimize; None without it."""
+        inside = [inner for inner in feature.features if not inner.about]
         for inner in [*inside, *([self.about[feature.name]] if feature.name in self.about else [])]:
             if inner.keyword == "@" and inner.name.lower() in OPTIMIZE:
-                found: dict[str, Any] = {}
-                for setting in inner.inside:
+                settings: dict[str, Any] = {}
+                for setting in inner.features:
                     name = setting.name or setting.keyword
                     if name not in {"min", "max", "scale"}:
                         self.problems.add(
-                            self.place(setting), f"unknown key {name!r}; expected min, max, scale"
+                            self.locate(setting), f"unknown key {name!r}; expected min, max, scale"
                         )
-                    found[name] = literal(setting.value)
-                return found
+                    settings[name] = parse_literal(setting.value)
+                return settings
         return {} if any(prefix.lower() in OPTIMIZE for prefix in feature.prefixes) else None
 
-    def _optimise(self, feature: Feature, settings: dict[str, Any]) -> None:
-        place = self.place(feature)
+    def _add_optimised(self, feature: Feature, settings: dict[str, Any]) -> None:
+        location = self.locate(feature)
         numbers: list[int | float] = []
         for key in ("min", "max"):
             number = settings.get(key)
             if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) <= 2**24:
-                self.problems.add(place, f"@Optimize: {key} is missing or no number; write {key} = 5;")
+                self.problems.add(location, f"@Optimize: {key} is missing or not a number; write {key} = 5;")
             else:
                 numbers.append(number)
         scale = settings.get("scale", 1)
@@ -619,13 +619,13 @@ class _Reader:
         except ValueError:
             factor = math.nan
         if not math.isfinite(factor) or factor <= 0:
-            self.problems.add(place, "@Optimize: scale: expected a number above 0, or text with one")
+            self.problems.add(location, "@Optimize: scale: expected a number above 0, also as a string")
         elif len(numbers) == 2 and not numbers[0] < numbers[1]:
             self.problems.add(
-                place, f"@Optimize: max is {numbers[1]}, expected a number above min, {numbers[0]}"
+                location, f"@Optimize: max is {numbers[1]}, expected a number above min, {numbers[0]}"
             )
-        elif feature.name in self._names_of_optimised:
-            self.problems.add(place, "is optimised twice; keep one")
+        elif feature.name in self._optimised_names:
+            self.problems.add(location, "is optimised twice; remove one @Optimize")
         elif len(numbers) == 2:
             low, high = numbers
             if "Real" in [names[-1] for names in feature.types] or any(
@@ -633,14 +633,16 @@ class _Reader:
             ):
                 low, high = float(low), float(high)
             self.optimised.append(feature)
-            self._names_of_optimised.add(feature.name)
-            self.result.optimised.append(Optimised(feature.name, low, high, factor, "command_line", place))
+            self._optimised_names.add(feature.name)
+            self.result.optimised.append(
+                OptimisedParameter(feature.name, low, high, factor, "command_line", location)
+            )
 
-    def _agents(self) -> None:
-        """Take the usages of parts that sense or act; where none does, those with a multiplicity."""
+    def _collect_agents(self) -> None:
+        """Collect agents: parts with sensors or actuators; without any, parts with a multiplicity."""
         interfaces = [self._interface(usage) for usage, _ in self.usages]
         acting = any(any(interface) for interface in interfaces)
-        for (usage, around), (sensors, actuators) in zip(self.usages, interfaces, strict=True):
+        for (usage, enclosing), (sensors, actuators) in zip(self.usages, interfaces, strict=True):
             if acting and not sensors and not actuators:
                 continue
             if not acting and usage.multiplicity is None:
@@ -648,107 +650,116 @@ class _Reader:
             number = self._count(usage, _MOST_AGENTS)
             if number is None:
                 continue
-            agent = next((feature for feature in around if any(self._interface(feature))), None)
+            agent = next((feature for feature in enclosing if any(self._interface(feature))), None)
             if agent is not None:
                 self.problems.add(
-                    self.place(usage),
-                    f"senses or acts, and is inside of {self.place(agent).what} (line {agent.line}), which "
-                    "does so too; write what agents sense and do as ports or directed features of their own",
+                    self.locate(usage),
+                    f"has sensors or actuators, and so has the enclosing {self.locate(agent).element} (line "
+                    f"{agent.line}); declare all of them as ports or directed features of the agent",
                 )
             self.result.members.append(
-                Member(usage.name, "", number, self.place(usage), tuple(sensors), tuple(actuators))
+                Member(usage.name, "", number, self.locate(usage), tuple(sensors), tuple(actuators))
             )
-            settings = self._optimize(usage)
+            settings = self._read_optimize(usage)
             if settings is not None:
-                self._optimise(usage, settings)
+                self._add_optimised(usage, settings)
                 if usage.multiplicity is None:
-                    self.problems.add(self.place(usage), "is optimised, but has no multiplicity; write [1]")
-        if self.result.differ:
+                    self.problems.add(self.locate(usage), "is optimised, but has no multiplicity; add [1]")
+        if self.result.has_groups:
             self._name_groups()
         elif self.result.members:
             first = self.result.members[0]
             self.result.sensor_names, self.result.actuator_names = list(first.sensors), list(first.actuators)
 
     def _name_groups(self) -> None:
-        """Note agents without a name, or with the same one: each kind is a group with its name."""
+        """Report agents with missing or duplicate names, since each kind becomes a named group."""
         lines: dict[str, int] = {}
         for member in self.result.members:
             if not member.name:
-                self.problems.add(member.place, "has no name; groups of agents with other sensors need one")
+                self.problems.add(
+                    member.location, "has no name; name each group of agents with different sensors"
+                )
             elif member.name in lines:
                 self.problems.add(
-                    member.place, f"is the name of other agents, too (line {lines[member.name]}); rename one"
+                    member.location,
+                    f"other agents have the same name (line {lines[member.name]}); rename one of them",
                 )
-            lines.setdefault(member.name, member.place.line)
+            lines.setdefault(member.name, member.location.line)
 
     def _interface(self, usage: Feature) -> tuple[list[str], list[str]]:
         """Return the names of the sensors and of the actuators of a part."""
-        found: dict[str, list[str]] = {"in": [], "out": []}
-        for way, names in self._directed(usage, flipped=False).values():
-            found[way] += names
-        return found["in"], found["out"]
+        names_by_direction: dict[str, list[str]] = {"in": [], "out": []}
+        for direction, names in self._build_interface(usage, flipped=False).values():
+            names_by_direction[direction] += names
+        return names_by_direction["in"], names_by_direction["out"]
 
-    def _directed(self, feature: Feature, *, flipped: bool, depth: int = 0) -> Interface:
-        """Return what is directed in a feature: inherited first, then its own, which may redefine that."""
+    def _build_interface(self, feature: Feature, *, flipped: bool, depth: int = 0) -> Interface:
+        """Return the interface of a feature; its own features may redefine inherited features."""
         key = (id(feature), flipped)
-        if key in self._directed_in:
-            return self._directed_in[key]
+        if key in self._interfaces:
+            return self._interfaces[key]
         if depth > _LONGEST_INHERITANCE:
-            self.problems.add(self.place(feature), f"inherits over more than {_LONGEST_INHERITANCE} steps")
+            self.problems.add(
+                self.locate(feature), f"inherits through more than {_LONGEST_INHERITANCE} steps"
+            )
             return {}
-        self._directed_in[key] = {}  # of what inherits from itself
-        found: Interface = {}
-        for one in self.names.types_of(feature):
-            if isinstance(one, Unknown):
-                self.problems.add(self.place(feature), one.reason)
+        self._interfaces[key] = {}  # for cycles of inheritance
+        interface: Interface = {}
+        for base in self.names.resolve_types(feature):
+            if isinstance(base, Unknown):
+                self.problems.add(self.locate(feature), base.reason)
             else:
-                found |= self._directed(one, flipped=flipped != feature.conjugated, depth=depth + 1)
-        for one in feature.inside:
-            if one.direction in {"in", "out"}:
-                way = {"in": "out", "out": "in"}[one.direction] if flipped else one.direction
-                found[one.path[-1:]] = (way, self._named(one, one.name))
-            elif one.direction == "inout":
-                self.problems.add(
-                    self.place(one), "inout is not supported; write in for what is sensed, out else"
+                interface |= self._build_interface(
+                    base, flipped=flipped != feature.conjugated, depth=depth + 1
                 )
-            elif one.keyword == "port" and not one.is_definition:
-                inner = self._directed(one, flipped=flipped, depth=depth + 1)
-                times = self._count(one, _MOST_FEATURES) or 0
-                self._count_names(one, times * sum(len(names) for _, names in inner.values()))
-                for path, (way, names) in inner.items():
-                    numbered = [each for name in names for each in self._named(one, name)]
-                    found[*one.path[-1:], *path] = (way, numbered)
-        self._count_names(feature, len(found))
-        self._directed_in[key] = found
-        return found
+        for inner in feature.features:
+            if inner.direction in {"in", "out"}:
+                direction = {"in": "out", "out": "in"}[inner.direction] if flipped else inner.direction
+                interface[inner.path[-1:]] = (direction, self._number_names(inner, inner.name))
+            elif inner.direction == "inout":
+                self.problems.add(
+                    self.locate(inner), "inout is not supported; write in for sensors, out for actuators"
+                )
+            elif inner.keyword == "port" and not inner.is_definition:
+                port = self._build_interface(inner, flipped=flipped, depth=depth + 1)
+                times = self._count(inner, _MOST_FEATURES) or 0
+                self._count_names(inner, times * sum(len(names) for _, names in port.values()))
+                for path, (direction, names) in port.items():
+                    numbered = [each for name in names for each in self._number_names(inner, name)]
+                    interface[*inner.path[-1:], *path] = (direction, numbered)
+        self._count_names(feature, len(interface))
+        self._interfaces[key] = interface
+        return interface
 
     def _count_names(self, feature: Feature, number: int) -> None:
-        """Raise InputError where all parts together have more directed features than any sensible model."""
-        self._names_made += number
-        if self._names_made > _MOST_NAMES:
+        """Raise InputError if all parts together have too many directed features."""
+        self._name_count += number
+        if self._name_count > _MOST_NAMES:
             raise InputError(
-                self.place(feature).says(f"all parts together have more than {_MOST_NAMES} directed features")
+                self.locate(feature).format(
+                    f"all parts together have more than {_MOST_NAMES} directed features"
+                )
             )
 
-    def _named(self, feature: Feature, name: str) -> list[str]:
-        """Return a name, numbered where the feature around it has a multiplicity."""
+    def _number_names(self, feature: Feature, name: str) -> list[str]:
+        """Return the name, numbered if the feature has a multiplicity."""
         number = self._count(feature, _MOST_FEATURES)
         if number is None:
             return []
         return [name] if feature.multiplicity is None else [f"{name} {index}" for index in range(number)]
 
     def _count(self, feature: Feature, most: int) -> int | None:
-        """Return how many there are; None, and a problem, where that is not a number."""
+        """Return the multiplicity; add a problem and return None if it is not a number."""
         if feature.multiplicity is None:
             return 1
-        number = literal(feature.multiplicity)
+        number = parse_literal(feature.multiplicity)
         if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= most:
             return number
         text = "".join(word.text for word in feature.multiplicity[:20])[:60]
         if number is None and (".." in text or "*" in text):
-            evolved = ", or add @Optimize for a number that is evolved" if feature.keyword == "part" else ""
+            evolved = ", or add @Optimize to evolve the number" if feature.keyword == "part" else ""
             reason = f"its multiplicity [{text}] is a range; write one number, such as [3]{evolved}"
         else:
             reason = f"its multiplicity is {text}, expected a number from 1 to {most}, such as [3]"
-        self.problems.add(self.place(feature), reason)
+        self.problems.add(self.locate(feature), reason)
         return None

@@ -236,7 +236,7 @@ class Episodes:
                 "scene: this simulation draws pictures instead of scenes; write them with `save`"
             )
         with self._errors():
-            return Scene.of(self._episodes.scene())
+            return Scene.from_fields(self._episodes.scene())
 
     @check_arguments
     def save(self, path: str | PathLike[str], *, speed: float = 1.0) -> None:

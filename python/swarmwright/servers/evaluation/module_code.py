@@ -8,7 +8,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import SimulationName, is_in_file
 from swarmwright.controllers.modules import Condition, grammar
 from swarmwright.controllers.modules.grammar import PYTHON_KIND, Catalogue, Module
-from swarmwright.controllers.modules.registered import REGISTRIES, module, name_of
+from swarmwright.controllers.modules.registered import REGISTRIES, import_name_of, module
 from swarmwright.simulations.loading import import_with_digest
 from swarmwright.simulations.user_code import trust
 from swarmwright.simulations.user_code.parts import format_part_name, read_plug_in
@@ -44,7 +44,7 @@ def with_digests(architecture: Mapping[str, Any]) -> dict[str, Any]:
     for role, key in ROLES.items():
         entries = []
         for entry in architecture[key]:
-            definition = grammar.module_of(entry)
+            definition = grammar.parse_module(entry)
             sha256 = None if definition.built_in else sha256_of(role, definition)
             entries.append(dict(entry) if sha256 is None else {**entry, "sha256": sha256})
         specification[key] = entries
@@ -53,7 +53,7 @@ def with_digests(architecture: Mapping[str, Any]) -> dict[str, Any]:
 
 def iter_python_modules(architecture: Mapping[str, Any]) -> Iterator[tuple[str, Module]]:
     """Yield the role and definition of each Python module of a specification."""
-    catalogue = Catalogue.of(architecture)
+    catalogue = Catalogue.from_specification(architecture)
     for role, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
         yield from ((role, part) for part in parts if not part.built_in)
 
@@ -63,7 +63,9 @@ def names_of(architectures: Iterable[Mapping[str, Any]]) -> list[str]:
 
     Raises InputError for modules that are not available.
     """
-    names = [name_of(*key) for architecture in architectures for key in iter_python_modules(architecture)]
+    names = [
+        import_name_of(*key) for architecture in architectures for key in iter_python_modules(architecture)
+    ]
     return list(dict.fromkeys(names))
 
 

@@ -96,7 +96,7 @@ class ServedModules:
         specification = dict(architecture)
         for role, key in ROLES.items():
             specification[key] = [
-                self._find_module(role, grammar.module_of(module_name)).as_mapping()
+                self._find_module(role, grammar.parse_module(module_name)).as_mapping()
                 for module_name in architecture[key]
             ]
         return specification

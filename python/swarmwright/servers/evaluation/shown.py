@@ -10,7 +10,7 @@ from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers.controller import Controller
-from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.kinds import describe_controller
 from swarmwright.controllers.machines import machines_of
 from swarmwright.controllers.modules.played import PlayedEpisode
 from swarmwright.display import Caption, Part, Playable, Recording, record
@@ -239,7 +239,10 @@ class ShownEpisode:
 
         recording: of the episode, for its mission and fitness.
         """
-        facts = [*self._iter_mission(recording), ("controller", words_of(self.controller.specification))]
+        facts = [
+            *self._iter_mission(recording),
+            ("controller", describe_controller(self.controller.specification)),
+        ]
         if recording is not None:
             facts.append(("fitness of this episode", f"{recording.fitness + 0.0:.6g}"))
         return Caption(self.title, (*facts, ("simulation seed", str(self.seed))))

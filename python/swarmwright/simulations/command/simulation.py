@@ -194,7 +194,7 @@ def _main_file(form: str) -> str:
 
 def _weights_of(controller: Controller) -> bytes:
     """Return the file that {weights} stands for."""
-    return c.loaded_weights(Subject(controller.specification)).encode()
+    return c.format_weights(Subject(controller.specification)).encode()
 
 
 def _files_of(form: str, controller: Controller, *, without_weights: bool = False) -> dict[str, bytes]:
@@ -203,7 +203,7 @@ def _files_of(form: str, controller: Controller, *, without_weights: bool = Fals
     without_weights: C whose weights are in a file of their own, `weights`.
     """
     if without_weights:
-        made = c.loaded_files(Subject(controller.specification), PREFIX)
+        made = c.format_loadable_source(Subject(controller.specification), PREFIX)
         return {name: file_bytes(content) for name, content in made.items()}
     if form == "json":
         return {_main_file(form): f"{controller.json}\n".encode()}

@@ -162,7 +162,7 @@ def test_the_engine_takes_tables_as_they_are_in_a_block() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"levels": [2]}, r"controller\.levels: 1 entries found, but there are 10 sensors"),
+        ({"levels": [2]}, r"controller\.levels: 1 entries for 10 sensors"),
         ({"levels": 5}, r"controller\.levels: 5 x 5 x .* a table of 117187500 numbers .* fewer levels"),
         ({"levels": 0}, r"controller\.levels: must be a number of intervals, 1 to 1000, or a list"),
         ({"levels": [*[2] * 9, [1, 0]]}, r"controller\.levels: an entry must be .*, not \[1, 0\]"),

@@ -61,7 +61,7 @@ def test_a_machine_to_start_from_has_the_modules_that_were_chosen() -> None:
     }
     subject = machines(**SUBSET, machine=machine)
     assert subject.start is not None
-    assert machine_mappings.mapping_of(subject.states(subject.start))["states"] == [
+    assert machine_mappings.machine_mapping_of(subject.states(subject.start))["states"] == [
         machine["states"][0],
         {**machine["states"][1], "transitions": []},
     ]
@@ -78,7 +78,7 @@ def test_a_machine_to_start_from_has_the_modules_that_were_chosen() -> None:
     [
         ({"behaviours": ["explore"]}, "unknown behaviour 'explore'; did you mean 'exploration'?"),
         ({"conditions": ["stop"]}, "unknown condition 'stop'; available: black_floor"),
-        ({"behaviours": ["stop", "stop"]}, "behaviours: 'stop' is given twice"),
+        ({"behaviours": ["stop", "stop"]}, "behaviours: 'stop' occurs twice"),
         ({"conditions": []}, "at least 1 item"),
     ],
 )

@@ -70,7 +70,7 @@ def test_a_given_tree_is_where_evolution_starts(tmp_path: Path) -> None:
     file = tmp_path / "tree.yaml"
     file.write_text(dump(TREE))
     subject = machines(form="tree", machine=str(file))
-    expected = machine_mappings.subtrees_from(TREE, 4)
+    expected = machine_mappings.parse_subtrees(TREE, 4)
     assert machine_mappings.tree_mapping_of(expected) == TREE
     assert subject.start is not None
     assert subject.states(subject.start) == expected
@@ -81,9 +81,9 @@ def test_a_given_tree_is_where_evolution_starts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"states": 5}, "states: a tree has 4 subtrees at most, not 5"),
-        ({"transitions": 2}, "transitions: a subtree has one condition; leave it out"),
-        ({"machine": {"states": []}}, "machine.states: is not known here; known are subtrees"),
+        ({"states": 5}, "states: a tree has at most 4 subtrees, not 5"),
+        ({"transitions": 2}, "transitions: a subtree has one condition; remove this key"),
+        ({"machine": {"states": []}}, "machine.states: unknown key; expected one of subtrees"),
         ({"machine": {"subtrees": []}}, "machine.subtrees: 0 entries found, expected a list of 1 to 4 ent"),
         ({"machine": {"subtrees": [{}]}}, "subtrees[0].condition: None found, expected one of black_floor"),
         (
@@ -96,7 +96,7 @@ def test_a_given_tree_is_where_evolution_starts(tmp_path: Path) -> None:
                     "subtrees": [{"condition": "grey_floor", "probability": 1, "behaviour": "stop", "rwm": 3}]
                 }
             },
-            "subtrees[0].rwm: is not known here",
+            "subtrees[0].rwm: unknown key",
         ),
         ({"machine": AUTOMODE}, "AutoMoDe's --fsm-config describes a machine; leave out form: tree"),
     ],

@@ -85,10 +85,10 @@ def test_mutations_are_small_and_reach_everything() -> None:
 def test_a_given_machine_is_where_evolution_starts() -> None:
     subject = machines(machine=MACHINE)
     genomes = subject.initials(Streams(1, "x", 0, range(60)))
-    expected = machine_mappings.states_from(MACHINE, 4, 4)
+    expected = machine_mappings.parse_states(MACHINE, 4, 4)
     found = [subject.states(genome) == expected for genome in genomes]
     assert 2 <= sum(found) <= 30
-    again = machine_mappings.states_from(machine_mappings.mapping_of(expected), 4, 4)
+    again = machine_mappings.parse_states(machine_mappings.machine_mapping_of(expected), 4, 4)
     assert again == expected
     weights = grammar.weights_of(expected, 4, 4)
     assert grammar.states_of({**subject.architecture(), "weights": weights}) == expected
@@ -103,15 +103,15 @@ def test_a_machine_may_be_in_a_file(tmp_path: Path) -> None:
     file.unlink()
     with pytest.raises(ValidationError, match=r"machine\.yaml") as caught:
         ModulesOptions(machine=str(file))
-    assert "expected a mapping, such a file, or AutoMoDe's --nstates" in str(caught.value)
+    assert "expected a mapping, a YAML file, or AutoMoDe's --nstates" in str(caught.value)
 
 
 def test_a_mistake_in_a_machine_is_named_with_its_line(tmp_path: Path) -> None:
     file = tmp_path / "machine.yaml"
     for text, problem in (
         ("states:\n  - behaviour: exploration\n    rwm: 900\n", ":3: states[0].rwm: 900 found"),
-        ("states:\n  - {behaviour: stop}\nstart: 0\n", ":3: start: is not known here"),
-        ("--nstates 2 --s0 99\n", ":1: --s0: expected an integer from 0 to 5"),
+        ("states:\n  - {behaviour: stop}\nstart: 0\n", ":3: start: unknown key"),
+        ("--nstates 2 --s0 99\n", ":1: --s0: 99 found, expected an integer from 0 to 5"),
     ):
         file.write_text(text)
         with pytest.raises(ValidationError) as caught:
@@ -138,15 +138,15 @@ def changed(*path: Any, value: Any) -> dict[str, Any]:
     ("machine", "words"),
     [
         (changed("states", value=[]), "machine.states: 0 entries found, expected a list of 1 to 4 entries"),
-        (changed("colour", value="red"), "machine.colour: is not known here; known are states"),
+        (changed("colour", value="red"), "machine.colour: unknown key; expected one of states"),
         (changed("states", 0, "behaviour", value="fly"), "states[0].behaviour: 'fly' found, expected one of"),
         (
             changed("states", 0, "rwm", value=None),
             "states[0].rwm: None found, expected an integer from 1 to 100",
         ),
         (changed("states", 0, "rwm", value=7.5), "states[0].rwm: 7.5 found"),
-        (changed("states", 1, "rwm", value=7), "states[1].rwm: is not known here"),
-        (changed("states", 1, "name", value="walk"), "states[1].name: 'walk' is given twice"),
+        (changed("states", 1, "rwm", value=7), "states[1].rwm: unknown key"),
+        (changed("states", 1, "name", value="walk"), "states[1].name: 'walk' occurs twice"),
         (
             changed("states", 0, "transitions", 0, "to", value="walk"),
             "states[0].transitions[0].to: a transition must lead to another state",
@@ -192,7 +192,7 @@ def test_other_sensors_are_refused_with_what_is_needed() -> None:
     with pytest.raises(InputError, match=r"modules needs 9 sensors .* but the simulation has 4 and 1"):
         Modules(ModulesOptions(), sensors=4, actuators=1)
     experiment = Experiment.from_mapping({"simulation": "elsewhere", "controller": {"kind": "modules"}})
-    with pytest.raises(InputError, match=r"take a robot such as e-puck-rm1\.2"):
+    with pytest.raises(InputError, match=r"use a robot such as e-puck-rm1\.2"):
         experiment.representation(4, 1)
 
 
@@ -234,6 +234,6 @@ def test_evolution_begins_with_the_given_machine(kind: str) -> None:
     )  # fmt: skip
     representation = experiment.representation()
     method = experiment.new_method(representation)
-    np.testing.assert_array_equal(method.start[0], representation.given)
+    np.testing.assert_array_equal(method.start[0], representation.start_genome)
     if method.start_as == "members":
-        np.testing.assert_array_equal(method.ask()[0], representation.given)
+        np.testing.assert_array_equal(method.ask()[0], representation.start_genome)

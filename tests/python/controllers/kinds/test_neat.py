@@ -56,8 +56,11 @@ def test_each_connection_has_an_effect() -> None:
 @pytest.mark.parametrize(
     ("sources", "answer"),
     [
-        ([[0]], r"controller.sources: 1 lists found, but there are 2 actuators"),
-        ([[0], [5], [6]], r"controller.sources\[2\]: the node 6 found, but with 3 sensors the last one is 5"),
+        ([[0]], r"controller.sources: 1 lists for 2 actuators"),
+        (
+            [[0], [5], [6]],
+            r"controller.sources\[2\]: node 6 does not exist; with 3 sensors the last node is 5",
+        ),
     ],
 )
 def test_connections_that_do_not_fit(sources: list[list[int]], answer: str) -> None:

@@ -14,7 +14,7 @@ from swarmwright import Controller, Experiment, InputError, _engine
 from swarmwright.common.arrays import Genome
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import REPRESENTATIONS
-from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.kinds import describe_controller
 from swarmwright.controllers.kinds.layered import Layered, LayeredOptions
 from swarmwright.controllers.networks import NodeNetwork
 
@@ -160,7 +160,7 @@ def test_an_activation_of_the_outputs() -> None:
     assert found["linear"] == 0.75
     assert found[None] == pytest.approx(np.tanh(0.75))
     assert found["sigmoid"] == pytest.approx(np.tanh(0.75 / 2))
-    assert words_of(outputs["linear"]) == "layered, 1-1-1, tanh, linear outputs"
+    assert describe_controller(outputs["linear"]) == "layered, 1-1-1, tanh, linear outputs"
 
 
 @pytest.mark.parametrize("value", [[1, 0], [0.5, 0.5], [0, 1e39], [0]])

@@ -102,7 +102,7 @@ def test_the_specification_says_what_the_simulation_gets() -> None:
     assert controller.parameters == {"avoidance": 2.5, "gain": 0.1, "hops": 6, "size": 31, "strategy": "go"}
     assert (controller.sensors, controller.actuators) == (0, 0)
     assert "'hops': 6" in repr(controller)
-    with pytest.raises(InputError, match="is a parameter set, which steers no agents"):
+    with pytest.raises(InputError, match="a parameter set steers no agents"):
         controller([0, 0, 0, 0])
 
 
@@ -153,11 +153,11 @@ def test_distances_are_those_of_genes_and_categories() -> None:
     [
         (
             {"type": "real", "range": [1, 1]},
-            r"x\.range: must have two values at least, but 1 and 1 are the same number; a parameter that",
+            r"x\.range: must contain at least two values, but 1 and 1 are the same number; put",
         ),
         (
             {"type": "real", "range": [1.0, 1.00000001]},
-            r"x\.range: must have two values at least, but 1\.0 and 1\.00000001 are the same 32-bit float;",
+            r"x\.range: must contain at least two values, but 1\.0 and 1\.00000001 are the same 32-bit",
         ),
         (
             {"type": "real", "range": [5, -1.5]},
@@ -174,7 +174,7 @@ def test_distances_are_those_of_genes_and_categories() -> None:
         ({"type": "real", "range": [1]}, r"x\.range: must be \[lowest, highest\]"),
         (
             {"type": "real", "range": [0, 1e39]},
-            r"x\.range: 1e\+39 is outside of -3\.40282e\+38 to 3\.40282e\+38, the range of 32-bit floats$",
+            r"x\.range: 1e\+39 is outside -3\.40282e\+38 to 3\.40282e\+38, the range of 32-bit floats$",
         ),
         ({"type": "real"}, r"x\.range: is missing"),
         (
@@ -189,7 +189,7 @@ def test_distances_are_those_of_genes_and_categories() -> None:
         ),
         (
             {"type": "integer", "range": [-(2**25), 0]},
-            r"x\.range: -33554432 is outside of -16777216 to 16777216, where every whole number is a",
+            r"x\.range: -33554432 is outside -16777216 to 16777216, where every whole number is a",
         ),
         (
             {"type": "categorical", "choices": ["a"]},
@@ -201,17 +201,17 @@ def test_distances_are_those_of_genes_and_categories() -> None:
         ),
         (
             {"type": "categorical", "choices": ["a", 1]},
-            r"x\.choices: must be a list of at least two different texts, numbers or booleans, not \['a'",
+            r"x\.choices: must be a list of at least two different strings, numbers or booleans, not \['a'",
         ),
         ({"type": "categorical", "choices": [1, True]}, r"x\.choices: must be a list of at least two"),
         ({"type": "categorical", "choices": [1, 1.0]}, r"x\.choices: must be a list of at least two"),
         (
             {"type": "categorical", "choices": [0.5, 0.123456789]},
-            r"x\.choices: 0\.123456789 is 0\.12345679 as a 32-bit float, which is what is sent; write that",
+            r"x\.choices: 0\.123456789 is sent as the 32-bit float 0\.12345679; write that",
         ),
         (
             {"type": "categorical", "choices": [1, 2**25]},
-            r"x\.choices: 33554432 is outside of -1\.67772e\+07 to 1\.67772e\+07",
+            r"x\.choices: 33554432 is outside -1\.67772e\+07 to 1\.67772e\+07",
         ),
         (
             {"type": "reel", "range": [0, 1]},
@@ -231,5 +231,5 @@ def test_what_is_no_parameter_is_refused(parameter: Any, words: str) -> None:
 
 @pytest.mark.parametrize("name", ["seed", "server", "simulation_hash"])
 def test_reserved_names_are_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=f"'{name}' is not a parameter that can be evolved"):
+    with pytest.raises(ValueError, match=f"'{name}' cannot be evolved"):
         parameter_set({name: ONE_OF_EACH["hops"]})

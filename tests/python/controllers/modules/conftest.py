@@ -81,7 +81,7 @@ def _forget() -> None:
     for registry in (BEHAVIOURS, CONDITIONS):
         registry.__dict__.pop("_entry_points", None)
         registry._loaded.clear()
-    registered._by_name.cache_clear()
+    registered._find_registered.cache_clear()
     sys.modules.pop("own_modules", None)
     importlib.invalidate_caches()
 

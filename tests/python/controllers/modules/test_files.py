@@ -198,7 +198,7 @@ def test_other_ranges_are_another_run(file: Path, tmp_path: Path) -> None:
         ),
         ("own.py:Wander", "owns.py:Wander", "owns.py: there is no such file"),
         ("exploration]", "own.py:stop]", "the engine has a module of this name; rename the class"),
-        ("exploration]", "other.py:Wander]", "'Wander' is given twice"),
+        ("exploration]", "other.py:Wander]", "'Wander' occurs twice"),
     ],
 )
 def test_mistakes_have_file_and_line(file: Path, old: str, new: str, message: str) -> None:
@@ -253,12 +253,14 @@ def test_a_controller_does_not_take_other_code(file: Path, tmp_path: Path) -> No
     saved = file.parent / "parts/controller.json"
     run.best.controller.save(saved)
     forget()
-    with pytest.raises(InputError, match=r"own\.py \(SHA-256 .*\), is not known here; load the controller"):
+    with pytest.raises(
+        InputError, match=r"own\.py \(SHA-256 .*\), has not been imported; load the controller"
+    ):
         Controller(json.loads(saved.read_text()))
     assert is_in_python(Controller.load(saved).specification)  # its code lies beside it
     forget()
     (file.parent / "parts/wheel_speeds.py").write_text("SPEED = -0.3\n")
-    with pytest.raises(InputError, match="is not known here"):
+    with pytest.raises(InputError, match="has not been imported"):
         Controller.load(saved)
 
 

@@ -13,7 +13,7 @@ from swarmwright import Controller, Experiment, InputError
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers.kinds.modules.representation import Modules, ModulesOptions
 from swarmwright.controllers.modules.grammar import BUILT_IN, PYTHON_KIND
-from swarmwright.export.sequences import Sequences, random_sequences
+from swarmwright.export.sequences import Sequences, draw_random_sequences
 from swarmwright.servers.evaluation import python_modules
 from swarmwright.servers.evaluation.base import Controllers
 from swarmwright.servers.evaluation.python_modules import ModulesBackend
@@ -43,8 +43,8 @@ def test_the_engines_modules_have_the_engines_bits(form: str, seed: int) -> None
     subject = machines(form=form)
     genome = subject.initial(Stream(seed, "machine"))
     specification = subject.specification(genome)
-    expected = random_sequences(specification, 60, longest=30)
-    found = Sequences.computed(in_python(specification), expected.first, expected.sensors)
+    expected = draw_random_sequences(specification, 60, longest=30)
+    found = Sequences.compute(in_python(specification), expected.first, expected.sensors)
     assert found.actuators.tobytes() == expected.actuators.tobytes()
 
 
@@ -53,8 +53,8 @@ def test_any_weights_are_the_engines_machine(weights: list[float], seed: int) ->
     specification = {**machines(states=1, transitions=1).architecture(), "weights": weights[:10]}
     sensors = Stream(seed, "x").unit(90).astype(np.float32).reshape(10, 9)
     first = np.arange(10) == 0
-    expected = Sequences.computed(specification, first, sensors)
-    found = Sequences.computed(in_python(specification), first, sensors)
+    expected = Sequences.compute(specification, first, sensors)
+    found = Sequences.compute(in_python(specification), first, sensors)
     assert found.actuators.tobytes() == expected.actuators.tobytes()
 
 

@@ -5,7 +5,7 @@ from tests.python.controllers.machines import MACHINE, TREE
 
 
 def test_machines_can_be_read() -> None:
-    states = machine_mappings.states_from(MACHINE, 4, 4)
+    states = machine_mappings.parse_states(MACHINE, 4, 4)
     assert machine_texts.as_text(states) == (
         "state 0: exploration (rwm 7)\n"
         "  to state 1: black floor (probability 0.75)\n"
@@ -23,7 +23,7 @@ def test_machines_can_be_read() -> None:
 
 
 def test_trees_can_be_read() -> None:
-    subtrees = machine_mappings.subtrees_from(TREE, 4)
+    subtrees = machine_mappings.parse_subtrees(TREE, 4)
     assert machine_texts.tree_text(subtrees) == (
         "sequence with memory, goes on where it was:\n"
         "  subtree 0: next subtree if black floor (probability 0.75)\n"

@@ -46,10 +46,10 @@ def test_unknown_modules_are_named(own: Path) -> None:  # noqa: ARG001 - install
         ("Parameter(0.01, 0.5)", "Parameter(0.01, float('inf'))", "inf is not a number of"),
         ("Parameter(0.01, 0.5)", "Parameter('a', 1)", "'a' is not a number of -1e+06 to 1e+06"),
         ("Parameter(1, 20, integer=True)", "Parameter(1, 2.5, True)", "2.5 is not an integer"),
-        ('"chance"', '"to"', "parameter 'to': must be named by an identifier, none of behaviour"),
-        ('"chance"', '"a chance"', "parameter 'a chance': must be named by an identifier"),
+        ('"chance"', '"to"', "parameter 'to': the name must be an identifier other than behaviour"),
+        ('"chance"', '"a chance"', "parameter 'a chance': the name must be an identifier"),
         ("    state = 1\n\n    def act", "    state = -1\n\n    def act", "state must be an integer of 0 to"),
-        ("def act", "def acts", "own_modules.py:7: behaviour 'wander' (Wander): defines no act()"),
+        ("def act", "def acts", "own_modules.py:7: behaviour 'wander' (Wander): does not define act()"),
         ("Wander(Behaviour)", "Wander", "is not a subclass of swarmwright.controllers.modules.Behaviour"),
         ('"""Two modules."""', "nonsense", "cannot be imported: NameError"),
     ],
@@ -92,7 +92,7 @@ def test_parameters_of_a_subtree_have_different_names(install: Install) -> None:
         (
             "        turning = state",
             "        self.steps = getattr(self, 'steps', 0) + 1\n        turning = state",
-            "wander: act: changes self.steps, which all robots of all episodes share",
+            "wander: act: changes self.steps, which is shared by all robots of all episodes",
         ),
     ],
 )
@@ -130,5 +130,5 @@ def test_a_design_knows_the_ranges_that_it_was_made_with(install: Install) -> No
     subject = Modules(options, sensors=9, actuators=2)
     specification = subject.specification(subject.initial(Stream(1, "x")))
     install(CODE.replace("Parameter(1, 20", "Parameter(1, 30"))
-    with pytest.raises(InputError, match="behaviour 'wander': has other parameters, or other ranges"):
+    with pytest.raises(InputError, match="behaviour 'wander': its parameters or their ranges have changed"):
         Controller(specification)

@@ -8,14 +8,14 @@ from matplotlib.text import Text
 
 from swarmwright import InputError, compare
 from swarmwright.display.figures.run import draw
-from swarmwright.display.figures.style import STYLES, Page, dress, entitle, new_figure, on, save
+from swarmwright.display.figures.style import STYLES, Page, draw_title, new_figure, save, style_axes, use_page
 from swarmwright.runs.diversity import diversity
 from tests.python.analysis.runs import KnownRun
 
 
 def test_a_title_without_blanks_is_not_left_out() -> None:
     figure = new_figure(7.6, 6.0)
-    entitle(figure, "a_simulation_without_blanks_" * 5)
+    draw_title(figure, "a_simulation_without_blanks_" * 5)
     title = figure.get_suptitle()
     assert title.startswith("a_simulation_without_blanks_a_sim")
     assert title.endswith("…")
@@ -29,7 +29,7 @@ def test_a_title_without_blanks_is_not_left_out() -> None:
 def test_fonts_are_embedded_as_publishers_take_them(tmp_path: Path, by: str) -> None:
     """Not as Type 3, which the submission systems of IEEE and others refuse."""
     figure = new_figure(4.0, 3.0)
-    entitle(figure, "a title, −1 µm")
+    draw_title(figure, "a title, −1 µm")
     figure.subplots().set_ylabel("$x^2$")
     file = tmp_path / "figure.pdf"
     if by == "save":
@@ -85,7 +85,7 @@ def test_figures_fit_the_columns_of_publishers(tmp_path: Path, style: str, width
 
 
 def drawn(run: KnownRun, asked: dict[str, Any]) -> Figure:
-    with on(Page.of(**asked)):
+    with use_page(Page.from_options(**asked)):
         return draw(run, diversity(run))
 
 
@@ -93,15 +93,15 @@ def test_lengths_are_read_with_their_units() -> None:
     for width, inches in (
         ("89 mm", 3.504), ("8.9cm", 3.504), ("252pt", 3.487), ("3.5in", 3.5), ("3.5", 3.5), (3.5, 3.5),
     ):  # fmt: skip
-        assert Page.of("nature", width).width == pytest.approx(inches, abs=1e-3)
-    assert Page.of("screen").width is None
+        assert Page.from_options("nature", width).width == pytest.approx(inches, abs=1e-3)
+    assert Page.from_options("screen").width is None
     with pytest.raises(InputError, match=r"^style: must be one of screen, ieee, .*, not 'iee'$"):
-        Page.of("iee")
+        Page.from_options("iee")
 
 
 def test_labels_are_plain_text() -> None:
     figure = new_figure(4.0, 3.0)
     axes = figure.subplots()
-    dress(axes, x="costs $5", y="unit (\\frac{$)")
+    style_axes(axes, x="costs $5", y="unit (\\frac{$)")
     figure.draw_without_rendering()
     assert axes.get_ylabel() == "unit (\\frac{$)"

@@ -272,7 +272,7 @@ def test_copies_begin_anew() -> None:
         assert copied.agents == []
         sensed, _ = copied.reset(seed=5)
         np.testing.assert_array_equal(sensed["agent_1"], expected["agent_1"])
-    with pytest.raises(InputError, match="none has begun"):
+    with pytest.raises(InputError, match="no episode is running"):
         copy.deepcopy(agent).step(np.zeros(1, np.float32))
 
 
@@ -343,7 +343,7 @@ def test_environments_of_libraries_draw_themselves() -> None:
     assert np.array_equal(agent.render(), library.render())  # type: ignore[arg-type] # both draw
     assert agent.metadata["render_fps"] == library.metadata["render_fps"]
     library.close()
-    with pytest.raises(InputError, match="Late has nothing to show"):
+    with pytest.raises(InputError, match="Late has nothing to display"):
         environments.gymnasium_env(Late, render_mode="rgb_array")
 
 
@@ -358,7 +358,7 @@ def test_mistakes() -> None:
     with pytest.raises(InputError, match=r"call reset\(\) first"):
         swarm.step({})
     swarm.reset()
-    with pytest.raises(InputError, match="there is none for agent_0, agent_1"):
+    with pytest.raises(InputError, match="actions: missing for agent_0, agent_1"):
         swarm.step(dict.fromkeys(["agent_2", "agent_3"], np.zeros(2, np.float32)))
     with pytest.raises(InputError, match=r"agent_1: an action of the shape \(3,\) found, expected \(2,\)"):
         swarm.step({name: np.zeros(2 + (name == "agent_1"), np.float32) for name in swarm.agents})
@@ -375,5 +375,5 @@ def test_mistakes() -> None:
         swarm.reset(seed=-1)
     with pytest.raises(InputError, match=r"^seed: must be from 0"):
         environments.gymnasium_env("minisim").reset(seed=-1)
-    with pytest.raises(InputError, match="has ended before its first step"):
+    with pytest.raises(InputError, match="ends before its first step"):
         environments.parallel_env("arena", {**SWARM, "duration": 0.1})

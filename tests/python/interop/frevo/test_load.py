@@ -326,7 +326,10 @@ def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_p
             "'15%' found, expected a number such as 0.15f",
         ),
         ((METHOD, '<methodentry key="xoverMethod" value="2"/>'), "method.xoverMethod: 2 found"),
-        ((METHOD, '<methodentry key="percentage_mutate" value="0.9f"/>'), "does not make a valid experiment"),
+        (
+            (METHOD, '<methodentry key="percentage_mutate" value="0.9f"/>'),
+            "does not result in a valid experiment",
+        ),
         ((METHOD, "<representationentry/>"), "found inside <method>; expected <methodentry>"),
         (("<ranking", "<rankings><ranking"), "not valid XML"),
     ],

@@ -44,7 +44,7 @@ def test_evolution_starts_from_a_behaviour(edited: Edited, walk: Path, tmp_path:
 
 
 def test_the_behaviour_needs_a_place(edited: Edited, walk: Path) -> None:
-    with pytest.raises(InputError, match=r"walk\.scxml: becomes a file beside the experiment"):
+    with pytest.raises(InputError, match=r"walk\.scxml: is written to a file beside the experiment"):
         models.load([edited("problem.xml"), walk])
 
 

@@ -11,7 +11,7 @@ from swarmwright.interop import models
 from swarmwright.interop.models._experiment import Parameters
 from swarmwright.interop.models._files import load as load_part
 from swarmwright.interop.models._model import Model
-from swarmwright.interop.models._names import Known
+from swarmwright.interop.models._names import SimulationParameters
 from swarmwright.simulations.names import make_absolute
 from tests.python.interop.models.conftest import Edited
 
@@ -40,7 +40,7 @@ def test_a_model_becomes_an_experiment(drawn: list[Path]) -> None:
     assert controller["parameters"]["maxSteps"]["type"] == "integer"
     assert "rosPath = /opt/ros: minisim has no parameter" in imported.yaml
     assert "# command_line, parameters.json:3" in imported.yaml
-    assert [note for note in imported.notes if "says 2, the swarm has 3" in note]
+    assert [note for note in imported.notes if "says 2, but the swarm has 3" in note]
     genomes = np.array([[0.4, 0.5], [0.0, 1.0]], dtype=np.float32)
     assert len(evaluate(experiment, genomes, servers="local")) == 2
 
@@ -77,7 +77,7 @@ def test_a_simulation_that_is_not_built_in_gets_every_parameter(edited: Edited) 
     assert experiment.parameters["Agent"] == 3
     assert "scouts" not in experiment.parameters  # it is evolved
     assert experiment.requirements.max_agents == 33
-    assert any(note.startswith("no built-in simulation is called ") for note in imported.notes)
+    assert any(" is not a built-in simulation" in note for note in imported.notes)
 
 
 def test_the_number_of_agents_may_be_evolved(edited: Edited) -> None:
@@ -106,7 +106,11 @@ def test_a_scale_is_a_number_or_text(edited: Edited, scale: str) -> None:
         ("problem.xml", ("<config>", "<configs/><config>"), "<configs>: found inside <icomponent>"),
         ("problem.xml", ('"minisim.Minisim"', '""'), "has neither classname nor name"),
         ("problem.xml", ('value="4"', 'value="5"'), "has 5 sensors, but minisim has 4"),
-        ("problem.xml", ('Candidates" type="INT" value="1"', 'Candidates" type="INT" value="2"'), "compete"),
+        (
+            "problem.xml",
+            ('Candidates" type="INT" value="1"', 'Candidates" type="INT" value="2"'),
+            "competing",
+        ),
         ("problem.xml", ("<icomponent>", "<icomponent>&x;"), "entity x of a DTD"),
         ("problem.xml", ("</config>", ""), "is not valid XML: mismatched tag"),
         (
@@ -117,7 +121,7 @@ def test_a_scale_is_a_number_or_text(edited: Edited, scale: str) -> None:
         ("parameters.json", ('"maxSteps"', '"maxStep"'), "no parameter 'maxStep'; did you mean 'maxSteps'"),
         ("parameters.json", (', "scale": 1', ""), r"parameters.json:3: parameters\[1\]: scale is missing"),
         ("parameters.json", ('"0.1"', '"ten"'), "2: parameters.*scale: expected a number above 0, .*'ten'"),
-        ("parameters.json", ('"0.1"', "NaN"), "json:2: is not valid JSON: NaN is not a number that JSON has"),
+        ("parameters.json", ('"0.1"', "NaN"), "json:2: is not valid JSON: NaN is not a JSON number"),
         ("parameters.json", ('"max": 50', '"max": 0'), "2: .*max: 0 found, expected a number above min, 0"),
         ("parameters.json", ('"max": 50', '"max": "50"'), "expected a number within"),
         ("parameters.json", ("command_line", "command line"), "expected command_line or file:PACKAGE"),
@@ -134,7 +138,7 @@ def test_a_scale_is_a_number_or_text(edited: Edited, scale: str) -> None:
         (
             "swarm.xml",
             ("Swarm name", "Swarms name"),
-            "swarm.xml:2: <Swarms>: found as .* did you mean 'Swarm'",
+            "swarm.xml:2: <Swarms>: unknown root element.* did you mean 'Swarm'",
         ),
     ],
 )
@@ -160,7 +164,7 @@ def test_problems_of_all_files_are_reported_at_once(edited: Edited) -> None:
 def test_files_that_contradict_each_other(edited: Edited, tmp_path: Path) -> None:
     first = edited("swarm.xml")
     other = first.rename(tmp_path / "other.xml")
-    with pytest.raises(InputError, match=r"describes the swarm, as .*other\.xml does"):
+    with pytest.raises(InputError, match=r"the swarm is also described by .*other\.xml"):
         models.load([other, edited("swarm.xml"), edited("problem.xml")])
 
 
@@ -170,15 +174,15 @@ def test_files_that_contradict_each_other(edited: Edited, tmp_path: Path) -> Non
         (
             "x.xml",
             "<experiment/>",
-            "x.xml:1: <experiment>: found as the outermost element; expected a FREVO session",
+            "x.xml:1: <experiment>: unknown root element; expected a FREVO session",
         ),
-        ("x.json", "{}", "is JSON of no kind that is known; expected"),
-        ("x.json", "[1, 2]", "is JSON of no kind that is known"),
+        ("x.json", "{}", "unknown kind of JSON file; expected"),
+        ("x.json", "[1, 2]", "unknown kind of JSON file"),
         ("x.json", '{"parameters": [}', "x.json:1: is not valid JSON"),
         ("x.json", "", "is empty; expected"),
-        ("x.txt", "hello", "is of no kind that is known; expected"),
-        ("x.onnx", "\x08\x08", r"x\.onnx: is an ONNX model, from which no controller can be made; expected"),
-        ("x.zse", "<frevo/>", "is a FREVO session, which is imported alone"),
+        ("x.txt", "hello", "unknown kind of file; expected"),
+        ("x.onnx", "\x08\x08", r"x\.onnx: ONNX models cannot be converted to controllers; expected"),
+        ("x.zse", "<frevo/>", "is a FREVO session; import it without other files"),
     ],
 )
 def test_unknown_files_are_refused(tmp_path: Path, name: str, text: str, answer: str) -> None:
@@ -188,9 +192,9 @@ def test_unknown_files_are_refused(tmp_path: Path, name: str, text: str, answer:
 
 
 def test_without_a_simulation_or_with_one_that_cannot_steer_itself(edited: Edited) -> None:
-    with pytest.raises(InputError, match="no file names the simulation"):
+    with pytest.raises(InputError, match="the simulation is missing"):
         models.load([edited("parameters.json")])
-    with pytest.raises(InputError, match="emergency_exit is steered by a controller"):
+    with pytest.raises(InputError, match="emergency_exit needs a controller"):
         models.load([edited("parameters.json")], simulation="emergency_exit")
 
 
@@ -206,7 +210,7 @@ def test_the_command_line(program: Any, drawn: list[Path], tmp_path: Path) -> No
     run = program("optimize", "drawn.yaml", "--set", "method.generations=2", "--set", "servers=local")
     assert run.returncode == 0, run.stderr
     (tmp_path / "empty").mkdir()
-    assert "no file with the ending" in program("import", "empty").stderr
+    assert "contains no file with the suffix" in program("import", "empty").stderr
 
 
 def test_letters_of_other_scripts_are_no_signs(edited: Edited) -> None:
@@ -241,19 +245,21 @@ def test_names_of_several_parameters_are_refused(edited: Edited, tmp_path: Path)
     )
     simulation = f"{tmp_path / 'lab.py'}:Lab"
     changes = ('"steps" type="INT" value="25"', '"light" type="INT" value="25"')
-    words = "'light' may be the parameter 'light\\+' or 'light-' of .*; write one of these names"
-    known = Known(make_absolute(simulation))
-    assert [known.name(one) for one in ("light-", "Speed", "light", "+")] == ["light-", "speed", None, None]
+    words = "'light' is ambiguous in .*: 'light\\+' or 'light-'; write one of these names"
+    known = SimulationParameters(make_absolute(simulation))
+    assert [known.find(one) for one in ("light-", "Speed", "light", "+")] == ["light-", "speed", None, None]
     with pytest.raises(InputError, match=words):
-        Parameters.of(Model.of([load_part(edited("problem.xml", changes))]), known, evolved=False)
+        Parameters.from_model(
+            Model.from_parts([load_part(edited("problem.xml", changes))]), known, evolved=False
+        )
     part = load_part(edited("parameters.json", ("maxSteps", "light")))
     with pytest.raises(InputError, match=words):
-        Parameters.of(Model.of([part]), known, evolved=True)
+        Parameters.from_model(Model.from_parts([part]), known, evolved=True)
     twice = ('number="3"/>', 'number="3"/><SwarmMember name="A-gent" launchFile="b" number="2"/>')
     files = edited("parameters.json", ("maxSteps", "a gent")), edited("swarm.xml", twice)
     parts = [load_part(file) for file in files]
-    with pytest.raises(InputError, match="'a gent' may be the agents 'Agent' or 'A-gent'"):
-        Parameters.of(Model.of(parts), known, evolved=True)
+    with pytest.raises(InputError, match="'a gent' is ambiguous: 'Agent' or 'A-gent'"):
+        Parameters.from_model(Model.from_parts(parts), known, evolved=True)
 
 
 def test_names_with_colons_and_line_breaks_stay_names(tmp_path: Path) -> None:
@@ -269,7 +275,7 @@ def test_names_with_colons_and_line_breaks_stay_names(tmp_path: Path) -> None:
         imported = models.load([path])
         assert imported.experiment.seed == 1
         assert imported.experiment.parameters == parameters
-        assert ("not taken over: a: 1\\nseed: 9 = 1" in imported.yaml) == (not parameters)
+        assert ("not imported: a: 1\\nseed: 9 = 1" in imported.yaml) == (not parameters)
     path = tmp_path / "escape.sysml"
     path.write_text(
         "package P { attribute 'a: b\\nseed: 9' = 1; action 'c\\nseed: 9'; part def A { in x; out y; } "

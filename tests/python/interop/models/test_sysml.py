@@ -152,7 +152,7 @@ def test_a_name_that_may_be_several_types(tmp_path: Path) -> None:
     two = "package A { part def R { in x; } } package B { part def R; } port def Sensing"
     path = written(tmp_path, ("port def Sensing", two), ("part def Agent {", "part def Agent :> R { "))
     with pytest.raises(
-        InputError, match=r"R may be Escape::A::R \(line 6\), Escape::B::R \(line 6\); write its"
+        InputError, match=r"R is ambiguous: Escape::A::R \(line 6\), Escape::B::R \(line 6\); write the"
     ):
         models.load([path])
 
@@ -204,7 +204,7 @@ def test_metadata_about_something_else(tmp_path: Path) -> None:
     [
         (
             (" part agents : Agent[3];", ""),
-            "escape.sysml: has no agents; expected a part with a multiplicity",
+            "escape.sysml: has no agents; add a part with a multiplicity",
         ),
         (
             ("Agent[3]", "Agent[1..3]"),
@@ -228,9 +228,9 @@ def test_metadata_about_something_else(tmp_path: Path) -> None:
         ),
         (
             ("part agents", "part def Other { out z; } part others : Other[2]; part agents"),
-            "24: part others: senses or does other things than other agents, but minisim has no parameter",
+            "24: part others: its sensors or actuators differ from those of other agents, but minisim has",
         ),
-        (("min = 0; ", ""), "sysml:22: attribute avoidance: @Optimize: min is missing or no number"),
+        (("min = 0; ", ""), "sysml:22: attribute avoidance: @Optimize: min is missing or not a number"),
         (("max = 5", "max = -5"), "sysml:22: .* max is -5, expected a number above min, 0"),
         (('"1"', '"one"'), "scale: expected a number above 0"),
         (("max = 5", "maximum = 5"), "unknown key 'maximum'; expected min, max, scale"),
@@ -240,17 +240,17 @@ def test_metadata_about_something_else(tmp_path: Path) -> None:
         ),
         (
             ("= 2;", "= 2 + 3;"),
-            r"numDefenders: its value is not a number \(finite, .*\), a text, true or false$",
+            r"numDefenders: its value must be a finite number .*, a string, true or false$",
         ),
         (('= "random";', '= "random"; attribute placement = "fixed";'), "is fixed, but random in line 20"),
         (("in item goal_x", "inout item goal_x"), "inout is not supported"),
-        (('= "random";', '= "random"'), "';' is missing|its value is not"),
+        (('= "random";', '= "random"'), "';' is missing|its value must"),
         (("state idle; }", "state idle; "), r"sysml:3:16: is not valid SysML: '{' is not closed"),
         (
             ("state idle; }", "state idle; } } }"),
-            r"sysml:26:43: is not valid SysML: '}' found without the bracket that it closes",
+            r"sysml:26:43: is not valid SysML: '}' has no opening bracket",
         ),
-        (("// guards", "`"), r"sysml:21:47: is not valid SysML: '`' is not expected"),
+        (("// guards", "`"), r"sysml:21:47: is not valid SysML: '`' is unexpected"),
         (("part def Agent", "part def Agent; part def Agent"), r"duplicate definition \(first in line 12\)"),
     ],
 )
@@ -266,7 +266,7 @@ def test_an_open_comment(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"x\.sysml:2:2: is not valid SysML: a comment is not closed"):
         models.load([path])
     path.write_text("package A { " * 60 + "}" * 60)
-    with pytest.raises(InputError, match="nested more than 50 deep"):
+    with pytest.raises(InputError, match="nesting is deeper than 50 levels"):
         models.load([path])
 
 
@@ -275,7 +275,7 @@ def test_the_command_line(program: Any, tmp_path: Path) -> None:
     written(tmp_path)
     done = program("import", "escape.sysml", "-o", "escape.yaml")
     assert done.returncode == 0, done.stderr
-    assert "not taken over, with all inside: state def Behaviour in line 26" in done.stderr
+    assert "not imported, including their content: state def Behaviour in line 26" in done.stderr
 
 
 def test_values_that_the_simulation_refuses_are_not_blamed_on_a_file_that_is_not_there(
@@ -286,6 +286,6 @@ def test_values_that_the_simulation_refuses_are_not_blamed_on_a_file_that_is_not
     with pytest.raises(InputError) as caught:
         models.load([path])
     first, *problems = str(caught.value).splitlines()
-    assert first == f"{path}: does not make a valid experiment:"
+    assert first == f"{path}: does not result in a valid experiment:"
     assert problems
     assert all(line.startswith("parameters.placement: ") for line in problems)

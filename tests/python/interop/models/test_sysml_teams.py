@@ -98,18 +98,18 @@ def test_numbers_of_several_kinds_of_agents_are_evolved_and_written_back(tmp_pat
         (
             TEAM,
             ("out item heading", "in item heading"),
-            r":6: part scouts: has no actuators \(out\); agents with a controller need at least one",
+            r":6: part scouts: has no actuators \(out\); add at least one",
         ),
         (
             TEAM,
             ("carriers : C", "scouts : C"),
-            r":7: part scouts: is the name of other agents, too \(line 6\); rename one",
+            r":7: part scouts: other agents have the same name \(line 6\); rename one",
         ),
-        (TEAM, ("part carriers : C", "part : C"), ":7: part: has no name; groups of agents"),
+        (TEAM, ("part carriers : C", "part : C"), ":7: part: has no name; name each group"),
         (
             TEAM,
             ("out item left", "part arm { out grip; } out item left"),
-            r":3: part arm: senses or acts, and is inside of part Carrier \(line 3\), which does so",
+            r":3: part arm: has sensors or actuators, and so has the enclosing part Carrier \(line 3\)",
         ),
         (
             MINISIM,
@@ -119,7 +119,7 @@ def test_numbers_of_several_kinds_of_agents_are_evolved_and_written_back(tmp_pat
         (
             MINISIM,
             ("part defenders", "part guards"),
-            ":7: part guards: is no group of agents of minisim; its groups: agents, defenders",
+            ":7: part guards: minisim has no such group of agents; its groups: agents, defenders",
         ),
         (MINISIM, ("part defenders", "part defendr"), "did you mean 'defenders'"),
         (
@@ -140,13 +140,16 @@ def test_other_groups_than_those_of_a_class(tmp_path: Path) -> None:
     third = "part hawks { in item all : Real[2]; out way; }"
     for change, answer in (
         (("part prey {", "part prey[2] {"), ":4: part prey: has 2 agents, but prey of .* have 1"),
-        (("part prey {", f"{third} part prey {{"), ":4: part hawks: is no group of agents of .*Pursuit; its"),
+        (
+            ("part prey {", f"{third} part prey {{"),
+            ":4: part hawks: .*Pursuit has no such group of agents; its",
+        ),
         (
             (
                 "part prey { in item hunters : Real[3]; out left; out right; }",
                 third.replace("hawks", "hunter"),
             ),
-            "part hunter: is no group of agents of .*; did you mean 'hunters'",
+            "part hunter: .* has no such group of agents; did you mean 'hunters'",
         ),
     ):
         with pytest.raises(InputError, match=answer):
@@ -156,7 +159,7 @@ def test_other_groups_than_those_of_a_class(tmp_path: Path) -> None:
 def test_a_behaviour_is_that_of_one_kind(tmp_path: Path) -> None:
     (tmp_path / "walk.scxml").write_text(WALK)
     paths = [saved(tmp_path, TEAM), tmp_path / "walk.scxml"]
-    with pytest.raises(InputError, match=r"walk\.scxml: the behaviour is that of one kind of agents, but"):
+    with pytest.raises(InputError, match=r"walk\.scxml: a behaviour applies to one kind of agents, but"):
         models.load(paths, target=tmp_path / "x.yaml")
     imported = models.load(paths, target=tmp_path / "x.yaml", controller="layered")
     assert imported.experiment.controller.kind == "team"

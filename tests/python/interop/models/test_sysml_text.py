@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import InputError
 from swarmwright.interop import models
-from swarmwright.interop.models._sysml_text import Statement, statements
+from swarmwright.interop.models._sysml_text import Statement, parse_statements
 
 AGENT = "part def Agent { in near; out turn; } part agents : Agent[3];"
 MANY = 10_000
@@ -56,14 +56,14 @@ def shown(found: list[Statement]) -> list[object]:
     ],
 )  # fmt: skip
 def test_statements(text: str, expected: list[object]) -> None:
-    assert shown(statements(text, Path("x.sysml"))) == expected
+    assert shown(parse_statements(text, Path("x.sysml"))) == expected
 
 
 @pytest.mark.parametrize(
     ("text", "place", "words"),
     [
         ("part a {\n  part b;\n", "1:8", "'{' is not closed"),
-        ("part a;\n }", "2:2", "'}' found without the bracket that it closes"),
+        ("part a;\n }", "2:2", "'}' has no opening bracket"),
         ("part a {\n part b[3; }", "2:12", "'}' found, expected ']' for '[' in line 2"),
         ("part a\n//* part b; *", "2:1", "a note is not closed"),
         ("part a; /* part b; *", "1:9", "a comment is not closed"),
@@ -74,22 +74,22 @@ def test_statements(text: str, expected: list[object]) -> None:
         ("constraint { attribute b }", "1:24", "';' is missing after 'b'"),
         ("calc { b = 5 }", "1:12", "';' is missing after '5'"),
         ("part a { b }", "1:10", "';' is missing after 'b'"),
-        ("part a { doc }", "1:10", "'doc' is followed by no comment"),
-        ("part a \\ b;", "1:8", r"'\\' is not expected"),
-        ("part a { " * 60 + "}" * 60, "1:458", "nested more than 50 deep"),
-        ("attribute a = " + "(" * 60, "1:65", "nested more than 50 deep"),
+        ("part a { doc }", "1:10", "'doc' must be followed by a comment"),
+        ("part a \\ b;", "1:8", r"'\\' is unexpected"),
+        ("part a { " * 60 + "}" * 60, "1:458", "nesting is deeper than 50 levels"),
+        ("attribute a = " + "(" * 60, "1:65", "nesting is deeper than 50 levels"),
     ],
 )
 def test_what_is_wrong_is_told_with_line_and_column(text: str, place: str, words: str) -> None:
     with pytest.raises(InputError) as caught:
-        statements(text, Path("x.sysml"))
+        parse_statements(text, Path("x.sysml"))
     assert str(caught.value).startswith(f"x.sysml:{place}: is not valid SysML: {words}")
 
 
 def test_words_of_kerml_are_names_in_sysml() -> None:
-    (found,) = statements("class step;", Path("x.kerml"))
+    (found,) = parse_statements("class step;", Path("x.kerml"))
     assert [word.kind for word in found.words] == ["keyword", "keyword"]
-    (found,) = statements("part step;", Path("x.sysml"))
+    (found,) = parse_statements("part step;", Path("x.sysml"))
     assert [word.kind for word in found.words] == ["keyword", "name"]
 
 
@@ -112,8 +112,8 @@ def test_what_is_not_taken_is_named(tmp_path: Path, suffix: str) -> None:
     assert imported.experiment.parameters == {"maxSteps": 15, "numAgents": 3}
     (note,) = imported.notes
     assert note == (
-        f"{path}: not taken over, with all inside: attribute unit in line 3, constraint short in line 4, "
-        "enum def Colour in line 5, item fuel in line 6, metadata Safety in line 7, perform go in line 8, "
+        f"{path}: not imported, including their content: attribute unit in line 3, constraint short in line "
+        "4, enum def Colour in line 5, item fuel in line 6, metadata Safety in line 7, perform go in line 8, "
         "state def S in line 9"
     )
 
@@ -128,12 +128,12 @@ def test_of_many_elements_that_are_not_taken_the_first_are_named(tmp_path: Path)
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f"attribute a = {'9' * 5000}; {AGENT}", "1: attribute a: its value is not a number (finite"),
-        (f"attribute a = 1e999; {AGENT}", "1: attribute a: its value is not a number (finite"),
-        (f"attribute action = 5; {AGENT}", "1: attribute: has a value, but no name; action is a"),
+        (f"attribute a = {'9' * 5000}; {AGENT}", "1: attribute a: its value must be a finite number"),
+        (f"attribute a = 1e999; {AGENT}", "1: attribute a: its value must be a finite number"),
+        (f"attribute action = 5; {AGENT}", "has a value, but no name; quote the reserved word: 'action'"),
         (f"part def A {{ in x[{'9' * 5000}]; out y; }} part agents : A[3];", "its multiplicity is 999"),
         ("".join(f"part def A{n} :> A{n + 1};" for n in range(3000)) + "part a : A0[3];",
-         "1: part A100: inherits over more than 100 steps"),
+         "1: part A100: inherits through more than 100 steps"),
         ("port def D { in z[10000]; } part def A { port p : D[10000]; out y; } part a : A[3];",
          "all parts together have more than 1000000 directed features"),
         (f"part agents : {'A::' * 5000}A[3];", "A::A::A::A::A::A::A::A::A::A::.. is not defined"),

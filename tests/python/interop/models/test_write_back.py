@@ -67,11 +67,13 @@ def test_a_behaviour_becomes_that_of_the_candidate(edited: Edited, tmp_path: Pat
 
 def test_files_of_which_nothing_was_evolved_are_refused(drawn: list[Path], tmp_path: Path) -> None:
     run = evolved(drawn, tmp_path)
-    with pytest.raises(InputError, match=r"swarm\.xml: nothing in it was evolved; the run evolved the par"):
+    with pytest.raises(
+        InputError, match=r"swarm\.xml: the run evolved nothing in these files; it evolved the par"
+    ):
         models.write_back(run, drawn[2:], output=tmp_path / "back")
     (tmp_path / "back").mkdir()
     (tmp_path / "back" / "parameters.json").write_text("{}")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         models.write_back(run, drawn[1:2], output=tmp_path / "back")
 
 
@@ -114,12 +116,12 @@ def test_xml_keeps_its_encoding(
 
 
 def test_characters_that_an_encoding_lacks_are_written_by_number(tmp_path: Path) -> None:
-    from swarmwright.interop.models._write_back import _tags
+    from swarmwright.interop.models._write_back import _update_tags
 
     path = tmp_path / "problem.xml"
     head = '<?xml version="1.0" encoding="ISO-8859-1"?>'
     path.write_text(f'{head}<p><propentry key="höhe" value="1"/></p>', encoding="latin-1")
-    (tmp_path / "back.xml").write_bytes(_tags(path, lambda name: "λ" if name == "höhe" else None))
+    (tmp_path / "back.xml").write_bytes(_update_tags(path, lambda name: "λ" if name == "höhe" else None))
     root = read_xml(tmp_path / "back.xml")
     assert root.children[0].attributes == {"key": "höhe", "value": "λ"}
 

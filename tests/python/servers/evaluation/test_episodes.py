@@ -244,7 +244,7 @@ def test_the_first_episode_is_saved(tmp_path: Path) -> None:
     for ending in ("png", "gif", "html"):
         episodes.save(tmp_path / f"rule.{ending}")
         assert (tmp_path / f"rule.{ending}").stat().st_size > 2000
-    with pytest.raises(InputError, match="files end with"):
+    with pytest.raises(InputError, match="unknown suffix"):
         episodes.save(tmp_path / "rule.txt")
     with pytest.raises(InputError, match="cannot be written"):
         episodes.save(tmp_path / "none" / "rule.png")

@@ -193,14 +193,14 @@ def test_long_episodes_are_thinned_and_keep_their_end(monkeypatch: pytest.Monkey
 
 def test_films_are_as_long_as_the_episode(tmp_path: Path) -> None:
     pictures = kept(40)
-    chosen, seconds = pictures.chosen(1000, 1 / 30, 1.0)
+    chosen, seconds = pictures.select_pictures(1000, 1 / 30, 1.0)
     assert len(chosen) == 41
     assert seconds == pytest.approx(0.1)
-    chosen, seconds = pictures.chosen(11, 0.06, 2.0)
+    chosen, seconds = pictures.select_pictures(11, 0.06, 2.0)
     assert len(chosen) == 11
     assert seconds == pytest.approx(0.2)
     save(pictures, tmp_path / "x.gif")
     with Image.open(io.BytesIO((tmp_path / "x.gif").read_bytes())) as opened:
         assert opened.size == (3, 2)
-    with pytest.raises(ValueError, match="files end with"):
+    with pytest.raises(ValueError, match="unknown suffix"):
         save(pictures, tmp_path / "x.bmp")

@@ -17,15 +17,15 @@ class EvostickOptions(RepresentationOptions):
 
     kind: Literal["evostick"] = "evostick"
     weight_range: float = Field(default=5.0, gt=0, le=1e6)
-    """Weights stay within +-weight_range, where they are uniform at the start; a mutation of severity 1 moves
-    a weight by as much."""
+    """Weights stay within +-weight_range and start uniform in it; a mutation of severity 1 moves a weight by
+    up to as much."""
     mutation: Literal["uniform", "proportional"] = "uniform"
     """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its
     size (at least 0.1), whatever the severity."""
 
     @property
     def bias_range(self) -> float:
-        """A bias is a weight like the others."""
+        """The range of biases, which is that of the weights."""
         return float(np.float32(self.weight_range))
 
 
@@ -35,8 +35,8 @@ class Evostick(NodeNetwork):
     Genes: sensor after sensor, then the bias, a weight for each actuator: 50 for 24 sensors and 2 actuators,
     in ARGoS's order. An output is the logistic function of 4.924273 times the sum, mapped from 0..1 to -1..1.
 
-    Mutation and distance are those of the other networks, with weights cut to their range; a crossover takes
-    a run of genes from the father.
+    Mutation and distance are those of the other networks, with weights clipped to their range; a crossover
+    takes a run of genes from the father.
 
     Source: Francesca, Brambilla, Brutschy, Trianni and Birattari, "AutoMoDe: a novel approach to the
     automatic design of control software for robot swarms", Swarm Intelligence 8(2), 2014.
@@ -44,10 +44,10 @@ class Evostick(NodeNetwork):
 
     kind: ClassVar[str] = "evostick"
     options_model = EvostickOptions
-    options: EvostickOptions  # type: ignore[assignment] # what the operators need of the others' options
+    options: EvostickOptions  # type: ignore[assignment] # has the options that the operators use
 
     def node_sizes(self) -> Sequence[int]:
-        """Return one node for all genes, so that runs of genes are exchanged."""
+        """Return one node with all genes, so that crossover exchanges runs of genes."""
         return [(self.sensors + 1) * self.actuators - 1]
 
     @property
@@ -62,16 +62,16 @@ class Evostick(NodeNetwork):
         return self.bounds
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
-        """Return a copy in which each gene is moved with `probability`, and cut to its range."""
-        return self._cut(super().mutate(genome, stream, severity=severity, probability=probability))
+        """Return a copy in which each gene is moved with `probability`, and clipped to its range."""
+        return self._clip(super().mutate(genome, stream, severity=severity, probability=probability))
 
     def mutations(
         self, parents: Genomes, streams: Streams, *, severity: float, probability: float
     ) -> Genomes:
         """Return a mutated copy of each parent."""
-        return self._cut(super().mutations(parents, streams, severity=severity, probability=probability))
+        return self._clip(super().mutations(parents, streams, severity=severity, probability=probability))
 
-    def _cut(self, genomes: Genomes) -> Genomes:
+    def _clip(self, genomes: Genomes) -> Genomes:
         limit = np.float32(self.options.bias_range)
         return np.clip(genomes, -limit, limit)
 

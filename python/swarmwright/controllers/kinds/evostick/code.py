@@ -1,4 +1,4 @@
-"""Source code of EvoStick's network, which is that of a layered one."""
+"""Source code of EvoStick's network, which is a layered network."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,30 +13,30 @@ from swarmwright.controllers.source import Evolved, in_c, in_onnx, in_python
 
 def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
     """Return the code in C or C++."""
-    return layered_code.c(layered(controller), language)
+    return layered_code.c(to_layered(controller), language)
 
 
 def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonCode:
     """Return the code in Python."""
-    return layered_code.python(layered(controller), numbers)
+    return layered_code.python(to_layered(controller), numbers)
 
 
 def onnx(controller: Evolved, graph: in_onnx.Graph) -> None:
     """Add the controller to a graph of ONNX."""
-    layered_code.onnx(layered(controller), graph)
+    layered_code.onnx(to_layered(controller), graph)
 
 
-def layered(controller: Evolved) -> Evolved:
+def to_layered(controller: Evolved) -> Evolved:
     """Return the layered network that computes the same bits."""
     return replace(controller, specification=as_layered(controller.specification))
 
 
 def as_layered(specification: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the layered network that computes the same bits, for code that knows layers.
+    """Return the specification of the layered network that computes the same bits.
 
     Its weights are in the order of layered networks, each bias first.
     """
     rows = np.reshape(specification["weights"], (-1, int(specification["actuators"]))).T
     weights = np.roll(rows, 1, axis=1).ravel().tolist()
-    layered = {"kind": "layered", "hidden": [], "activation": STEEP, "output_range": [0.0, 1.0]}
-    return {**specification, **layered, "weights": weights}
+    fields = {"kind": "layered", "hidden": [], "activation": STEEP, "output_range": [0.0, 1.0]}
+    return {**specification, **fields, "weights": weights}

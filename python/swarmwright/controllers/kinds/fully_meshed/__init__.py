@@ -9,14 +9,14 @@ from swarmwright.controllers.networks import NetworkOptions, NodeNetwork
 
 
 class FullyMeshedOptions(NetworkOptions):
-    """A recurrent network in which every node sees all nodes, itself too; it remembers from step to step."""
+    """A recurrent network in which every node is connected with all nodes, including itself."""
 
     kind: Literal["fully_meshed"] = "fully_meshed"
     hidden: int = Field(default=2, ge=0, le=10_000)
-    """Hidden nodes."""
+    """Number of hidden nodes."""
     activation: Literal["clamp", "sigmoid", "tanh", "relu"] = "clamp"
     """Function of every node. clamp (to 0..1, FREVO's LINEAR) and sigmoid are mapped from 0..1 to
-    actuators in -1..1; tanh and relu are taken as they are (limited to -1..1)."""
+    actuators in -1..1; tanh and relu are used directly (limited to -1..1)."""
     iterations: int = Field(default=2, ge=1, le=1000)
     """How often all nodes are computed in each step."""
 

@@ -26,7 +26,7 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
             "computed": str(computed),
             "above": str(sensors + hidden),
             "iterations": str(specification["iterations"]),
-            "refused": in_c.refused(language),
+            "refused": in_c.refusal_condition(language),
             "overflow": check,
         },
     )
@@ -62,8 +62,8 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         "\n".join([*in_python.constants(controller, numbers), *lines]),
         in_python.network(controller),
         "",
-        in_python.indented([f"self._outputs = [0.0] * {computed}"]),
-        in_python.indented(step),
+        in_python.indent_method([f"self._outputs = [0.0] * {computed}"]),
+        in_python.indent_method(step),
         "the outputs of all nodes are kept from step to step",
         refuses="Raises it also when sensors are so large that a node overflows, and then until a reset.",
     )

@@ -13,13 +13,13 @@ from swarmwright.controllers.networks import NodeNetwork
 
 
 class HebbianOptions(RepresentationOptions):
-    """A recurrent network in which every node sees all nodes, and whose weights learn in each step."""
+    """A recurrent network, every node connected with all nodes, whose weights learn in each step."""
 
     kind: Literal["hebbian"] = "hebbian"
     hidden: int = Field(default=2, ge=0, le=10_000)
-    """Hidden nodes."""
+    """Number of hidden nodes."""
     iterations: int = Field(default=2, ge=1, le=1000)
-    """How often all nodes are computed in each step; weights learn once, after the last time."""
+    """How often all nodes are computed in each step; weights learn once, after the last iteration."""
     learning_range: float = Field(default=0.01, gt=0, le=1e6)
     """The initial learning rate is uniform in 0..learning_range; a mutation of severity 1 moves it by as
     much."""
@@ -34,20 +34,20 @@ class HebbianOptions(RepresentationOptions):
 
 
 class Hebbian(NodeNetwork):
-    """FREVO's HebbNet: a network that begins an episode with its genes, and changes them by Hebb's rule.
+    """FREVO's HebbNet: a network whose weights start as the genes and change by Hebb's rule.
 
     Genes: the learning rate, which may be of either sign, then node after node (hidden, then outputs): the
-    bias, then a weight from every node (inputs, hidden, outputs). Nodes are cut to 0..1, which is mapped to
-    actuators in -1..1. Weights that have learnt are forgotten at the end of an episode; no gene changes.
+    bias, then a weight from every node (inputs, hidden, outputs). Nodes are clipped to 0..1, which is mapped
+    to actuators in -1..1. Learnt weights are discarded at the end of an episode; genes do not change.
 
     Operators are those of the other networks. The learning rate counts as a node without weights, whose
-    moves are scaled by learning_range / bias_range. FREVO's own never mutates: the range of its change is
+    moves are scaled by learning_range / bias_range. In FREVO it never mutates: the range of its change is
     rounded to 0.
     """
 
     kind: ClassVar[str] = "hebbian"
     options_model = HebbianOptions
-    options: HebbianOptions  # type: ignore[assignment] # what the operators need of the others' options
+    options: HebbianOptions  # type: ignore[assignment] # has the options that the operators use
 
     def node_sizes(self) -> Sequence[int]:
         """Return 0 for the learning rate, and the number of all nodes for each node that is not an input."""
@@ -63,17 +63,17 @@ class Hebbian(NodeNetwork):
 
     def initial(self, stream: Stream) -> Genome:
         """Return a genome uniform in its range."""
-        genome: Genome = self._first(super().initial(stream)[np.newaxis])[0]
+        genome: Genome = self._scale_learning_rates(super().initial(stream)[np.newaxis])[0]
         return genome
 
     def initials(self, streams: Streams) -> Genomes:
         """Return a genome uniform in its range for each stream."""
-        return self._first(super().initials(streams))
+        return self._scale_learning_rates(super().initials(streams))
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy in which each gene is moved with `probability`, see the class."""
         moved = super().mutate(genome, stream, severity=severity, probability=probability)
-        child: Genome = self._moved(genome[np.newaxis], moved[np.newaxis])[0]
+        child: Genome = self._scale_rate_moves(genome[np.newaxis], moved[np.newaxis])[0]
         return child
 
     def mutations(
@@ -81,16 +81,16 @@ class Hebbian(NodeNetwork):
     ) -> Genomes:
         """Return a mutated copy of each parent."""
         moved = super().mutations(parents, streams, severity=severity, probability=probability)
-        return self._moved(parents, moved)
+        return self._scale_rate_moves(parents, moved)
 
-    def _first(self, genomes: Genomes) -> Genomes:
+    def _scale_learning_rates(self, genomes: Genomes) -> Genomes:
         """Return genomes whose first gene is scaled from +-bias_range to 0..learning_range."""
         share = np.abs(genomes[:, 0].astype(np.float64)) / self.options.bias_range
         genomes[:, 0] = np.minimum(share, 1.0) * self.options.learning_range
         return genomes
 
-    def _moved(self, parents: Genomes, genomes: Genomes) -> Genomes:
-        """Return genomes whose first gene is moved less from that of its parent."""
+    def _scale_rate_moves(self, parents: Genomes, genomes: Genomes) -> Genomes:
+        """Return genomes whose first gene moves by the smaller step of the learning rate."""
         before = parents[:, 0].astype(np.float64)
         move = (genomes[:, 0] - before) * (self.options.learning_range / self.options.bias_range)
         genomes[:, 0] = np.where(genomes[:, 0] == parents[:, 0], before, before + move)

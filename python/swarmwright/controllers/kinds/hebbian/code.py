@@ -6,13 +6,13 @@ from typing import Any
 
 from swarmwright.controllers.kinds.fully_meshed.code import python as meshed_python
 from swarmwright.controllers.source import Evolved, in_c, in_python
-from swarmwright.controllers.source.text import literals, templates, wrapped
+from swarmwright.controllers.source.text import literals, templates, wrap_items
 
 render = templates(__file__)
 
 
 def as_meshed(specification: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fully meshed network that it is before it has learnt, without the learning rate."""
+    """Return the fully meshed network before learning, without the learning rate."""
     meshed = {"kind": "fully_meshed", "activation": "clamp", "output_range": [0.0, 1.0]}
     return {**specification, **meshed, "weights": list(specification["weights"][1:])}
 
@@ -36,13 +36,13 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
             "learning": str(max(computed * (nodes - 1), 1)),
             "above": str(sensors + hidden),
             "iterations": str(meshed["iterations"]),
-            "refused": in_c.refused(language),
+            "refused": in_c.refusal_condition(language),
             "overflow": check,
         },
     )
     rows = [(f"node {sensors + node}", nodes + 1) for node in range(computed)]
     table = in_c.weights_table(controller.weights[1:], rows)
-    rate = f"    /* learning rate */\n{wrapped(literals(controller.weights[:1]))}"
+    rate = f"    /* learning rate */\n{wrap_items(literals(controller.weights[:1]))}"
     network = in_c.network(replace(controller, specification=meshed), language)
     return in_c.Code(
         (replace(table, length=length + 1, text=f"{rate}\n{table.text}", evolved=controller.weights),),
@@ -80,7 +80,7 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         code,
         numbers=f"{code.numbers}\n\n# The learning rate.\n" + "\n".join(lines),
         functions=f"{code.functions}\n\n\n{render('python_learn.txt', {})}".rstrip("\n"),
-        reset=f"{code.reset}\n" + in_python.indented(["self._nodes = [list(row) for row in _NODES]"]),
-        step=in_python.indented(step),
+        reset=f"{code.reset}\n" + in_python.indent_method(["self._nodes = [list(row) for row in _NODES]"]),
+        step=in_python.indent_method(step),
         state_words="the outputs of all nodes, and what the weights have become, are kept from step to step",
     )

@@ -1,4 +1,4 @@
-"""The figure of a network with Hebbian learning, before it has learnt."""
+"""The figure of a network with Hebbian learning, before learning."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING

@@ -12,13 +12,13 @@ Size = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class LayeredOptions(NetworkOptions):
-    """A feed-forward network: every node of a layer sees all nodes of the layer before."""
+    """A feed-forward network: every node of a layer is connected with all nodes of the previous layer."""
 
     kind: Literal["layered"] = "layered"
     hidden: list[Size] = Field(default=[8], max_length=100)
-    """Nodes in each hidden layer; an empty list connects the sensors to the actuators directly."""
+    """Number of nodes of each hidden layer; an empty list connects the sensors to the actuators directly."""
     activation: Literal["tanh", "sigmoid", "relu", "clamp", "linear"] = "tanh"
-    """Function of every node. tanh, relu and linear give actuators as they are (limited to -1..1); clamp
+    """Function of every node. tanh, relu and linear are actuators directly (limited to -1..1); clamp
     (to 0..1) and sigmoid are mapped from 0..1 to -1..1."""
     output_activation: Literal["tanh", "sigmoid", "relu", "clamp", "linear"] | None = None
     """Function of the output nodes, if it is not that of all nodes: `linear` for most networks that were
@@ -26,7 +26,7 @@ class LayeredOptions(NetworkOptions):
 
     @property
     def last_activation(self) -> str:
-        """Function of the output nodes."""
+        """Activation function of the output nodes."""
         return self.output_activation or self.activation
 
 
@@ -41,9 +41,9 @@ class Layered(NodeNetwork):
     options: LayeredOptions
 
     def node_sizes(self) -> Sequence[int]:
-        """Return the size of the layer before, for each node."""
+        """Return the size of the previous layer, for each node."""
         layers = [self.sensors, *self.options.hidden, self.actuators]
-        return [before for before, here in pairwise(layers) for _ in range(here)]
+        return [inputs for inputs, nodes in pairwise(layers) for _ in range(nodes)]
 
     def architecture(self) -> dict[str, Any]:
         """Return the specification of all controllers, without weights."""

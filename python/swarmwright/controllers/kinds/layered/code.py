@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from textwrap import indent
 
-from swarmwright.controllers.activations import in_words, of_nodes
+from swarmwright.controllers.activations import describe_activations, find_activations
 from swarmwright.controllers.source import Evolved, in_c, in_onnx, in_python
 from swarmwright.controllers.source.text import templates
 
@@ -23,8 +23,8 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
         "c_step.txt",
         {
             **language,
-            "words": f"{words}, {in_words(specification)}",
-            "refused": in_c.refused(language),
+            "words": f"{words}, {describe_activations(specification)}",
+            "refused": in_c.refusal_condition(language),
             "clear": clear if hidden else "",
             "layers": "\n".join(_layers(controller, sizes, odd, language)),
         },
@@ -47,9 +47,9 @@ def _nodes(sizes: list[int]) -> Iterator[tuple[int, int, int]]:
 
 
 def _layers(controller: Evolved, sizes: list[int], odd: int, language: dict[str, str]) -> Iterator[str]:
-    """Yield a call for each layer; hidden ones take turns with the two parts of the work space."""
+    """Yield a call for each layer; hidden layers alternate between the two halves of the work space."""
     below, last = "sensors", len(sizes) - 2
-    hidden, output = of_nodes(controller.specification)
+    hidden, output = find_activations(controller.specification)
     work = f"{language['self']}work"
     for layer, (width, nodes) in enumerate(pairwise(sizes)):
         above = "actuators" if layer == last else f"{work} + {odd}" if layer % 2 and odd else work
@@ -74,15 +74,15 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         lines.append("    ),")
     lines.append(")")
     step = ["for rows in _LAYERS:", "    values = _layer(rows, values, cell)", *in_python.RETURN_ACTUATORS]
-    if len(set(of_nodes(specification))) > 1:
+    if len(set(find_activations(specification))) > 1:
         step[0] = "for rows in _LAYERS[:-1]:"
         step.insert(2, "values = _output_layer(_LAYERS[-1], values, cell)")
     return in_python.PythonCode(
         "\n".join([*in_python.constants(controller, numbers), *lines]),
         in_python.network(controller),
         "",
-        in_python.indented(["# This network remembers nothing."]),
-        in_python.indented(step),
+        in_python.indent_method(["# This network remembers nothing."]),
+        in_python.indent_method(step),
         "this network remembers nothing",
     )
 
@@ -92,7 +92,7 @@ def onnx(controller: Evolved, graph: in_onnx.Graph) -> None:
     specification = controller.specification
     sizes = [int(specification[name]) for name in ("sensors", "actuators")]
     sizes[1:1] = [int(nodes) for nodes in specification["hidden"]]
-    functions = of_nodes(specification)
+    functions = find_activations(specification)
     values, at = "sensors", 0
     for number, (below, nodes) in enumerate(pairwise(sizes), 1):
         count = nodes * (below + 1)

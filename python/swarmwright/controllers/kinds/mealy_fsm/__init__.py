@@ -1,4 +1,4 @@
-"""Mealy machines: finite-state machines over what is sensed, cut into intervals."""
+"""Mealy machines: finite-state machines over sensor values that are cut into intervals."""
 
 import math
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.problems import FieldError, format_value
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.controllers._base import MANY, Representation, RepresentationOptions, in_parts
+from swarmwright.controllers._base import MANY, Representation, RepresentationOptions, split_rows
 
 _MOST_LEVELS = 1000
 _LARGEST_TABLE = 1_000_000
-"""The largest number of numbers in a table, as in the engine."""
+"""Most numbers in a table, as in the engine."""
 
 
 def _level(value: Any) -> int | list[float]:  # noqa: ANN401 - whatever the file says
@@ -28,8 +28,8 @@ def _level(value: Any) -> int | list[float]:  # noqa: ANN401 - whatever the file
         if all(float(np.float32(low)) < float(np.float32(high)) for low, high in pairwise(thresholds)):
             return thresholds
     raise ValueError(
-        f"must be a number of intervals, 1 to {_MOST_LEVELS}, or a list of thresholds, each greater than the "
-        f"one before, not {format_value(value)}"
+        f"must be a number of intervals, 1 to {_MOST_LEVELS}, or a list of ascending thresholds, "
+        f"not {format_value(value)}"
     )
 
 
@@ -52,7 +52,7 @@ def _levels(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 
 def _output_levels(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if value == 1:
-        raise ValueError("must be 0 or at least 2: with one value there is nothing to choose")
+        raise ValueError("must be 0 or at least 2: a single level leaves no choice")
     return value
 
 
@@ -66,7 +66,7 @@ Levels = Annotated[
 
 
 class MealyFsmOptions(RepresentationOptions):
-    """A finite-state machine: state and thresholded sensors say what to do and what state comes next.
+    """A finite-state machine: state and thresholded sensors select the actuators and the next state.
 
     A mutation changes the share severity x probability of its table; give nnga a small probability, such as
     0.1.
@@ -74,13 +74,13 @@ class MealyFsmOptions(RepresentationOptions):
 
     kind: Literal["mealy_fsm"] = "mealy_fsm"
     states: int = Field(default=4, ge=1, le=1000)
-    """States that it can be in; every episode begins in the first."""
+    """Number of states; every episode begins in the first."""
     levels: Levels = 2
-    """Intervals that the range of a sensor is cut into, equally wide in -1..1; 2 tells whether it is above 0,
-    1 does not look at it. A list has an entry for each sensor: a number of intervals, or its thresholds. The
-    table has states times the product of all intervals rows."""
+    """Number of equal intervals into which the range -1..1 of each sensor is cut; 2 tests whether it is above
+    0, 1 ignores it. A list has an entry for each sensor: a number of intervals, or its thresholds. The table
+    has states times the product of all intervals rows."""
     output_levels: Annotated[int, BeforeValidator(_output_levels)] = Field(default=5, ge=0, le=1001)
-    """Values that an actuator can have, equally spaced from -1 to 1 (3: -1, 0 and 1); 0 for any number in
+    """Number of values of an actuator, equally spaced from -1 to 1 (3: -1, 0 and 1); 0 for any number in
     -1..1."""
 
 
@@ -90,15 +90,14 @@ class MealyFsm(Representation):
     Thresholds are fixed; what evolves is the table. It has a row for every state and every combination of
     intervals, in mixed radix: the state is the most significant digit, then the first sensor, and the last
     sensor's interval changes from row to row. Genes: row after row, the next state (0 to states - 1), then an
-    output in -1..1 for each actuator. Any finite number is a gene: of a next state the whole part counts,
-    limited to the states there are; of an output the nearest value that it can have.
+    output in -1..1 for each actuator. Any finite number is a valid gene: a next state is rounded down and
+    limited to the states, an output is rounded to the nearest level.
 
-    A mutation changes a next state, or an output that has levels, with `probability` times `severity`, to one
-    of the others, all equally likely: what has no neighbours cannot be changed a little, so that severity
-    says how much of the table is changed. An output that can be any number is moved with `probability`,
-    uniformly within +-severity, and reflected at -1 and 1. A crossover takes a run of neighbouring rows from
-    the father, as with the nodes of networks. The distance counts next states that differ, plus half of each
-    difference of outputs.
+    A mutation changes a next state, or an output that has levels, with `probability` times `severity`, to
+    another value, all equally likely: there are no small changes of a choice, so severity controls how much
+    of the table changes. An output without levels is moved with `probability`, uniformly within +-severity,
+    and reflected at -1 and 1. A crossover takes a run of neighbouring rows from the father, as with the nodes
+    of networks. The distance counts next states that differ, plus half of each difference of outputs.
     """
 
     kind: ClassVar[str] = "mealy_fsm"
@@ -107,30 +106,30 @@ class MealyFsm(Representation):
     continuous: ClassVar[bool] = False
 
     def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
-        """Raise InputError when `levels` fits another number of sensors, or the table is too large."""
+        """Raise InputError when `levels` does not match the sensors, or the table is too large."""
         super().__init__(options, sensors=sensors, actuators=actuators)
         levels = self.options.levels
         if isinstance(levels, list) and len(levels) != sensors:
             raise FieldError(
                 ("controller", "levels"),
-                f"{len(levels)} entries found, but there are {sensors} sensors; give one "
-                "for each, or a number for all",
+                f"{len(levels)} entries for {sensors} sensors; give an entry for each sensor, or one number "
+                "for all",
             )
-        intervals = [len(of_one) + 1 for of_one in self.thresholds]
+        intervals = [len(edges) + 1 for edges in self.thresholds]
         numbers = math.prod(intervals) * self.options.states * self._width
         if numbers > _LARGEST_TABLE:
             product = " x ".join(map(str, intervals))
             raise FieldError(
                 ("controller", "levels"),
                 f"{product} combinations of intervals in {self.options.states} states "
-                f"make a table of {numbers} numbers (a next state and {actuators} outputs in each row); at "
-                f"most {_LARGEST_TABLE} are possible: take fewer levels, 2 for sensors that are 0 or 1, 1 "
-                "for those not needed",
+                f"make a table of {numbers} numbers (a next state and {actuators} outputs in each row), more "
+                f"than {_LARGEST_TABLE}; use fewer levels: 2 for sensors that are 0 or 1, 1 for sensors that "
+                "are not needed",
             )
 
     @cached_property
     def thresholds(self) -> list[list[float]]:
-        """Where the intervals of each sensor end, ascending, as float32 numbers."""
+        """Upper bounds of the intervals of each sensor, ascending, as float32 numbers."""
         levels = self.options.levels
         entries: Sequence[Any] = levels if isinstance(levels, list) else [levels] * self.sensors
         return [shortest(np.array(_thresholds(entry), dtype=np.float32)) for entry in entries]
@@ -142,7 +141,7 @@ class MealyFsm(Representation):
     @cached_property
     def rows(self) -> int:
         """Rows of the table."""
-        return self.options.states * math.prod(len(of_one) + 1 for of_one in self.thresholds)
+        return self.options.states * math.prod(len(edges) + 1 for edges in self.thresholds)
 
     @property
     def genome_size(self) -> int:
@@ -151,7 +150,7 @@ class MealyFsm(Representation):
 
     @property
     def bounds(self) -> Limits:
-        """0 to states for a next state, so that each is as wide as the others; -1 to 1 for an output."""
+        """0 to states for a next state, so that all states are equally wide; -1 to 1 for an output."""
         lower, upper = np.full((2, self.rows, self._width), [[[-1.0]], [[1.0]]])
         lower[:, 0], upper[:, 0] = 0.0, self.options.states
         return lower.ravel(), upper.ravel()
@@ -201,7 +200,7 @@ class MealyFsm(Representation):
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy in which a part of the table is changed, see the class."""
         drawn = [stream.unit(self.genome_size) for _ in range(2)]
-        return self._mutated(genome, *drawn, severity=severity, probability=probability)
+        return self._mutate_tables(genome, *drawn, severity=severity, probability=probability)
 
     def mutations(
         self, parents: Genomes, streams: Streams, *, severity: float, probability: float
@@ -212,22 +211,22 @@ class MealyFsm(Representation):
             return super().mutations(parents, streams, **options)
         chosen, drawn = (streams.units(self.genome_size) for _ in range(2))
         mutants = np.empty_like(parents)
-        for part in in_parts(len(parents), self.genome_size):
-            mutants[part] = self._mutated(parents[part], chosen[part], drawn[part], **options)
+        for part in split_rows(len(parents), self.genome_size):
+            mutants[part] = self._mutate_tables(parents[part], chosen[part], drawn[part], **options)
         return mutants
 
-    def _mutated(
+    def _mutate_tables(
         self,
         genomes: Genomes,
-        which: NDArray[np.float64],
-        what: NDArray[np.float64],
+        rate_units: NDArray[np.float64],
+        value_units: NDArray[np.float64],
         *,
         severity: float,
         probability: float,
     ) -> Genomes:
-        """Return mutated copies, (.., genome_size), by two numbers for each gene, uniform in [0, 1)."""
+        """Return mutated copies, (.., genome_size), from two numbers for each gene, uniform in [0, 1)."""
         before = self.weights(genomes)
-        tables, chosen, drawn = self._tables(before), self._tables(which), self._tables(what)
+        tables, chosen, drawn = self._tables(before), self._tables(rate_units), self._tables(value_units)
         rare = chosen < probability * severity
         states, outputs, drawn_outputs = tables[..., 0], tables[..., 1:], drawn[..., 1:]
         another = _another(states, self.options.states, drawn[..., 0])
@@ -242,7 +241,7 @@ class MealyFsm(Representation):
             moved = np.where(moved > 1, 2 - moved, np.where(moved < -1, -2 - moved, moved))
             outputs[...] = np.where(chosen[..., 1:] < probability, np.clip(moved, -1, 1), outputs)
         mutants = tables.reshape(genomes.shape).astype(np.float32)
-        # A gene that is left alone stays as it is, also where it says less directly what it means.
+        # Genes without a change keep their exact value, even if it decodes to a rounded one.
         return np.where(self.weights(mutants) == before, genomes, mutants).astype(np.float32)
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
@@ -265,29 +264,31 @@ class MealyFsm(Representation):
         row = np.arange(self.genome_size) // unit
         return np.where((row >= firsts) & (row < firsts + counts), fathers, mothers)
 
-    def distance(self, one: Genome, other: Genome) -> float:
+    def distance(self, first: Genome, second: Genome) -> float:
         """Return the number of next states that differ plus half of each difference of outputs."""
-        tables = (self._tables(self.weights(genome)) for genome in (one, other))
+        tables = (self._tables(self.weights(genome)) for genome in (first, second))
         return float(self._distances(*tables))
 
-    def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
+    def distances(self, genome: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        return self._distances(self._tables(self.weights(one)), self._tables(self.weights(others)))
+        return self._distances(self._tables(self.weights(genome)), self._tables(self.weights(others)))
 
     def distances_among(
-        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+        self, genomes: Genomes, indices: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Return the distances of genomes that are named by their index."""
+        """Return the distances between genomes, given by their indices."""
         weights = self.weights(genomes)
-        found = np.empty(others.shape)
-        for part in in_parts(len(ones), others.shape[1] * self.genome_size):
-            mothers = self._tables(weights[ones[part]])[:, np.newaxis]
-            found[part] = self._distances(mothers, self._tables(weights[others[part]]))
-        return found
+        distances = np.empty(others.shape)
+        for part in split_rows(len(indices), others.shape[1] * self.genome_size):
+            mothers = self._tables(weights[indices[part]])[:, np.newaxis]
+            distances[part] = self._distances(mothers, self._tables(weights[others[part]]))
+        return distances
 
-    def _distances(self, ones: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _distances(
+        self, tables: NDArray[np.float64], other_tables: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Return the distances of tables."""
-        differences = np.abs(others - ones)
+        differences = np.abs(other_tables - tables)
         differences[..., 0] = differences[..., 0] > 0
         differences[..., 1:] *= 0.5
         # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
@@ -300,7 +301,7 @@ class MealyFsm(Representation):
         return numbers.astype(np.float64).reshape(*numbers.shape[:-1], self.rows, self._width)
 
     def _value(self, level: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the actuator's value at a level, rounded as it will be."""
+        """Return the actuator value of a level, rounded to float32."""
         values: NDArray[np.float32] = (level * 2 / (self.options.output_levels - 1) - 1).astype(np.float32)
         return values.astype(np.float64)
 

@@ -1,4 +1,4 @@
-"""The table of a state machine, as its code has it, and what is said of it."""
+"""The table of a state machine for code generation, and its description."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +21,7 @@ def machine_tables(controller: Evolved) -> tuple[NDArray[np.int64], NDArray[np.f
 def visits(
     specification: Mapping[str, Any], rows: NDArray[np.float32], restart: int, least: int
 ) -> tuple[int, str]:
-    """Return after how many steps a state machine visits no more rows, and what it has visited by then.
+    """Return after how many steps a state machine visits no new rows, and a description of its coverage.
 
     Args:
         specification: of the controller.
@@ -54,17 +54,17 @@ def visits(
     )
 
 
-def words(specification: Mapping[str, Any]) -> str:
-    """Return the kind and the number of states."""
+def describe(specification: Mapping[str, Any]) -> str:
+    """Describe the controller by kind and number of states."""
     return f"{specification['kind']}, {specification.get('states')} states"
 
 
 _MOST_STATES = 64
-"""States of a machine whose states are drawn one by one."""
+"""Most states of a machine that is drawn."""
 
 
 def machine(specification: Mapping[str, Any]) -> Machine | None:
-    """Return the states, and how much of what is sensed leads from one to another."""
+    """Return the states, and the number of cases in which each leads to another."""
     count = int(specification["states"])
     if count > _MOST_STATES:
         return None

@@ -1,9 +1,9 @@
-"""Machines of modules: states on a circle, an arrow for each transition, all of it in words; and trees."""
+"""Figures of machines and trees of modules."""
 
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.controllers.diagram import Arrow, Diagram, Node, figure_with_list
+from swarmwright.controllers.diagram import Arrow, Diagram, Node, new_figure_with_list
 from swarmwright.controllers.drawing import Drawing
 from swarmwright.controllers.modules.grammar import State, is_tree, states_of
 from swarmwright.controllers.modules.machine_texts import condition_words, name_of, words_of
@@ -21,11 +21,11 @@ def draw(drawing: Drawing) -> "Figure":
     specification, title = drawing.specification, drawing.title
     states = states_of(specification)
     if is_tree(specification):
-        return _tree(states, title)
+        return _draw_tree(states, title)
     diagram = Diagram(
         [Node(name_of(state.behaviour)) for state in states],
         [
-            Arrow(index, target, _numbers(state, target))
+            Arrow(index, target, _format_transition_numbers(state, target))
             for index, state in enumerate(states)
             for target in sorted({transition.target for transition in state.transitions})
         ],
@@ -36,12 +36,14 @@ def draw(drawing: Drawing) -> "Figure":
     about = (
         f"modules, {len(states)} state{plural}, {count} transitions; numbers of transitions as in the list"
     )
-    figure, axes = figure_with_list(title, about, diagram.size, _list(states), letters=_LINE_CHARACTERS)
+    figure, axes = new_figure_with_list(
+        title, about, diagram.size, _list_states(states), letters=_LINE_CHARACTERS
+    )
     diagram.draw(axes, "bold ring: state 0, in which every episode begins")
     return figure
 
 
-def _tree(subtrees: tuple[State, ...], title: str) -> "Figure":
+def _draw_tree(subtrees: tuple[State, ...], title: str) -> "Figure":
     """Return the figure of a tree: the root, a selector for each subtree, its condition and its behaviour."""
     count = len(subtrees)
     figure = new_figure(max(9.0, 3.4 * count), 4.6)
@@ -78,14 +80,14 @@ def _tree(subtrees: tuple[State, ...], title: str) -> "Figure":
     return figure
 
 
-def _numbers(state: State, target: int) -> str:
+def _format_transition_numbers(state: State, target: int) -> str:
     """Return the numbers of the transitions that lead to a state."""
     return ", ".join(
         str(k) for k, transition in enumerate(state.transitions, 1) if transition.target == target
     )
 
 
-def _list(states: tuple[State, ...]) -> list[list[str]]:
+def _list_states(states: tuple[State, ...]) -> list[list[str]]:
     """Return the lines of each state."""
     blocks = []
     for index, state in enumerate(states):

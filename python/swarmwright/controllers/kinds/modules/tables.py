@@ -1,4 +1,4 @@
-"""The numbers of machines and trees of modules, as code of any language has them."""
+"""The weights of machines and trees of modules for code generation."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,33 +15,33 @@ def machine_weights(controller: Evolved) -> NDArray[np.float32]:
     """Return the weights of a machine or tree of modules within their limits; those not used are 0."""
     specification = controller.specification
     sizes = (int(specification["states"]), int(specification["transitions"]))
-    known = catalogue_of(specification)
-    return np.array(grammar.weights_of(grammar.states_of(specification), *sizes, known), np.float32)
+    catalogue = catalogue_of(specification)
+    return np.array(grammar.weights_of(grammar.states_of(specification), *sizes, catalogue), np.float32)
 
 
 def catalogue_of(specification: Mapping[str, Any]) -> grammar.Catalogue:
-    """Return the engine's modules, by whose numbers code knows them, then those of authors in their order."""
-    known = grammar.Catalogue.of(specification)
+    """Return the engine's modules in the order of their numbers, then user modules in their order."""
+    catalogue = grammar.Catalogue.from_specification(specification)
     return grammar.Catalogue(
-        (*grammar.BUILT_IN.behaviours, *own_modules(known.behaviours)),
-        (*grammar.BUILT_IN.conditions, *own_modules(known.conditions)),
+        (*grammar.BUILT_IN.behaviours, *select_user_modules(catalogue.behaviours)),
+        (*grammar.BUILT_IN.conditions, *select_user_modules(catalogue.conditions)),
     )
 
 
-def own_modules(parts: tuple[grammar.Module, ...]) -> list[grammar.Module]:
-    """Return those that are not the engine's."""
+def select_user_modules(parts: tuple[grammar.Module, ...]) -> list[grammar.Module]:
+    """Return the modules that are not the engine's."""
     return [part for part in parts if not part.built_in]
 
 
-def words(specification: Mapping[str, Any]) -> str:
-    """Return the kind and the form."""
+def describe(specification: Mapping[str, Any]) -> str:
+    """Describe the controller by kind and form."""
     form = "behaviour tree" if grammar.is_tree(specification) else "state machine"
     return f"{specification['kind']} ({form})"
 
 
 def machine(specification: Mapping[str, Any]) -> Machine:
     """Return the states and transitions, or the subtrees, in words."""
-    found = grammar.states_of(specification)
+    states = grammar.states_of(specification)
     if grammar.is_tree(specification):
         return {
             "form": "tree",
@@ -51,18 +51,18 @@ def machine(specification: Mapping[str, Any]) -> Machine:
                     "words": machine_texts.words_of(subtree),
                     "condition": machine_texts.condition_words(subtree),
                 }
-                for subtree in found
+                for subtree in states
             ],
             "transitions": [],
         }
     return {
         "states": [
             {"name": machine_texts.name_of(state.behaviour), "words": machine_texts.words_of(state)}
-            for state in found
+            for state in states
         ],
         "transitions": [
             (index, transition.target, machine_texts.words_of(transition).partition(": ")[2])
-            for index, state in enumerate(found)
+            for index, state in enumerate(states)
             for transition in state.transitions
         ],
     }

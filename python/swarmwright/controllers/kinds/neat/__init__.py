@@ -1,4 +1,4 @@
-"""Networks with given connections: those of FREVO's NEAT."""
+"""Networks with fixed connections, as those of FREVO's NEAT."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
@@ -10,11 +10,11 @@ from swarmwright.controllers._base import RepresentationOptions
 from swarmwright.controllers.networks import NodeNetwork
 
 _MOST_WEIGHTS = 1_000_000
-"""Of a network."""
+"""Most weights of a network."""
 
 
 class NeatOptions(RepresentationOptions):
-    """A recurrent network with given connections, as NEAT finds them; the weights evolve."""
+    """A recurrent network with fixed connections, as found by NEAT; its weights evolve."""
 
     kind: Literal["neat"] = "neat"
     sources: (
@@ -28,15 +28,14 @@ class NeatOptions(RepresentationOptions):
         ]
         | None
     ) = None
-    """For each node that is not a sensor, hidden ones first and those of the actuators last, the nodes from
-    which it has connections: [[0, 3], [0, 1, 2]] is a hidden node and an actuator's. Sensors have the
-    numbers 0, 1, ..., hidden nodes the following ones, actuators the last. Default: no hidden nodes, every
-    actuator is connected with every sensor."""
+    """Input nodes of each hidden node and then of each actuator: [[0, 3], [0, 1, 2]] is a hidden node and an
+    actuator. Sensors have the numbers 0, 1, ..., hidden nodes the following numbers, actuators the last.
+    Default: no hidden nodes, every actuator is connected with every sensor."""
     iterations: int = Field(default=3, ge=1, le=1000)
     """How often all nodes are computed in each step, one after the other."""
     weight_range: float = Field(default=1.0, gt=0, le=1e6)
     """Initial weights, and slopes of actuators, are uniform in +-weight_range; a mutation of severity 1 moves
-    one by as much."""
+    them by as much."""
     bias_range: float = Field(default=1.0, gt=0, le=1e6)
     """Initial biases are uniform in +-bias_range; a mutation of severity 1 moves a bias by as much."""
     mutation: Literal["uniform", "proportional"] = "uniform"
@@ -45,53 +44,54 @@ class NeatOptions(RepresentationOptions):
 
 
 class Neat(NodeNetwork):
-    """The networks of FREVO's NEAT, whose connections a list names; they do not evolve.
+    """The networks of FREVO's NEAT with a fixed list of connections.
 
-    Genes: node after node (hidden, then outputs): the bias, a weight from each node that it sees, and for an
-    output the slope of its sigmoid. Hidden nodes are the tanh of their sum. All nodes are computed in their
-    order, from what the others are by then, and are kept from step to step. Outputs in 0..1 are mapped to
+    Genes: node after node (hidden, then outputs): the bias, a weight for each input node, and for an output
+    the slope of its sigmoid. Hidden nodes are the tanh of their sum. All nodes are computed in order, from
+    the current values of the others, and keep their values from step to step. Outputs in 0..1 are mapped to
     actuators in -1..1.
 
-    Operators are those of the other networks; a slope counts as a weight. In FREVO only connections and nodes
-    are added: its mutations of weights, biases and slopes change copies that are not used.
+    Operators are those of the other networks; a slope is a weight. FREVO itself only adds connections and
+    nodes: its mutations of weights, biases and slopes change copies that are not used.
     """
 
     kind: ClassVar[str] = "neat"
     options_model = NeatOptions
-    options: NeatOptions  # type: ignore[assignment] # what the operators need of the others' options
+    options: NeatOptions  # type: ignore[assignment] # has the options that the operators use
 
     def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
-        """Raise InputError when `sources` does not fit these numbers of sensors and actuators."""
+        """Raise InputError when `sources` does not match the numbers of sensors and actuators."""
         super().__init__(options, sensors=sensors, actuators=actuators)
         rows = self.sources
         if len(rows) < actuators:
             raise FieldError(
                 ("controller", "sources"),
-                f"{len(rows)} lists found, but there are {actuators} actuators; give "
-                "one for each hidden node and each actuator",
+                f"{len(rows)} lists for {actuators} actuators; give a list for each hidden node and each "
+                "actuator",
             )
         nodes = sensors + len(rows)
-        for row, seen in enumerate(rows):
-            beyond = [source for source in seen if source >= nodes]
-            if beyond:
+        for row, inputs in enumerate(rows):
+            missing = [source for source in inputs if source >= nodes]
+            if missing:
                 raise FieldError(
                     ("controller", "sources", row),
-                    f"the node {beyond[0]} found, but with {sensors} sensors the last one is {nodes - 1}",
+                    f"node {missing[0]} does not exist; with {sensors} sensors the last node is {nodes - 1}",
                 )
         if self.genome_size > _MOST_WEIGHTS:
             raise FieldError(
-                ("controller", "sources"), f"{self.genome_size} weights, at most {_MOST_WEIGHTS} are possible"
+                ("controller", "sources"),
+                f"{self.genome_size} weights, but at most {_MOST_WEIGHTS} are supported",
             )
 
     @property
     def sources(self) -> list[list[int]]:
-        """What each node sees, hidden ones first."""
+        """Input nodes of each node, hidden nodes first."""
         if self.options.sources is None:
             return [list(range(self.sensors))] * self.actuators
         return self.options.sources
 
     def node_sizes(self) -> Sequence[int]:
-        """Return how many nodes each sees, and one more for an output's slope."""
+        """Return the number of inputs of each node, plus one for the slope of an output."""
         rows = self.sources
         hidden = len(rows) - self.actuators
         return [len(row) + (node >= hidden) for node, row in enumerate(rows)]

@@ -1,4 +1,4 @@
-"""Source code of networks of NEAT, and the numbers that their arithmetic has."""
+"""Source code of NEAT networks, and the constants of their arithmetic."""
 
 from collections.abc import Iterator, Mapping
 from textwrap import indent
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.controllers.source import Evolved, in_c, in_python
-from swarmwright.controllers.source.text import literals, templates, wrapped
+from swarmwright.controllers.source.text import literals, templates, wrap_items
 
 render = templates(__file__)
 
@@ -19,21 +19,21 @@ EXP = {
     "first": 0.16666666666666602, "second": -0.0027777777777015593, "third": 6.613756321437934e-05,
     "fourth": -1.6533902205465252e-06, "fifth": 4.1381367970572385e-08,
 }  # fmt: skip
-"""Of e^x in binary64, see decision 002."""
+"""Constants of e^x in binary64, see decision 002."""
 
 
-def rows(
+def iterate_nodes(
     specification: Mapping[str, Any], weights: NDArray[np.float32]
 ) -> Iterator[tuple[list[int], NDArray[np.float32], bool]]:
-    """Yield each node but the sensors: what it sees; its bias and weights; and whether it is an actuator's.
+    """Yield each node but the sensors: its inputs, its bias and weights, and whether it is an actuator.
 
     The weights of an actuator's node end with its slope.
     """
     sources = specification["sources"]
     hidden, at = len(sources) - int(specification["actuators"]), 0
-    for node, seen in enumerate(sources):
-        end = at + 1 + len(seen) + (node >= hidden)
-        yield seen, weights[at:end], node >= hidden
+    for node, inputs in enumerate(sources):
+        end = at + 1 + len(inputs) + (node >= hidden)
+        yield inputs, weights[at:end], node >= hidden
         at = end
 
 
@@ -52,24 +52,26 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
             "computed": str(len(sources)),
             "hidden": str(hidden),
             "iterations": str(specification["iterations"]),
-            "refused": in_c.refused(language),
+            "refused": in_c.refusal_condition(language),
             "type": kind,
             "bits": str(bits),
         },
     )
-    texts, lines, seen_by = literals(controller.weights), [], []
+    texts, lines, input_lines = literals(controller.weights), [], []
     at = 0
-    for node, (seen, numbers, is_output) in enumerate(rows(specification, controller.weights)):
+    for node, (inputs, numbers, is_output) in enumerate(iterate_nodes(specification, controller.weights)):
         name = f"node {sensors + node}: bias, weights{', slope' if is_output else ''}"
-        lines.append(f"    /* {name} */\n{wrapped(texts[at : at + len(numbers)])}")
+        lines.append(f"    /* {name} */\n{wrap_items(texts[at : at + len(numbers)])}")
         at += len(numbers)
-        if seen:
-            seen_by.append(f"    /* node {sensors + node} */\n{wrapped([str(source) for source in seen])}")
+        if inputs:
+            input_lines.append(
+                f"    /* node {sensors + node} */\n{wrap_items([str(source) for source in inputs])}"
+            )
     links = sum(map(len, sources))
     tables = (
         in_c.Table("weights", "float", len(texts), "\n".join(lines), controller.weights),
-        in_c.Table("counts", kind, len(sources), wrapped([str(len(seen)) for seen in sources])),
-        in_c.Table("sources", kind, max(links, 1), "\n".join(seen_by) if links else "    0,"),
+        in_c.Table("counts", kind, len(sources), wrap_items([str(len(inputs)) for inputs in sources])),
+        in_c.Table("sources", kind, max(links, 1), "\n".join(input_lines) if links else "    0,"),
     )
     constants = {name: repr(number) for name, number in EXP.items()}
     actuator = in_c.actuator_function(0, 1, language).rstrip()
@@ -99,8 +101,8 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         "# Nodes: which nodes each hears, sensors first; a bias and weights, and for an actuator the slope.",
         "_NODES = (",
     ]
-    for seen, row, _ in rows(specification, controller.weights):
-        lines += ["    (", f"        {tuple(seen)},", indent(f"{numbers(row)},", " " * 8), "    ),"]
+    for inputs, row, _ in iterate_nodes(specification, controller.weights):
+        lines += ["    (", f"        {tuple(inputs)},", indent(f"{numbers(row)},", " " * 8), "    ),"]
     lines.append(")")
     step = [
         "outputs = self._outputs",
@@ -125,8 +127,8 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         "\n".join(lines),
         "\n\n".join([render("python_nodes.txt", {}), in_python.actuator_function(0, 1)]).rstrip("\n"),
         "",
-        in_python.indented([f"self._outputs = [0.0] * {len(sources)}"]),
-        in_python.indented(step),
+        in_python.indent_method([f"self._outputs = [0.0] * {len(sources)}"]),
+        in_python.indent_method(step),
         "the outputs of all nodes are kept from step to step",
         "from math import ldexp",
     )

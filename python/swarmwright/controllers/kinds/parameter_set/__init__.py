@@ -1,4 +1,4 @@
-"""Named parameters of simulations that steer their agents themselves."""
+"""Named parameters of simulations that control their agents themselves."""
 
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
@@ -13,13 +13,13 @@ from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.options import Options
 from swarmwright.common.problems import FieldError, format_value
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.controllers._base import Representation, RepresentationOptions, around, in_parts
+from swarmwright.controllers._base import Representation, RepresentationOptions, sample_around, split_rows
 
 _LARGEST_INTEGER = 1 << 24
-"""Up to here every integer is a float32."""
+"""Largest integer up to which every integer is a float32."""
 _LARGEST_REAL = float(np.finfo(np.float32).max)
 _RESERVED = frozenset({"server", "simulation", "simulation_hash", "seed"})
-"""Keys beside the parameters in a message, or is replaced for every episode."""
+"""Other keys of a parameters message, and the seed, which changes with every episode."""
 _LN_2 = 0.6931471805599453
 
 Numbers = NDArray[np.float64]
@@ -32,21 +32,21 @@ def _range(value: Any, whole: bool) -> Any:  # noqa: ANN401 - whatever the file 
         return isinstance(bound, kinds) and not isinstance(bound, bool) and bound == bound  # NaN is not
 
     if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value))):
-        what = f"whole numbers within +-{largest}" if whole else "numbers"
-        raise ValueError(f"must be [lowest, highest], two {what}, not {format_value(value)}")
+        expected = f"whole numbers within +-{largest}" if whole else "numbers"
+        raise ValueError(f"must be [lowest, highest], two {expected}, not {format_value(value)}")
     low, high = value
     for bound in value:
         if abs(bound) > largest:
-            where = "where every whole number is a 32-bit float" if whole else "the range of 32-bit floats"
+            reason = "where every whole number is a 32-bit float" if whole else "the range of 32-bit floats"
             limits = f"-{largest} to {largest}" if whole else f"-{largest:g} to {largest:g}"
-            raise ValueError(f"{format_value(bound)} is outside of {limits}, {where}")
+            raise ValueError(f"{format_value(bound)} is outside {limits}, {reason}")
     if low > high:
         raise ValueError(f"must be [lowest, highest], but {low} is above {high}; write [{high}, {low}]")
     if np.float32(low) == np.float32(high):
         same = "the same number" if low == high else "the same 32-bit float"
         raise ValueError(
-            f"must have two values at least, but {low} and {high} are {same}; a parameter that does not vary "
-            "is given under the experiment's key parameters"
+            f"must contain at least two values, but {low} and {high} are {same}; put a constant parameter "
+            "under the experiment's key parameters"
         )
     return [low, high]
 
@@ -58,10 +58,10 @@ def _pair(kind: str) -> WithJsonSchema:
 class _NumberParameter(Options):
     range: list[float]
     scale: Literal["linear", "log"] = "linear"
-    """log: a step multiplies; for values whose orders of magnitude differ. The range is then above 0."""
+    """log: steps are multiplicative, for ranges over orders of magnitude; both limits must be above 0."""
 
     @model_validator(mode="after")
-    def _positive(self) -> "_NumberParameter":
+    def _check_scale(self) -> "_NumberParameter":
         if self.scale == "log" and self.range[0] <= 0:
             raise FieldError("scale", f"log needs a range above 0, not {format_value(self.range)}")
         return self
@@ -73,7 +73,7 @@ class RealParameter(_NumberParameter):
     type: Literal["real"]
     """A number with a fraction."""
     range: Annotated[Any, BeforeValidator(lambda value: _range(value, whole=False)), _pair("number")]
-    """Lowest and highest value, both possible."""
+    """Lowest and highest value, inclusive."""
 
 
 class IntegerParameter(_NumberParameter):
@@ -82,45 +82,44 @@ class IntegerParameter(_NumberParameter):
     type: Literal["integer"]
     """A number without a fraction."""
     range: Annotated[Any, BeforeValidator(lambda value: _range(value, whole=True)), _pair("integer")]
-    """Lowest and highest value, both possible."""
+    """Lowest and highest value, inclusive."""
 
 
 def _choices(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if not (
         isinstance(value, list | tuple)
         and len(value) >= 2
-        and (_all_are(value, str) or _all_are(value, bool) or _all_are(value, int, float))
+        and (_are_all(value, str) or _are_all(value, bool) or _are_all(value, int, float))
         and len(set(value)) == len(value) <= _LARGEST_INTEGER
     ):
         raise ValueError(
-            f"must be a list of at least two different texts, numbers or booleans, not {format_value(value)}"
+            "must be a list of at least two different strings, numbers or booleans, not "
+            f"{format_value(value)}"
         )
-    if _all_are(value, int, float):
-        whole = _all_are(value, int)
+    if _are_all(value, int, float):
+        whole = _are_all(value, int)
         for choice in value:
             _check_number(choice, whole=whole)
     return list(value)
 
 
-def _all_are(values: Sequence[Any], *kinds: type) -> bool:
-    """Whether all values are of some types; True and False are no numbers."""
+def _are_all(values: Sequence[Any], *kinds: type) -> bool:
+    """Whether all values have one of the types; booleans are not integers."""
     return all(type(value) in kinds for value in values)
 
 
 def _check_number(choice: float, *, whole: bool) -> None:
-    """Raise ValueError for a number that is another one as the 32-bit float that is sent."""
+    """Raise ValueError for a number that is not exact as a 32-bit float."""
     largest = _LARGEST_INTEGER if whole else _LARGEST_REAL
     if not abs(choice) <= largest:  # NaN is not
-        raise ValueError(f"{format_value(choice)} is outside of -{largest:g} to {largest:g}")
+        raise ValueError(f"{format_value(choice)} is outside -{largest:g} to {largest:g}")
     (single,) = shortest(np.array([choice], dtype=np.float32))
     if single != choice:
-        raise ValueError(
-            f"{format_value(choice)} is {single!r} as a 32-bit float, which is what is sent; write that"
-        )
+        raise ValueError(f"{format_value(choice)} is sent as the 32-bit float {single!r}; write that number")
 
 
 class CategoricalParameter(Options):
-    """One of several values, none of which is nearer to another than the rest."""
+    """One of several values without an order."""
 
     type: Literal["categorical"]
     """One of several values."""
@@ -129,11 +128,11 @@ class CategoricalParameter(Options):
         BeforeValidator(_choices),
         WithJsonSchema({"type": "array", "items": {"type": ["string", "number", "boolean"]}, "minItems": 2}),
     ]
-    """The values: all are texts, or numbers, or booleans."""
+    """The values: all strings, all numbers, or all booleans."""
 
     @property
-    def are_texts(self) -> bool:
-        """Whether the choices are texts, which are sent by their index; of others the value is."""
+    def are_strings(self) -> bool:
+        """Whether the choices are strings, which are sent as their index."""
         return isinstance(self.choices[0], str)
 
     @property
@@ -146,44 +145,43 @@ Parameter = Annotated[RealParameter | IntegerParameter | CategoricalParameter, F
 
 
 class ParameterSetOptions(RepresentationOptions):
-    """Values of parameters, for simulations that steer their agents themselves."""
+    """Values of parameters, for simulations that control their agents themselves."""
 
     kind: Literal["parameter_set"] = "parameter_set"
     parameters: dict[str, Parameter] = Field(min_length=1, max_length=10_000)
-    """What is evolved, by the parameter's name: {type: real, range: [0, 5]}, {type: integer, range: [1, 10]}
-    or {type: categorical, choices: [a, b]}, also of numbers or booleans. A real or integer has a scale:
-    linear (default), or log for a range above 0 whose orders of magnitude count. The simulation's other
-    parameters are under the experiment's key parameters; none is in both."""
+    """The evolved parameters by name: {type: real, range: [0, 5]}, {type: integer, range: [1, 10]} or {type:
+    categorical, choices: [a, b]}, also with numbers or booleans. A real or integer has a scale: linear
+    (default), or log for a range above 0 over orders of magnitude. The simulation's other parameters are
+    under the experiment's key parameters; no parameter is in both."""
 
     @model_validator(mode="after")
-    def _names(self) -> "ParameterSetOptions":
+    def _check_names(self) -> "ParameterSetOptions":
         for name in self.parameters:
             if name in _RESERVED:
                 raise FieldError(
                     "parameters",
-                    f"{name!r} is not a parameter that can be evolved: it is set for each episode",
+                    f"{name!r} cannot be evolved: it is set for each episode",
                 )
         return self
 
 
 class ParameterSet(Representation):
-    """Parameters of a simulation whose agents steer themselves.
+    """Parameters of a simulation that controls its agents itself.
 
-    A candidate's values are put beside the experiment's parameters, in the parameters message of each of its
-    episodes. Nothing is steered from outside.
+    A candidate's values are sent with the experiment's parameters, in the parameters message of each of its
+    episodes. No agent is controlled from outside.
 
-    Genes lie in 0..1, one for each parameter in the order of the file; beyond, the limit counts. A real is
-    low + g * (high - low), or low * (high / low) ** g on the log scale. For an integer 0..1 is cut into as
-    many parts as there are values, equally wide, or on the log scale as wide as the logarithms of n and n + 1
-    are apart. For a categorical it is cut equally into its choices. Everything is computed in binary64, in
-    single operations that are the same everywhere, and rounded to the float32 that is sent as its shortest
-    decimal.
+    Genes are in 0..1, one for each parameter in the order of the file; values beyond are clipped. A real is
+    low + g * (high - low), or low * (high / low) ** g on the log scale. For an integer, 0..1 is divided
+    into a part for each value, equally wide, or on the log scale as wide as log(n + 1) - log(n). For a
+    categorical it is divided equally among the choices. All values are computed in binary64, in operations
+    that give the same bits on every machine, and rounded to float32, which is sent as its shortest decimal.
 
     A mutation moves a number's gene uniformly within +-severity, with `probability`, and reflects it at 0 and
-    1; a categorical changes with `probability` times `severity` to one of the others, all equally likely. A
-    crossover takes each gene from either parent, at least one from each; with a single parameter, which is a
-    number, it takes a value between them. The distance is the sum of the differences of genes; two categories
-    differ by 1.
+    1; a categorical changes with `probability` times `severity` to another choice, all equally likely. A
+    crossover takes each gene from either parent, at least one from each; with a single numeric
+    parameter, it takes a value between them. The distance is the sum of the differences of genes; two
+    categories differ by 1.
     """
 
     kind: ClassVar[str] = "parameter_set"
@@ -213,15 +211,15 @@ class ParameterSet(Representation):
         )
 
     def architecture(self) -> dict[str, Any]:
-        """Return names and types of the parameters, and the texts that indices select.
+        """Return names and types of the parameters, and the strings that indices select.
 
-        Choices that are numbers or booleans are a real or an integer: what the weight says is the value.
+        Choices that are numbers or booleans become a real or an integer: the weight is the value.
         """
         parameters: list[dict[str, Any]] = []
         for name, parameter in self.options.parameters.items():
             described: dict[str, Any] = {"name": name, "type": parameter.type}
             if isinstance(parameter, CategoricalParameter):
-                if parameter.are_texts:
+                if parameter.are_strings:
                     described["choices"] = parameter.choices
                 else:
                     described["type"] = (
@@ -231,7 +229,7 @@ class ParameterSet(Representation):
         return {"version": 1, "kind": self.kind, "parameters": parameters}
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
-        """Return the values, (candidates, parameters); of texts the index of the choice."""
+        """Return the values, (candidates, parameters); for strings, the index of the choice."""
         genes = np.clip(genomes.astype(np.float64), 0.0, 1.0)
         columns = [
             _value(parameter, genes[..., index])
@@ -250,39 +248,47 @@ class ParameterSet(Representation):
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy in which each parameter is changed with `probability`, see the class."""
         drawn = [stream.unit(self.genome_size) for _ in range(2)]
-        return self._mutated(genome, *drawn, severity=severity, probability=probability)
+        return self._mutate_genes(genome, *drawn, severity=severity, probability=probability)
 
     def mutations(
         self, parents: Genomes, streams: Streams, *, severity: float, probability: float
     ) -> Genomes:
         """Return a mutated copy of each parent."""
         drawn = [streams.units(self.genome_size) for _ in range(2)]
-        return self._mutated(parents, *drawn, severity=severity, probability=probability)
+        return self._mutate_genes(parents, *drawn, severity=severity, probability=probability)
 
-    def _mutated(
-        self, genomes: Genomes, which: Numbers, what: Numbers, *, severity: float, probability: float
+    def _mutate_genes(
+        self,
+        genomes: Genomes,
+        rate_units: Numbers,
+        value_units: Numbers,
+        *,
+        severity: float,
+        probability: float,
     ) -> Genomes:
-        """Return mutated copies, (.., genome_size), by two numbers for each gene, uniform in [0, 1)."""
+        """Return mutated copies, (.., genome_size), from two numbers for each gene, uniform in [0, 1)."""
         genes = genomes.astype(np.float64)
-        moved = genes + (what * 2 - 1) * severity
+        moved = genes + (value_units * 2 - 1) * severity
         moved = np.where(moved > 1, 2 - moved, np.where(moved < 0, -moved, moved))
         choices = self._categories
-        categorical, many = choices > 0, np.maximum(choices, 2)
-        another = (_part(genes, many) + 1 + np.floor(what * (many - 1))) % many
-        moved = np.where(categorical, (another + 0.5) / many, np.clip(moved, 0, 1))
+        categorical, choice_counts = choices > 0, np.maximum(choices, 2)
+        another = (
+            _part(genes, choice_counts) + 1 + np.floor(value_units * (choice_counts - 1))
+        ) % choice_counts
+        moved = np.where(categorical, (another + 0.5) / choice_counts, np.clip(moved, 0, 1))
         rate = np.where(categorical, probability * severity, probability)
-        return np.where(which < rate, moved, genomes).astype(np.float32)
+        return np.where(rate_units < rate, moved, genomes).astype(np.float32)
 
     def perturbations(
         self, parents: Genomes, streams: Streams, *, spread: Numbers, fresh: Numbers
     ) -> Genomes:
-        """Return a genome around each parent: numbers by a normal distribution, categoricals drawn anew."""
+        """Return a genome around each parent: numbers from a normal distribution, categoricals redrawn."""
         drawn = [streams.units(self.genome_size) for _ in range(2)]
-        numbers = around(
+        numbers = sample_around(
             parents, streams, np.repeat(spread[:, np.newaxis] / 2, self.genome_size, axis=1), self.bounds
         )
-        many = np.maximum(self._categories, 1)
-        another = (np.floor(drawn[1] * many) + 0.5) / many
+        choice_counts = np.maximum(self._categories, 1)
+        another = (np.floor(drawn[1] * choice_counts) + 0.5) / choice_counts
         chosen = np.where(drawn[0] < fresh[:, np.newaxis], another, parents)
         return np.where(self._categories > 0, chosen, numbers).astype(np.float32)
 
@@ -296,51 +302,53 @@ class ParameterSet(Representation):
         if self.genome_size == 1:
             if self._categories[0]:
                 return (father if stream.integer(2) else mother).copy()
-            way = father.astype(np.float64) - mother
-            return (mother + way * stream.unit(1)).astype(np.float32)
-        taken = np.array(stream.integers(2, self.genome_size)) == 1
-        if taken.all() or not taken.any():
-            taken[stream.integer(self.genome_size)] ^= True
-        return np.where(taken, father, mother).astype(np.float32)
+            difference = father.astype(np.float64) - mother
+            return (mother + difference * stream.unit(1)).astype(np.float32)
+        from_father = np.array(stream.integers(2, self.genome_size)) == 1
+        if from_father.all() or not from_father.any():
+            from_father[stream.integer(self.genome_size)] ^= True
+        return np.where(from_father, father, mother).astype(np.float32)
 
     def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
         """Return a mixture of each pair."""
         if self.genome_size == 1:
             return super().crossovers(mothers, fathers, streams)
-        taken = streams.integers(2, self.genome_size) == 1
-        for row in np.flatnonzero(taken.all(axis=1) | ~taken.any(axis=1)).tolist():
-            taken[row, streams[row].integer(self.genome_size)] ^= True
-        return np.where(taken, fathers, mothers)
+        from_father = streams.integers(2, self.genome_size) == 1
+        for row in np.flatnonzero(from_father.all(axis=1) | ~from_father.any(axis=1)).tolist():
+            from_father[row, streams[row].integer(self.genome_size)] ^= True
+        return np.where(from_father, fathers, mothers)
 
-    def distance(self, one: Genome, other: Genome) -> float:
+    def distance(self, genome: Genome, other: Genome) -> float:
         """Return the sum of differences of genes; two categories differ by 1."""
-        return float(self._distances(one, other))
+        return float(self._distances(genome, other))
 
-    def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
+    def distances(self, genome: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        return self._distances(one, others)
+        return self._distances(genome, others)
 
     def distances_among(
-        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+        self, genomes: Genomes, indices: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Return the distances of genomes that are named by their index."""
-        found = np.empty(others.shape)
-        for part in in_parts(len(ones), others.shape[1] * self.genome_size):
-            found[part] = self._distances(genomes[ones[part]][:, np.newaxis], genomes[others[part]])
-        return found
+        """Return the distances between genomes, given by their indices."""
+        distances = np.empty(others.shape)
+        for part in split_rows(len(indices), others.shape[1] * self.genome_size):
+            distances[part] = self._distances(genomes[indices[part]][:, np.newaxis], genomes[others[part]])
+        return distances
 
-    def _distances(self, ones: Genomes, others: Genomes) -> Numbers:
+    def _distances(self, genomes: Genomes, other_genomes: Genomes) -> Numbers:
         choices = self._categories
-        left, right = ones.astype(np.float64), others.astype(np.float64)
-        many = np.maximum(choices, 1)
-        parts = np.where(choices > 0, _part(left, many) != _part(right, many), np.abs(left - right))
+        left, right = genomes.astype(np.float64), other_genomes.astype(np.float64)
+        choice_counts = np.maximum(choices, 1)
+        parts = np.where(
+            choices > 0, _part(left, choice_counts) != _part(right, choice_counts), np.abs(left - right)
+        )
         # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
         sums: Numbers = np.add.accumulate(parts, axis=-1)[..., -1]
         return sums
 
 
 def _part(genes: Numbers, parts: Numbers | float) -> Numbers:
-    """Return in which of so many equal parts of 0..1 genes lie, from 0."""
+    """Return the index of the part of 0..1, divided into equal parts, in which each gene lies."""
     inside: Numbers = np.clip(np.floor(genes * parts), 0, np.asarray(parts) - 1)
     return inside
 
@@ -348,7 +356,7 @@ def _part(genes: Numbers, parts: Numbers | float) -> Numbers:
 def _value(parameter: RealParameter | IntegerParameter | CategoricalParameter, genes: Numbers) -> Numbers:
     if isinstance(parameter, CategoricalParameter):
         index = _part(genes, float(len(parameter.choices)))
-        if parameter.are_texts:
+        if parameter.are_strings:
             return index
         chosen: Numbers = np.array(parameter.choices, dtype=np.float64)[index.astype(np.intp)]
         return chosen
@@ -380,9 +388,9 @@ def _power(genes: Numbers, logarithm: float) -> Numbers:
     """
     exponent = genes * logarithm
     whole = np.floor(exponent + 0.5)
-    rest = (exponent - whole) * _LN_2
-    total = np.ones_like(rest)
+    fraction = (exponent - whole) * _LN_2
+    total = np.ones_like(fraction)
     for k in range(16, 0, -1):
-        total = total * rest / k + 1.0
+        total = total * fraction / k + 1.0
     powers: Numbers = np.ldexp(total, whole.astype(np.int64))
     return powers

@@ -1,4 +1,4 @@
-"""Sets of parameters: each value where it lies in its range."""
+"""The figure of a parameter set: each value within its range."""
 
 import math
 from collections.abc import Mapping
@@ -20,12 +20,12 @@ def draw(drawing: Drawing) -> "Figure":
     figure = new_figure(8, 1.5 + 0.52 * len(parameters))
     axes = figure.add_subplot()
     for row, (parameter, weight) in enumerate(zip(parameters, specification["weights"], strict=True)):
-        known = ranges.get(parameter["name"], {})
+        options = ranges.get(parameter["name"], {})
         if parameter["type"] == "categorical":
-            _choices(axes, -row, parameter["choices"], math.floor(weight))
+            _draw_choices(axes, -row, parameter["choices"], math.floor(weight))
         else:
             value = math.floor(weight) if parameter["type"] == "integer" else weight
-            _value(axes, -row, float(value), known)
+            _draw_value(axes, -row, float(value), options)
         axes.text(
             -0.03, -row, parameter["name"], ha="right", va="center", fontsize=11, color=INK, parse_math=False
         )
@@ -36,16 +36,16 @@ def draw(drawing: Drawing) -> "Figure":
     return figure
 
 
-def _value(axes: "Axes", y: float, value: float, known: Mapping[str, Any]) -> None:
+def _draw_value(axes: "Axes", y: float, value: float, options: Mapping[str, Any]) -> None:
     text: dict[str, Any] = {"va": "center", "color": INK, "fontsize": 11}
     axes.text(
         1.03, y, f"{value:.6g}", fontweight="bold", ha="left", **{k: v for k, v in text.items() if k != "ha"}
     )
-    limits = known.get("range")
+    limits = options.get("range")
     if not limits:
         return
     low, high = map(float, limits)
-    log = known.get("scale") == "log"
+    log = options.get("scale") == "log"
     axes.plot([0, 1], [y, y], color=GRID, linewidth=7, solid_capstyle="round", zorder=1)
     axes.plot(
         _share(value, low, high, log=log), y, "o", markersize=11, color=COLORS[0], markeredgecolor=PAPER
@@ -58,20 +58,20 @@ def _value(axes: "Axes", y: float, value: float, known: Mapping[str, Any]) -> No
 
 
 def _share(value: float, low: float, high: float, *, log: bool) -> float:
-    """Return where a value lies in its range, 0..1."""
+    """Return the relative position of a value in its range, 0..1."""
     if log:
         value, low, high = math.log(max(value, low)), math.log(low), math.log(high)
     return min(max((value - low) / (high - low), 0.0), 1.0) if high > low else 0.5
 
 
-def _choices(axes: "Axes", y: float, choices: list[str], chosen: int) -> None:
+def _draw_choices(axes: "Axes", y: float, choices: list[str], chosen: int) -> None:
     chosen = min(max(chosen, 0), len(choices) - 1)
     shown = range(len(choices)) if len(choices) <= 5 else [chosen]
-    for place, index in enumerate(shown):
+    for slot, index in enumerate(shown):
         is_chosen = index == chosen
         name = choices[index] if len(choices[index]) <= 18 else f"{choices[index][:17]}…"
         axes.text(
-            (place + 0.5) / len(shown), y, name, ha="center", va="center", fontsize=10.5, parse_math=False,
+            (slot + 0.5) / len(shown), y, name, ha="center", va="center", fontsize=10.5, parse_math=False,
             color=PAPER if is_chosen else SOFT, fontweight="bold" if is_chosen else "normal",
             bbox={
                 "boxstyle": "round,pad=0.35", "facecolor": COLORS[0] if is_chosen else PAPER,

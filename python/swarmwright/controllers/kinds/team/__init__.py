@@ -1,4 +1,4 @@
-"""Several kinds of agents in one experiment, each with a controller of its own: one genome for all of them.
+"""Teams: groups of agents with different controllers, all encoded in one genome.
 
 A genome is the genomes of the groups, one after another, as in heterogeneous teams with one chromosome
 (Bongard, "The legion system", EuroGP 2000; D6.1, section 8).
@@ -21,47 +21,47 @@ from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.yaml import Path_
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.controllers._base import Representation, RepresentationOptions
-from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.kinds import describe_controller
 from swarmwright.controllers.teams import TEAM
 
 _DEFAULT_KIND = "layered"
 _LARGEST_COUNT = 1_000_000
-"""Agents, sensors or actuators of a group, at most."""
+"""Most agents, sensors or actuators of a group."""
 
 _GROUPS: Path_ = ("controller", "groups")
 
 
 class GroupOptions(Options):
-    """Agents with the same controller: options of a representation, and what these agents are."""
+    """Agents with the same controller: options of their representation, and their number and sizes."""
 
     model_config = ConfigDict(extra="allow")
 
     kind: str = _DEFAULT_KIND
-    """The representation of the group's controllers, with the options of that kind beside it."""
+    """The representation of the group's controllers; its options are further keys of the group."""
     agents: int | None = Field(default=None, ge=0, le=_LARGEST_COUNT)
-    """Number of agents. Only for simulations that do not declare groups; the last group has all other agents
-    where it is left out."""
+    """Number of agents. Only for simulations that do not declare groups; without it, the last group has all
+    other agents."""
     sensors: int | None = Field(default=None, ge=1, le=_LARGEST_COUNT)
-    """Sensor values of an agent. Only for simulations that do not declare groups; default: what servers
-    announce for all agents."""
+    """Sensor values of an agent. Only for simulations that do not declare groups; default: the
+    number that servers announce for all agents."""
     actuators: int | None = Field(default=None, ge=1, le=_LARGEST_COUNT)
-    """Actuator values of an agent, in the same way."""
+    """Actuator values of an agent; like `sensors`."""
     _options: Any = PrivateAttr(default=None)
 
     @model_validator(mode="after")
-    def _of_its_kind(self, info: ValidationInfo) -> "GroupOptions":
+    def _check_options(self, info: ValidationInfo) -> "GroupOptions":
         if self.kind == Team.kind:
-            raise ValueError("a team within a team is not possible; name all groups in one")
+            raise ValueError("teams cannot be nested; put all groups into one team")
         try:
             component = REPRESENTATIONS.get(self.kind)
         except InputError as error:
             raise ValueError(str(error)) from None
         if not component.steers:
-            raise ValueError(f"{self.kind} steers no agents; take a kind of controller such as layered")
-        given = {"kind": self.kind, **(self.model_extra or {})}
-        options = component.options_model.model_validate(given, context=info.context)
+            raise ValueError(f"{self.kind} steers no agents; use a kind of controller such as layered")
+        values = {"kind": self.kind, **(self.model_extra or {})}
+        options = component.options_model.model_validate(values, context=info.context)
         if getattr(options, "in_python", False):
-            raise ValueError("modules in Python are not possible in a team; take built-in modules")
+            raise ValueError("teams do not support modules in Python; use built-in modules")
         self._options = options  # type: ignore[misc] # a private attribute
         self.__pydantic_extra__ = options.model_dump(exclude={"kind"}, exclude_none=True)
         return self
@@ -69,8 +69,8 @@ class GroupOptions(Options):
     @property
     def options(self) -> RepresentationOptions:
         """The options of the representation."""
-        made: RepresentationOptions = self._options
-        return made
+        options: RepresentationOptions = self._options
+        return options
 
 
 class TeamOptions(RepresentationOptions):
@@ -78,24 +78,24 @@ class TeamOptions(RepresentationOptions):
 
     kind: Literal["team"] = "team"
     groups: dict[str, GroupOptions] = Field(min_length=1, max_length=256)
-    """The controller of each group of agents, by the name of the group: {kind: layered, hidden: [8]}, ...
-    Names, numbers of agents, sensors and actuators are those that the simulation declares. For a simulation
-    that declares none, each group has agents, sensors and actuators beside its options; the first group is
-    the agents from 0 on, the next one those after them."""
+    """The controller of each group of agents by the group's name: {kind: layered, hidden: [8]}, ... Names and
+    numbers of agents, sensors and actuators are those that the simulation declares. For a simulation that
+    declares no groups, each group has agents, sensors and actuators beside its options; groups take the
+    agents in order, beginning with agent 0."""
 
 
 class Team(Representation):
-    """A controller for each group of agents, all of them in one genome.
+    """A controller for each group of agents, all encoded in one genome.
 
-    Genes: those of the groups, one after another, in the order of the simulation's groups; operators are
-    those of the groups' representations, each on its part.
+    Genes: those of the groups, concatenated in the order of the simulation's groups; operators are those of
+    the groups' representations, each on its part.
 
     Args:
         options: the groups, with sensors and actuators; see `with_groups`.
-        sensors: the most sensor values of any agent.
-        actuators: the most actuator values of any agent.
+        sensors: largest number of sensor values of any agent.
+        actuators: largest number of actuator values of any agent.
 
-    Raises InputError for groups that have more or all of them less than those.
+    Raises InputError if the largest group has other numbers.
     """
 
     kind: ClassVar[str] = "team"
@@ -108,13 +108,13 @@ class Team(Representation):
         """The representation of each group."""
         for name, group in self.options.groups.items():
             self.parts[name] = self._part(name, group)
-        for what in ("sensors", "actuators"):
-            most = max(getattr(part, what) for part in self.parts.values())
-            if most != getattr(self, what):
+        for noun in ("sensors", "actuators"):
+            highest = max(getattr(part, noun) for part in self.parts.values())
+            if highest != getattr(self, noun):
                 raise FieldError(
                     _GROUPS,
-                    f"have at most {most} {what}, but agents of the simulation have up to "
-                    f"{getattr(self, what)}",
+                    f"groups have at most {highest} {noun}, but agents of the simulation have up to "
+                    f"{getattr(self, noun)}",
                 )
         self.continuous = all(part.continuous for part in self.parts.values())  # type: ignore[misc] # differs
         sizes = [part.genome_size for part in self.parts.values()]
@@ -144,7 +144,7 @@ class Team(Representation):
 
     @property
     def initial_range(self) -> Limits:
-        """Between which values the groups' genes begin."""
+        """Initial range of the groups' genes."""
         return self._limits([part.initial_range for part in self.parts.values()])
 
     def _limits(self, limits: list[Limits]) -> Limits:
@@ -167,7 +167,7 @@ class Team(Representation):
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
         """Return the weights of the groups' controllers, one group after another."""
-        pairs = zip(self.parts.values(), self._parts_of(genomes), strict=True)
+        pairs = zip(self.parts.values(), self._split(genomes), strict=True)
         parts = [part.weights(np.ascontiguousarray(rows)) for part, rows in pairs]
         return np.ascontiguousarray(np.concatenate(parts, axis=1), dtype=np.float32)
 
@@ -177,78 +177,78 @@ class Team(Representation):
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy in which each group's genes were mutated."""
-        pairs = zip(self.parts.values(), self._parts_of(genome), strict=True)
+        pairs = zip(self.parts.values(), self._split(genome), strict=True)
         return np.concatenate(
-            [part.mutate(own, stream, severity=severity, probability=probability) for part, own in pairs]
+            [part.mutate(genes, stream, severity=severity, probability=probability) for part, genes in pairs]
         )
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
-        """Return a child in which each group's genes are of both parents."""
-        both = zip(self.parts.values(), self._parts_of(mother), self._parts_of(father), strict=True)
-        return np.concatenate([part.crossover(one, other, stream) for part, one, other in both])
+        """Return a child in which each group's genes are crossed."""
+        pairs = zip(self.parts.values(), self._split(mother), self._split(father), strict=True)
+        return np.concatenate([part.crossover(first, second, stream) for part, first, second in pairs])
 
-    def distance(self, one: Genome, other: Genome) -> float:
+    def distance(self, genome: Genome, other: Genome) -> float:
         """Return the sum of the groups' distances."""
-        both = zip(self.parts.values(), self._parts_of(one), self._parts_of(other), strict=True)
-        return sum(part.distance(first, second) for part, first, second in both)
+        pairs = zip(self.parts.values(), self._split(genome), self._split(other), strict=True)
+        return sum(part.distance(first, second) for part, first, second in pairs)
 
     def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
-        """Return numbers by which genomes are compared, one group after another."""
-        pairs = zip(self.parts.values(), self._parts_of(genomes), strict=True)
+        """Return features for comparing genomes, group after group."""
+        pairs = zip(self.parts.values(), self._split(genomes), strict=True)
         return np.concatenate([part.likeness(np.ascontiguousarray(rows)) for part, rows in pairs], axis=1)
 
-    def _parts_of(self, genomes: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    def _split(self, genomes: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         return np.split(genomes, self._cuts, axis=-1)
 
 
 def with_groups(options: TeamOptions, declared: Sequence[DeclaredGroup], simulation: str) -> TeamOptions:
     """Return the options with the agents, sensors and actuators that a simulation declares, in its order.
 
-    What a run stores has all of them; its number of agents follows the parameters when these are changed.
+    A run stores all of them; its number of agents follows the parameters when these change.
 
     Args:
         options: as they are in the experiment.
         declared: the groups of the simulation.
         simulation: its title, for messages.
 
-    Raises FieldError, `controller.groups[.NAME[.KEY]]: ...`, for groups that there are not, that are missing,
-    and for keys that contradict the simulation.
+    Raises FieldError, `controller.groups[.NAME[.KEY]]: ...`, for unknown groups, missing groups, and keys
+    that contradict the simulation.
     """
     names = [group.name for group in declared]
     for name in options.groups:
         if name not in names:
             hint = did_you_mean(name, names)
-            there = f"the groups of {simulation} are {', '.join(names)}"
-            raise FieldError((*_GROUPS, name), f"there is no such group{hint or f'; {there}'}")
+            listing = f"; the groups of {simulation} are {', '.join(names)}"
+            raise FieldError((*_GROUPS, name), f"unknown group{hint or listing}")
     missing = [name for name in names if name not in options.groups]
     if missing:
         raise FieldError(
             _GROUPS,
-            f"{', '.join(missing)} missing; every group of {simulation} needs a "
-            f"controller: {', '.join(names)}",
+            f"{', '.join(missing)} missing; add a controller for each group of {simulation}: "
+            f"{', '.join(names)}",
         )
     groups: dict[str, GroupOptions] = {}
     for declaration in declared:
-        given = options.groups[declaration.name]
-        stored = None not in (given.agents, given.sensors, given.actuators)
+        options_of_group = options.groups[declaration.name]
+        stored = None not in (options_of_group.agents, options_of_group.sensors, options_of_group.actuators)
         for key in ("sensors", "actuators") if stored else ("agents", "sensors", "actuators"):
-            value, found = getattr(given, key), getattr(declaration, key)
-            if value is not None and value != found:
+            value, announced_value = getattr(options_of_group, key), getattr(declaration, key)
+            if value is not None and value != announced_value:
                 raise FieldError(
                     (*_GROUPS, declaration.name, key),
-                    f"{simulation} has {found}, not {value}; leave the key out",
+                    f"{simulation} has {announced_value}, not {value}; remove the key",
                 )
         announced = {
             "agents": declaration.agents,
             "sensors": declaration.sensors,
             "actuators": declaration.actuators,
         }
-        groups[declaration.name] = given.model_copy(update=announced)
+        groups[declaration.name] = options_of_group.model_copy(update=announced)
     return options.model_copy(update={"groups": groups})
 
 
 def check_counts(options: TeamOptions) -> None:
-    """Check that every group but the last says how many agents it has, where the simulation does not.
+    """Check that every group but the last has `agents`, for simulations that do not declare groups.
 
     Raises FieldError, `controller.groups.NAME.agents: ...`.
     """
@@ -256,20 +256,22 @@ def check_counts(options: TeamOptions) -> None:
         if options.groups[name].agents is None:
             raise FieldError(
                 (*_GROUPS, name, "agents"),
-                "is missing: the simulation does not declare groups, and "
-                "only the last group can have all other agents",
+                "missing; the simulation does not declare groups, and only the last group can omit its "
+                "number of agents",
             )
 
 
-def most(options: TeamOptions, what: Literal["sensors", "actuators"]) -> int | None:
-    """Return the most sensors or actuators of any group; None where they are not known."""
-    values = [getattr(group, what) for group in options.groups.values()]
+def largest_number(options: TeamOptions, noun: Literal["sensors", "actuators"]) -> int | None:
+    """Return the largest number of sensors or actuators of a group; None if unknown."""
+    values = [getattr(group, noun) for group in options.groups.values()]
     return None if None in values else max(values)
 
 
-def words(specification: Mapping[str, Any]) -> str:
-    """Return the controller of each group in words."""
+def describe(specification: Mapping[str, Any]) -> str:
+    """Describe the controller of each group."""
     if not isinstance(specification.get("groups"), list):
         return TEAM
-    groups = (f"{group['name']}: {words_of(group['controller'])}" for group in specification["groups"])
+    groups = (
+        f"{group['name']}: {describe_controller(group['controller'])}" for group in specification["groups"]
+    )
     return f"{TEAM} of {'; '.join(groups)}"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.controllers.drawing import Drawing
-from swarmwright.controllers.kinds import drawn, machine_of
+from swarmwright.controllers.kinds import draw_controller, machine_of
 from swarmwright.controllers.teams import parts_of
 from swarmwright.display.figures.style import new_figure
 
@@ -26,8 +26,8 @@ def draw(drawing: Drawing) -> "Figure":
     color = 0
     for name, part in parts_of(drawing.specification).items():
         whole_title = f"{title}, {name}" if title else name
-        figure = drawn(
-            Drawing(part, whole_title, _of_group(drawing.simulation or {}, name), first_color=color)
+        figure = draw_controller(
+            Drawing(part, whole_title, _select_group(drawing.simulation or {}, name), first_color=color)
         )
         machine = machine_of(part)
         color += 0 if machine is None else len(machine["states"])
@@ -47,7 +47,7 @@ def draw(drawing: Drawing) -> "Figure":
     return whole
 
 
-def _of_group(simulation: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Return a description with the names of sensors and actuators of one group of agents."""
+def _select_group(simulation: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return the description of a group of agents, with the names of its sensors and actuators."""
     groups = simulation.get("groups") or ()
     return next((group for group in groups if group["name"] == name), simulation)
