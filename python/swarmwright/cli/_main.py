@@ -193,7 +193,7 @@ def _show_error(error: BaseException) -> int:
         _complain(f"the package {_LEFT_OUT[error.name]} is missing: pip install {_LEFT_OUT[error.name]}")
         return click.UsageError.exit_code
     plug_in_code = sys.modules.get("swarmwright.common.plug_in_code")  # imported only if a plug-in has run
-    failure = None if plug_in_code is None else plug_in_code.failure(error)
+    failure = None if plug_in_code is None else plug_in_code.find_failure(error)
     if failure is not None:
         _complain(str(failure))
         return FAILED

@@ -143,7 +143,7 @@ class BarProgress:
     def finish(self) -> None:
         """Do nothing: the bar shows the last generation."""
 
-    def _completed(self) -> float:
+    def _completion(self) -> float:
         """Return the finished share of the run, including the current generation in part."""
         last = self._last
         if last is None:
@@ -172,7 +172,7 @@ class BarProgress:
             Text(done),
             ProgressBar(
                 total=1.0,
-                completed=self._completed(),
+                completed=self._completion(),
                 style="bright_black",
                 complete_style="cyan",
                 finished_style="green",

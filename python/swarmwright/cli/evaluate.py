@@ -447,8 +447,7 @@ def show_learning_curve(
     if not curve.is_reportable:
         output.text(
             "Do not report these means, which exclude failed episodes; --set ranking.failed=NUMBER gives "
-            "them "
-            "a fitness."
+            "them a fitness."
         )
     if file is not None:
         output.text(f"The {'table' if file.suffix.lower() == '.csv' else 'figure'} is in {file}")

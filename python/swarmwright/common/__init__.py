@@ -1,4 +1,4 @@
-"""What every part uses: errors, YAML with positions, options, registries of plug-ins, random numbers, texts.
+"""Shared basics: errors, YAML with line numbers, options, registries of plug-ins, random numbers, texts.
 
-Nothing in here imports another part of Swarmwright, but `typing` and the engine.
+Nothing in this package imports another part of Swarmwright, except `typing` and the engine.
 """

@@ -1,7 +1,7 @@
-"""YAML 1.2 where ruamel.yaml's scanner and parser keep to YAML 1.1 or refuse valid text.
+"""YAML 1.2 where ruamel.yaml's scanner and parser implement YAML 1.1 or refuse valid text.
 
-It overrides what fails in the YAML test suite: tabs as separation, directives, colons and question marks in
-flow collections, keys over several lines, tags before a comma, blank lines before a block scalar.
+Overrides the cases that fail in the YAML test suite: tabs as separation, directives, colons and question
+marks in flow collections, multi-line keys, tags before a comma, blank lines before a block scalar.
 """
 
 import re
@@ -28,24 +28,24 @@ _END_OR_WHITE = f"{_END} \t"
 _FLOW = ",[]{}"
 _INDICATORS = f"{_END_OR_WHITE}-?:{_FLOW}#&*!|>'\"%@`"
 _LONGEST_KEY = 1024
-"""Characters of a key without ?."""
+"""Largest number of characters of a key without ?."""
 _VERSION = re.compile(r"(\d{1,9})\.\d{1,9}")
 _HANDLE = re.compile(r"!([\w-]*!)?", re.ASCII)
 _URI = re.compile(r"[\w\-#;/?:@&=+$,.!~*'()\[\]%]+", re.ASCII)
 
-TABS = "a tab is not indentation; YAML is indented with spaces"
+TABS = "a tab cannot be used for indentation; indent YAML with spaces"
 
 
 class YamlScanner(Scanner):
     """Tokens of YAML 1.2."""
 
     _tab_line = -1
-    """The last line with a tab where a block collection may begin, which it then may not."""
-    _taken: Any = None
+    """The last line with a tab where a block collection could begin; it must not begin there."""
+    _last_token: Any = None
 
-    def get_token(self) -> Any:  # noqa: ANN401 - here and below as its base class has it
-        self._taken = super().get_token()
-        return self._taken
+    def get_token(self) -> Any:  # noqa: ANN401 - here and below as in the base class
+        self._last_token = super().get_token()
+        return self._last_token
 
     def stale_possible_simple_keys(self) -> None:
         reader = self.reader
@@ -103,7 +103,7 @@ class YamlScanner(Scanner):
                 self._skip_tabs()
             if peek() == "#":
                 if reader.column and reader.buffer[reader.pointer - 1] not in " \t":
-                    raise self._error("a comment begins with a space before its #")
+                    raise self._error("a comment needs a space before its #")
                 while peek() not in _END:
                     forward()
             if not self.scan_line_break():
@@ -112,7 +112,7 @@ class YamlScanner(Scanner):
                 self.allow_simple_key = True
 
     def _skip_tabs(self) -> None:
-        """Skip white space from a tab on; before text it is separation, but no indentation."""
+        """Skip white space that begins with a tab, which separates text but is no indentation."""
         reader = self.reader
         if not self.flow_level and self.allow_simple_key and not self._rest_is_blank():
             before = reader.buffer[reader.pointer - reader.column : reader.pointer]
@@ -126,7 +126,7 @@ class YamlScanner(Scanner):
             raise self._error(TABS)
 
     def _rest_is_blank(self) -> bool:
-        """Whether only white space and a comment follow in this line."""
+        """Return whether only white space and a comment follow in this line."""
         length = 0
         while self.reader.peek(length) in " \t":
             length += 1
@@ -146,8 +146,8 @@ class YamlScanner(Scanner):
             if version is None:
                 raise self._error("expected a version after %YAML, such as %YAML 1.2")
             if int(version[1]) != 1:
-                raise self._error(f"%YAML {words[0]}: files of YAML 1.2 are read")
-            value = (1, 2)  # what other minor versions mean by the specification: read as the version known
+                raise self._error(f"%YAML {words[0]}: only YAML 1.2 is supported")
+            value = (1, 2)  # the specification: read other minor versions as the known one
         elif name == "TAG":
             if len(words) != 2 or not _HANDLE.fullmatch(words[0]) or not _URI.fullmatch(words[1]):
                 raise self._error(
@@ -284,12 +284,12 @@ class YamlScanner(Scanner):
         line_break = self.scan_line_break()
         self.allow_simple_key = True
         breaks: list[str] = []
-        if self._at_document_marker():
+        if self._is_at_document_marker():
             return []
         while peek() in f" \t{_BREAKS}":
             if peek() in _BREAKS:
                 breaks.append(self.scan_line_break())
-                if self._at_document_marker():
+                if self._is_at_document_marker():
                     return []
             elif peek() == " ":
                 forward()
@@ -301,12 +301,12 @@ class YamlScanner(Scanner):
         first = [line_break] if line_break != "\n" else [] if breaks else [" "]
         return first + breaks
 
-    def _at_document_marker(self) -> bool:
+    def _is_at_document_marker(self) -> bool:
         return bool(self.check_document_start() or self.check_document_end())
 
     def _previous(self) -> Any:  # noqa: ANN401 - ruamel.yaml's tokens are not typed
-        """Return the token before the one that begins here."""
-        return self.tokens[-1] if self.tokens else self._taken
+        """Return the token before the current one."""
+        return self.tokens[-1] if self.tokens else self._last_token
 
     def _error(self, problem: str) -> ScannerError:
         return ScannerError(None, None, problem, self.reader.get_mark())
@@ -322,5 +322,5 @@ class YamlParser(Parser):
 
 
 def _decode(uri: str) -> str:
-    """Return a part of a tag without escapes such as %21."""
+    """Decode escapes such as %21 in a part of a tag."""
     return unquote(uri, errors="replace")

@@ -1,4 +1,4 @@
-"""Reads zip archives from others within limits: a small one can unpack to any size."""
+"""Reads untrusted zip archives within limits: a small archive can unpack to any size."""
 
 import re
 import zipfile
@@ -11,27 +11,27 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.untrusted import escape_line
 
 _UNPACKED_BYTES = 1 << 28
-"""That any archive may unpack to."""
+"""Unpacked bytes that any archive may have."""
 _UNPACKED_TIMES = 20
-"""Of its own size, that a larger one may: libraries and tables in FMUs shrink to a third or a tenth."""
+"""Times its own size that a larger archive may unpack to: FMUs shrink to a third or a tenth."""
 _MOST_ENTRIES = 100_000
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Those whose output can be limited; FMI and SSP allow no others."""
+"""Methods with limited output; FMI and SSP allow no others."""
 _DRIVE = re.compile(r"[A-Za-z]:")
 DAMAGED = (
     zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError,
 )  # fmt: skip
-"""What `zipfile` raises for archives that are damaged or encrypted."""
+"""Exceptions of `zipfile` for damaged or encrypted archives."""
 
 
 @contextmanager
 def open_archive(path: Path, kind: str) -> Iterator[zipfile.ZipFile]:
-    """Open an archive that has been checked; all that its entries unpack to is within the limits.
+    """Check and open an archive; its unpacked size is within the limits.
 
-    kind: what it is to be, for messages, such as "an FMU".
+    kind: expected content, for messages, such as "an FMU".
 
-    Raises InputError for one that cannot be read, is damaged, encrypted or too large, or has names outside of
-    its folder; also for what is found while it is open.
+    Raises InputError if the archive cannot be read, is damaged, encrypted or too large, or has names outside
+    of its folder; also for problems found while it is open.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -49,28 +49,29 @@ def open_archive(path: Path, kind: str) -> Iterator[zipfile.ZipFile]:
 
 
 def count_unpacked_bytes(archive: zipfile.ZipFile) -> int:
-    """Return the bytes that an archive unpacks to; `zipfile` stops where an entry has more than it says."""
+    """Return the unpacked size of an archive; `zipfile` stops at entries that are larger than declared."""
     return sum(info.file_size for info in archive.infolist())
 
 
-def check_size(path: Path, size: int, what: str) -> None:
-    """Raise InputError where an archive, or those inside it, unpack to too much.
+def check_size(path: Path, size: int, phrase: str) -> None:
+    """Raise InputError if an archive, with those inside it, unpacks to too much.
 
     Args:
         path: the archive.
-        size: what it unpacks to, bytes.
-        what: words before the size, such as "unpacks to".
+        size: unpacked size, bytes.
+        phrase: verb before the size in the message, such as "unpacks to".
     """
     limit = max(_UNPACKED_BYTES, _UNPACKED_TIMES * path.stat().st_size)
     if size > limit:
         raise InputError(
-            f"{path}: {what} {size >> 20:,} MiB, more than {_UNPACKED_BYTES >> 20} MiB and {_UNPACKED_TIMES} "
-            "times its own size; if you trust it, pack its content again without compression (zip -0 -r)"
+            f"{path}: {phrase} {size >> 20:,} MiB, more than {_UNPACKED_BYTES >> 20} MiB and "
+            f"{_UNPACKED_TIMES} "
+            "times its own size; if you trust it, repack it without compression (zip -0 -r)"
         )
 
 
 def read_entry(archive: zipfile.ZipFile, path: Path, name: str, largest: int) -> bytes:
-    """Return an entry of an archive. Raises InputError where it is missing or larger than so many bytes."""
+    """Return an entry of an archive. Raises InputError if it is missing or exceeds `largest` bytes."""
     try:
         info = archive.getinfo(name)
     except KeyError:
@@ -79,13 +80,13 @@ def read_entry(archive: zipfile.ZipFile, path: Path, name: str, largest: int) ->
         raise InputError(
             f"{path}: {name} has {info.file_size >> 20:,} MiB, more than {largest >> 20} MiB, the limit"
         )
-    # Without a size, zipfile unpacks more than the entry says, and cuts it off afterwards.
+    # Without a size, zipfile unpacks more than declared, and cuts it off afterwards.
     with archive.open(info) as file:
         return file.read(info.file_size) + file.read(1)
 
 
 def is_outside(name: str) -> bool:
-    """Whether some programs would unpack an entry of this name to a place outside of the folder."""
+    """Return whether some programs would unpack an entry of this name outside of the folder."""
     return name.startswith("/") or "\\" in name or bool(_DRIVE.match(name)) or ".." in name.split("/")
 
 
@@ -99,5 +100,5 @@ def _check(path: Path, info: zipfile.ZipInfo) -> None:
     if info.compress_type not in _METHODS:
         raise InputError(
             f"{path}: {name}: is compressed by method {info.compress_type}; expected deflate or none, as "
-            "`zip` writes"
+            "written by `zip`"
         )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 class Requirements(TypedDict):
-    """What a simulation server must be able to do."""
+    """Requirements on a simulation server."""
 
     dimensions: float
     max_agents: NotRequired[float]
@@ -28,13 +28,13 @@ Outcome: TypeAlias = Literal[
 
 done: with results.
 failed: the simulation failed in the evaluation.
-unusable: the evaluation could not be asked for, or its results could not be used.
-server_failed: the server failed while it was at this.
-lost: the server had this when it failed at something else.
+unusable: the request could not be sent, or its results could not be used.
+server_failed: the server failed during this attempt.
+lost: the server failed during another attempt.
 disconnected: the connection to the broker broke.
-handed_back: the server is for another tool, now or as a rule.
-overtaken: another server that had the same work was faster.
-dropped: the evaluation was given up meanwhile.
+handed_back: the server is reserved for another tool, or its turn is over.
+overtaken: another server finished the same work first.
+dropped: the evaluation is no longer needed.
 """
 
 
@@ -57,12 +57,12 @@ class AttemptFields(TypedDict):
 
 
 class FailedEvaluation(TypedDict):
-    """An evaluation that has failed for good."""
+    """An evaluation that has finally failed."""
 
     candidate: int
     episode: int
     quarantined: int | None
-    """How many servers failed with it, so that no other one gets it; None where it failed by itself."""
+    """Number of servers that failed with it, so that it is quarantined; None if it failed by itself."""
 
 
 class WarningFields(TypedDict):
@@ -70,30 +70,30 @@ class WarningFields(TypedDict):
 
     text: str
     time: float
-    """When it arose, seconds since 1970."""
+    """Seconds since 1970."""
     failed: FailedEvaluation | None
-    """The evaluation that it is about, where one has failed."""
+    """The failed evaluation that it reports, if any."""
     unaudited: bool
-    """Whether it is about results that count without audits."""
+    """Whether it reports results that count without audits."""
 
 
 class Counts(TypedDict):
-    """Incidents since a pool began."""
+    """Incidents since the start of a pool."""
 
     server_failures: int
-    """Times that a server was lost, silent for too long, or sent what cannot be used."""
+    """Times that a server was lost, was silent for too long, or sent unusable messages."""
     time_outs: int
-    """Of these, those in which it was silent for too long."""
+    """Server failures in which it was silent for too long."""
     benched: int
     """Times that a server had to pause because it failed."""
     broker_losses: int
     retries: int
     failed: int
-    """Evaluations that have failed."""
+    """Failed evaluations."""
     quarantined: int
-    """Of these, those during which too many servers were lost."""
+    """Failed evaluations during which too many servers were lost."""
     backups: int
-    """Copies of work of a slow or silent server that were given to another one."""
+    """Copies of work of a slow or silent server that were sent to another server."""
     late: int
     """Results that were refused because they were no longer expected."""
     double: int
@@ -102,14 +102,14 @@ class Counts(TypedDict):
     """Messages that were refused because they named another simulation."""
     audits: int
     audits_left_out: int
-    """Results that count without the audit that was drawn, as no other server was usable."""
+    """Results that count without their planned audit, because no other server was usable."""
     disagreements: int
     recomputed: int
     """Evaluations that were repeated because their server turned out to be wrong."""
 
 
 class Traffic(TypedDict):
-    """What has gone through a connection since it was opened first."""
+    """Traffic of a connection since it was first opened."""
 
     sent_bytes: int
     received_bytes: int
@@ -132,12 +132,12 @@ class AttemptReport(AttemptFields):
 
 
 class BenchedReport(TypedDict):
-    """A server failed and gets no work for a time."""
+    """A server failed and gets no work for a while."""
 
     event: Literal["benched"]
     server: int
     failures: int
-    """In a row."""
+    """Consecutive failures."""
     reason: str
     seconds: float
 
@@ -181,11 +181,11 @@ Report: TypeAlias = (
     | BrokerBackReport
     | StatusReport
 )
-"""What a pool reports as it happens."""
+"""Live report of a pool."""
 
 
 class Presence(TypedDict):
-    """What a simulation server announces; see protocol/schemas/presence.schema.json."""
+    """Presence message of a simulation server; see protocol/schemas/presence.schema.json."""
 
     server: int
     state: Literal["ready", "busy", "lost"]
@@ -210,7 +210,7 @@ class LeftNews(TypedDict):
 
 
 class StatusNews(TypedDict):
-    """The status of an optimization tool, which is told from others by its token."""
+    """The status of an optimization tool, identified by its token."""
 
     token: str
     status: dict[str, Any]
@@ -218,18 +218,18 @@ class StatusNews(TypedDict):
 
 
 class BrokerNews(TypedDict):
-    """The connection to the broker broke, or is there again."""
+    """The connection to the broker broke or is restored."""
 
     broker: Literal["back", "lost"]
     reason: NotRequired[str]
 
 
 News: TypeAlias = PresenceNews | LeftNews | StatusNews | BrokerNews
-"""What is heard on a broker."""
+"""News on a broker."""
 
 
 class ServerEvent(TypedDict):
-    """What a simulation server reports about itself."""
+    """Report of a simulation server about itself."""
 
     event: Literal["ready", "busy", "warning", "lost"]
     server: int
@@ -269,7 +269,7 @@ class GroupDescription(TypedDict):
 
 
 class Description(TypedDict):
-    """What a simulation announces."""
+    """Description of a simulation."""
 
     title: str
     dimensions: int
@@ -295,15 +295,15 @@ class Mission(TypedDict):
     """Another name for it."""
     title: str
     robots: int
-    """Number of robots where parameters do not say another."""
+    """Default number of robots."""
     duration: float
-    """Seconds, where parameters do not say others."""
+    """Default duration in seconds."""
     text: str
     """The YAML file."""
 
 
 class BodyFields(TypedDict):
-    """One thing in a scene; see `swarmwright.display.Body`."""
+    """A body in a scene; see `swarmwright.display.Body`."""
 
     kind: str
     x: float
@@ -320,7 +320,7 @@ class RayFields(TypedDict):
     """The line of sight of a sensor; see `swarmwright.display.Ray`."""
 
     body: int
-    """Index of the body that it belongs to."""
+    """Index of the body with the sensor."""
     angle: float
     start: float
     length: float
@@ -361,7 +361,7 @@ class StyleFields(TypedDict):
 
 
 class ScaleFields(TypedDict):
-    """What the values of bodies are; see `swarmwright.display.Scale`."""
+    """Name and range of the values of bodies; see `swarmwright.display.Scale`."""
 
     name: str
     low: float
@@ -369,7 +369,7 @@ class ScaleFields(TypedDict):
 
 
 class SceneFields(TypedDict):
-    """A world at one step; see `swarmwright.display.Scene`. What it does not have is left out."""
+    """A world at one step; see `swarmwright.display.Scene`. Missing parts are omitted."""
 
     width: float
     height: float
@@ -392,7 +392,7 @@ class BodyArrays(TypedDict):
     """The bodies of a scene as arrays; NaN stands for no heading and no value, -1 for no agent."""
 
     looks: list[tuple[str, str]]
-    """Kinds and states that there are."""
+    """Pairs of kind and state."""
     look: NDArray[np.uint16]
     """(bodies,), indices of `looks`."""
     x: NDArray[np.float32]
@@ -414,10 +414,10 @@ class RayArrays(TypedDict):
 
 
 class SceneArrays(TypedDict):
-    """A scene of which bodies, rays and links are arrays."""
+    """A scene with bodies, rays and links as arrays."""
 
     scene: SceneFields
-    """All else; without bodies, rays and links."""
+    """The scene without bodies, rays and links."""
     bodies: BodyArrays
     rays: RayArrays
     links: NDArray[np.uint32]

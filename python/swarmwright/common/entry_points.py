@@ -1,6 +1,6 @@
-"""Plug-ins of installed packages, and what is said of those that do not work.
+"""Plug-ins of installed packages, and errors of broken ones.
 
-Packages announce them in their metadata, in a group of entry points for each sort; see the table in
+Packages announce plug-ins in their metadata, in a group of entry points for each kind; see the table in
 docs/reference/python.md. Swarmwright announces some of its own parts in the same way.
 """
 
@@ -16,11 +16,11 @@ OWN = "swarmwright"
 
 
 def find_entry_points(group: str) -> dict[str, list[EntryPoint]]:
-    """Return the entry points of a group by name; nothing is imported."""
-    found: dict[str, list[EntryPoint]] = {}
+    """Return the entry points of a group by name, without importing them."""
+    points_by_name: dict[str, list[EntryPoint]] = {}
     for point in entry_points(group=group):
-        found.setdefault(point.name, []).append(point)
-    return found
+        points_by_name.setdefault(point.name, []).append(point)
+    return points_by_name
 
 
 def distribution(point: EntryPoint) -> str:
@@ -28,17 +28,17 @@ def distribution(point: EntryPoint) -> str:
     return escape_line(point.dist.name) if point.dist is not None else "unknown"
 
 
-def describe_plug_in(what: str, point: EntryPoint) -> str:
-    """Return how messages name a plug-in: method 'climb' (climber:Climb, announced by climber)."""
+def describe_plug_in(noun: str, point: EntryPoint) -> str:
+    """Describe a plug-in for messages: method 'climb' (climber:Climb, announced by the package climber)."""
     return (
-        f"{what} {point.name!r} ({escape_line(point.value)}, announced by the package {distribution(point)})"
+        f"{noun} {point.name!r} ({escape_line(point.value)}, announced by the package {distribution(point)})"
     )
 
 
-def choose_entry_point(what: str, points: Sequence[EntryPoint]) -> EntryPoint:
-    """Return the entry point of a name; ours where another package announces the same name.
+def choose_entry_point(noun: str, points: Sequence[EntryPoint]) -> EntryPoint:
+    """Return the entry point of a name; ours, if another package announces the same name.
 
-    Raises InputError where two packages announce different ones.
+    Raises InputError if two other packages announce different ones.
     """
     points = [point for point in points if distribution(point) == OWN] or list(points)
     if len({point.value for point in points}) > 1:
@@ -48,18 +48,18 @@ def choose_entry_point(what: str, points: Sequence[EntryPoint]) -> EntryPoint:
             )
         )
         raise InputError(
-            f"{what} {points[0].name!r} is announced twice, as {origins}; uninstall one of the packages"
+            f"{noun} {points[0].name!r} is announced twice, as {origins}; uninstall one of the packages"
         )
     return points[0]
 
 
-def load_plug_in(what: str, point: EntryPoint) -> Any:  # noqa: ANN401 - whatever a package announces
-    """Import a plug-in. Raises InputError that names it and its package where that fails."""
+def load_plug_in(noun: str, point: EntryPoint) -> Any:  # noqa: ANN401 - whatever a package announces
+    """Import a plug-in. Raises InputError with its name and package if that fails."""
     try:
         return point.load()
     except SwarmwrightError:
         raise
     except (Exception, SystemExit) as error:  # a plug-in may fail in any way while it is imported
         raise InputError(
-            f"{describe_plug_in(what, point)} cannot be imported: {escape_line(repr(error))}"
+            f"{describe_plug_in(noun, point)} cannot be imported: {escape_line(repr(error))}"
         ) from error

@@ -1,7 +1,4 @@
-"""Errors with a message for users.
-
-Each message is complete, and each class has the exit status of a command line tool that ends with it.
-"""
+"""Errors with complete messages for users, and the exit statuses of the command line."""
 
 import traceback
 from collections.abc import Callable
@@ -14,36 +11,36 @@ Reworded = TypeVar("Reworded", bound="SwarmwrightError")
 
 
 class SwarmwrightError(Exception):
-    """Base of all errors of Swarmwright. The message says what is wrong, where, and how to fix it."""
+    """Base class of all errors of Swarmwright. The message states the problem, the place and the remedy."""
 
     exit_status: ClassVar[int] = 1
-    """What a command line tool that ends with this error exits with."""
+    """Exit status of a command that ends with this error."""
 
 
 class InputError(SwarmwrightError):
-    """What was given is wrong: an experiment, a controller, genomes, an address. Exit status 2."""
+    """Invalid input: an experiment, a controller, genomes, an address. Exit status 2."""
 
     exit_status: ClassVar[int] = 2
 
 
 class RunError(SwarmwrightError):
-    """The run failed although the input was valid.
+    """A run failed although the input was valid.
 
-    No broker, no server, all candidates failed. Exit status 1.
+    For example, there is no broker or server, or all candidates failed. Exit status 1.
     """
 
     exit_status: ClassVar[int] = 1
 
 
 class PlugInError(RunError):
-    """The code of a plug-in failed, or returned something else than it must. The message says where."""
+    """The code of a plug-in failed or returned an invalid value. The message names the line."""
 
 
 class SimulationError(RunError):
-    """The code of a simulation failed. The message says in which method, what, and in which line.
+    """The code of a simulation failed. The message names the method, the error and the line.
 
-    `stack` is the traceback from the simulation's code on, None where nothing was raised. In the process of
-    the simulation `__cause__` is the exception; elsewhere a note of the error has the traceback.
+    `stack` is the traceback within the simulation's code, None if nothing was raised. In the process of the
+    simulation `__cause__` is the exception; elsewhere a note of the error has the traceback.
     """
 
     def __init__(self, reason: str, stack: str | None = None) -> None:
@@ -52,11 +49,11 @@ class SimulationError(RunError):
 
 
 class EpisodeError(SimulationError):
-    """An episode failed outside of Python's code, which needs no place in it. `stack` is what was printed."""
+    """An episode failed outside of Python code. `stack` is the printed output."""
 
 
 def describe_exception(error: BaseException) -> str:
-    """Return kind and text of an exception raised by third-party code; or the line that raised it."""
+    """Return kind and text of an exception from third-party code; without a text, the line that raised it."""
     kind, words = type(error).__name__, str(error).strip()
     if words:
         return f"{kind}: {words}"
@@ -69,7 +66,7 @@ def describe_exception(error: BaseException) -> str:
 
 
 def with_message(error: Reworded, message: str) -> Reworded:
-    """Return a copy of an error with another message, of the same class and with the same attributes."""
+    """Return a copy of an error with another message but the same class and attributes."""
     copy = type(error).__new__(type(error))
     vars(copy).update(vars(error))
     copy.args = (message,)
@@ -77,14 +74,14 @@ def with_message(error: Reworded, message: str) -> Reworded:
 
 
 class engine_errors:  # noqa: N801 - used like a function
-    """Turn the compiled engine's errors into InputError and RunError.
+    """Convert errors of the compiled engine to InputError and RunError.
 
-    Their messages may quote peers, and are reduced to one line, see `untrusted`.
+    Their messages may quote peers and are escaped, see `untrusted`.
 
     Args:
-        where: put before an input error's message.
-        failure: returns what a simulation's code in this process failed with last; the engine has its words
-            only. An error that has them becomes a SimulationError, chained to what was raised.
+        where: prefix of the message of an input error.
+        failure: returns the last failure of a simulation in this process, of which the engine has only the
+            message. An error with this message becomes a SimulationError, chained to the exception.
     """
 
     __slots__ = ("_failure", "_where")
@@ -99,7 +96,7 @@ class engine_errors:  # noqa: N801 - used like a function
     def __exit__(
         self, _: type[BaseException] | None, error: BaseException | None, __: TracebackType | None
     ) -> None:
-        """Raise the error that is meant."""
+        """Raise the converted error."""
         if error is None:
             return
         from swarmwright import _engine  # noqa: PLC0415 - loads in 10 ms, not for --help

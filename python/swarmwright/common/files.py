@@ -1,4 +1,4 @@
-"""Reading files that a person or an experiment names, and writing those that a person asked for."""
+"""Reads and writes files named by users and experiments."""
 
 import codecs
 import errno
@@ -14,11 +14,10 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.suggestions import nearest
 
 _CHUNK_BYTES = 1 << 20
-"""Read at a time."""
 _LARGEST_FILE_BYTES = 1 << 28
-"""Of files that are read as text."""
+"""Largest size of text files."""
 IS_UTF16 = "is UTF-16 text; save it as UTF-8"
-"""What is said of a file in UTF-16 where that cannot be read."""
+"""Message on a file in UTF-16 where UTF-8 is required."""
 _YAML = frozenset({".yaml", ".yml"})
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
@@ -29,33 +28,33 @@ _KINDS = (
 
 
 def suggest_file(path: Path) -> str:
-    """Return "; did you mean 'x.yaml'?" for a file of the same kind beside one that is not there, or ""."""
+    """Return "; did you mean 'x.yaml'?" for a similar file beside a missing one, or ""."""
     try:
         beside = sorted(
             neighbour for neighbour in path.parent.iterdir() if neighbour.suffix.lower() in _alike(path)
         )
-    except (OSError, ValueError):  # no such folder, or one that may not be read; no path
+    except (OSError, ValueError):  # the folder is missing or unreadable; not a path
         return ""
-    # Without suffixes, which make names of the same kind alike.
+    # Without suffixes, which would make all names similar.
     names = {neighbour.stem: neighbour.name for neighbour in beside}
-    near = nearest(path.stem, names)
-    return "" if near is None else f"; did you mean '{names[near]}'?"
+    match = nearest(path.stem, names)
+    return "" if match is None else f"; did you mean '{names[match]}'?"
 
 
 def _alike(path: Path) -> frozenset[str]:
-    """Return the suffixes of files that hold the same as one of this name."""
+    """Return the suffixes of files of the same kind."""
     suffix = path.suffix.lower()
     return _YAML if suffix in _YAML else frozenset({suffix})
 
 
 def read_bytes(path: Path, largest: int) -> bytes:
-    """Return what a regular file holds.
+    """Return the content of a regular file.
 
     Other kinds of files could block the process or never end: a pipe, /dev/zero.
 
-    largest: bytes.
+    largest: limit in bytes.
 
-    Raises OSError when it cannot be read, and InputError when it is not a regular file or is larger.
+    Raises OSError if it cannot be read, and InputError if it is not a regular file or is larger.
     """
     _check_kind(path, path.stat().st_mode)
     # Non-blocking, in case the file has been replaced by a pipe.
@@ -74,9 +73,9 @@ def read_bytes(path: Path, largest: int) -> bytes:
 
 
 def read_contents(path: Path) -> bytes:
-    """Return what a file that a person named holds.
+    """Return the content of a file named by the user.
 
-    Raises InputError when it cannot be read, is not a regular file, or is larger than 256 MiB.
+    Raises InputError if it cannot be read, is not a regular file, or is larger than 256 MiB.
     """
     try:
         return read_bytes(path, _LARGEST_FILE_BYTES)
@@ -87,22 +86,22 @@ def read_contents(path: Path) -> bytes:
 
 
 def first_character(path: Path) -> str:
-    """Return the first character of a text that is not white space, none of an empty one.
+    """Return the first character of a text file that is not white space, "" if there is none.
 
-    The text may be in UTF-16, as XML can be. Raises InputError as `read_contents` does.
+    The text may be in UTF-16, as XML can be. Raises the errors of `read_contents`.
     """
     return first_character_of(read_contents(path))
 
 
 def first_character_of(data: bytes) -> str:
-    """Return the first character that is not white space of what a text file holds, none of an empty one."""
+    """Return the first character of a file's content that is not white space, "" if there is none."""
     if is_utf16(data):
         return data.decode("utf-16", "replace").lstrip()[:1]
     return data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1].decode("latin-1")
 
 
 def is_utf16(data: bytes) -> bool:
-    """Whether what a file holds begins with the byte order mark of UTF-16."""
+    """Return whether data begins with the byte order mark of UTF-16."""
     return data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
 
 
@@ -115,9 +114,9 @@ def _check_kind(path: Path, mode: int) -> None:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file that is there as a whole or not at all, beside its place first: the disk may be full.
+    """Write a file atomically, by a temporary file beside it: the disk may be full.
 
-    Raises OSError; what was there before then stays.
+    Raises OSError; then the previous file remains.
     """
     if path.exists() and not path.is_file():  # a device, such as /dev/null
         path.write_bytes(data)
@@ -134,7 +133,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write UTF-8 text. Raises InputError, naming the file and the reason, when that is not possible."""
+    """Write UTF-8 text. Raises InputError with the file and the reason if that is not possible."""
     try:
         Path(path).write_text(text, encoding="utf-8")
     except OSError as error:
@@ -142,9 +141,9 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 
 
 def check_utf8(text: str) -> None:
-    """Raise InputError where a text has bytes of a file's name that are not characters.
+    """Raise InputError if a text has bytes of a file name that are not characters.
 
-    Python keeps these as surrogates, which cannot be written into files, all of which are UTF-8.
+    Python keeps these as surrogates, which cannot be written to UTF-8 files.
     """
     try:
         text.encode()
@@ -153,15 +152,15 @@ def check_utf8(text: str) -> None:
 
 
 def explain_not_utf8(error: UnicodeEncodeError) -> str:
-    """Return what is said of a text that cannot be written: which part of it, and how to avoid that."""
+    """Return a message on text that cannot be written, with the part and the remedy."""
     text, start = error.object, error.start
     begin = max(text.rfind(sign, 0, start) for sign in '"\n') + 1
     end = min((at for sign in '"\n' if (at := text.find(sign, start)) >= 0), default=len(text))
     try:
         part = os.fsencode(text[begin:end]).decode("utf-8", "backslashreplace")
-    except UnicodeEncodeError:  # it is not from a file's name
+    except UnicodeEncodeError:  # not from a file name
         part = text[begin:end].encode("ascii", "backslashreplace").decode()
     remedy = "use another name"
     if sys.getfilesystemencoding().lower() not in {"utf-8", "utf8"}:
         remedy = "set PYTHONUTF8=1, or a locale with UTF-8 (LC_ALL=C.UTF-8)"
-    return f"{part}: is not UTF-8 here, which files of runs and brokers are written in; {remedy}"
+    return f"{part}: is not valid UTF-8, in which files of runs and brokers are written; {remedy}"

@@ -7,7 +7,7 @@ from unicodedata import east_asian_width
 
 
 def format_duration(seconds: float) -> str:
-    """Return seconds as text: 8.2 s, 3 min 05 s, 2 h 07 min."""
+    """Format a duration in seconds: 8.2 s, 3 min 05 s, 2 h 07 min."""
     if not math.isfinite(seconds):
         return "?"
     if seconds < 9.95:
@@ -21,29 +21,29 @@ def format_duration(seconds: float) -> str:
 
 
 def format_rate(per_second: float) -> str:
-    """Return a rate as a whole number, or with two digits where it is small."""
+    """Format a rate as a whole number, or with two digits if it is below 10."""
     return f"{per_second:.0f}" if per_second >= 10 else f"{per_second:.2g}"
 
 
 def format_count(count: int, noun: str) -> str:
-    """Return how many there are of something: 1 generation, 2,000 generations."""
+    """Format a count with its noun: 1 generation, 2,000 generations."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def format_amount(value: float) -> str:
-    """Return an amount of at least 0 with two decimals, a small one with two digits: 12.30, 0.0033."""
+    """Format a non-negative amount with two decimals, or two digits if it is small: 12.30, 0.0033."""
     if value == 0 or value >= 0.095:
         return f"{value:.2f}"
     return f"{value:.2g}" if value >= 1e-4 else f"{value:.6f}".rstrip("0").rstrip(".")
 
 
 def format_p_value(value: float) -> str:
-    """Return a p-value in two significant digits."""
+    """Format a p-value with two significant digits."""
     return "< 0.0001" if value < 1e-4 else f"{value:.2g}" if value < 0.1 else f"{value:.2f}"
 
 
 def shorten(text: str, most: int) -> str:
-    """Return text of at most so many letters, of which East Asian wide ones count two; the rest is '…'."""
+    """Shorten text to at most `most` columns, ending with '…'; East Asian wide letters take two columns."""
     text = " ".join(text.split())
     ends = list(accumulate(2 if east_asian_width(letter) in "FW" else 1 for letter in text))
     if not ends or ends[-1] <= most:

@@ -3,34 +3,33 @@
 from dataclasses import dataclass
 
 Names = tuple[str | None, ...]
-"""Of numbers that are recorded for all agents; None for one that a kind does not have."""
+"""Names of the values recorded for all agents; None for a value that a kind does not have."""
 
 
 @dataclass(frozen=True)
 class DeclaredGroup:
-    """What a simulation declares of a kind of agents, with the parameters of an experiment."""
+    """A kind of agents that a simulation declares for the parameters of an experiment."""
 
     name: str
-    """Of the group."""
     agents: int
-    """How many there are."""
+    """Number of agents."""
     sensors: int
     """Sensor values of an agent."""
     actuators: int
     """Actuator values of an agent."""
     sensor_names: tuple[str, ...] = ()
-    """What the sensor values are called, in order; empty where it is not known."""
+    """Names of the sensor values, in order; empty if unknown."""
     actuator_names: tuple[str, ...] = ()
-    """What the actuator values are called, in order; empty where it is not known."""
+    """Names of the actuator values, in order; empty if unknown."""
     own_sensor_names: Names = ()
-    """Where all kinds have the same sensor values: what this kind calls those that it has."""
+    """If all kinds share one list of sensor values, this kind's names of those it has."""
     own_actuator_names: Names = ()
-    """The same of actuator values."""
+    """The same for actuator values."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Agents that have the same of the sensors and actuators of all."""
+    """Agents that share one subset of the sensors and actuators."""
 
     name: str
     agents: int

@@ -1,4 +1,4 @@
-"""What notebooks show of objects: small tables and pictures, every text escaped."""
+"""HTML of objects in notebooks: small tables and pictures, with all text escaped."""
 
 import base64
 import html
@@ -19,7 +19,7 @@ _CELL = "text-align: left; vertical-align: top; padding: 0.15em 0.8em 0.15em 0"
 
 
 def facts(title: str, rows: Iterable[tuple[str, object]]) -> str:
-    """Return a table of names and values under a title; of no rows, the title alone."""
+    """Return a table of names and values under a title; without rows, only the title."""
     lines = [
         f'<tr><th style="{_CELL}">{html.escape(name)}</th>'
         f'<td style="{_CELL}">{html.escape(str(value))}</td></tr>'
@@ -30,7 +30,7 @@ def facts(title: str, rows: Iterable[tuple[str, object]]) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table with a line of headings."""
+    """Return a table with a row of headings."""
     top = "".join(f'<th style="{_CELL}">{html.escape(name)}</th>' for name in head)
     lines = [
         "<tr>" + "".join(f'<td style="{_CELL}">{html.escape(str(cell))}</td>' for cell in row) + "</tr>"
@@ -40,12 +40,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def render_preformatted(text: str) -> str:
-    """Return a text of several lines as it is printed."""
+    """Return a multi-line text in its printed form."""
     return f"<pre>{html.escape(text)}</pre>"
 
 
 def picture(png: bytes, width: int, words: str) -> str:
-    """Return a picture that is part of the page; words: for those who cannot see it."""
+    """Return an embedded picture; words: its alternative text."""
     data = base64.b64encode(png).decode("ascii")
     return f'<img width="{width}" alt="{html.escape(words)}" src="data:image/png;base64,{data}">'
 
@@ -59,11 +59,11 @@ def png_of(figure: "Figure") -> bytes:
 
 
 INTERVAL_S = 0.25
-"""Seconds between two changes."""
+"""Seconds between two changes of a text."""
 
 
 def is_notebook() -> bool:
-    """Whether this process is the kernel of a notebook."""
+    """Return whether this process is the kernel of a notebook."""
     ipython = sys.modules.get("IPython")
     if ipython is None or "ipykernel" not in sys.modules:
         return False
@@ -71,7 +71,7 @@ def is_notebook() -> bool:
 
 
 class Text:
-    """A text that can be replaced: below the cell in a notebook, else a line on standard error."""
+    """A replaceable text: below the cell in a notebook, otherwise a line on standard error."""
 
     def __init__(self) -> None:
         self._handle: Any = None
@@ -80,7 +80,7 @@ class Text:
         self._width = 0
 
     def show(self, text: str, *, at_once: bool = False) -> None:
-        """Show a text instead of the last one, unless that was just now and this is not the last."""
+        """Replace the text, at most every INTERVAL_S unless `at_once`."""
         now = time.monotonic()
         if not at_once and now - self._shown < INTERVAL_S:
             return
@@ -102,6 +102,6 @@ class Text:
             self._handle.update(content, raw=True)
 
     def close(self) -> None:
-        """End the line where it is one."""
+        """End the line on standard error."""
         if not self._notebook and self._width:
             sys.stderr.write("\n")

@@ -1,4 +1,4 @@
-"""Whether what is installed can run here."""
+"""Checks of the installation."""
 
 import sys
 from importlib import import_module
@@ -6,21 +6,21 @@ from importlib.util import find_spec
 from types import ModuleType
 
 _ADVICE = (
-    "`make demo` builds it in a clone of the repository, and wheels have it for the processor and the system "
-    "of their names"
+    "`make demo` builds it in a clone of the repository, and wheels contain it for the processor and system "
+    "in their names"
 )
 
 
 class UnloadableError(ImportError):
-    """The engine is for another processor or system, or lacks a library: no fault of the program."""
+    """The engine is for another processor or system, or lacks a library."""
 
     exit_status = 1
 
 
 def problem() -> str | None:
-    """Return what keeps Swarmwright from running here and what to do, None if nothing does.
+    """Return a message if Swarmwright cannot run here, with the remedy; None if it can.
 
-    The engine is not loaded: whether that succeeds, `engine` says.
+    The engine is not loaded; `engine` checks that.
     """
     if not _is_linux():
         return f"Swarmwright runs on Linux, not on {sys.platform}: use WSL 2 on Windows, a container on macOS"
@@ -30,16 +30,16 @@ def problem() -> str | None:
 
 
 def check_system() -> None:
-    """Raise ImportError on another system, where modules of Python that Swarmwright imports are missing."""
+    """Raise ImportError on systems other than Linux, which lack modules that Swarmwright imports."""
     if not _is_linux():
         raise ImportError(problem())
 
 
 def engine() -> ModuleType:
-    """Return the engine. Raises ImportError where it cannot be loaded here."""
-    found = problem()
-    if found is not None:
-        raise ImportError(found)
+    """Return the engine. Raises ImportError if it cannot be loaded."""
+    reason = problem()
+    if reason is not None:
+        raise ImportError(reason)
     try:
         return import_module("swarmwright._engine")
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""JSON text from elsewhere: nested no deeper than Python can handle."""
+"""Untrusted JSON text, with a limit on nesting."""
 
 import json
 import math
@@ -10,11 +10,11 @@ Json = dict[str, Any]
 """A JSON object: a message, or a part of one."""
 
 _DEEPEST_NESTING = 100
-"""Levels of nesting."""
+"""Largest number of nesting levels."""
 
 
 def loads(text: str | bytes) -> Any:  # noqa: ANN401 - any JSON value
-    """Return the value of JSON text. Raises ValueError where it is not valid, or nested too deeply."""
+    """Return the value of JSON text. Raises ValueError if it is invalid or nested too deeply."""
     try:
         value = json.loads(text)
     except RecursionError:
@@ -45,7 +45,7 @@ def _depth_error() -> ValueError:
 
 
 def is_number(value: object) -> TypeGuard[int | float]:
-    """Whether a JSON value is a finite number."""
+    """Return whether a JSON value is a finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     try:
@@ -55,5 +55,5 @@ def is_number(value: object) -> TypeGuard[int | float]:
 
 
 def new_hash() -> str:
-    """Return a hash that no other episode has."""
+    """Return a unique hash for an episode."""
     return secrets.token_hex(32)

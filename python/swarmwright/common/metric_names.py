@@ -1,4 +1,4 @@
-"""The names that metrics may have, everywhere: in an expression for the fitness each is a variable."""
+"""Valid names of metrics, which are variables in expressions for fitness."""
 
 import re
 from collections.abc import Iterable
@@ -8,9 +8,9 @@ _OTHER = re.compile(r"[^A-Za-z0-9_]")
 
 
 def problem_of(name: object) -> str | None:
-    """Return what is wrong with the name of a metric; None when nothing is.
+    """Return the problem of a metric's name; None if it is valid.
 
-    Keywords of Python are accepted, which stored runs may have; no expression can use them.
+    Python keywords are accepted, because stored runs may have them; expressions cannot use them.
     """
     if isinstance(name, str) and _NAME.fullmatch(name):
         return None
@@ -19,7 +19,7 @@ def problem_of(name: object) -> str | None:
 
 
 def check(names: Iterable[object]) -> None:
-    """Raise ValueError with what is wrong with the first name that no metric may have."""
+    """Raise ValueError with the problem of the first invalid name."""
     for name in names:
         problem = problem_of(name)
         if problem:
@@ -36,6 +36,6 @@ def _wrong_in(name: object) -> str:
 
 
 def suggest_name(name: str) -> str:
-    """Return the name that is most like this one."""
+    """Return the most similar valid name."""
     word = re.sub(r"[^A-Za-z0-9_]", "_", name)
     return f"_{word}" if not word or word[0].isdigit() else word

@@ -1,4 +1,4 @@
-"""Typed options: the one source of validation, JSON Schema and reference pages."""
+"""Typed options: the single source of validation, JSON Schema and reference pages."""
 
 import ast
 import inspect
@@ -12,18 +12,18 @@ if TYPE_CHECKING:
 
     @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(Field,))
     class Frozen(ModelMetaclass):
-        """Tells type checkers that options do not change, so that a `kind` of `str` may become a literal."""
+        """Tells type checkers that options are frozen, so that a `kind` of `str` may become a literal."""
 
 else:
     Frozen = type(BaseModel)
 
 
 class Options(BaseModel, metaclass=Frozen):
-    """Base of every section of an experiment file.
+    """Base class of every section of an experiment file.
 
-    Unknown keys are errors; nothing is converted silently ("50" is not a number, 1.5 is not an integer);
-    numbers are finite; every field has a default where one makes sense and a description, the docstring below
-    it, which goes to the schema and the reference page (see `descriptions`).
+    Unknown keys are errors, nothing is converted silently ("50" is not a number, 1.5 is not an integer), and
+    numbers are finite. Every field has a default if one makes sense, and a description: the docstring below
+    it, which appears in the schema and the reference page (see `add_descriptions`).
     """
 
     model_config = ConfigDict(
@@ -39,9 +39,9 @@ Model = TypeVar("Model", bound=Options)
 
 
 def add_descriptions(model: type[Model]) -> type[Model]:
-    """Give every field of a model, and of models in it, its description, and return the model.
+    """Set the descriptions of all fields of a model and of nested models from docstrings; return the model.
 
-    A description given by `Field(description=..)` stays.
+    Descriptions by `Field(description=..)` are kept.
     """
     texts: dict[str, str] = {}
     for owner in reversed(model.__mro__):
@@ -61,7 +61,7 @@ def add_descriptions(model: type[Model]) -> type[Model]:
 
 
 def _models(annotation: Any) -> list[type[Options]]:  # noqa: ANN401 - any type
-    """Return the models that an annotation like `Timeouts | None` names."""
+    """Return the models in an annotation such as `Timeouts | None`."""
     if isinstance(annotation, type) and issubclass(annotation, Options):
         return [annotation]
     return [model for part in get_args(annotation) for model in _models(part)]
@@ -70,7 +70,7 @@ def _models(annotation: Any) -> list[type[Options]]:  # noqa: ANN401 - any type
 def _docstrings(owner: type) -> dict[str, str]:
     try:
         source = inspect.getsource(owner)
-    except (OSError, TypeError):  # made in an interactive session
+    except (OSError, TypeError):  # defined in an interactive session
         return {}
     (definition,) = ast.parse(textwrap.dedent(source)).body
     assert isinstance(definition, ast.ClassDef)

@@ -1,4 +1,4 @@
-"""Figures that do not depend on a user's settings of Matplotlib."""
+"""Figures independent of the user's Matplotlib settings."""
 
 import os
 import re
@@ -35,19 +35,19 @@ _FURTHER_FONTS = (
     "Noto Sans Thai",
     "Unifont",
 )
-"""Fonts with letters that Matplotlib's own lacks, of common systems."""
+"""Fonts of common systems with letters that Matplotlib's own fonts lack."""
 _MISSING = re.compile(r"Glyph (\d+) .*missing")
 _NAMED = 20
-"""Letters that the warning names."""
+"""Largest number of letters in the warning."""
 _inside = 0
 
 
 @contextmanager
 def use_plain_settings() -> Iterator[None]:
-    """Within the block, or the function that this decorates, Matplotlib has its default settings.
+    """Use Matplotlib's default settings within the block, or the decorated function.
 
-    A matplotlibrc may ask for LaTeX, which is not installed everywhere, and MPLBACKEND may be wrong: figures
-    are drawn by Agg in any case.
+    A matplotlibrc may require LaTeX, which may be missing, and MPLBACKEND may be invalid. Figures are always
+    drawn by Agg.
     """
     global _inside  # noqa: PLW0603 - as Matplotlib's settings are
     if _inside:
@@ -55,7 +55,7 @@ def use_plain_settings() -> Iterator[None]:
         return
     matplotlib = _import_matplotlib()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # settings that are out of use
+        warnings.simplefilter("ignore")  # deprecated settings
         context = matplotlib.rc_context(_defaults())
         context.__enter__()
     _inside += 1
@@ -67,33 +67,33 @@ def use_plain_settings() -> Iterator[None]:
 
 
 def _import_matplotlib() -> Any:  # noqa: ANN401 - a module
-    """Import Matplotlib, whose import would fail with an unknown MPLBACKEND."""
-    wanted = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
+    """Import Matplotlib, which would fail with an unknown MPLBACKEND."""
+    backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
     try:
         matplotlib = import_module("matplotlib")
     finally:
-        if wanted is not None:
-            os.environ["MPLBACKEND"] = wanted
-    if wanted:
-        with suppress(ValueError):  # it does not matter for figures in files
-            matplotlib.rcParams["backend"] = wanted
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+    if backend:
+        with suppress(ValueError):  # irrelevant for figures in files
+            matplotlib.rcParams["backend"] = backend
     return matplotlib
 
 
 @cache
 def _defaults() -> dict[str, Any]:
-    known = import_module("matplotlib").rcParamsDefault
+    defaults = import_module("matplotlib").rcParamsDefault
     installed = {font.name for font in import_module("matplotlib.font_manager").fontManager.ttflist}
-    # Letters that the font lacks are taken from the next one that has them, if need be in another weight.
+    # Letters that a font lacks come from the next font, possibly in another weight.
     getLogger("matplotlib.font_manager").addFilter(_is_of_interest)
-    families = [*known["font.family"], *(name for name in _FURTHER_FONTS if name in installed)]
+    families = [*defaults["font.family"], *(name for name in _FURTHER_FONTS if name in installed)]
     return {
-        **{key: value for key, value in known.items() if key != "backend"},
+        **{key: value for key, value in defaults.items() if key != "backend"},
         "font.family": families,
         # Publishers refuse Type 3 fonts, the default: 42 embeds TrueType.
         "pdf.fonttype": 42,
         "ps.fonttype": 42,
-        # Otherwise names of parts are drawn at random; the same figure is the same file.
+        # Without it, ids are random; the same figure should be the same file.
         "svg.hashsalt": "swarmwright",
     }
 
@@ -104,24 +104,24 @@ def _is_of_interest(record: LogRecord) -> bool:
 
 @contextmanager
 def warn_of_missing_letters() -> Iterator[None]:
-    """Warn once of the letters that are drawn as boxes within the block, since no font has them."""
+    """Warn once about letters that are drawn as boxes within the block because no font has them."""
     letters: dict[str, None] = {}
     with warnings.catch_warnings():
         warnings.filterwarnings("always", message=_MISSING.pattern, category=UserWarning)
         show = warnings.showwarning
 
         def collect(message: Any, *arguments: Any, **more: Any) -> None:  # noqa: ANN401 - as the library's
-            if found := _MISSING.match(str(message)):
-                letters[chr(int(found[1]))] = None
+            if match := _MISSING.match(str(message)):
+                letters[chr(int(match[1]))] = None
             else:
                 show(message, *arguments, **more)
 
         warnings.showwarning = collect
         yield
-    seen = [letter for letter in letters if letter.isprintable()]
-    if seen:
-        more = f" and {len(seen) - _NAMED} more" if len(seen) > _NAMED else ""
+    missing = [letter for letter in letters if letter.isprintable()]
+    if missing:
+        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
         warn_once(
-            f"no font that is installed has {' '.join(seen[:_NAMED])}{more}: boxes are drawn in their place; "
-            f"install one of {', '.join(_FURTHER_FONTS[:3])}, for instance"
+            f"no installed font has {' '.join(missing[:_NAMED])}{more}, which are drawn as boxes; install "
+            f"for instance {_FURTHER_FONTS[0]}, {_FURTHER_FONTS[1]} or {_FURTHER_FONTS[2]}"
         )

@@ -1,4 +1,4 @@
-"""Plug-ins' code: what it raises is reported with class, file and line, and what it returns is checked."""
+"""Code of plug-ins: reports exceptions with class, file and line, and checks returned values."""
 
 import traceback
 from collections.abc import Iterator, Sequence
@@ -20,38 +20,38 @@ _SORTS = (
     "swarmwright.methods",
     "swarmwright.servers.launchers",
 )
-"""Modules and packages whose base classes plug-ins derive from."""
+"""Modules and packages with the base classes of plug-ins."""
 
 
 def is_plug_in(kind: type) -> bool:
-    """Whether a class is not one of Swarmwright's."""
+    """Return whether a class is outside of Swarmwright."""
     return kind.__module__.partition(".")[0] != _PACKAGE
 
 
 def _is_component(kind: type) -> bool:
-    """Whether a class is that of a plug-in."""
+    """Return whether a class is a component of a plug-in."""
     if not is_plug_in(kind):
         return False
     return any(f"{base.__module__}.".startswith(f"{sort}.") for base in kind.__mro__ for sort in _SORTS)
 
 
 def find_failure(error: BaseException) -> PlugInError | None:
-    """Return what is reported of an exception that a plug-in's code raised; None for any other exception.
+    """Return the error to report for an exception raised by a plug-in; None for other exceptions.
 
-    It names the class and its method, the exception, and the last line of the plug-in's code.
+    It names the class and method, the exception, and the last line of the plug-in's code.
     """
-    found: tuple[type, FrameType] | None = None
+    method: tuple[type, FrameType] | None = None
     lines: list[tuple[str, int]] = []
     for frame, line in traceback.walk_tb(error.__traceback__):
         file = frame.f_code.co_filename
         kind = _owner(frame)
         if kind is not None and not frame.f_globals.get("__name__", "").startswith(f"{_PACKAGE}."):
-            found = kind, frame
-        if found is not None and (not is_installed(file) or file == found[1].f_code.co_filename):
+            method = kind, frame
+        if method is not None and (not is_installed(file) or file == method[1].f_code.co_filename):
             lines.append((file, line))
-    if found is None:
+    if method is None:
         return None
-    kind, frame = found
+    kind, frame = method
     file, number = lines[-1]
     words = escape_line(str(error)).strip()
     return PlugInError(
@@ -61,7 +61,7 @@ def find_failure(error: BaseException) -> PlugInError | None:
 
 
 def _owner(frame: FrameType) -> type | None:
-    """Return the plug-in's class whose method is executed in a frame."""
+    """Return the class of the plug-in whose method runs in a frame, or None."""
     names = frame.f_code.co_varnames[: frame.f_code.co_argcount]
     if not names or names[0] not in frame.f_locals:
         return None
@@ -72,20 +72,20 @@ def _owner(frame: FrameType) -> type | None:
 
 @contextmanager
 def report_failures() -> Iterator[None]:
-    """Within the block, what a plug-in's code raises becomes PlugInError; also `sys.exit`."""
+    """Convert exceptions of a plug-in within the block, including `sys.exit`, to PlugInError."""
     try:
         yield
     except SwarmwrightError:
         raise
     except (Exception, SystemExit) as error:
-        found = find_failure(error)
-        if found is None:
+        failure = find_failure(error)
+        if failure is None:
             raise
-        raise found from error
+        raise failure from error
 
 
 def locate_method(owner: object, method: str) -> str:
-    """Return how messages name a method of a plug-in: class, method, file and line."""
+    """Describe a method of a plug-in for messages: class, method, file and line."""
     kind = type(owner)
     code = getattr(getattr(kind, method, None), "__code__", None)
     if code is None:  # a property
@@ -99,32 +99,32 @@ def numbers(
     method: str,
     value: Any,  # noqa: ANN401 - whatever the code returns
     shape: Sequence[int | None],
-    what: str,
+    noun: str,
     *,
     finite: bool = True,
     some: bool = True,
     dtype: type[np.float32] | type[np.float64] = np.float32,
 ) -> NDArray[Any]:
-    """Return what a method of a plug-in returned as an array of numbers.
+    """Check the return value of a plug-in's method, and return it as an array of numbers.
 
     Args:
         owner: the plug-in.
         method: its method or property.
-        value: what it returned.
-        shape: that it must have; None for any size.
-        what: what the numbers are, with the names of the sizes: "genomes, (candidates, genes)".
-        finite: whether NaN and infinite numbers are refused.
-        some: whether there must be a number at all.
-        dtype: of the array that is returned.
+        value: the returned value.
+        shape: required shape; None for any size.
+        noun: meaning of the numbers with the names of the sizes: "genomes, (candidates, genes)".
+        finite: whether to refuse NaN and infinite numbers.
+        some: whether to refuse an empty array.
+        dtype: of the returned array.
 
-    Raises PlugInError when it is something else.
+    Raises PlugInError for other values.
     """
 
-    def wrong(found: str) -> PlugInError:
+    def wrong(description: str) -> PlugInError:
         many = "1 or more" if some else "any"
         sizes = ", ".join(many if size is None else str(size) for size in shape)
         return PlugInError(
-            f"{locate_method(owner, method)}: returned {found}; expected {what}: an array of "
+            f"{locate_method(owner, method)}: returned {description}; expected {noun}: an array of "
             f"{np.dtype(dtype)} with "
             f"the shape ({sizes}{',' * (len(shape) == 1)})"
         )
@@ -133,14 +133,14 @@ def numbers(
         raise wrong("nothing (None)")
     try:
         array = np.asarray(value)
-    except (TypeError, ValueError) as error:  # rows of different length, for instance
+    except (TypeError, ValueError) as error:  # for instance, rows of different length
         raise wrong(f"a {type(value).__name__} that is not an array: {escape_line(str(error))}") from error
     if array.dtype.kind not in "fiu":
         raise wrong(f"a {type(value).__name__} of {array.dtype} instead of numbers")
-    same = len(array.shape) == len(shape) and all(
-        wanted in {size, None} for size, wanted in zip(array.shape, shape, strict=True)
+    has_shape = len(array.shape) == len(shape) and all(
+        expected in {size, None} for size, expected in zip(array.shape, shape, strict=True)
     )
-    if not same or (some and not array.size):
+    if not has_shape or (some and not array.size):
         raise wrong(f"numbers with the shape {array.shape}")
     with np.errstate(over="ignore"):
         array = array.astype(dtype, copy=False)
@@ -150,13 +150,13 @@ def numbers(
     return array
 
 
-def count(owner: object, method: str, value: Any, what: str) -> int:  # noqa: ANN401 - as above
-    """Return a property of a plug-in that is an integer, at least 1. Raises PlugInError for anything else."""
+def count(owner: object, method: str, value: Any, noun: str) -> int:  # noqa: ANN401 - as above
+    """Check a property of a plug-in that is an integer, at least 1. Raises PlugInError for other values."""
     if isinstance(value, int | float | np.number) and not isinstance(value, bool) and value >= 1:
         with suppress(OverflowError, ValueError):  # infinity, NaN
             if value == int(value):
                 return int(value)
     raise PlugInError(
-        f"{locate_method(owner, method)}: is {escape_line(repr(value))}, expected {what}: an integer, at "
+        f"{locate_method(owner, method)}: is {escape_line(repr(value))}, expected {noun}: an integer, at "
         "least 1"
     )

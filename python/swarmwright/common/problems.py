@@ -1,4 +1,4 @@
-"""Problems of files: validation errors in the words of a person who wrote an experiment; lists of them."""
+"""Validation errors of files, reworded for authors of experiments."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -12,7 +12,7 @@ from swarmwright.common.suggestions import UnknownKey, did_you_mean, unknown_key
 from swarmwright.common.yaml import Path_, format_path, parse
 
 Report = Callable[[Path_, str], None]
-"""Takes a problem: where, what."""
+"""Receives a problem: its path and message."""
 _WANTED = {
     "int_type": "an integer",
     "int_from_float": "an integer",
@@ -36,7 +36,7 @@ _LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", 
 
 
 def format_value(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a file
-    """Return a value as it would be written in a YAML file, shortened."""
+    """Format a value as in a YAML file, shortened."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -48,9 +48,9 @@ def format_value(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any valu
 
 
 class FieldError(InputError, ValueError):
-    """A field of what was given is wrong. The message is `path: reason`.
+    """A field of the input is invalid. The message is `path: reason`.
 
-    Validators of options raise it for one of their fields, as pydantic takes any ValueError.
+    Validators of options raise it for a field; pydantic accepts any ValueError.
     """
 
     def __init__(self, path: Path_ | str, reason: str) -> None:
@@ -59,7 +59,7 @@ class FieldError(InputError, ValueError):
         super().__init__(f"{format_path(self.path)}: {reason}" if self.path else reason)
 
     def __reduce__(self) -> tuple[type, tuple[Path_, str]]:
-        """Return what `pickle` makes the same error of."""
+        """Return the arguments with which `pickle` recreates the error."""
         return type(self), (self.path, self.reason)
 
 
@@ -69,30 +69,30 @@ def problems_of(
     at: Path_ = (),
     values: Any = None,  # noqa: ANN401 - any values of a file
 ) -> list[tuple[Path_, str]]:
-    """Return (path, message) for everything pydantic found wrong with a section at `at`.
+    """Return (path, message) for each problem that pydantic found in a section at `at`.
 
-    values: the whole file; paths are then those in it, without pydantic's names of tried union variants.
+    values: the whole file; paths are then those in it, without pydantic's names of union variants.
     """
-    return [_problem(dict(found), model, at, values) for found in error.errors(include_url=False)]
+    return [_problem(dict(details), model, at, values) for details in error.errors(include_url=False)]
 
 
 def _problem(
-    found: dict[str, Any],
+    details: dict[str, Any],
     model: type[BaseModel],
     at: Path_,
     values: Any,  # noqa: ANN401 - as above
 ) -> tuple[Path_, str]:
-    path = (*at, *found["loc"])
+    path = (*at, *details["loc"])
     if values is not None:
-        path = _as_written(path, values, keep_last=found["type"] == "missing")
-    error = found.get("ctx", {}).get("error")
+        path = _as_written(path, values, keep_last=details["type"] == "missing")
+    error = details.get("ctx", {}).get("error")
     if isinstance(error, FieldError):
         return (*path, *error.path), error.reason
-    return path, _message(found, model)
+    return path, _message(details, model)
 
 
 def _as_written(path: Path_, values: Any, *, keep_last: bool) -> Path_:  # noqa: ANN401 - as above
-    """Return a path without the parts that are not in the file: names of union variants that were tried."""
+    """Return a path without names of union variants, which are not in the file."""
     written: list[str | int] = []
     for index, part in enumerate(path):
         if _holds(values, part):
@@ -109,16 +109,16 @@ def _holds(values: Any, part: str | int) -> bool:  # noqa: ANN401 - as above
     return isinstance(values, list | tuple) and isinstance(part, int) and 0 <= part < len(values)
 
 
-def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
-    kind: str = found["type"]
-    context: dict[str, Any] = found.get("ctx", {})
-    value = found.get("input")
+def _message(details: dict[str, Any], model: type[BaseModel]) -> str:
+    kind: str = details["type"]
+    context: dict[str, Any] = details.get("ctx", {})
+    value = details.get("input")
     if kind == "missing":
         return "is missing"
     if kind == "extra_forbidden":
-        return _unknown_key(str(found["loc"][-1]), model_at(model, found["loc"][:-1]))
+        return _unknown_key(str(details["loc"][-1]), model_at(model, details["loc"][:-1]))
     if kind == "list_type":
-        return _no_list(value, model_at(model, found["loc"][:-1]), str(found["loc"][-1]))
+        return _no_list(value, model_at(model, details["loc"][:-1]), str(details["loc"][-1]))
     if kind in _WANTED:
         return f"must be {_WANTED[kind]}, not {format_value(value)}"
     if kind in _LIMITS:
@@ -144,11 +144,13 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         return f"{key} must be one of {', '.join(choices)}, not {format_value(context['tag'])}{hint}"
     if kind in {"value_error", "assertion_error"}:
         return str(context["error"])
-    return _not_utf8(value) if kind == "string_unicode" else f"{found['msg']} (given: {format_value(value)})"
+    return (
+        _not_utf8(value) if kind == "string_unicode" else f"{details['msg']} (given: {format_value(value)})"
+    )
 
 
 def _not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
-    """Say that text has bytes of a file's name that are not characters."""
+    """Return a message on text with bytes of a file name that are not characters."""
     try:
         check_utf8(str(value))
     except InputError as error:
@@ -157,9 +159,9 @@ def _not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
 
 
 def _no_list(value: Any, section: type[BaseModel] | None, key: str) -> str:  # noqa: ANN401 - any value of a file
-    """Say that a value is not a list, and how the key is written: with the value in it if that is valid."""
+    """Return a message on a value that is not a list, with the valid form if the value fits into one."""
     field = None if section is None else section.model_fields.get(key)
-    if section is None or field is None:  # an item of a list, or a section that is not known
+    if section is None or field is None:  # an item of a list, or an unknown section
         return f"must be a list, not {format_value(value)}"
     names = ("min_length", "max_length")
     lengths = [getattr(limit, name) for limit in field.metadata for name in names if hasattr(limit, name)]
@@ -170,16 +172,16 @@ def _no_list(value: Any, section: type[BaseModel] | None, key: str) -> str:  # n
 
 
 def _is_valid(section: type[BaseModel], key: str, value: Any) -> bool:  # noqa: ANN401 - any value of a file
-    """Return whether a section has nothing against the value of a key, whatever it has against others."""
+    """Return whether a section accepts the value of a key, regardless of other keys."""
     try:
         section.model_validate({key: value})
     except ValidationError as error:
-        return not any(found["loc"][:1] == (key,) for found in error.errors(include_url=False))
+        return not any(details["loc"][:1] == (key,) for details in error.errors(include_url=False))
     return True
 
 
 def _lists_of(value: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - any value of a file
-    """Yield the lists that a value without brackets may stand for: of its items (`8, 4`), or of itself."""
+    """Yield the lists that a value without brackets may mean: its items (`8, 4`), or the value alone."""
     if isinstance(value, str) and "," in value:
         with suppress(InputError):
             listed = parse(f"[{value}]", "")
@@ -196,14 +198,14 @@ def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
     if key.casefold() == "files" and "servers" in keys:
         return UnknownKey(
             "unknown key",
-            "; files that the simulation reads are named in the section servers, such as "
+            "; list files that the simulation reads in the section servers, such as "
             "servers: {launcher: process, count: 4, files: [map.json]}",
         )
     return unknown_key(key, keys)
 
 
 def model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseModel] | None:
-    """Return the model of the section at `path` below `model`; None where that is not a section."""
+    """Return the model of the section at `path` below `model`; None if it is not a section."""
     rest = list(path)
     while rest:
         key = str(rest.pop(0))
@@ -223,7 +225,7 @@ def model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseMo
 
 
 def _inner(annotation: Any) -> tuple[type[BaseModel], bool] | None:  # noqa: ANN401 - any type
-    """Return the model in a field's type, and whether the field has several of them, in a list or mapping."""
+    """Return the model in a field's type, and whether the field is a list or mapping of them."""
     for part in (annotation, *get_args(annotation)):
         if isinstance(part, type) and issubclass(part, BaseModel):
             return part, get_origin(annotation) in {list, dict}
@@ -231,11 +233,11 @@ def _inner(annotation: Any) -> tuple[type[BaseModel], bool] | None:  # noqa: ANN
 
 
 MOST_PROBLEMS = 100
-"""Of a file: nobody reads more, and a hostile file may have millions."""
+"""Largest number of reported problems of a file: a hostile file may have millions."""
 
 
 class ProblemLines:
-    """Lines about what is wrong, each once, in the order in which it was found."""
+    """Unique lines on problems, in the order in which they were found."""
 
     def __init__(self) -> None:
         self._lines: dict[str, None] = {}
@@ -244,7 +246,7 @@ class ProblemLines:
         return len(self._lines)
 
     def add(self, line: str) -> None:
-        """Note a problem. Raises InputError with all of them when there are many."""
+        """Add a problem. Raises InputError with all of them if there are MOST_PROBLEMS."""
         self._lines[line] = None
         if len(self._lines) >= MOST_PROBLEMS:
             more = f"and maybe more; these are the first {MOST_PROBLEMS}"

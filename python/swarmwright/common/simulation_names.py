@@ -1,8 +1,8 @@
 """Names of simulations: titles, classes in Python, environments of other libraries, and commands.
 
 `minisim` is a title, `path/to/file.py:Class` and `package.module:Class` name a class,
-`library:environment?option=value&option=value` an environment, and `command:{..}`, `ros:{..}` or `fmu:{..}`,
-a JSON object, a command, robots of a ROS system or an FMU, which experiments write as a mapping.
+`library:environment?option=value&option=value` an environment, and `command:{..}`, `ros:{..}` or `fmu:{..}`
+(a JSON object, in experiments a mapping) a command, robots of a ROS system or an FMU.
 """
 
 import ast
@@ -16,10 +16,10 @@ from typing import Any, ClassVar, Self
 from swarmwright.common.errors import InputError
 
 LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas"}
-"""Library, which is the adapter's module, too -> its class."""
+"""Library, also the name of the adapter's module -> class of the adapter."""
 
 MISSIONS = "arena-"
-"""What the titles of the arena's missions in other simulators begin with."""
+"""Prefix of the titles of the arena's missions in other simulators."""
 
 SIMULATORS = {
     "arena-argos": "docs/how-to/simulators.md",
@@ -31,7 +31,7 @@ SIMULATORS = {
     "argos": "docs/how-to/simulators.md",
     "stage": "docs/how-to/simulators.md",
 }
-"""Titles that servers of other simulators have, as they come with Swarmwright -> page that describes them."""
+"""Titles of servers of other simulators that come with Swarmwright -> page that describes them."""
 
 _SIMULATOR_FILES = {
     ".argos": ("ARGoS", "simulators.md"),
@@ -46,7 +46,7 @@ _SIMULATOR_FILES = {
     ".mjcf": ("MuJoCo", "simulators.md"),
     ".launch": ("ROS", "ros.md"),
 }
-"""Ending of a file that a simulator reads -> the simulator, and the page that attaches it."""
+"""Ending of a simulator's file -> the simulator, and the page on attaching it."""
 
 _ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]*)(?:\?(\S*))?")
 _DEFINED = re.compile(r"(command|fmu|ros):\{")
@@ -54,7 +54,7 @@ _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 
 
 def simulator_file(name: str) -> str | None:
-    """Say that a file belongs to a simulator, and which page attaches that; None for other files."""
+    """Return a message on a file of a simulator, with the page on attaching it; None for other files."""
     for ending, (simulator, page) in _SIMULATOR_FILES.items():
         if name.lower().endswith(ending):
             return f"is a file of {simulator}; docs/how-to/{page} shows how to attach the simulator"
@@ -66,31 +66,31 @@ class SimulationName:
     """The parts of a simulation's name."""
 
     COMMAND: ClassVar[str] = "command:"
-    """What a command's name begins with."""
+    """Prefix of a command's name."""
     ROS: ClassVar[str] = "ros:"
-    """What the name of robots of a ROS system begins with."""
+    """Prefix of the name of robots of a ROS system."""
     FMU: ClassVar[str] = "fmu:"
-    """What the name of an FMU begins with."""
+    """Prefix of an FMU's name."""
     DEFINITION: ClassVar[str] = "swarmwright-command.json"
-    """The file of a command's definition, which exists in copies only."""
+    """The file of a command's definition, which exists only in copies."""
 
     text: str
     """The whole name."""
     library: str
-    """Of an environment: gymnasium, pettingzoo or vmas; else empty."""
-    place: str
-    """Of a class: the path of its file, or its module. Of an environment: what its library calls it."""
+    """For an environment: gymnasium, pettingzoo or vmas; else empty."""
+    location: str
+    """For a class: the path of its file, or its module. For an environment: its name in the library."""
     member: str
-    """Of a class: what it is called in its file or module."""
+    """For a class: its name in the file or module."""
     query: str
-    """Of an environment: what follows the question mark."""
+    """For an environment: the part after the question mark."""
 
     @classmethod
     @lru_cache
     def parse(cls, text: str) -> Self:
-        """Take a name apart; any text that names neither a class, an environment nor a command is a title.
+        """Parse a name; text that names neither a class, an environment nor a command is a title.
 
-        Raises InputError for a command that is not the JSON text of one.
+        Raises InputError for a command with invalid JSON.
         """
         if is_definition(text):
             folder = definition_in(text).get("folder", ".")
@@ -100,8 +100,8 @@ class SimulationName:
         match = _ENVIRONMENT.fullmatch(text)
         if match is not None:
             return cls(text, match[1], match[2], "", match[3] or "")
-        place, _, member = text.rpartition(":")
-        return cls(text, "", place, member, "")
+        location, _, member = text.rpartition(":")
+        return cls(text, "", location, member, "")
 
     @property
     def is_environment(self) -> bool:
@@ -110,49 +110,49 @@ class SimulationName:
 
     @property
     def is_command(self) -> bool:
-        """Whether a command runs it: it is one, or a ROS system or an FMU, which a program drives."""
+        """Whether a program runs it: a command, a ROS system or an FMU."""
         return is_definition(self.text)
 
     @property
     def prefix(self) -> str:
-        """What the names of its kind begin with, up to the colon."""
+        """The prefix of its kind, up to the colon."""
         return f"{self.text.partition(':')[0]}:"
 
     @property
     def definition(self) -> dict[str, Any]:
-        """What an experiment says of a command, every default left out."""
+        """The definition of a command in an experiment, without defaults."""
         return definition_in(self.text)
 
     @property
     def is_python(self) -> bool:
-        """Whether Python runs it: it is a class, an environment or a command, not a title."""
+        """Whether Python runs it: a class, an environment or a command, not a title."""
         return self.is_environment or self.is_command or _CLASS.fullmatch(self.text) is not None
 
     @property
     def file(self) -> Path | None:
-        """The file of a class that is named by it, or where a command's definition would be; else None."""
+        """The file of a class, or the location of a command's definition; else None."""
         if self.is_command:
-            return Path(self.place)
-        return Path(self.place) if self.place.endswith(".py") and not self.is_environment else None
+            return Path(self.location)
+        return Path(self.location) if self.location.endswith(".py") and not self.is_environment else None
 
     @property
     def module(self) -> str:
-        """The module that is imported for a class or environment, as far as the name has one; else empty."""
+        """The module to import for a class or environment, if the name has one; else empty."""
         if self.is_command:
             return ""
         if self.library == "gymnasium":
-            return self.place.rpartition(":")[0]
-        return "" if self.file is not None else self.place
+            return self.location.rpartition(":")[0]
+        return "" if self.file is not None else self.location
 
     @property
     def label(self) -> str:
-        """What figures and folders call it: title, class or program, or the end of an environment's name."""
+        """Short name for figures and folders: title, class, program, or the end of an environment's name."""
         if self.is_command:
             return _program(self.definition)
         return self.text.rpartition(":")[2] if self.is_python else self.text
 
-    def in_file(self, file: str | Path) -> str:
-        """Return the name of the same class in another file, or of the same command in its folder."""
+    def with_file(self, file: str | Path) -> str:
+        """Return the name of the same class in another file, or of the same command in that folder."""
         if self.is_command:
             values = {**self.definition, "folder": Path(file).parent.as_posix()}
             return f"{self.prefix}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
@@ -161,7 +161,7 @@ class SimulationName:
     def options(self) -> dict[str, Any]:
         """Return the options of an environment.
 
-        Raises InputError for options that are not `name=value`, or are given twice.
+        Raises InputError for options that are not `name=value` or occur twice.
         """
         options = {}
         for part in filter(None, self.query.split("&")):
@@ -177,12 +177,12 @@ class SimulationName:
 
 
 def is_definition(name: str) -> bool:
-    """Whether a name is that of a command, with its definition."""
+    """Return whether a name is that of a command, with its definition."""
     return _DEFINED.match(name) is not None
 
 
 def definition_in(name: str) -> dict[str, Any]:
-    """Return the mapping that a command's name has behind its prefix. Raises InputError for other text."""
+    """Return the mapping after the prefix in a command's name. Raises InputError for other text."""
     try:
         values: dict[str, Any] = json.loads(name.partition(":")[2])  # it begins with a brace
     except (ValueError, RecursionError) as error:
@@ -194,22 +194,22 @@ def definition_in(name: str) -> dict[str, Any]:
 
 
 def is_environment(name: str) -> bool:
-    """Whether a simulation is named as an environment of another library."""
+    """Return whether a name is that of an environment of another library."""
     return SimulationName.parse(name).is_environment
 
 
 def is_python(name: str) -> bool:
-    """Whether a simulation is named by its class, or as another library's environment, not by a title."""
+    """Return whether Python runs a simulation: a class, an environment or a command, not a title."""
     return SimulationName.parse(name).is_python
 
 
 def is_command(name: str) -> bool:
-    """Whether a command runs a simulation."""
+    """Return whether a program runs a simulation."""
     return SimulationName.parse(name).is_command
 
 
 def label_of(name: str) -> str:
-    """Return what a plug-in is called that an experiment names: its class, where a file stands before it."""
+    """Return the short name of a plug-in: for `path/to/file.py:Class`, the class."""
     return SimulationName.parse(name).member if is_in_file(name) else name
 
 
@@ -219,7 +219,7 @@ def is_in_file(name: str) -> bool:
 
 
 def _program(definition: dict[str, Any]) -> str:
-    """Return what a command is called: its title, or the script or program that it starts."""
+    """Return the short name of a command: its title, or the script or program that it starts."""
     if "title" in definition:
         return str(definition["title"])
     if "fmu" in definition:

@@ -1,4 +1,4 @@
-"""Figures of a generation, computed the same way on every machine."""
+"""Statistics, computed identically on every machine."""
 
 import math
 import sys
@@ -21,9 +21,9 @@ class Summary:
     evaluations: int
     """Candidates evaluated since the start of the run."""
     best: float
-    """Best fitness in the population; NaN when all failed."""
+    """Best fitness in the population; NaN if all failed."""
     mean: float
-    """Mean fitness of the population, failed members left out."""
+    """Mean fitness of the population without failed members."""
     best_so_far: float
     """Best fitness since the start of the run."""
     lower_quartile: float
@@ -34,18 +34,18 @@ class Summary:
 
 
 Figures = tuple[float, float, float, float, float]
-"""Best, mean, lower quartile, median and upper quartile of fitness, failed members left out; NaN of none."""
+"""Best, mean, lower quartile, median, upper quartile of fitness without failed members; NaN if all failed."""
 
 
 def figures_of(population: Fitness) -> Figures:
-    """Return the figures of a population's fitness; NaN: it has failed."""
+    """Return the statistics of a population's fitness, in which NaN marks failures."""
     return _engine.figures(population)
 
 
 def summarize(
     figures: Figures, *, generation: int, evaluations: int, best_so_far: float, failed: int
 ) -> Summary:
-    """Return the summary of a generation whose population has these figures."""
+    """Return the summary of a generation with these statistics."""
     best, mean, lower_quartile, median, upper_quartile = figures
     return Summary(
         generation=generation,
@@ -61,39 +61,39 @@ def summarize(
 
 
 def mean(values: Sequence[float]) -> float:
-    """Return the mean of finite values, whose exact sum is rounded once; NaN of none."""
+    """Return the mean of finite values, whose exact sum is rounded once; NaN without values."""
     try:
         return math.fsum(values) / len(values) if values else math.nan
-    except OverflowError:  # the sum is too large, the mean is not: penalties may be the largest number
+    except OverflowError:  # penalties may be the largest number: their sum overflows, the mean does not
         scaled = math.fsum(value * _SCALE for value in values) / len(values)
-        # Rounding may lead out of the values, whose largest may be the largest number.
+        # Rounding must not exceed the values, which may be the largest number.
         return min(max(scaled, min(values) * _SCALE), max(values) * _SCALE) / _SCALE
 
 
 def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the means over episodes, as `mean`: (n, e, k) to (n, k).
+    """Return the means over episodes by `mean`: (n, e, k) to (n, k).
 
-    Episodes without a value, NaN, are left out; NaN where all are, and where a value is infinite: a finite
-    mean of the others would make a candidate better than it is.
+    Episodes without a value (NaN) are ignored. The mean is NaN if all values are NaN, or if one is infinite:
+    a finite mean of the others would be too good.
     """
     if values.shape[1] == 1:
         return np.where(np.isfinite(values[:, 0]), values[:, 0], np.nan)
     rows = values.transpose(0, 2, 1)
-    found = [[_finite_mean(of) for of in row] for row in rows.tolist()]
-    return np.array(found, dtype=np.float64).reshape(rows.shape[:2])
+    rows_of_means = [[_finite_mean(episodes) for episodes in row] for row in rows.tolist()]
+    return np.array(rows_of_means, dtype=np.float64).reshape(rows.shape[:2])
 
 
 def _finite_mean(values: list[float]) -> float:
-    known = [value for value in values if not math.isnan(value)]
-    return mean(known) if all(map(math.isfinite, known)) else math.nan
+    present = [value for value in values if not math.isnan(value)]
+    return mean(present) if all(map(math.isfinite, present)) else math.nan
 
 
 _SCALE = 2.0**-64
-"""A power of two, exact as a factor, with which sums of any values are finite."""
+"""An exact factor, a power of two, that makes sums of any values finite."""
 
 
 def quantile(ordered: Sequence[float], share: float) -> float:
-    """Return the quantile of ascending values, interpolated between neighbours; NaN of none."""
+    """Return the quantile of ascending values, interpolated between neighbours; NaN without values."""
     if not ordered:
         return math.nan
     low, high, part = neighbours(len(ordered), share)
@@ -101,9 +101,9 @@ def quantile(ordered: Sequence[float], share: float) -> float:
 
 
 def neighbours(count: int, share: float) -> tuple[int, int, float]:
-    """Return which two of ascending values a quantile is between, and how far from the first: 0 to below 1.
+    """Return the indices of the values around a quantile, and its distance from the first, 0 to below 1.
 
-    Definition 7 of Hyndman and Fan 1996. count: of the values, at least 1.
+    Definition 7 of Hyndman and Fan 1996. count: number of ascending values, at least 1.
     """
     position = share * (count - 1)
     low = math.floor(position)
@@ -112,23 +112,23 @@ def neighbours(count: int, share: float) -> tuple[int, int, float]:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The mean of a sample, and how far it can be trusted. NaN or None where there are too few values."""
+    """The mean of a sample and its uncertainty; NaN or None with too few values."""
 
     mean: float
     standard_deviation: float | None
-    """Of the sample, with n - 1; None below two values."""
+    """Standard deviation of the sample, with n - 1; None below two values."""
     standard_error: float | None
-    """Of the mean."""
+    """Standard error of the mean."""
     low: float | None
-    """Lower end of the 95 % confidence interval of the mean, by Student's t; wider for one of several."""
+    """Lower end of the 95 % confidence interval of the mean (Student's t, corrected for comparisons)."""
     high: float | None
-    """Its upper end."""
+    """Upper end of the interval."""
 
 
-def estimate(values: Sequence[float], *, of: int = 1) -> Estimate:
+def estimate(values: Sequence[float], *, comparisons: int = 1) -> Estimate:
     """Return the mean of independent values with Student's 95 % confidence interval.
 
-    of: so many intervals are looked at together, and contain all their means with 95 %, after Bonferroni.
+    comparisons: number of intervals that together contain all their means with 95 %, after Bonferroni.
     """
     count, middle = len(values), mean(values)
     if count < 2 or not math.isfinite(middle):
@@ -142,34 +142,34 @@ def estimate(values: Sequence[float], *, of: int = 1) -> Estimate:
         if not math.isfinite(deviation):
             return Estimate(middle, None, None, None, None)
     error = deviation / math.sqrt(count)
-    reach = student_t(count - 1, of) * error
-    # Fitness is finite, so an end that is too large for a number is the largest one.
+    reach = student_t(count - 1, comparisons) * error
+    # Fitness is finite, so an end that overflows is the largest number.
     low, high = max(middle - reach, -sys.float_info.max), min(middle + reach, sys.float_info.max)
     return Estimate(middle, deviation, error, low, high)
 
 
 _Z = 1.959963984540054
-"""Of the standard normal distribution, 95 % are within +-_Z."""
+"""95 % of the standard normal distribution are within +-_Z."""
 _EXPANSION_FREEDOM = 1000
 """Degrees of freedom from which the expansion is exact to 14 digits."""
 
 
 @cache
-def student_t(freedom: int, of: int = 1) -> float:
-    """Return t for which 95 % of Student's distribution are within +-t; freedom: from 1 on.
+def student_t(freedom: int, comparisons: int = 1) -> float:
+    """Return t for which 95 % of Student's distribution are within +-t; freedom: at least 1.
 
-    of: what is outside is divided by it. To 13 digits for 1, else to 10. SciPy, which has it too, takes
-    longer to import than most runs take to end.
+    comparisons: divides the probability outside of the interval. The result has 13 digits for 1, else 10.
+    SciPy has this function, too, but takes longer to import than most runs last.
     """
-    share = 1 - 0.05 / of
+    share = 1 - 0.05 / comparisons
     if freedom == 1:
         return math.tan(math.pi * share / 2)
     if freedom == 2:
         return share * math.sqrt(2 / (1 - share**2))
     # Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.5.
-    z = _Z if of == 1 else _normal(share)
+    z = _Z if comparisons == 1 else _normal(share)
     squared = z * z
-    found = (
+    t = (
         z
         + z * (squared + 1) / 4 / freedom
         + z * ((5 * squared + 16) * squared + 3) / 96 / freedom**2
@@ -180,27 +180,27 @@ def student_t(freedom: int, of: int = 1) -> float:
         / freedom**4
     )
     if freedom >= _EXPANSION_FREEDOM:
-        return found
+        return t
     density = math.exp(math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2))
     density /= math.sqrt(freedom * math.pi)
-    for _ in range(5 if of == 1 else 50):  # Newton's method, which doubles the digits each time
-        slope = 2 * density * (1 + found * found / freedom) ** (-(freedom + 1) / 2)
-        step = (_central_probability(found, freedom) - share) / slope
-        found -= step
-        if abs(step) <= 1e-13 * found:
+    for _ in range(5 if comparisons == 1 else 50):  # Newton's method, which doubles the digits each time
+        slope = 2 * density * (1 + t * t / freedom) ** (-(freedom + 1) / 2)
+        step = (_central_probability(t, freedom) - share) / slope
+        t -= step
+        if abs(step) <= 1e-13 * t:
             break
-    return found
+    return t
 
 
 def _normal(share: float) -> float:
     """Return z for which a share of the standard normal distribution is within +-z."""
-    from statistics import NormalDist  # noqa: PLC0415 - for the few who need it
+    from statistics import NormalDist  # noqa: PLC0415 - rarely needed
 
     return NormalDist().inv_cdf((1 + share) / 2)
 
 
 def _central_probability(t: float, freedom: int) -> float:
-    """Return the share of Student's distribution within +-t; Abramowitz and Stegun 26.7.3 and 26.7.4."""
+    """Return the probability of +-t in Student's distribution; Abramowitz and Stegun 26.7.3 and 26.7.4."""
     angle = math.atan2(t, math.sqrt(freedom))
     sine, cosine = math.sin(angle), math.cos(angle)
     odd = freedom % 2
@@ -214,9 +214,7 @@ def _central_probability(t: float, freedom: int) -> float:
 
 
 _FEWEST_CANDIDATES = 4
-"""Candidates from which on there is an interval of a rank correlation."""
-_CORRELATION_Z = 1.959963984540054
-"""Of the standard normal distribution, 95 % are within +-_CORRELATION_Z."""
+"""Smallest number of candidates for an interval of a rank correlation."""
 
 
 @dataclass(frozen=True)
@@ -226,35 +224,37 @@ class Correlation:
     rho: float
     low: float | None
     """Lower end of the 95 % confidence interval, after Bonett and Wright (2000), doi:10.1007/BF02294183; None
-    below four candidates. A correlation of 1 or -1 has the interval of the next one that as many candidates
-    without ties can have, extended to 1 or -1."""
+    below four candidates. A correlation of 1 or -1 gets the interval of the next possible value without ties,
+    extended to 1 or -1."""
     high: float | None
-    """Its upper end."""
+    """Upper end of the interval."""
     candidates: int
 
 
 def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correlation | None:
-    """Return the rank correlation; None where fewer than three candidates, or none, differ."""
+    """Return the rank correlation; None with fewer than three candidates, or if all are equal."""
     pairs = [(a, b) for a, b in zip(source, target, strict=True) if math.isfinite(a) and math.isfinite(b)]
     if len(pairs) < 3:
         return None
-    one, other = (compute_doubled_midranks(np.array(values)) for values in zip(*pairs, strict=True))
-    if np.ptp(one) == 0 or np.ptp(other) == 0:
+    source_ranks, target_ranks = (
+        compute_doubled_midranks(np.array(values)) for values in zip(*pairs, strict=True)
+    )
+    if np.ptp(source_ranks) == 0 or np.ptp(target_ranks) == 0:
         return None
-    rho = float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1))
+    rho = float(np.clip(np.corrcoef(source_ranks, target_ranks)[0, 1], -1, 1))
     if len(pairs) < _FEWEST_CANDIDATES:
         return Correlation(rho, None, None, len(pairs))
     count = len(pairs)
-    # At 1 the interval would be a point, as if few candidates in the same order proved that all are.
+    # At 1 the interval would be a point, as if few candidates in the same order were proof.
     largest = 1 - 12 / (count**3 - count)
     used = min(max(rho, -largest), largest)
-    reach = _CORRELATION_Z * math.sqrt((1 + used**2 / 2) / (count - 3))
+    reach = _Z * math.sqrt((1 + used**2 / 2) / (count - 3))
     low, high = (math.tanh(math.atanh(used) + side) for side in (-reach, reach))
     return Correlation(rho, min(low, rho), max(high, rho), count)
 
 
 def compute_doubled_midranks(values: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return twice the rank of each value, from 1; equal ones share the mean of theirs."""
+    """Return twice the rank of each value, from 1; ties share their mean rank."""
     ordered = np.sort(values)
     low = np.searchsorted(ordered, values, side="left")
     high = np.searchsorted(ordered, values, side="right")

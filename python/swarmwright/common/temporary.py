@@ -1,4 +1,4 @@
-"""Temporary files of this user: private, and deleted by a later process where theirs was killed."""
+"""Private temporary files of this user; those of killed processes are deleted by a later one."""
 
 import contextlib
 import fcntl
@@ -15,35 +15,35 @@ from types import TracebackType
 from swarmwright.common.errors import InputError
 
 _ENDING = ".tmp"
-"""Of the names of folders that go with their process."""
+"""Suffix of folders that are deleted with their process."""
 _PATIENCE_S = 1.0
-"""Seconds to wait for another process that makes the place; other users can hold that lock, too."""
+"""Seconds to wait for another process that creates the folder; other users can hold that lock, too."""
 
 
 def private_folder() -> Path:
-    """Return this user's own folder in the system's folder for temporary files; make it where there is none.
+    """Return this user's folder in the system's temporary folder; create it if necessary.
 
-    Its name is random, so that no other user can take it first. All processes of the user find the same one.
-    Raises InputError when it cannot be made.
+    Its name is random, so that no other user can create it first. All processes of the user find the same
+    one. Raises InputError if it cannot be created.
     """
     temporary = Path(tempfile.gettempdir())
     prefix = f"swarmwright-{os.getuid()}-"
     try:
-        place = _first_of_this_user(temporary, prefix)
-        if place is None:
+        folder = _first_of_this_user(temporary, prefix)
+        if folder is None:
             with _hold_lock(temporary, _PATIENCE_S):
-                place = _first_of_this_user(temporary, prefix)
-                if place is None:
-                    place = Path(tempfile.mkdtemp(prefix=prefix, dir=temporary))  # mode 0700
+                folder = _first_of_this_user(temporary, prefix)
+                if folder is None:
+                    folder = Path(tempfile.mkdtemp(prefix=prefix, dir=temporary))  # mode 0700
     except OSError as error:
         raise InputError(
-            f"{temporary}: no temporary folder can be made: {error.strerror}; set TMPDIR to another folder"
+            f"{temporary}: cannot create a temporary folder: {error.strerror}; set TMPDIR to another folder"
         ) from error
-    return place
+    return folder
 
 
 def _first_of_this_user(temporary: Path, prefix: str) -> Path | None:
-    """Return the first folder that is this user's alone; links and folders of other users are passed over."""
+    """Return the first private folder of this user; ignore links and folders of other users."""
     for path in sorted(temporary.glob(f"{prefix}*")):
         with contextlib.suppress(OSError):
             status = path.lstat()
@@ -54,29 +54,29 @@ def _first_of_this_user(temporary: Path, prefix: str) -> Path | None:
 
 
 class TemporaryFolder:
-    """A private folder that is deleted with everything in it, at the latest when a process makes another one.
+    """A private folder that is deleted with its content, like `tempfile.TemporaryDirectory`.
 
-    As `tempfile.TemporaryDirectory`, except that what a killed process left behind goes, too. As a context
-    manager it gives its path.
+    The folder of a killed process is deleted when a later process creates another one. As a context manager
+    it returns its path.
 
     Args:
-        kind: what it is for, the beginning of its name.
+        kind: purpose, the beginning of its name.
 
-    Raises InputError when it cannot be made.
+    Raises InputError if it cannot be created.
     """
 
     def __init__(self, kind: str) -> None:
-        place = private_folder()
+        parent = private_folder()
         try:
-            with _hold_lock(place):
-                _remove_abandoned(place)
-                self.path = Path(tempfile.mkdtemp(prefix=f"{kind}-", suffix=_ENDING, dir=place))
+            with _hold_lock(parent):
+                _remove_abandoned(parent)
+                self.path = Path(tempfile.mkdtemp(prefix=f"{kind}-", suffix=_ENDING, dir=parent))
                 lock = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
                 fcntl.flock(lock, fcntl.LOCK_EX)
         except OSError as error:
-            raise InputError(f"{place}: cannot be written: {error.strerror}") from error
+            raise InputError(f"{parent}: cannot be written: {error.strerror}") from error
         self.close = weakref.finalize(self, _close, self.path, lock)
-        """Deletes it; later calls do nothing."""
+        """Deletes the folder; later calls do nothing."""
 
     def __enter__(self) -> Path:
         return self.path
@@ -92,9 +92,9 @@ def _close(folder: Path, lock: int) -> None:
     os.close(lock)
 
 
-def _remove_abandoned(place: Path) -> None:
-    """Delete the folders whose process does not live any more: the system has freed their locks."""
-    for folder in place.glob(f"*{_ENDING}"):
+def _remove_abandoned(parent: Path) -> None:
+    """Delete the folders of dead processes, whose locks the system has released."""
+    for folder in parent.glob(f"*{_ENDING}"):
         with contextlib.suppress(OSError):
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:
@@ -106,7 +106,7 @@ def _remove_abandoned(place: Path) -> None:
 
 @contextlib.contextmanager
 def _hold_lock(folder: Path, patience: float = float("inf")) -> Iterator[None]:
-    """Hold the lock of a folder; after `patience` seconds, go on without it."""
+    """Hold the lock of a folder; after `patience` seconds, continue without it."""
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     deadline = time.monotonic() + patience
     try:
@@ -124,9 +124,9 @@ def _hold_lock(folder: Path, patience: float = float("inf")) -> Iterator[None]:
 
 
 def remove(folder: Path) -> None:
-    """Delete a folder with everything in it, also what cannot be written; of a link, the link alone.
+    """Delete a folder with its content, including read-only files; delete a link without its target.
 
-    What cannot be deleted stays, without an error.
+    Files that cannot be deleted remain, without an error.
     """
     with contextlib.suppress(OSError):
         if not stat.S_ISDIR(folder.lstat().st_mode):
@@ -139,17 +139,17 @@ def remove(folder: Path) -> None:
 
 
 def _make_writable(folder: Path) -> None:
-    """Let the user write in a folder and all those in it, wherever links in it point to."""
-    left = [str(folder)]
-    while left:
+    """Make a folder and all folders in it writable, without following links."""
+    pending = [str(folder)]
+    while pending:
         with contextlib.suppress(OSError):
-            # Of the folder itself, also where a link takes its place meanwhile.
-            descriptor = os.open(left.pop(), os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            # Of the folder itself, even if a link replaces it meanwhile.
+            descriptor = os.open(pending.pop(), os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:
                 inside = f"/proc/self/fd/{descriptor}"
                 os.chmod(inside, 0o700)  # noqa: PTH101
                 with os.scandir(inside) as entries:
                     names = [entry.name for entry in entries if entry.is_dir(follow_symlinks=False)]
-                left += [os.path.join(os.readlink(inside), name) for name in names]  # noqa: PTH115, PTH118
+                pending += [os.path.join(os.readlink(inside), name) for name in names]  # noqa: PTH115, PTH118
             finally:
                 os.close(descriptor)

@@ -1,4 +1,4 @@
-"""Files in tracebacks: how they are shown, and what they belong to."""
+"""Files and lines in tracebacks."""
 
 import contextlib
 import inspect
@@ -16,7 +16,7 @@ _CYTHON = frozenset({".pyx", ".pxd", ".pxi"})
 
 
 def shorten_path(file: str) -> str:
-    """A file's path, relative where it lies below the working folder."""
+    """Return a path, relative if it is below the working folder."""
     path = Path(file)
     with contextlib.suppress(OSError):
         folder = Path.cwd()
@@ -25,50 +25,50 @@ def shorten_path(file: str) -> str:
 
 
 def is_installed(file: str) -> bool:
-    """Whether a file belongs to Swarmwright, to Python, or to a package that was installed."""
+    """Return whether a file belongs to Swarmwright, to Python, or to an installed package."""
     path = Path(file)
     if {"site-packages", "dist-packages"} & set(path.parts):
         return True
-    # Compiled packages, such as NumPy's random numbers, have paths of the machine that compiled them.
+    # Compiled packages, such as NumPy's random numbers, have paths of the build machine.
     if path.suffix in _CYTHON and not path.is_file():
         return True
-    return file.startswith("<") or any(path.is_relative_to(place) for place in _places())
+    return file.startswith("<") or any(path.is_relative_to(folder) for folder in _installation_folders())
 
 
 @cache
-def _places() -> tuple[Path, ...]:
-    """Folders of Swarmwright and of Python."""
+def _installation_folders() -> tuple[Path, ...]:
+    """Return the folders of Swarmwright and of Python."""
     python = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib")}
-    return (Path(__file__).parents[1], *(Path(place) for place in sorted(python) if place))
+    return (Path(__file__).parents[1], *(Path(folder) for folder in sorted(python) if folder))
 
 
 def exception_text(error: BaseException) -> str:
-    """Return what an exception says; its own code may fail, too."""
+    """Return the text of an exception, whose own code may fail."""
     try:
         return str(error)
-    except Exception as other:  # noqa: BLE001 - a user's code may fail in any way
-        return f"its text cannot be made: {type(other).__name__}"
+    except Exception as failure:  # noqa: BLE001 - a user's code may fail in any way
+        return f"its text is unavailable: {type(failure).__name__}"
 
 
 def locate_error(error: BaseException) -> str:
-    """Return kind, text, and the last line of code that is not installed: `KeyError: 'x' (mine.py:12)`.
+    """Return kind, text and last line of user code of an exception: `KeyError: 'x' (mine.py:12)`.
 
-    An exception without a text is shown with the code: `AssertionError (mine.py:12: assert left > 0)`.
+    An exception without a text is shown with its code: `AssertionError (mine.py:12: assert left > 0)`.
     """
     words = escape_line(exception_text(error)).strip()
-    found = f"{type(error).__name__}{': ' if words else ''}{words}"
+    description = f"{type(error).__name__}{': ' if words else ''}{words}"
     frames = traceback.walk_tb(error.__traceback__)
     lines = [(frame.f_code.co_filename, line) for frame, line in frames]
-    own = [(file, line) for file, line in lines if not is_installed(file)]
-    if not own:
-        return found
-    file, line = own[-1]
+    user_lines = [(file, line) for file, line in lines if not is_installed(file)]
+    if not user_lines:
+        return description
+    file, line = user_lines[-1]
     code = "" if words else escape_line(linecache.getline(file, line).strip())
-    return f"{found} ({shorten_path(file)}:{line}{': ' if code else ''}{code})"
+    return f"{description} ({shorten_path(file)}:{line}{': ' if code else ''}{code})"
 
 
 def locate_definition(kind: Any) -> str:  # noqa: ANN401 - a class or a function
-    """Return the file and the line in which a class or a function is defined."""
+    """Return the file and line of the definition of a class or function."""
     try:
         return f"{shorten_path(inspect.getsourcefile(kind) or '')}:{inspect.getsourcelines(kind)[1]}"
     except (OSError, TypeError):

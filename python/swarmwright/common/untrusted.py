@@ -1,4 +1,4 @@
-"""Text of peers and files, escaped for output: it can neither control a terminal nor imitate another line.
+"""Escapes text of peers and files for output, so that it can neither control a terminal nor imitate a line.
 
 Servers and tools choose their titles, names and reasons freely, and so do files. A terminal interprets escape
 sequences (ESC and C1), line breaks, and Unicode's direction marks.
@@ -20,30 +20,30 @@ _NAMES = {"\n": r"\n", "\r": r"\r", "\t": r"\t"}
 
 
 def escape_line(text: str) -> str:
-    r"""Return text as one line: a line break is `\n`, ESC is `\x1b`, U+202E is `\u202e`."""
+    r"""Escape text as a single line: a line break is `\n`, ESC is `\x1b`, U+202E is `\u202e`."""
     return _IN_LINE.sub(lambda found: _NAMES.get(found[0]) or _escape(found[0]), text)
 
 
 def escape_lines(text: str) -> list[str]:
-    """Return the lines of a text of several, each escaped; tabs stay.
+    """Return the lines of a multi-line text, each escaped except for tabs.
 
-    The caller must indent them: at the left margin they could be mistaken for a line of Swarmwright.
+    The caller must indent them: at the left margin they could imitate a line of Swarmwright.
     """
     return ["\t".join(map(escape_line, line.split("\t"))) for line in text.removesuffix("\n").split("\n")]
 
 
 def escape_json(encoded: str) -> str:
-    r"""Return JSON with those characters that JSON leaves alone as `\u009b`: it means the same."""
+    r"""Escape characters that JSON permits unescaped, as `\u009b`; the value stays the same."""
     return _IN_JSON.sub(lambda found: f"\\u{ord(found[0]):04x}", encoded)
 
 
 def leads_elsewhere(text: str) -> bool:
-    """Return whether a text that is used as a path leads out of the folder that it is relative to."""
+    """Return whether a text, used as a relative path, leads out of its folder."""
     return text.startswith(("/", "~")) or ".." in PurePath(text).parts
 
 
 def find_outside_paths(value: Any) -> Iterator[str]:  # noqa: ANN401 - any JSON value
-    """Yield the texts in a value that lead out of a folder where they are used as paths."""
+    """Yield the texts in a value that, used as relative paths, lead out of their folder."""
     if isinstance(value, str):
         if leads_elsewhere(value):
             yield value

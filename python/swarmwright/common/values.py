@@ -1,4 +1,4 @@
-"""Plain and nested values: dotted names, sort keys, equality, hashes, containers that cannot be changed."""
+"""Nested values: dotted names, sort keys, equality, hashes, read-only containers."""
 
 import json
 import re
@@ -25,13 +25,13 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 Key = tuple[int, int | float, str, str]
 _DIGITS = 20
-"""To which whole numbers in texts are filled up, so that texts are sorted by their size."""
+"""Digits to which whole numbers in texts are padded, so that texts sort by their size."""
 _WHOLE = re.compile(r"(?<![\d.])\d+")
-"""Digits, but not those behind a decimal point, which are sorted as they are."""
+"""Digits, except after a decimal point."""
 
 
 def sort_key(values: Mapping[str, Any], keys: Collection[str]) -> list[Key]:
-    """Return by what the values of keys are sorted: missing ones, None, numbers by size, others as JSON.
+    """Return a sort key for the values of keys: missing ones, None, numbers by size, others as JSON.
 
     Different values have different sort keys.
     """
@@ -48,7 +48,7 @@ def _key(value: Any) -> Key:  # noqa: ANN401 - any plain value
 
 
 def hashable(value: Any) -> Any:  # noqa: ANN401 - any nested value
-    """Return what has the same hash for equal values: 1 and 1.0 are equal."""
+    """Return a hashable value that is equal for equal values; 1 and 1.0 are equal."""
     if isinstance(value, BaseModel):
         value = value.model_dump()
     if isinstance(value, Mapping):
@@ -57,7 +57,7 @@ def hashable(value: Any) -> Any:  # noqa: ANN401 - any nested value
 
 
 def plain_values(value: Any) -> Any:  # noqa: ANN401 - any nested value
-    """Return a copy of plain dicts and lists; numpy numbers and arrays become Python's, paths text."""
+    """Return a copy of plain dicts and lists; NumPy numbers and arrays become Python's, paths text."""
     if isinstance(value, Mapping):
         return {key: plain_values(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -69,35 +69,35 @@ def plain_values(value: Any) -> Any:  # noqa: ANN401 - any nested value
 
 def _refuse(*_: object, **__: object) -> NoReturn:
     raise TypeError(
-        "an experiment cannot be changed; experiment.replace(parameters={'name': value}) returns a changed "
-        "copy, experiment.to_mapping() plain values that can be changed"
+        "an experiment is read-only; experiment.replace(parameters={'name': value}) returns a changed copy, "
+        "experiment.to_mapping() a mutable mapping"
     )
 
 
 class ReadOnlyDict(dict[Any, Any]):
-    """A dict that cannot be changed; it equals one with the same items."""
+    """A read-only dict, equal to a dict with the same items."""
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse
 
     def __reduce__(self) -> tuple[type, tuple[dict[Any, Any]]]:
-        """Pickle and copy the items at once: none can be set afterwards."""
+        """Pickle and copy the items with the object: they cannot be set afterwards."""
         return type(self), (dict(self),)
 
 
 class ReadOnlyList(list[Any]):
-    """A list that cannot be changed; it equals one with the same items."""
+    """A read-only list, equal to a list with the same items."""
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = _refuse
     append = clear = extend = insert = pop = remove = reverse = sort = _refuse
 
     def __reduce__(self) -> tuple[type, tuple[list[Any]]]:
-        """Pickle and copy the items at once: none can be set afterwards."""
+        """Pickle and copy the items with the object: they cannot be set afterwards."""
         return type(self), (list(self),)
 
 
 def read_only(value: Any) -> Any:  # noqa: ANN401 - any nested value
-    """Return a value with read-only dictionaries and lists; options (pydantic) keep them in their place."""
+    """Return a value with read-only dicts and lists; those in options (pydantic) are replaced in place."""
     if isinstance(value, ReadOnlyDict | ReadOnlyList):
         return value
     if isinstance(value, Mapping):
@@ -113,16 +113,16 @@ def read_only(value: Any) -> Any:  # noqa: ANN401 - any nested value
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - any nested value
-    """Return a copy with ordinary dictionaries and lists in the place of read-only ones."""
+    """Return a copy with ordinary dicts and lists instead of read-only ones."""
     if isinstance(value, dict):
         return {key: plain(inner) for key, inner in value.items()}
     return list(map(plain, value)) if isinstance(value, list) else value
 
 
 class ComparedByValue:
-    """A dataclass (with `eq=False`) whose objects are equal when they have the same values, NaN among them.
+    """A dataclass (with `eq=False`) whose objects are equal if their values are, including arrays and NaN.
 
-    The equality that dataclasses generate fails on arrays, and two numbers that are NaN are not equal there.
+    The generated equality of dataclasses fails for arrays and NaN.
     """
 
     __slots__ = ()
@@ -139,20 +139,22 @@ class ComparedByValue:
         return equal if equal is NotImplemented else not equal
 
 
-def are_equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - any values
-    """Return whether two values are equal; arrays and NaN are among them."""
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        return _are_arrays_equal(one, other)
-    if isinstance(one, str | bytes) or type(one) is not type(other):
-        return bool(one == other)
-    if isinstance(one, Mapping):
-        return one.keys() == other.keys() and all(are_equal(value, other[key]) for key, value in one.items())
-    if isinstance(one, Sequence):
-        return len(one) == len(other) and all(map(are_equal, one, other))
-    return bool(one == other or (one != one and other != other))
+def are_equal(first: Any, second: Any) -> bool:  # noqa: ANN401 - any values
+    """Return whether two values are equal, including arrays and NaN."""
+    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
+        return _are_arrays_equal(first, second)
+    if isinstance(first, str | bytes) or type(first) is not type(second):
+        return bool(first == second)
+    if isinstance(first, Mapping):
+        return first.keys() == second.keys() and all(
+            are_equal(value, second[key]) for key, value in first.items()
+        )
+    if isinstance(first, Sequence):
+        return len(first) == len(second) and all(map(are_equal, first, second))
+    return bool(first == second or (first != first and second != second))
 
 
-def _are_arrays_equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - arrays, or one of them
-    if type(one) is not type(other) or one.dtype != other.dtype:
+def _are_arrays_equal(first: Any, second: Any) -> bool:  # noqa: ANN401 - arrays, or one of them
+    if type(first) is not type(second) or first.dtype != second.dtype:
         return False
-    return bool(np.array_equal(one, other, equal_nan=one.dtype.kind in "fc"))
+    return bool(np.array_equal(first, second, equal_nan=first.dtype.kind in "fc"))

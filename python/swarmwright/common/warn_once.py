@@ -1,22 +1,22 @@
-"""Warnings that appear once in a process, however often their cause is met."""
+"""Warnings that appear once in a process."""
 
 import logging
 
 _given: set[str] = set()
-"""Keys of the warnings that were given."""
+"""Keys of the issued warnings."""
 
 
 def warn_once(text: str, *, key: str | None = None) -> None:
     """Log a warning unless this process has logged it before.
 
-    A process may meet a cause often: for every run of a sweep or of a loop in a notebook, for every
-    candidate. A new process, such as another call of the program, warns again.
+    A cause may occur often: for every run of a sweep or of a loop in a notebook, for every candidate. A new
+    process warns again.
 
     Args:
-        text: of the warning; it names what it is about, so that the warnings of two runs differ.
-        key: what is the same for warnings that count as one although their texts differ; default: the text.
+        text: text of the warning, with its subject, so that the warnings of two runs differ.
+        key: shared key of warnings that count as one although their texts differ; default: the text.
     """
-    known = text if key is None else key
-    if known not in _given:
-        _given.add(known)
+    identity = text if key is None else key
+    if identity not in _given:
+        _given.add(identity)
         logging.getLogger("swarmwright").warning("%s", text)

@@ -1,7 +1,7 @@
 """XML with line numbers, read without external access and with bounded memory.
 
-Files may name a DTD; it is not fetched. Declarations of an internal DTD are refused, nothing else needs
-it: entities, which expand to text of any length, and attributes with defaults, which every element then has.
+An external DTD is not fetched. Declarations in an internal DTD are refused: entities, which expand to text of
+any length, and default attributes, which every element then has.
 """
 
 from collections.abc import Iterator
@@ -14,14 +14,14 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.files import first_character_of, read_contents
 
 _MOST_NODES = 2_000_000
-"""Elements and attributes of a file; each takes about 400 bytes."""
+"""Largest number of elements and attributes of a file; each takes about 400 bytes."""
 _DEEPEST_NESTING = 50
-"""Levels of nesting."""
+"""Largest number of nesting levels."""
 
 
 @dataclass
 class Element:
-    """An element: its name, attributes, text, elements inside, and its position."""
+    """An element: position, name, attributes, children and text."""
 
     file: str
     line: int
@@ -31,28 +31,28 @@ class Element:
     text: str = ""
 
     def error(self, message: str) -> InputError:
-        """Return an error about this element, to be raised."""
+        """Return an error on this element, to be raised."""
         return InputError(f"{self.file}:{self.line}: <{self.tag}>: {message}")
 
-    def all(self, tag: str) -> list["Element"]:
-        """Return the elements directly inside of this name."""
+    def find_all(self, tag: str) -> list["Element"]:
+        """Return the children with this name."""
         return [child for child in self.children if child.tag == tag]
 
-    def one(self, tag: str) -> "Element":
-        """Return the only element of this name directly inside; raise InputError unless there is one."""
-        found = self.all(tag)
-        if len(found) != 1:
-            raise self.error(f"{len(found) or 'no'} <{tag}> inside; expected one")
-        return found[0]
+    def find_one(self, tag: str) -> "Element":
+        """Return the only child with this name; raise InputError unless there is exactly one."""
+        matches = self.find_all(tag)
+        if len(matches) != 1:
+            raise self.error(f"{len(matches) or 'no'} <{tag}> inside; expected one")
+        return matches[0]
 
     def attribute(self, name: str) -> str:
-        """Return an attribute; raise InputError when it is missing."""
+        """Return an attribute; raise InputError if it is missing."""
         if name not in self.attributes:
             raise self.error(f"the attribute {name} is missing")
         return self.attributes[name]
 
     def walk(self) -> Iterator["Element"]:
-        """Yield this element and everything inside, in the file's order."""
+        """Yield this element and all descendants, in the file's order."""
         yield self
         for child in self.children:
             yield from child.walk()
@@ -74,14 +74,14 @@ class _Builder:
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.CharacterDataHandler = self._text
-        self.parser.EntityDeclHandler = self._entity
-        self.parser.SkippedEntityHandler = self._entity
-        self.parser.AttlistDeclHandler = self._declared
-        # Without a handler for external entities expat leaves the DTD alone, and skips what that may declare.
+        self.parser.EntityDeclHandler = self._refuse_entity
+        self.parser.SkippedEntityHandler = self._refuse_entity
+        self.parser.AttlistDeclHandler = self._refuse_attribute
+        # Without a handler for external entities, expat ignores the DTD and its declarations.
         self.parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
 
     def begin(self, tag: str, attributes: dict[str, str]) -> None:
-        """Note the root element, and read no further."""
+        """Store the root element, and stop reading."""
         self.root = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
         raise _RootFoundError
 
@@ -105,14 +105,14 @@ class _Builder:
     def _text(self, text: str) -> None:
         self._texts[-1].append(text)
 
-    def _declared(self, element: str, attribute: str, *_rest: object) -> None:
+    def _refuse_attribute(self, element: str, attribute: str, *_rest: object) -> None:
         line = self.parser.CurrentLineNumber
         raise InputError(
             f"{self.name}:{line}: declares the attribute {attribute} of <{element}> in a DTD, which is not "
             "supported; write the attribute where it is used"
         )
 
-    def _entity(self, entity: str, *_rest: object) -> None:
+    def _refuse_entity(self, entity: str, *_rest: object) -> None:
         line = self.parser.CurrentLineNumber
         raise InputError(
             f"{self.name}:{line}: uses the entity {entity} of a DTD, which is not supported; write its text"
@@ -120,12 +120,12 @@ class _Builder:
 
 
 class _Counter(_Builder):
-    """Keeps of the elements only those that are open, without what is inside."""
+    """Keeps only the open elements, without their content."""
 
     def __init__(self, name: str, most: int, deepest: int) -> None:
         super().__init__(name, most, deepest)
-        self.parser.CommentHandler = self._other
-        self.parser.ProcessingInstructionHandler = self._other
+        self.parser.CommentHandler = self._count_node
+        self.parser.ProcessingInstructionHandler = self._count_node
 
     def _end(self, tag: str) -> None:
         super()._end(tag)
@@ -133,22 +133,22 @@ class _Counter(_Builder):
             self.open[-1].children.clear()
 
     def _text(self, text: str) -> None:
-        """Leave the text out."""
+        """Ignore the text."""
 
-    def _other(self, *_: object) -> None:
+    def _count_node(self, *_: object) -> None:
         self._count += 1
 
 
 def check(data: bytes, name: str, most: int, deepest: int) -> None:
-    """Check XML for other parsers: these keep all of it, and may expand or fetch entities.
+    """Check XML before other parsers read it, which keep all of it and may expand or fetch entities.
 
     Args:
         data: the file's content.
-        name: of the file, for messages.
-        most: elements, attributes, comments and processing instructions.
-        deepest: levels of nesting.
+        name: name of the file, for messages.
+        most: largest number of elements, attributes, comments and processing instructions.
+        deepest: largest number of nesting levels.
 
-    Raises InputError, with file and line, for what is not valid, too much, or declared in a DTD.
+    Raises InputError, with file and line, for invalid or too large files, and for declarations in a DTD.
     """
     _feed(_Counter(name, most, deepest), data)
 
@@ -156,17 +156,17 @@ def check(data: bytes, name: str, most: int, deepest: int) -> None:
 def read(path: Path) -> Element:
     """Return the root element of an XML file.
 
-    Raises InputError, with file and line, when it cannot be read or is not valid XML.
+    Raises InputError, with file and line, if it cannot be read or is not valid XML.
     """
     builder = _parse(path)
-    assert builder.root is not None  # expat finds no document without one
+    assert builder.root is not None  # expat requires a root
     return builder.root
 
 
 def root_of(path: Path) -> Element:
-    """Return an XML file's root element without what is inside; what follows need not be valid.
+    """Return the root element of an XML file without its content, which need not be valid.
 
-    Raises InputError, with file and line, when it cannot be read or has none.
+    Raises InputError, with file and line, if the file cannot be read or has no root.
     """
     root = _parse(path, stop=True).root
     assert root is not None  # as above
@@ -174,7 +174,7 @@ def root_of(path: Path) -> Element:
 
 
 def _parse(path: Path, *, stop: bool = False) -> _Builder:
-    """Return the builder that has read a file; stop: to the start of its root element only."""
+    """Read a file, and return the builder; stop: only up to the start of the root element."""
     data = read_contents(path)
     first = first_character_of(data)
     if first not in {"", "<"}:

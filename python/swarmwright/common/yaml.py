@@ -1,4 +1,4 @@
-"""YAML 1.2 with line numbers: every problem of a file at once, each with its line."""
+"""YAML 1.2 with line numbers: reports all problems of a file at once, each with its line."""
 
 import json
 import math
@@ -19,14 +19,14 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.files import IS_UTF16, is_utf16, read_bytes, suggest_file
 
 Path_ = tuple[str | int, ...]
-"""The place of a value: keys and list indices from the top."""
+"""The path to a value: keys and list indices from the top."""
 
 LARGEST_FILE = 1 << 26
-"""Bytes."""
+"""Largest size in bytes."""
 LONGEST_NUMBER = 1000
-"""Characters. Python does not write integers of more than 4300 digits."""
+"""Largest number of characters. Python does not write integers of more than 4300 digits."""
 _MOST_VALUES = 1_000_000
-"""Values of a file: aliases of aliases can make a short one endless."""
+"""Largest number of values of a file: nested aliases can make a short file endless."""
 _TAG = "tag:yaml.org,2002:"
 _PART = re.compile(r"[^.\[\]]+|\[\d+\]")
 _WORDS = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_]|[ ./-](?=[A-Za-z0-9_]))*")
@@ -34,38 +34,37 @@ _NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n
 _CONTROL = re.compile(r"[^\t\n -~\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _SEVERAL = "expected a single document in the stream"
-"""The parser's words."""
+"""The parser's message."""
 _HINTS = {
-    "mapping values are not allowed here": "; a colon with a space after it begins the value of a key: "
-    "leave the space out, as in gymnasium:CartPole-v1, put text with a colon into quotes, or correct the "
-    "indentation",
-    "expected <block end>": "; keys of the same mapping, and items of a list, begin in the same column",
+    "mapping values are not allowed here": "; a colon followed by a space begins the value of a key: remove "
+    "the space, as in gymnasium:CartPole-v1, put text with a colon into quotes, or correct the indentation",
+    "expected <block end>": "; keys of a mapping, and items of a list, must begin in the same column",
 }
-"""Words of the parser -> what is to be done about it."""
+"""Message of the parser -> remedy."""
 _LINE_CHARACTERS = 110
-"""Characters of a line."""
+"""Largest number of characters of a line."""
 
 
 @dataclass
 class Source:
-    """What a file says and where it says it."""
+    """The values of a file with their lines."""
 
     name: str
-    """How the file was named by its user."""
+    """The file as named by the user."""
     values: Any = None
     lines: dict[Path_, int] = field(default_factory=dict)
     """Line, from 1, of each key and list item."""
     problems: list[tuple[Path_, int, str]] = field(default_factory=list)
-    """What is wrong with the file as YAML: where, line, what."""
+    """Problems of the YAML: path, line, message."""
     options: dict[Path_, str] = field(default_factory=dict)
-    """The command line's option for each value that comes from there, as it was given."""
+    """The option of the command line for each value set by one, as typed."""
     above: Path_ = ()
-    """Of a part of a file: where it stands there, which precedes its paths in messages."""
+    """For a part of a file: its path there, which precedes paths in messages."""
 
-    def place(self, path: Path_) -> str:
-        """Return "file:line: a.b.c: " for the value at `path`, or "--set a.b.c=5: " for one set by an option.
+    def locate(self, path: Path_) -> str:
+        """Return "file:line: a.b.c: " for the value at `path`, or "--set a.b.c=5: " if an option set it.
 
-        A value without a line has that of the nearest value above it.
+        A value without a line gets that of the nearest value above it.
         """
         above = self._nearest(path)
         dotted = format_path((*self.above, *path))
@@ -76,22 +75,22 @@ class Source:
         return f"{where}{dotted}: " if dotted else where
 
     def order(self, path: Path_) -> tuple[int, int]:
-        """Return a key that sorts paths by line, then those set by options in their order."""
+        """Return a sort key for paths: by line, then those set by options in their order."""
         above = self._nearest(path)
         if above in self.options:
             return 1, list(self.options).index(above)
         return 0, self.lines.get(above, 0)
 
     def is_option(self, path: Path_) -> bool:
-        """Whether the value at a path was set by an option."""
+        """Return whether an option set the value at a path."""
         return self._nearest(path) in self.options
 
     def folder(self, path: Path_) -> Path:
-        """Return the folder that a file named at `path` is relative to: that of the file that names it."""
+        """Return the base folder of a relative file name at `path`: that of the file that names it."""
         return Path(self.name).parent if self.name and not self.is_option(path) else Path()
 
     def _nearest(self, path: Path_) -> Path_:
-        """Return the path, or the nearest thing whose place is known."""
+        """Return the path, or the nearest path with a known line or option."""
         while path and path not in self.options and path not in self.lines:
             below = next((option for option in self.options if option[: len(path)] == path), None)
             if below is not None:  # an option created this value
@@ -101,7 +100,7 @@ class Source:
 
 
 def format_path(path: Path_) -> str:
-    """Return `("a", "b", 0)` as "a.b[0]"."""
+    """Format `("a", "b", 0)` as "a.b[0]"."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
@@ -109,15 +108,15 @@ def format_path(path: Path_) -> str:
 
 
 def parse_path(dotted: str) -> Path_:
-    """Return "a.b[0]" as `("a", "b", 0)`."""
+    """Parse "a.b[0]" as `("a", "b", 0)`."""
     return tuple(int(part[1:-1]) if part[0] == "[" else part for part in _PART.findall(dotted))
 
 
 def read(path: Path) -> Source:
     """Read a YAML file of one document.
 
-    Raises InputError when the file cannot be read or is not valid YAML; duplicate keys and such are collected
-    in `problems`.
+    Raises InputError if the file cannot be read or is not valid YAML; duplicate keys and similar problems are
+    collected in `problems`.
     """
     try:
         data = read_bytes(path, LARGEST_FILE)
@@ -131,14 +130,12 @@ def read(path: Path) -> Source:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: is not UTF-8 text (byte {error.start} is not part of a character)"
-        ) from error
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start} is invalid)") from error
     return parse(text, str(path))
 
 
 def parse(text: str, name: str) -> Source:
-    """Parse YAML text; `name` is what it is called in messages."""
+    """Parse YAML text; `name` is its name in messages."""
     source = Source(name)
     try:
         yaml = YAML(typ="safe", pure=True)
@@ -148,12 +145,12 @@ def parse(text: str, name: str) -> Source:
         node = yaml.compose(text if text.endswith("\n") else f"{text}\n")
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        place = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
+        location = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
         problem = str(error.problem or error.context)
         if isinstance(error, ComposerError) and error.context == _SEVERAL:
-            raise InputError(f"{place}one document is expected, and another begins here") from error
+            raise InputError(f"{location}a second document begins here; only one is supported") from error
         hint = next((hint for words, hint in _HINTS.items() if words in problem), "")
-        raise InputError(f"{place}is not valid YAML: {problem}{hint}") from error
+        raise InputError(f"{location}is not valid YAML: {problem}{hint}") from error
     except ReaderError as error:
         line, character = text.count("\n", 0, error.position) + 1, ord(text[error.position])
         raise InputError(
@@ -169,7 +166,7 @@ def parse(text: str, name: str) -> Source:
 
 
 class _Composer(Composer):
-    """Stops at a file with more values than the limit."""
+    """A composer with a limit on the number of values."""
 
     _composed = 0
 
@@ -191,7 +188,7 @@ class _Composer(Composer):
 
 
 class _Builder:
-    """Turns the node graph into plain values; tags are never executed."""
+    """Converts the node graph to plain values; tags are never executed."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -265,7 +262,7 @@ class _Builder:
         return None
 
     def _text(self, node: Node, path: Path_) -> str:
-        """Return the text of a scalar; pairs of escapes, as JSON writes characters above U+FFFF, are one."""
+        """Return the text of a scalar; join surrogate escapes, as JSON writes characters above U+FFFF."""
         text: str = node.value
         if _SURROGATE.search(text):
             text = text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
@@ -278,7 +275,7 @@ class _Builder:
 
 
 def remove_locations(problems: str, name: str) -> str:
-    """Return problems of a text that was parsed under a name, such as one that is in no file, without it."""
+    """Remove the name and lines from problems of a text that is not in a file."""
     return re.sub(rf"{re.escape(name)}(:\d+)*: ", "", problems)
 
 
@@ -301,7 +298,7 @@ def _number(text: str) -> float:
 
 
 def dump(values: Mapping[str, Any]) -> str:
-    """Return a mapping of plain values as YAML: keys in the order given, a line each, lists in brackets."""
+    """Format a mapping of plain values as YAML: a line per key, lists in brackets."""
     # ruamel.yaml takes 16 ms for a large experiment, longer than a short run: docs/decisions/013.
     return "".join(f"{line}\n" for line in _mapping_lines(values, "")) or "{}\n"
 
@@ -334,7 +331,7 @@ def _wrap_list(values: list[Any], indent: str) -> Iterator[str]:
 
 
 def _flow(value: Any) -> str:  # noqa: ANN401 - any plain value
-    """Return a value in the style of JSON."""
+    """Format a value in the style of JSON."""
     if isinstance(value, str):
         return _text(value)
     if value is None or isinstance(value, bool):
@@ -349,8 +346,8 @@ def _flow(value: Any) -> str:  # noqa: ANN401 - any plain value
 
 
 def _text(text: str) -> str:
-    """Return text as it is where that is a plain word, else in quotes."""
-    # Plain scalars with signs in them are not always read back as what they were.
+    """Return a plain word unchanged, other text in quotes."""
+    # Plain scalars with punctuation are not always read back unchanged.
     if _WORDS.fullmatch(text) and text.lower() not in _NO_TEXT:
         return text
     quoted = json.dumps(text, ensure_ascii=False)
@@ -361,5 +358,5 @@ def _decimal(number: float) -> str:
     if not math.isfinite(number):
         return ".nan" if math.isnan(number) else ".inf" if number > 0 else "-.inf"
     text = repr(number)
-    # YAML takes 1e-05 for text, 1.0e-05 for a number.
+    # In YAML, 1e-05 is text and 1.0e-05 a number.
     return text if "." in text else text.replace("e", ".0e")

@@ -36,7 +36,7 @@ def given_source(experiment: "Experiment", key: str) -> Source | None:
 def place_of(experiment: "Experiment", key: str) -> str:
     """Return where a key stands, `file.yaml:3: simulation: `; without a file or a line, what is known."""
     source = given_source(experiment, key)
-    return f"{key}: " if source is None else source.place((key,))
+    return f"{key}: " if source is None else source.locate((key,))
 
 
 def with_environment(experiment: "Experiment") -> "Experiment":

@@ -535,11 +535,11 @@ def with_source(
     """
     if not isinstance(source.values, Mapping):
         raise InputError(
-            f"{source.place(())}expected a mapping with keys of an experiment such as 'simulation'"
+            f"{source.locate(())}expected a mapping with keys of an experiment such as 'simulation'"
         )
     others = [key for key in source.values if key not in only]
     if others:
-        lines = [f"{source.place((key,))}{reason}" for key in others]
+        lines = [f"{source.locate((key,))}{reason}" for key in others]
         raise InputError("\n".join(lines) + (f"; {rule}" if len(lines) == 1 else f"\n{rule}"))
     values = experiment.to_mapping()
     if source.values.get("simulation", experiment.simulation) != experiment.simulation:

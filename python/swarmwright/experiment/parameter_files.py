@@ -67,7 +67,7 @@ def resolve(
             (name,), result[name], folder if own is None else partial(_beside, own), files
         )
         for place, message in wrong:
-            report(*((place, message) if own is None else ((name,), own.place(place[1:]) + message)))
+            report(*((place, message) if own is None else ((name,), own.locate(place[1:]) + message)))
         if wrong:
             del result[name]
     return result, files
@@ -159,7 +159,7 @@ def _read_yaml(path: Path) -> yaml.Source:
     source = yaml.read(path)
     if source.problems:
         told = (
-            yaml.Source(source.name, lines={place: line}).place(place) + message
+            yaml.Source(source.name, lines={place: line}).locate(place) + message
             for place, line, message in source.problems
         )
         raise InputError("\n".join(told))

@@ -227,7 +227,7 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, 
         problems += _range_problems(experiment, source)
         names = [OtherSimulation.of(entry).name for entry in entries]
         doubled = [name for index, name in enumerate(names) if name in names[:index]]
-        problems += [f"{source.place(('validate', 'to'))}{name} is named twice" for name in doubled[:1]]
+        problems += [f"{source.locate(('validate', 'to'))}{name} is named twice" for name in doubled[:1]]
     if problems:
         raise InputError("\n".join(problems))
     return changed
@@ -242,7 +242,7 @@ def _described(
     there = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
     for index, name in enumerate(options.descriptor):
         if name not in there:
-            place = source.place(("ranking", "descriptor", index))
+            place = source.locate(("ranking", "descriptor", index))
             raise InputError(f"{place}{unknown('metric', name, there)}")
     return options.model_copy(update={"descriptor": options.descriptor or there})
 
@@ -256,7 +256,7 @@ def _range_problems(experiment: Experiment, source: Source) -> list[str]:
         if ranges:
             PseudoReality(tuple(ranges)).experiments(alone(experiment), 1)
     except InputError as error:
-        return [f"{source.place(('validate', key))}{error}"]
+        return [f"{source.locate(('validate', key))}{error}"]
     return []
 
 
@@ -269,18 +269,18 @@ def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_,
         if not ask:
             return entry  # as a run holds it
         keys = {key: value for key, value in entry.items() if key != "name"}
-        name, place = OtherSimulation.of(entry).name, source.place(path)
+        name, place = OtherSimulation.of(entry).name, source.locate(path)
         return _with_keys(experiment, name, _part(source, path, keys), place)
     if entry.endswith(_FILES):
         try:
             said = read(folder / entry)
         except InputError as error:
-            raise InputError(f"{source.place(path)}{error}") from error
-        return _with_keys(experiment, entry, said, source.place(path), ask=ask)
+            raise InputError(f"{source.locate(path)}{error}") from error
+        return _with_keys(experiment, entry, said, source.locate(path), ask=ask)
     if entry.endswith((".fmu", ".ssp")):
         keys = {"simulation": entry, "parameters": dict(experiment.parameters)}
         said = Source("", keys) if source.is_option(path) else _part(source, path, keys)
-        return _with_keys(experiment, entry, said, source.place(path), ask=ask)
+        return _with_keys(experiment, entry, said, source.locate(path), ask=ask)
     if is_python(entry):
         entry = make_absolute(entry, folder)
     if ask:
@@ -288,8 +288,8 @@ def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_,
         try:
             (there,) = target.experiments(experiment, 1)
         except InputError as error:
-            raise InputError(f"{source.place(path)}{error}") from error
-        _require_fit(entry, there, experiment, source.place(path))
+            raise InputError(f"{source.locate(path)}{error}") from error
+        _require_fit(entry, there, experiment, source.locate(path))
     return entry
 
 

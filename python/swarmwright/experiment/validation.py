@@ -111,8 +111,8 @@ def _importable(source: Source) -> str:
 
 def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
     if not line:
-        return source.place(path) + message
-    return Source(source.name, lines={path: line}).place(path) + message
+        return source.locate(path) + message
+    return Source(source.name, lines={path: line}).locate(path) + message
 
 
 def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
@@ -169,7 +169,7 @@ def _in_files(files: Mapping[Path_, Source], report: Report) -> Report:
         # From the inside out: a mission's file may name one of a robot.
         for length in range(len(place), 0, -1):
             if place[:length] in files:
-                message = files[place[:length]].place(place[length:]) + message
+                message = files[place[:length]].locate(place[length:]) + message
                 place = place[:length]
         report((*path[:1], *place) if place else path, message)
 

@@ -240,7 +240,7 @@ def _strip_folders(value: Any, run: Path, *, machines: bool = False) -> Any:  # 
     if _ABSOLUTE_CLASS.fullmatch(value):
         parsed = SimulationName.parse(display_name(value))
         file = parsed.file
-        return parsed.in_file(file.name) if file is not None and file.is_absolute() else parsed.text
+        return parsed.with_file(file.name) if file is not None and file.is_absolute() else parsed.text
     for folder in dict.fromkeys([run.absolute(), run.resolve()]):
         if value == str(folder):
             return "."

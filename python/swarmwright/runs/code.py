@@ -70,7 +70,7 @@ def collect_code(experiment: Experiment, patterns: Sequence[str] | None = None) 
     if not is_python(simulation):
         return parts
     held = find_environment_copy(simulation) or Copy.find_containing(
-        Path(SimulationName.parse(simulation).place).absolute()
+        Path(SimulationName.parse(simulation).location).absolute()
     )
     part = choose(*held).part if held is not None else read_simulation(simulation)
     if part is None:
@@ -198,7 +198,7 @@ def resolve_experiment(
         experiment = _with_environment(_with_files(experiment, copy), copy)
     if copy is not None and "simulation" in copy.parts and _is_copied(experiment.simulation):
         copied = copy.parts["simulation"]
-        name = SimulationName.parse(experiment.simulation).in_file(copy.main_path(copied).absolute())
+        name = SimulationName.parse(experiment.simulation).with_file(copy.main_path(copied).absolute())
         return dataclasses.replace(experiment, simulation=name)
     if copy is None:
         _check_simulation_exists(run, experiment.simulation)
@@ -490,7 +490,7 @@ def _component_label(copied: CopiedPart) -> str:
 def _is_copied(simulation: str) -> bool:
     """Return whether an experiment's simulation is a class or a command in a run's copy."""
     parsed = SimulationName.parse(simulation)
-    return not parsed.is_environment and Copy.find_containing(Path(parsed.place)) is not None
+    return not parsed.is_environment and Copy.find_containing(Path(parsed.location)) is not None
 
 
 def _is_environment_copied(copied: CopiedPart) -> bool:
@@ -501,21 +501,23 @@ def _is_environment_copied(copied: CopiedPart) -> bool:
 def _has_own_source(simulation: str) -> bool:
     """Return whether runs of a simulation keep a copy of its code."""
     parsed = SimulationName.parse(simulation)
-    package = parsed.place.partition(".")[0]
+    package = parsed.location.partition(".")[0]
     return parsed.is_python and not parsed.is_environment and package not in {"__main__", "swarmwright"}
 
 
 def _check_simulation_exists(run: "Run", simulation: str) -> None:
     parsed = SimulationName.parse(simulation)
     if parsed.is_command:
-        if not Path(parsed.place).parent.is_dir():
+        if not Path(parsed.location).parent.is_dir():
             raise InputError(
-                f"{run.path}: the folder of its simulation, {Path(parsed.place).parent}, is missing; restore "
+                f"{run.path}: the folder of its simulation, {Path(parsed.location).parent}, is missing; "
+                "restore "
                 "it"
             )
     elif parsed.is_python and parsed.file is not None and not parsed.file.is_file():
         raise InputError(
-            f"{run.path}: the code of its simulation, {parsed.place}, is missing, and the run has no copy of "
+            f"{run.path}: the code of its simulation, {parsed.location}, is missing, and the run has no "
+            "copy of "
             f"it; put {parsed.file.name} beside the run folder, or specify it with --simulation "
             f"FILE:{parsed.member} (in Python: simulation=..)"
         )
@@ -545,7 +547,7 @@ def _with_simulation(experiment: Experiment, simulation: str | type) -> Experime
 
 def _name_in_part(experiment: Experiment, part: Part) -> str:
     location = part.origin if part.module is None else part.module
-    return SimulationName.parse(experiment.simulation).in_file(location)
+    return SimulationName.parse(experiment.simulation).with_file(location)
 
 
 def _rename_main_file(copied: CopiedPart, part: Part) -> Part:

@@ -199,7 +199,7 @@ def estimate_gain(
     if not (better.is_reportable and baseline.is_reportable):
         return None
     samples = (evaluation.ranking.samples(evaluation.counted) for evaluation in (better, baseline))
-    return estimate([first - second for first, second in zip(*samples, strict=True)], of=intervals)
+    return estimate([first - second for first, second in zip(*samples, strict=True)], comparisons=intervals)
 
 
 def load_validation(

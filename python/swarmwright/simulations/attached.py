@@ -42,7 +42,7 @@ def load_adapter(name: str) -> "type[Simulation | BatchSimulation]":
 @cache
 def _make_library_class(name: str) -> "type[Simulation | BatchSimulation]":
     parsed = SimulationName.parse(name)
-    library, environment, options = parsed.library, parsed.place, parsed.options()
+    library, environment, options = parsed.library, parsed.location, parsed.options()
     if not environment:
         raise InputError(f"{name} names no environment; expected {library}:ENVIRONMENT, {_EXAMPLES[library]}")
     file, colon, member = environment.partition(":")

@@ -173,11 +173,11 @@ class Attachment(Options):
         """Read a file. Raises InputError with file, line and field."""
         source = yaml.read(path)
         if source.problems:
-            raise InputError("; ".join(f"{source.place(at)}{text}" for at, _, text in source.problems))
+            raise InputError("; ".join(f"{source.locate(at)}{text}" for at, _, text in source.problems))
         try:
             attachment = cls.model_validate(source.values)
         except ValidationError as error:
-            found = [f"{source.place(at)}{text}" for at, text in problems_of(error, cls)]
+            found = [f"{source.locate(at)}{text}" for at, text in problems_of(error, cls)]
             raise InputError("; ".join(found)) from None
         attachment._folder = path.absolute().parent  # type: ignore[misc] # a private attribute
         return attachment

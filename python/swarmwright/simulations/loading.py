@@ -116,7 +116,7 @@ def load(name: str, folder: Path | None = None) -> Kind:
         return _load_environment_copy(name, *environment_copy)
     if parsed.is_environment or parsed.is_command:
         if parsed.file is not None:
-            name = _choose_command(parsed.in_file(((folder or Path()) / parsed.file).absolute()))
+            name = _choose_command(parsed.with_file(((folder or Path()) / parsed.file).absolute()))
         _add_working_folder("" if parsed.library == "vmas" else parsed.module)
         # Imported by name, because adapters depend on this module.
         adapted: type[Simulation | BatchSimulation] = importlib.import_module(
@@ -124,7 +124,7 @@ def load(name: str, folder: Path | None = None) -> Kind:
         ).load_adapter(name)
         return adapted
     member = parsed.member
-    if not parsed.place or not member:
+    if not parsed.location or not member:
         raise InputError(
             f"{name!r} does not name a class; expected path/to/file.py:Class, package.module:Class or an "
             "environment"
@@ -137,7 +137,7 @@ def load(name: str, folder: Path | None = None) -> Kind:
     if isinstance(value, type) and issubclass(value, Simulation | BatchSimulation | Physics):
         return value
     classes = _classes(module)
-    where = getattr(module, "__file__", None) or parsed.place
+    where = getattr(module, "__file__", None) or parsed.location
     if value is not None:
         problem = suggest_environment_name(value, name) or "is not a subclass of swarmwright.Simulation"
         raise InputError(f"{where}: {member} {problem}")
@@ -183,7 +183,7 @@ def _choose_command(name: str) -> str:
         require_copy(copy, copied, choice)
         if choice.copied and choice.current is not None:
             warn_of_copy(copy, copied, choice.current)
-    return name if choice.copied else parsed.in_file(choice.part.origin)
+    return name if choice.copied else parsed.with_file(choice.part.origin)
 
 
 def _load_environment_copy(name: str, copy: Copy, copied: CopiedPart) -> type[Simulation]:

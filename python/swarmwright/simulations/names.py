@@ -43,7 +43,7 @@ def _quote(text: bytes) -> str:
 def make_absolute(name: str, folder: Path | None = None) -> str:
     """Return a name with its file, if any, as an absolute path."""
     parsed = SimulationName.parse(name)
-    return name if parsed.file is None else parsed.in_file(((folder or Path()) / parsed.file).resolve())
+    return name if parsed.file is None else parsed.with_file(((folder or Path()) / parsed.file).resolve())
 
 
 def make_relative(name: str, folder: Path) -> str:
@@ -52,7 +52,7 @@ def make_relative(name: str, folder: Path) -> str:
     if parsed.file is None:
         return name
     try:
-        return parsed.in_file(Path(os.path.relpath(parsed.file, folder)))
+        return parsed.with_file(Path(os.path.relpath(parsed.file, folder)))
     except ValueError:  # on another drive
         return name
 
@@ -68,7 +68,7 @@ def resolve_run_name(name: str, run: Path) -> str:
     if file is not None and not (run / CODE in (run / file).parents and (run / file).exists()):
         for path in list_paths_beside(run.resolve(), file):
             if path.is_file():
-                return parsed.in_file(path)
+                return parsed.with_file(path)
     return make_absolute(name, run)
 
 
@@ -78,7 +78,7 @@ def format_environment_copy(copy: Copy, copied: CopiedPart) -> str:
     `gymnasium:/runs/a/code/1/simulation/maze.py:Maze-v0`
     """
     parsed = SimulationName.parse(copied.component)
-    environment = f":{parsed.place.rpartition(':')[2]}" if parsed.library == "gymnasium" else ""
+    environment = f":{parsed.location.rpartition(':')[2]}" if parsed.library == "gymnasium" else ""
     options = f"?{parsed.query}" if parsed.query else ""
     return f"{parsed.library}:{quote(str(copy.main_path(copied).absolute()))}{environment}{options}"
 
@@ -86,9 +86,9 @@ def format_environment_copy(copy: Copy, copied: CopiedPart) -> str:
 def find_environment_copy(name: str) -> tuple[Copy, CopiedPart] | None:
     """Return the copy and the component that an environment's name refers to; None for other names."""
     parsed = SimulationName.parse(name)
-    if parsed.library not in {"gymnasium", "pettingzoo"} or not parsed.place.startswith("/"):
+    if parsed.library not in {"gymnasium", "pettingzoo"} or not parsed.location.startswith("/"):
         return None
-    return Copy.find_containing(Path(unquote(parsed.place)))
+    return Copy.find_containing(Path(unquote(parsed.location)))
 
 
 def name_of(kind: type) -> str:

@@ -55,7 +55,7 @@ def test_too_few_open_files_are_named_with_the_limit(tmp_path: Path, limit: int,
         ["/bin/sh", "-c", words], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode in (1, 2)
-    told = f"Too many open files; this process may open {limit}: let it have more (ulimit -n 4096)"
+    told = f"Too many open files; the limit of this process is {limit}; raise it (ulimit -n 4096)"
     assert told in done.stderr
 
 
@@ -309,7 +309,7 @@ def test_an_experiment_whose_name_is_not_utf8_leaves_no_folder(tmp_path: Path) -
         check=False,
     )
     assert done.returncode == 2
-    assert b"bung 1: is not UTF-8 here" in done.stderr
+    assert b"bung 1: is not valid UTF-8" in done.stderr
     assert done.stderr.endswith(b"; set PYTHONUTF8=1, or a locale with UTF-8 (LC_ALL=C.UTF-8)\n")
     assert not (tmp_path / "runs").exists()
 
@@ -321,7 +321,7 @@ def test_names_that_are_not_utf8(program: Any, tmp_path: Path) -> None:
         result = program(*arguments)
         assert result.returncode == 2
         assert "\\xe4d" in result.stderr
-        assert "is not UTF-8 here, which files of runs and brokers are written in; use another name" in (
+        assert "is not valid UTF-8, in which files of runs and brokers are written; use another name" in (
             result.stderr
         )
     assert not list(tmp_path.glob("b*"))

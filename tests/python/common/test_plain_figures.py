@@ -26,7 +26,7 @@ def test_letters_that_no_font_has_are_named_once(
     assert drawn("Schwärme, ñandú λ") == []
     # Tangut, which none of the fonts has that are looked for.
     (text,) = drawn("\U00017000 a \U00017001\U00017000")
-    assert "has \U00017000 \U00017001: boxes" in text
+    assert "has \U00017000 \U00017001, which are drawn as boxes" in text
     assert drawn("\U00017000 a \U00017001\U00017000") == []
 
 

@@ -11,13 +11,13 @@ from swarmwright.common.ranges import Range, intersect_ranges, ranges_of
 
 @pytest.mark.parametrize("given", [(0, 10, "m"), (-4, 4), (100.0, -20.0, "N"), [np.float32(0.1), 3]])
 def test_values_and_numbers_become_each_other(given: Any) -> None:
-    found = Range.of(given)
+    found = Range.parse(given)
     assert found is not None
     (there, more), (back, less) = found.to_value, found.from_value
     for number, value in ((-1.0, found.low), (1.0, found.high), (0.0, (found.low + found.high) / 2)):
         assert number * there + more == pytest.approx(value)
         assert value * back + less == pytest.approx(number)
-    assert Range.scaled(there, more, found.unit) == pytest.approx(found) or found.low == np.float32(0.1)
+    assert Range.from_scale(there, more, found.unit) == pytest.approx(found) or found.low == np.float32(0.1)
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ def test_values_and_numbers_become_each_other(given: Any) -> None:
     ],
 )
 def test_words(given: Any, words: str) -> None:
-    found = Range.of(given)
+    found = Range.parse(given)
     assert found is not None
     assert found.words == words
     assert found.scaled_words == f"-1 to 1 for {words}"
@@ -45,13 +45,13 @@ def test_words(given: Any, words: str) -> None:
 )  # fmt: skip
 def test_what_is_no_range(given: Any) -> None:
     with pytest.raises(ValueError, match=r"found, expected \(low, high\) or \(low, high, unit\)"):
-        Range.of(given)
+        Range.parse(given)
 
 
 def test_numbers_that_stand_for_themselves_have_none() -> None:
-    assert Range.scaled(1, 0) is None
-    assert Range.scaled(0, 3) is None
-    assert Range.scaled(-0.5, 0) == Range(0.5, -0.5)
+    assert Range.from_scale(1, 0) is None
+    assert Range.from_scale(0, 3) is None
+    assert Range.from_scale(-0.5, 0) == Range(0.5, -0.5)
 
 
 def test_one_for_each_or_none_at_all() -> None:

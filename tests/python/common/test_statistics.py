@@ -27,7 +27,7 @@ def test_quantiles_for_several_are_those_of_scipy() -> None:
 
 
 def test_of_several_intervals_all_are_wider() -> None:
-    ends = [estimate([1.0, 2.0, 3.0, 6.0], of=of) for of in (1, 2, 4)]
+    ends = [estimate([1.0, 2.0, 3.0, 6.0], comparisons=of) for of in (1, 2, 4)]
     assert ends[0] == estimate([1.0, 2.0, 3.0, 6.0])
     lows = [one.low or 0.0 for one in ends]
     assert lows == sorted(lows, reverse=True)

@@ -14,7 +14,7 @@ def test_lines_and_text(tmp_path: Path) -> None:
     path = tmp_path / "x.xml"
     path.write_text('<?xml version="1.0"?>\n<a>\n <b c="1">x&amp;y</b>\n</a>')
     root = read(path)
-    inner = root.one("b")
+    inner = root.find_one("b")
     assert (inner.line, inner.attribute("c"), inner.text) == (3, "1", "x&y")
     assert [element.tag for element in root.walk()] == ["a", "b"]
 

@@ -72,9 +72,9 @@ def test_lines_of_keys_and_items() -> None:
     assert source.lines[("a",)] == 1
     assert source.lines[("b", "c", 0)] == 4
     assert source.lines[("b", "c", 1, "e")] == 6
-    assert source.place(("b", "c", 1, "e")) == "x.yaml:6: b.c[1].e: "
+    assert source.locate(("b", "c", 1, "e")) == "x.yaml:6: b.c[1].e: "
     # A key that is missing stands where its mapping stands.
-    assert source.place(("b", "missing")) == "x.yaml:2: b.missing: "
+    assert source.locate(("b", "missing")) == "x.yaml:2: b.missing: "
 
 
 def test_all_duplicates_are_found_with_both_lines() -> None:
@@ -111,7 +111,7 @@ def test_what_is_no_yaml_is_said_with_its_line(text: str, line: int) -> None:
 )
 def test_a_tab_is_answered_with_how_to_indent(text: str) -> None:
     line = text.rstrip().count("\n") + 1
-    with pytest.raises(InputError, match=rf"^x\.yaml:{line}: .* YAML is indented with spaces$"):
+    with pytest.raises(InputError, match=rf"^x\.yaml:{line}: .* indent YAML with spaces$"):
         parse(text, "x.yaml")
 
 
@@ -152,12 +152,12 @@ def test_keys_of_one_pair_in_a_list() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("%YAML 2.0\n---\na: 1\n", "1: .*%YAML 2.0: files of YAML 1.2 are read"),
+        ("%YAML 2.0\n---\na: 1\n", "1: .*%YAML 2.0: only YAML 1.2 is supported"),
         ("%YAML\n---\na: 1\n", "1: .*expected a version after %YAML, such as %YAML 1.2"),
         ("%YAML 1.2 1.2\n---\na: 1\n", "1: .*expected a version"),
         ("%TAG !e!\n---\na: 1\n", "1: .*expected a handle and a prefix"),
         ("% \n---\na: 1\n", "1: .*expected the name of a directive"),
-        ("a: 1\nb: 'x'#no comment\n", "2: .*a comment begins with a space"),
+        ("a: 1\nb: 'x'#no comment\n", "2: .*a comment needs a space"),
         ("a: [-]\n", "1: .*cannot start any token"),
         ("a: !<x y\n", "1: .*expected a tag, such as !<tag"),
         ("a: !x{} y\n", "1: .*expected a space after a tag, but found '{'"),
@@ -202,11 +202,11 @@ def test_half_a_character_is_a_problem(text: str) -> None:
     [
         (
             "simulation: gymnasium: CartPole-v1\n",
-            "leave the space out, as in gymnasium:CartPole-v1, put text",
+            "remove the space, as in gymnasium:CartPole-v1, put text",
         ),
         (
             "method:\n  kind: nnga\n population: 5\n",
-            "keys of the same mapping, .* begin in the same column$",
+            "keys of a mapping, .* must begin in the same column$",
         ),
     ],
 )
@@ -278,5 +278,5 @@ def test_utf16_and_a_second_document_are_named(tmp_path: Path) -> None:
     path.write_bytes("simulation: minisim\n".encode("utf-16"))
     with pytest.raises(InputError, match=r"e\.yaml: is UTF-16 text; save it as UTF-8$"):
         read(path)
-    with pytest.raises(InputError, match=r"^e:2: one document is expected, and another begins here$"):
+    with pytest.raises(InputError, match=r"^e:2: a second document begins here; only one is supported$"):
         parse("a: 1\n---\nb: 2\n", "e")

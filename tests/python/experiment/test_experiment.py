@@ -84,7 +84,7 @@ def test_only_the_simulation_is_required() -> None:
         ),
         (
             "files: [map.json]\n",
-            "my.yaml:2: files: unknown key; files that the simulation reads are named in",
+            "my.yaml:2: files: unknown key; list files that the simulation reads in the section servers",
         ),
         (
             "method: {kind: cma_es, learning_rate: 1}\n",
@@ -313,9 +313,9 @@ def test_copies_are_equal_and_cannot_be_changed_either(copied: Callable[[Experim
     assert (other, hash(other)) == (experiment, hash(experiment))
     assert json.loads(json.dumps(other.parameters)) == {"goal": [12.0, 3.0]}
     assert other.parameters | {"seed": 3} == {"goal": [12.0, 3.0], "seed": 3}
-    with pytest.raises(TypeError, match="cannot be changed"):
+    with pytest.raises(TypeError, match="read-only"):
         other.parameters["goal"][0] = 1.0
-    with pytest.raises(TypeError, match="cannot be changed"):
+    with pytest.raises(TypeError, match="read-only"):
         vars(other.controller)["hidden"].clear()
 
 

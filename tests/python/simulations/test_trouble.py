@@ -48,7 +48,7 @@ TROUBLE = [
     ("abort", rf"Walk.fitness: Abort \(.*troubled.py:{line('raise Abort')}\)"),
     (
         "mute",
-        rf"Walk.fitness: MuteError: its text cannot be made: ValueError \(.*:{line('raise MuteError')}\)",
+        rf"Walk.fitness: MuteError: its text is unavailable: ValueError \(.*:{line('raise MuteError')}\)",
     ),
     ("bytes as fitness", r"Walk.fitness: b'1' returned, expected a finite number"),
     ("no fitness", r"Walk.fitness: None returned, expected a finite number"),

@@ -161,12 +161,13 @@ class Sweep:
         values = source.values
         if "simulation" in values and "experiment" not in values:
             raise InputError(
-                f"{source.place(())}is an experiment, which 'swarmwright optimize' runs; a sweep file begins "
+                f"{source.locate(())}is an experiment, which 'swarmwright optimize' runs; a sweep file "
+                "begins "
                 "like 'experiment: minisim.yaml'"
             )
         for key in values:
             if key not in _KEYS:
-                raise InputError(f"{source.place((str(key),))}{unknown_key(str(key), _KEYS)}")
+                raise InputError(f"{source.locate((str(key),))}{unknown_key(str(key), _KEYS)}")
         settings = tuple(settings)
         experiment = _experiment(source, file, settings)
         seeds = _seeds(source)
@@ -174,12 +175,13 @@ class Sweep:
         require_effect(settings, values.get("grid"), experiment, variants)
         if len(variants) * len(seeds) > MOST_RUNS:
             raise InputError(
-                f"{source.place(())}{len(variants)} variants with {len(seeds)} seeds each are too many runs, "
+                f"{source.locate(())}{len(variants)} variants with {len(seeds)} seeds each are too many "
+                "runs, "
                 f"at most {MOST_RUNS} are possible"
             )
         stem = f"{experiment.label}-sweep" if file is None else file.stem
         folder = out or _out(source, stem)
-        check_sweep_folder(folder, "" if out is not None else source.place(("out",)))
+        check_sweep_folder(folder, "" if out is not None else source.locate(("out",)))
         return cls(variants, seeds, folder, file, settings)
 
 
@@ -205,10 +207,10 @@ def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> E
             "experiment: must be an Experiment, a mapping with its keys, or the path of its file"
         )
     if not isinstance(name, str):
-        raise InputError(f"{source.place(('experiment',))}must be the path of an experiment file")
+        raise InputError(f"{source.locate(('experiment',))}must be the path of an experiment file")
     path = file.parent / name
     if not path.is_file():
-        raise InputError(f"{source.place(('experiment',))}{path}: there is no such file{suggest_file(path)}")
+        raise InputError(f"{source.locate(('experiment',))}{path}: there is no such file{suggest_file(path)}")
     return Experiment.load(path, settings)
 
 
@@ -221,12 +223,13 @@ def _seeds(source: Source) -> tuple[int, ...]:
         if len(counts) < len(seeds):
             twice = next(seed for seed, count in counts.items() if count > 1)
             raise InputError(
-                f"{source.place(('seeds',))}the seed {twice} is there twice; runs with the same seed are the "
+                f"{source.locate(('seeds',))}the seed {twice} is there twice; runs with the same seed are "
+                "the "
                 "same, so name each seed once"
             )
         return tuple(seeds)
     raise InputError(
-        f"{source.place(('seeds',))}must be a number of seeds, from 1 on, or a list of seeds, which are "
+        f"{source.locate(('seeds',))}must be a number of seeds, from 1 on, or a list of seeds, which are "
         f"whole numbers from 0 on, not {format_value(seeds)}"
     )
 
@@ -236,5 +239,5 @@ def _out(source: Source, stem: str) -> Path:
     if out is None:
         return RUNS / stem
     if not isinstance(out, str | PathLike) or not str(out):
-        raise InputError(f"{source.place(('out',))}must be the path of a folder, not {format_value(out)}")
+        raise InputError(f"{source.locate(('out',))}must be the path of a folder, not {format_value(out)}")
     return Path(out)

@@ -72,7 +72,7 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
         try:
             experiment = changed(base, _placed(changes, source.folder(at)))
         except InputError as error:
-            raise InputError(f"{source.place(at)}with {label}: {error}") from error
+            raise InputError(f"{source.locate(at)}with {label}: {error}") from error
         if experiment not in variants:
             variants[experiment] = (label, changes, experiment)
     return _with_folders(variants.values())
@@ -90,33 +90,34 @@ def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[s
     """Return every combination of a grid's values."""
     if not isinstance(grid, Mapping) or not grid:
         raise InputError(
-            f"{source.place(at)}must be a mapping from keys of the experiment to lists of values, such as "
+            f"{source.locate(at)}must be a mapping from keys of the experiment to lists of values, such as "
             "method.population: [20, 50]"
         )
     for key, values in grid.items():
         if not isinstance(values, list) or not values:
             raise InputError(
-                f"{source.place((*at, key))}must be a list of values, not {format_value(values)}"
+                f"{source.locate((*at, key))}must be a list of values, not {format_value(values)}"
             )
         if key == "seed":
             raise InputError(
-                f"{source.place((*at, key))}seeds do not belong to the grid; see the key 'seeds'"
+                f"{source.locate((*at, key))}seeds do not belong to the grid; see the key 'seeds'"
             )
         section, _, option = str(key).partition(".")
         if option and section in grid:
             raise InputError(
-                f"{source.place((*at, key))}the grid names the whole of '{section}', too; name one of the two"
+                f"{source.locate((*at, key))}the grid names the whole of '{section}', too; name one of the "
+                "two"
             )
         whole = next(
             (prefix for prefix in map(str, grid) if "." in prefix and str(key).startswith(f"{prefix}.")), None
         )
         if whole is not None:
             raise InputError(
-                f"{source.place((*at, key))}the grid names the whole of '{whole}', too; name one of the two"
+                f"{source.locate((*at, key))}the grid names the whole of '{whole}', too; name one of the two"
             )
     count = math.prod(map(len, grid.values()))
     if count > MOST_RUNS:
-        raise InputError(f"{source.place(at)}makes {count} variants; at most {MOST_RUNS} are possible")
+        raise InputError(f"{source.locate(at)}makes {count} variants; at most {MOST_RUNS} are possible")
     return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
 
 
@@ -263,16 +264,16 @@ def comparable(experiment: Experiment) -> dict[str, Any]:
     }
     parsed = SimulationName.parse(experiment.simulation)
     if parsed.is_command:
-        values["simulation"] = parsed.in_file(SimulationName.DEFINITION)
+        values["simulation"] = parsed.with_file(SimulationName.DEFINITION)
     else:
         # A copy of a module is a file; `display_name` is what the experiment calls it: package.module:Class.
         named = SimulationName.parse(display_name(experiment.simulation))
         # The same file in any folder: `describe_code_changes` compares its content.
-        values["simulation"] = named.text if named.file is None else named.in_file(named.file.name)
+        values["simulation"] = named.text if named.file is None else named.with_file(named.file.name)
     for key in ("method", "ranking"):
         kind = SimulationName.parse(display_name(values[key]["kind"]))
         if kind.file is not None:  # likewise
-            values[key] = {**values[key], "kind": kind.in_file(kind.file.name)}
+            values[key] = {**values[key], "kind": kind.with_file(kind.file.name)}
     values["method"] = {key: value for key, value in values["method"].items() if key not in LIMITS}
     found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
     return found

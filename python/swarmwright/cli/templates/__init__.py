@@ -59,9 +59,9 @@ def arena(mission: str = "aggregation", simulation: str = "arena") -> str:
     simulation: `arena`, or one of `simulators`, whose servers are on a broker.
     Raises InputError for an unknown one of them.
     """
-    known = ["arena", *simulators()]
-    if simulation not in known:
-        raise InputError(unknown("simulation", simulation, known))
+    titles = ["arena", *simulators()]
+    if simulation not in titles:
+        raise InputError(unknown("simulation", simulation, titles))
     file = _with_mission(text("arena"), mission)
     return file if simulation == "arena" else _on_servers(file, simulation)
 

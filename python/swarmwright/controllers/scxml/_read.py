@@ -246,7 +246,7 @@ class _Reader:
 
     def _initial(self, parent: State, element: Element) -> None:
         """Read the initial transition: the only transition of an `<initial>` or a history."""
-        transitions = element.all("transition")
+        transitions = element.find_all("transition")
         if len(transitions) != 1:
             self.problem(element, f"{len(transitions)} transitions found inside; expected one")
         if parent.initial is not None or not transitions:

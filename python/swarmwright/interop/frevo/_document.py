@@ -119,7 +119,7 @@ class Session:
     @cached_property
     def config(self) -> Section:
         """Name, seed, number of runs; without entries where the file has none."""
-        if not self.root.all("sessionconfig"):
+        if not self.root.find_all("sessionconfig"):
             return Section("sessionconfig", self.root)
         return _section(self.root, "sessionconfig", "configentry")
 
@@ -186,7 +186,7 @@ def members(root: Element) -> Iterator[Element]:
         if element.tag == "population":
             yield from element.children
         elif element.tag == "populations":
-            for population in element.all("population"):
+            for population in element.find_all("population"):
                 yield from population.children
 
 
@@ -208,7 +208,7 @@ def open_session(path: Path) -> Session:
 
 
 def _section(root: Element, name: str, entry: str) -> Section:
-    section = Section(name, root.one(name))
+    section = Section(name, root.find_one(name))
     for element in section.element.children:
         if element.tag != entry:
             raise element.error(f"found inside <{name}>; expected <{entry}>")

@@ -63,7 +63,7 @@ def networks(session: Session) -> list[Network]:
     Raises InputError when the file holds none, or one that cannot be read.
     """
     root, representation = session.root, session.representation
-    outer = [*root.all("populations"), *root.all("population")]
+    outer = [*root.find_all("populations"), *root.find_all("population")]
     if not outer:
         raise root.error(
             "no <populations> and no <population> inside: a session, no result; give the .zre file that "
@@ -172,7 +172,7 @@ def _layers(element: Element) -> dict[str, Any]:
             f"nodes {nodes} found, expected input_nodes + hidden_layers x nodes_per_layer + output_nodes, "
             f"{sensors} + {layers} x {size} + {actuators}, with at least one hidden node"
         )
-    by_layer = _by(element.one("hidden_nodes"), "layer", "lr")
+    by_layer = _by(element.find_one("hidden_nodes"), "layer", "lr")
     numbers = []
     before = sensors
     for layer in range(layers):
@@ -182,7 +182,7 @@ def _layers(element: Element) -> dict[str, Any]:
         for node in _numbered(found, range(size), size):
             numbers += _genes(node, before, range(before))
         before = size
-    for node in _numbered(element.one("output_nodes"), range(actuators), actuators):
+    for node in _numbered(element.find_one("output_nodes"), range(actuators), actuators):
         numbers += _genes(node, before, range(before))
     return _layered(sensors, [size] * layers, actuators, numbers)
 
@@ -214,7 +214,7 @@ def _sizes(element: Element) -> tuple[int, int, int]:
 
 
 def _nodes(element: Element, numbers: range, count: int) -> Iterator[Element]:
-    yield from _numbered(element.one("nodes"), numbers, count, element)
+    yield from _numbered(element.find_one("nodes"), numbers, count, element)
 
 
 def _numbered(
@@ -231,20 +231,20 @@ def _numbered(
 
 def _genes(node: Element, count: int, wanted: range) -> list[float]:
     """Return a node's bias and its weights from the wanted ones of `count` nodes."""
-    weights = node.one("weights")
+    weights = node.find_one("weights")
     by_source = _by(weights, "weight", "from")
     if len(by_source) != count:
         raise weights.error(f"{len(by_source)} weights found, expected {count}, one from every node")
     for source in range(count):
         if str(source) not in by_source:
             raise weights.error(f"the weight from {source} is missing")
-    return [_number(node.one("bias")), *(_number(by_source[str(source)]) for source in wanted)]
+    return [_number(node.find_one("bias")), *(_number(by_source[str(source)]) for source in wanted)]
 
 
 def _by(parent: Element, tag: str, name: str) -> dict[str, Element]:
     """Return the elements of this name by one of their attributes."""
     result: dict[str, Element] = {}
-    for element in parent.all(tag):
+    for element in parent.find_all(tag):
         key = element.attribute(name)
         if key in result:
             raise element.error(f"duplicate {name}={key!r} (first in line {result[key].line})")

@@ -78,7 +78,7 @@ def _genes(element: Element) -> tuple[dict[int, Element], list[Element]]:
     """Return the nodes by id, and the connections."""
     nodes: dict[int, Element] = {}
     links: list[Element] = []
-    for gene in element.one("genes").children:
+    for gene in element.find_one("genes").children:
         if gene.tag == "NEATNodeGene":
             nodes.setdefault(attribute_count(gene, "id"), gene)
         elif gene.tag == "NEATlinkGene":

@@ -91,7 +91,7 @@ def _load_json(path: Path) -> Part:
         if module.recognises(source.values):
             if source.problems:
                 raise InputError(
-                    "\n".join(f"{source.place(at)}{problem}" for at, _, problem in source.problems)
+                    "\n".join(f"{source.locate(at)}{problem}" for at, _, problem in source.problems)
                 )
             part: Part = module.load(path, source)
             return part

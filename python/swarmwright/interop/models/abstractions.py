@@ -81,7 +81,7 @@ def load(path: Path, source: Source) -> Part:
 
 
 def _add_problem(source: Source, at: Path_, message: str, problems: Problems) -> None:
-    problems.lines.add(f"{source.place(at)}{message}")
+    problems.lines.add(f"{source.locate(at)}{message}")
 
 
 def _component(

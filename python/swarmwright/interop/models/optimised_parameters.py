@@ -35,13 +35,13 @@ def load(path: Path, source: Source) -> Part:
     values = source.values
     for key in values:
         if key != "parameters":
-            problems.lines.add(f"{source.place((key,))}unknown key; expected parameters")
+            problems.lines.add(f"{source.locate((key,))}unknown key; expected parameters")
     entries = values["parameters"]
     if not isinstance(entries, list):
-        problems.lines.add(f"{source.place(('parameters',))}expected a list, not {format_value(entries)}")
+        problems.lines.add(f"{source.locate(('parameters',))}expected a list, not {format_value(entries)}")
         entries = []
     elif not entries:
-        problems.lines.add(f"{source.place(('parameters',))}the list is empty; add a parameter to optimise")
+        problems.lines.add(f"{source.locate(('parameters',))}the list is empty; add a parameter to optimise")
     first: dict[str, int] = {}
     for index, entry in enumerate(entries):
         parameter = _parameter(path, source, index, entry, problems)
@@ -70,24 +70,24 @@ def _parameter(
     for key in entry:
         if key not in (*_KEYS, _VALUE):
             hint = did_you_mean(key, _KEYS) or f"; expected {', '.join(_KEYS)}"
-            problems.lines.add(f"{source.place((*at, key))}unknown key{hint}")
+            problems.lines.add(f"{source.locate((*at, key))}unknown key{hint}")
     missing = [key for key in _KEYS if key not in entry]
     if missing:
         problems.add(location, f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
     for key in ("name", "meta"):
         value = entry.get(key, "x")
         if not isinstance(value, str) or not value.strip():
-            problems.lines.add(f"{source.place((*at, key))}expected text, not {format_value(value)}")
+            problems.lines.add(f"{source.locate((*at, key))}expected text, not {format_value(value)}")
     meta = entry.get("meta")
     if isinstance(meta, str) and meta.strip() and not _META.fullmatch(meta.strip()):
         problems.lines.add(
-            f"{source.place((*at, 'meta'))}{meta!r} found, expected command_line or file:PACKAGE"
+            f"{source.locate((*at, 'meta'))}{meta!r} found, expected command_line or file:PACKAGE"
         )
     bounds = [_bound(source, (*at, key), entry[key], problems) for key in ("min", "max") if key in entry]
     scale = _scale(source, (*at, "scale"), entry.get("scale", 1), problems)
     if len(bounds) == 2 and None not in bounds and not bounds[0] < bounds[1]:  # type: ignore[operator]
         problems.lines.add(
-            f"{source.place((*at, 'max'))}{bounds[1]} found, expected a number above min, {bounds[0]}"
+            f"{source.locate((*at, 'max'))}{bounds[1]} found, expected a number above min, {bounds[0]}"
         )
     if len(problems.lines) > problem_count:
         return None
@@ -100,7 +100,9 @@ def _parameter(
 
 def _bound(source: Source, at: tuple[str | int, ...], value: Any, problems: Problems) -> int | float | None:  # noqa: ANN401 - whatever the file says
     if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 2**24:
-        problems.lines.add(f"{source.place(at)}expected a number within +-{2**24}, not {format_value(value)}")
+        problems.lines.add(
+            f"{source.locate(at)}expected a number within +-{2**24}, not {format_value(value)}"
+        )
         return None
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
@@ -116,7 +118,7 @@ def _scale(source: Source, at: tuple[str | int, ...], value: Any, problems: Prob
             number = math.nan
     if not math.isfinite(number) or number <= 0:
         problems.lines.add(
-            f'{source.place(at)}expected a number above 0, also as a string such as "0.1", '
+            f'{source.locate(at)}expected a number above 0, also as a string such as "0.1", '
             f"not {format_value(value)}"
         )
         return None

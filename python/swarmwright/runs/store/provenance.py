@@ -40,7 +40,7 @@ def record_experiment(experiment: "Experiment", copy: Copy | None) -> dict[str, 
         values["simulation"] = simulation.component
     elif copy is not None and simulation is not None:
         path = copy.main_path_in_run(simulation)
-        name = SimulationName.parse(SimulationName.parse(simulation.component).in_file(path))
+        name = SimulationName.parse(SimulationName.parse(simulation.component).with_file(path))
         if name.is_command:
             values["simulation"]["folder"] = name.definition["folder"]
         else:

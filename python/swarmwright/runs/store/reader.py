@@ -496,7 +496,7 @@ def _find_channel_problem(channels: Any) -> str | None:  # noqa: ANN401 - unchec
                 if key != "ranges" and not all(isinstance(name, str) for name in values):
                     return f"{kind}_{key}: expected strings"
             try:
-                _ = [Range.of(ends) for ends in group.get(f"{kind}_ranges", [])]
+                _ = [Range.parse(ends) for ends in group.get(f"{kind}_ranges", [])]
             except ValueError as error:
                 return f"{kind}_ranges: {error}"
     seconds = channels.get("step_seconds")

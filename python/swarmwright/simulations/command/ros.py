@@ -42,11 +42,11 @@ class RosSimulation(CommandSimulation):
         self.sensor_names = [sensor.sensor for sensor in self._definition.sensors]
         self.actuator_names = [actuator.actuator for actuator in self._definition.actuators]
         self.sensor_ranges = [
-            Range.scaled(1 / sensor.scale, -sensor.offset / sensor.scale) if sensor.scale else None
+            Range.from_scale(1 / sensor.scale, -sensor.offset / sensor.scale) if sensor.scale else None
             for sensor in self._definition.sensors
         ]
         self.actuator_ranges = [
-            Range.scaled(actuator.scale, actuator.offset) for actuator in self._definition.actuators
+            Range.from_scale(actuator.scale, actuator.offset) for actuator in self._definition.actuators
         ]
         self.step_seconds = self._definition.step.duration  # None where a service makes a step
 

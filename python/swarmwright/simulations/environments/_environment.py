@@ -335,7 +335,7 @@ def _action_parts(space: Any, where: str) -> Actuators:  # noqa: ANN401 - a Dict
 def ranges(middle: NDArray[Any], half: NDArray[Any]) -> tuple[Range | None, ...]:
     """Return the values that -1 and 1 stand for, given the middle and half the width of each range."""
     parts = zip(np.ravel(half).tolist(), np.ravel(middle).tolist(), strict=True)
-    return tuple(Range.scaled(*part) for part in parts)
+    return tuple(Range.from_scale(*part) for part in parts)
 
 
 def _range(space: spaces.Box) -> tuple[Numbers, Numbers]:

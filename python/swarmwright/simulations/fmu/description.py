@@ -347,7 +347,7 @@ def _ranges(text: bytes) -> dict[str, Range]:
         if RANGE in (annotation.get("name"), annotation.get("type"))
         for element in annotation.iterfind("Range")
         if (
-            ranges := Range.of(
+            ranges := Range.parse(
                 (float(element.get("low", "")), float(element.get("high", "")), element.get("unit", ""))
             )
         )

@@ -63,7 +63,7 @@ def _read_current_command(copy: Copy, copied: CopiedPart) -> Part | None:
     imported = set(copied.digests) - {copied.main} - copied.data
     for path in _list_candidates(copy.run, copied):
         with suppress(InputError):
-            part = read_simulation(SimulationName.parse(copied.component).in_file(path))
+            part = read_simulation(SimulationName.parse(copied.component).with_file(path))
             if part is not None and (not imported or imported & set(part.files)):
                 return part
     return None
@@ -107,7 +107,7 @@ def list_files(simulation: str) -> dict[str, str]:
 
     Empty for classes without source and for a run's copy. Raises InputError.
     """
-    location = SimulationName.parse(simulation).place
+    location = SimulationName.parse(simulation).location
     if not location or Copy.find_containing(Path(location)) is not None:
         return {}
     part = read_simulation(simulation)

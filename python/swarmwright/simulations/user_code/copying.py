@@ -205,7 +205,7 @@ def _replace_file(name: str, part: str, replace: Callable[[str, str], str | None
     if not is_in_file(name):
         return name
     file = replace(part, name)
-    return name if file is None else SimulationName.parse(name).in_file(file)
+    return name if file is None else SimulationName.parse(name).with_file(file)
 
 
 def list_paths_beside(run: Path, file: Path) -> list[Path]:
@@ -235,7 +235,7 @@ def display_name(simulation: str) -> str:
     if containing is None:
         return simulation
     _, copied = containing
-    return parsed.in_file(copied.module or copied.main)
+    return parsed.with_file(copied.module or copied.main)
 
 
 def contains_only_copies(run: Path) -> bool:

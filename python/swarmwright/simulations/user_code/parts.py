@@ -105,7 +105,7 @@ class Part:
                 files[location] = Source(path, path.read_bytes())
             except OSError as error:
                 raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-        component = SimulationName.parse(name).in_file(SimulationName.DEFINITION)
+        component = SimulationName.parse(name).with_file(SimulationName.DEFINITION)
         return cls("simulation", component, main, None, files, frozenset())
 
     @classmethod
@@ -132,7 +132,7 @@ def read_simulation(name: str) -> Part | None:
     if parsed.is_environment:
         return Part.from_module("simulation", name, module, installed=False) if _importable(module) else None
     if parsed.file is not None:
-        return Part.from_file("simulation", parsed.in_file(parsed.file.name), parsed.file)
+        return Part.from_file("simulation", parsed.with_file(parsed.file.name), parsed.file)
     if module.partition(".")[0] in {"__main__", "swarmwright"} or not module:
         return None
     return Part.from_module("simulation", name, module)
@@ -152,7 +152,7 @@ def read_plug_in(section: str, kind: str) -> Part | None:
     kind_of_module = section.partition(_SEPARATOR)[0]
     parsed = SimulationName.parse(kind)
     if parsed.file is not None:
-        return Part.from_file(section, parsed.in_file(parsed.file.name), parsed.file)
+        return Part.from_file(section, parsed.with_file(parsed.file.name), parsed.file)
     if kind_of_module in MODULES:
         from swarmwright.controllers.modules.registered import REGISTRIES as OF_MODULES  # noqa: PLC0415 - NumPy, not for --help
 

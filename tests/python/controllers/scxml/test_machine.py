@@ -35,26 +35,26 @@ class Interpreter:
 
     def __init__(self, path: Path) -> None:
         self.root = read_xml(path)
-        self.states = {one.attributes["id"]: one for one in self.root.all("state")}
+        self.states = {one.attributes["id"]: one for one in self.root.find_all("state")}
         self.values = dict.fromkeys(ACTUATORS, 0.0)
         self.at = self.root.attributes.get("initial", next(iter(self.states)))
-        self._run(self.states[self.at].all("onentry"))
+        self._run(self.states[self.at].find_all("onentry"))
 
     def _run(self, blocks: list[Element]) -> None:
         for block in blocks:
-            for one in block.all("assign"):
+            for one in block.find_all("assign"):
                 self.values[one.attributes["location"]] = float(one.attributes["expr"])
 
     def _take(self, one: Element) -> None:
         target = one.attributes.get("target")
-        self._run(self.states[self.at].all("onexit") if target else [])
+        self._run(self.states[self.at].find_all("onexit") if target else [])
         self._run([one])
         if target:
             self.at = target
-            self._run(self.states[target].all("onentry"))
+            self._run(self.states[target].find_all("onentry"))
 
     def _enabled(self, sensors: dict[str, float], *, event: bool) -> Element | None:
-        for one in self.states[self.at].all("transition"):
+        for one in self.states[self.at].find_all("transition"):
             condition = one.attributes.get("cond", "True").replace("&&", " and ").replace("||", " or ")
             if ("event" in one.attributes) == event and eval(condition, {}, sensors):
                 return one

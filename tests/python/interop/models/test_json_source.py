@@ -26,7 +26,7 @@ def test_it_reads_what_json_reads(value: object) -> None:
 def test_lines_and_places() -> None:
     source = parse('{\n "a": [1,\n  {"b": 2}]\n}', "x.json")
     assert source.lines[("a", 1, "b")] == 3
-    assert source.place(("a", 1, "b")) == "x.json:3: a[1].b: "
+    assert source.locate(("a", 1, "b")) == "x.json:3: a[1].b: "
 
 
 def test_duplicate_keys_are_collected() -> None:

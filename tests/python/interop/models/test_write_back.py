@@ -35,7 +35,7 @@ def test_parameters_get_values_with_their_scale(drawn: list[Path], tmp_path: Pat
     assert (steps, type(steps)) == (values["maxSteps"], int)
     candidate = json.loads((tmp_path / "back" / "candidate.json").read_text())
     assert [one["value"] for one in candidate] == list(values.values())
-    entries = read_xml(tmp_path / "back" / "problem.xml").one("properties").children
+    entries = read_xml(tmp_path / "back" / "problem.xml").find_one("properties").children
     assert entries[0].attributes["value"] == str(steps)
     assert models.load([*files[:2], drawn[2]]).experiment.controller.kind == "parameter_set"
 

@@ -105,5 +105,9 @@ def test_folders_whose_names_are_not_utf8(
     folder.mkdir()
     (folder / "sim.py").touch()
     monkeypatch.chdir(folder)
-    with pytest.raises(InputError, match=r"simulation.*/caf\\xe9.*: is not UTF-8 here, .*; use another name"):
+    with pytest.raises(
+        InputError,
+        match=r"simulation.*/caf\\xe9.*: is not valid UTF-8, .*; use another "
+        r"name",
+    ):
         Experiment.from_mapping({"simulation": simulation})

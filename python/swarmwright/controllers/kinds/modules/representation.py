@@ -37,7 +37,7 @@ def _locate_error(machine: object, error: InputError) -> FieldError:
     """Return the error of a machine, with file and line if it is in a file."""
     path, reason = (error.path, error.reason) if isinstance(error, FieldError) else ((), str(error))
     if isinstance(machine, str) and not is_command_line(machine):
-        return FieldError("machine", read(Path(machine)).place(path) + reason)
+        return FieldError("machine", read(Path(machine)).locate(path) + reason)
     return FieldError(("machine", *path), reason)
 
 

@@ -38,7 +38,7 @@ def pack_code(
             continue
         part = _load_part(parsed.file)
         folder = "" if options.code is not None else f"{_FOLDER}{trust.digest_of(part.digests)[:16]}/"
-        names.append(parsed.in_file(f"{folder}{part.main}"))
+        names.append(parsed.with_file(f"{folder}{part.main}"))
         files.update({f"{folder}{path}": source.data for path, source in part.files.items()})
     size = sum(map(len, files.values()))
     if size > parts.LARGEST_BYTES:
@@ -92,7 +92,7 @@ def _find_source(simulation: str) -> tuple[str, Part | None]:
     )
     if part is None or parsed.file is None:
         return simulation, part
-    return parsed.in_file(part.main if part.module is None else part.module), part
+    return parsed.with_file(part.main if part.module is None else part.module), part
 
 
 def _differs(simulation: str, record: CopiedPart) -> bool:
