@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
+from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
@@ -22,7 +23,8 @@ from starlette.staticfiles import StaticFiles
 
 from swarmwright import Run, SwarmwrightError, compare, templates
 from swarmwright.common.errors import InputError
-from swarmwright.ui import details
+from swarmwright.common.yaml import dump
+from swarmwright.ui import details, missions
 from swarmwright.ui.guard import PLAYER_POLICY, Guard
 from swarmwright.ui.index import RunIndex, as_values
 from swarmwright.ui.jobs import Jobs
@@ -37,7 +39,10 @@ REPLAY_BYTES = 64 << 20
 MOST_COMPARED = 500
 MOST_DIGITS = 20
 REQUEST_BYTES = 2 << 20
-CHANGES = ("check", "start", "stop", "resume", "delete")
+CHANGES = ("check", "start", "stop", "resume", "delete", "mission_save")
+ASKED = ("mission_text", "mission_parse", "mission_try")
+"""Requests with a body that change nothing."""
+KINDS: dict[type, str] = {str: "text", list: "a list", dict: "a mapping"}
 T = TypeVar("T")
 MOST_OPENED = 20
 """Runs that are kept open."""
@@ -152,8 +157,42 @@ class Window:
         missions = [f"arena:{mission}" for mission in templates.missions()]
         return {"names": [*(name for name in templates.names() if name != "arena"), *missions]}
 
+    def mission(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
+        """Do what the drawing board asks for; return the answer."""
+        if name == "mission_parse":
+            try:
+                parsed = missions.parse(field(values, "text", str))
+            except InputError as error:
+                return {"problems": str(error).splitlines()}
+            return {"mission": as_values(parsed), "problems": missions.problems(parsed)}
+        mission = field(values, "mission", dict)
+        if name == "mission_text":
+            return {"text": dump(mission), "problems": missions.problems(mission)}
+        if name == "mission_save":
+            saved = missions.save(
+                self.index.folder, field(values, "name", str), mission, replace=values.get("replace") is True
+            )
+            return {"file": saved}
+        run = field(values, "run", str)
+        controller = Run(self.index.path(run)).best.controller if run else None
+        page = missions.try_out(mission, index(values.get("seed")), controller)
+        name = token_urlsafe(12)
+        with self._lock:
+            self._replays[(name,)] = page
+        return {"id": name}
+
+    def tried(self, request: Request) -> str:
+        """Return the page of an episode that the drawing board asked for."""
+        with self._lock:
+            page = self._replays.get((request.query_params.get("id", ""),))
+        if page is None:
+            raise InputError("this episode is not kept any more; press Try again")
+        return page
+
     def change(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
         """Do what a request to change something asks for; return the answer."""
+        if name.startswith("mission_"):
+            return self.mission(name, values)
         if name == "check":
             return {"problems": self.jobs.check(field(values, "text", str))}
         if name == "start":
@@ -243,12 +282,15 @@ def create_app(
     """
     window = Window(folder, read_only=read_only)
 
-    async def replay(request: Request) -> Response:
-        try:
-            page = await run_in_threadpool(window.replay, request)
-        except SwarmwrightError as error:
-            page = message_page(str(error))
-        return HTMLResponse(page, headers={"Content-Security-Policy": PLAYER_POLICY})
+    def player(make: Callable[[Request], str]) -> Callable[[Request], Any]:
+        async def respond(request: Request) -> Response:
+            try:
+                page = await run_in_threadpool(make, request)
+            except SwarmwrightError as error:
+                page = message_page(str(error))
+            return HTMLResponse(page, headers={"Content-Security-Policy": PLAYER_POLICY})
+
+        return respond
 
     async def events(request: Request) -> Response:
         version = request.query_params.get("version", "0")
@@ -275,6 +317,12 @@ def create_app(
         "run": lambda request: details.describe(window.run(request)),
         "density": window.density,
         "nearest": window.nearest,
+        "missions": lambda _request: missions.names(folder),
+        "mission": lambda request: {
+            "mission": as_values(
+                missions.parse(missions.text_of(folder, request.query_params.get("name", "")))
+            )
+        },
         "templates": window.templates,
         "experiment": window.experiment,
         "jobs": lambda _request: {"jobs": [asdict(job) for job in window.jobs.all()]},
@@ -285,11 +333,21 @@ def create_app(
             Route("/", start),
             Route("/api/events", events),
             *(Route(f"/api/{name}", endpoint(compute)) for name, compute in answers.items()),
-            *(Route(f"/api/{name}", changing(window, name), methods=["POST"]) for name in CHANGES),
-            Route("/replay", replay),
+            *(Route(f"/api/{name}", changing(window, name), methods=["POST"]) for name in (*CHANGES, *ASKED)),
+            Route("/replay", player(window.replay)),
+            Route("/try", player(window.tried)),
             Mount("/static", StaticFiles(directory=STATIC)),
         ],
-        middleware=[Middleware(Guard, token=token, hosts=hosts, port=port, read_only=read_only)],
+        middleware=[
+            Middleware(
+                Guard,
+                token=token,
+                hosts=hosts,
+                port=port,
+                read_only=read_only,
+                asking=[f"/api/{name}" for name in ASKED],
+            )
+        ],
         lifespan=lifespan,
     )
 
@@ -334,7 +392,7 @@ def field(values: dict[str, Any], name: str, kind: type[T]) -> T:
     """Return a value of a request. Raises InputError when it is missing or of another type."""
     value = values.get(name)
     if not isinstance(value, kind):
-        raise InputError(f"{name}: must be {'a list' if kind is list else 'text'}")
+        raise InputError(f"{name}: must be {KINDS[kind]}")
     if kind is str:
         try:
             str(value).encode()

@@ -37,7 +37,7 @@ class Guard:
     - 403 for another host name than its own (DNS rebinding), and for requests of another site's page (Origin,
       Sec-Fetch-Site);
     - 401 without the token, which the printed address has; it becomes a cookie, and the address loses it;
-    - 405 for requests that change something, where `read_only`.
+    - 405 for requests that change something, where `read_only`, but for those that only ask.
 
     Args:
         app: the application.
@@ -45,16 +45,25 @@ class Guard:
         hosts: names by which the server is reached, beside the addresses of loopback.
         port: for the name of the cookie: browsers send cookies to all ports of a host.
         read_only: refuse what changes something.
+        asking: paths of requests that have a body and change nothing.
     """
 
     def __init__(
-        self, app: ASGIApp, *, token: str | None, hosts: Collection[str], port: int, read_only: bool
+        self,
+        app: ASGIApp,
+        *,
+        token: str | None,
+        hosts: Collection[str],
+        port: int,
+        read_only: bool,
+        asking: Collection[str] = (),
     ) -> None:
         self._app = app
         self._token = token
         self._hosts = {host.lower() for host in hosts}
         self._cookie = f"swarmwright-{port}"
         self._read_only = read_only
+        self._asking = asking
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or let the application answer."""
@@ -89,7 +98,8 @@ class Guard:
             )
         if not is_of_own_page(headers, host, is_navigation=scope["method"] in SAFE_METHODS):
             return PlainTextResponse("This request was made by a page of another site.", 403)
-        if self._read_only and scope["method"] not in SAFE_METHODS:
+        is_change = scope["method"] not in SAFE_METHODS and scope["path"] not in self._asking
+        if self._read_only and is_change:
             return PlainTextResponse("This window is read-only (--read-only).", 405)
         if self._token is None:
             return None

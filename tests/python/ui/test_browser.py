@@ -156,6 +156,37 @@ def test_an_experiment_is_written_checked_and_started(browser: Chrome, tmp_path:
     assert swarmwright.Run.open(tmp_path / "runs" / "mine").generations == 3
 
 
+def test_a_mission_is_drawn_tried_saved_and_evolved_on(browser: Chrome, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    with window(tmp_path / "runs") as address:
+        browser.get(address)
+        find(browser, "header a[href='#/draw']").click()
+        eventually(lambda: "Nothing is wrong" in page_text(browser), "a mission is opened")
+        for button in browser.find_elements(By.CSS_SELECTOR, "[role=toolbar] button"):
+            if button.text == "obstacle":
+                button.click()
+        board = find(browser, ".board")
+        ActionChains(browser).move_to_element_with_offset(board, 60, 30).click().perform()
+        yaml = find(browser, "textarea")
+        eventually(lambda: "obstacles" in (yaml.get_attribute("value") or ""), "the obstacle is in the text")
+        ActionChains(browser).move_to_element_with_offset(board, 60, 30).click_and_hold().move_by_offset(
+            -50, 0
+        ).release().perform()
+        before = yaml.get_attribute("value")
+        browser.execute_script("scrollTo(0, 0)")
+        browser.find_element(By.XPATH, "//button[text()='Undo']").click()
+        eventually(lambda: yaml.get_attribute("value") != before, "undo is told to the text")
+        browser.find_element(By.XPATH, "//button[text()='Try']").click()
+        browser.switch_to.frame(find(browser, "iframe"))
+        eventually(lambda: "step 0 of" in page_text(browser), "an episode is played")
+        browser.switch_to.default_content()
+        browser.find_element(By.XPATH, "//button[text()='Save']").click()
+        find(browser, "a[href^='#/new?mission=']").click()
+        eventually(lambda: "Nothing is wrong" in page_text(browser), "the experiment with it is right")
+        assert "mission: my_aggregation.yaml" in (find(browser, "textarea").get_attribute("value") or "")
+    assert (tmp_path / "runs" / "my_aggregation.yaml").read_text().count("obstacles") == 1
+
+
 def test_the_page_comes_back_with_the_server(browser: Chrome, folder: Path) -> None:
     with window(folder, "--read-only") as address:
         browser.get(address)

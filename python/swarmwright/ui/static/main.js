@@ -1,6 +1,7 @@
-// The address says what is shown: #/ the list, #/run/ID, #/compare?run=ID&run=ID, #/new, #/jobs.
+// The address says what is shown: #/ the list, #/run/ID, #/compare?run=ID&run=ID, #/new, #/jobs, #/draw.
 import { ask, h } from "./dom.js";
 import { showComparison } from "./compare.js";
+import { showBoard } from "./draw.js";
 import { showJobs } from "./jobs.js";
 import { showNew } from "./new.js";
 import { showRun } from "./run.js";
@@ -16,6 +17,7 @@ const routes = [
   [/^$/, (_match, query) => showRuns(view, query)],
   [/^run\/(.+)$/, (match, query) => showRun(view, decodeURIComponent(match[1]), query)],
   [/^new$/, (_match, query) => showNew(view, query)],
+  [/^draw$/, (_match, query) => showBoard(view, query)],
   [/^jobs$/, () => showJobs(view)],
   [/^compare$/, (_match, query) => showComparison(view, query)],
 ];

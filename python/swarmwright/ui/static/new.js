@@ -79,7 +79,13 @@ export function showNew(view, query) {
   (async () => {
     const { names } = await ask("templates");
     choice.replaceChildren(h("option", { value: "", disabled: true }, "a template"), ...names.map((each) => h("option", { value: each }, each)));
-    if (query.get("run")) {
+    if (query.get("mission")) {
+      const mission = query.get("mission");
+      choice.value = "arena:aggregation";
+      await take({ template: choice.value }, mission.replace(/\.yaml$/, "_run"));
+      editor.value = editor.value.replace(/^( *mission: *)\S+/m, `$1${mission}`);
+      check();
+    } else if (query.get("run")) {
       choice.value = "";
       take({ run: query.get("run") }, `${query.get("run").replace(/^.*\//, "").replace(/[^A-Za-z0-9_.-]/g, "_")}-copy`);
     } else {
