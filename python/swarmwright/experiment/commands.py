@@ -21,7 +21,7 @@ from swarmwright.simulations.command import (
     process,
     work_files,
 )
-from swarmwright.simulations.command.checking import definition_of_name, read_definition
+from swarmwright.simulations.command.checking import parse_name, read_definition
 from swarmwright.simulations.command.definition import CommandOptions, Definition
 from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.command.placeholders import IN_A_COMMAND, Template, Values, is_choice, names_in
@@ -78,7 +78,7 @@ def name_of(
     if isinstance(options, RosOptions):
         unknown = _unknown_metrics(options, list(options.metrics))
     elif isinstance(options, FmuOptions) and base is not None:
-        unknown = _unknown_metrics(options, list(options.below(base).columns))
+        unknown = _unknown_metrics(options, list(options.rebase(base).columns))
     for key, message in unknown:
         if key == "fitness" and key not in definition:  # it is the experiment's
             wrong.append((key,))
@@ -111,7 +111,7 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
     values: as they stand in the file.
     """
     name = checked["simulation"]
-    definition = definition_of_name(name)
+    definition = parse_name(name)
     options = definition.as_command()
     _check_controller(options, checked, report)
     if isinstance(definition, RosOptions):
@@ -140,7 +140,7 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
 
 def missing(name: str) -> str | None:
     """Return what a simulation's command needs that this machine lacks, "key: why"; None for nothing."""
-    definition = definition_of_name(name)
+    definition = parse_name(name)
     if isinstance(definition, FmuOptions):
         return fmu_definition.missing(definition)
     options = definition.as_command()
@@ -149,12 +149,12 @@ def missing(name: str) -> str | None:
             return "middleware: dds needs Cyclone DDS: pip install 'swarmwright[ros2]'"
         return None
     folder = Path(options.folder)
-    problem = process.missing_program(options.command, folder) or process.missing_script(
-        options.command, folder, work_files.named(options.files, folder)
+    problem = process.explain_missing_program(options.command, folder) or process.explain_missing_script(
+        options.command, folder, work_files.resolve_files(options.files, folder)
     )
     if problem is not None:
         return f"{'python' if isinstance(definition, RosOptions) else 'command'}: {problem}"
-    found = (bags.missing(logs.format_of(log, options.log_format)) for log in options.log)
+    found = (bags.explain_missing_library(logs.choose_format(log, options.log_format)) for log in options.log)
     reason = next(filter(None, found), None)
     return None if reason is None else f"log: {reason}"
 
@@ -271,7 +271,7 @@ def _check_text(
         problems = [
             template.problem(name, found)
             for _, template in templates
-            if name in template.names and name not in found.own
+            if name in template.names and name not in found.built_in
         ]
         reason = next(filter(None, problems), None)
         if reason is not None:
@@ -280,12 +280,12 @@ def _check_text(
 
 def _files(options: CommandOptions) -> Iterator[tuple[str, str]]:
     """Yield the files that are put into the work folder, with their texts, as far as they can be read."""
-    return work_files.texts(options.files, Path(options.folder))
+    return work_files.iterate_texts(options.files, Path(options.folder))
 
 
 def warning_of(experiment: "Experiment") -> str | None:
     """Return what to warn of before a command's episodes; None for nothing."""
-    options = definition_of_name(experiment.simulation)
+    options = parse_name(experiment.simulation)
     return options.uneven_steps if isinstance(options, FmuOptions) else _without_effect(experiment, options)
 
 

@@ -313,7 +313,7 @@ def _ros_topics(simulation: str) -> tuple[Mapping[str, Any], bool]:
     """Return the topics of ROS robots, and whether they move in real time."""
     if SimulationName.parse(simulation).prefix != SimulationName.ROS:
         return {}, False
-    definition = RosOptions.of(simulation)
+    definition = RosOptions.parse(simulation)
     topics: dict[str, Any] = dict(definition.topics)
     if definition.step.duration is not None:
         topics["rate"] = 1 / definition.step.duration

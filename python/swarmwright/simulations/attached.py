@@ -32,10 +32,10 @@ def load_adapter(name: str) -> "type[Simulation | BatchSimulation]":
     Raises InputError if the library is not installed, or has no such environment.
     """
     if is_command(name):
-        from swarmwright.simulations.command.checking import definition_of_name
+        from swarmwright.simulations.command.checking import parse_name
         from swarmwright.simulations.user_code.command_sources import digest
 
-        return _make_command_class(name, digest(definition_of_name(name)))
+        return _make_command_class(name, digest(parse_name(name)))
     return _make_library_class(name)
 
 

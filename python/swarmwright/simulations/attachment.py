@@ -30,7 +30,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
 from swarmwright.common.problems import FieldError, problems_of
 from swarmwright.simulations.command.definition import Command
-from swarmwright.simulations.command.process import resolved_word
+from swarmwright.simulations.command.process import resolve_word
 from swarmwright.simulations.command.ros_definition import Area, Interval, Pose, Reduce
 from swarmwright.simulations.ros.reductions import FUNCTIONS
 
@@ -319,7 +319,7 @@ class Started:
     """
 
     def __init__(self, command: Sequence[str], port: int, folder: Path) -> None:
-        words = [resolved_word(word.replace("{port}", str(port)), folder) for word in command]
+        words = [resolve_word(word.replace("{port}", str(port)), folder) for word in command]
         self._name = words[0]
         try:
             self._process = subprocess.Popen(

@@ -23,7 +23,7 @@ from swarmwright.runs.store import Evaluation, StoreReader
 from swarmwright.servers.evaluation.base import AuditedEpisode, Backend, BudgetSpent, Controllers, Progress
 from swarmwright.simulations.base import BatchSimulation
 from swarmwright.simulations.catalogue import find_built_in
-from swarmwright.simulations.command.checking import definition_of_name
+from swarmwright.simulations.command.checking import parse_name
 from swarmwright.simulations.command.ros_definition import RosOptions
 from swarmwright.simulations.loading import load
 
@@ -138,7 +138,7 @@ def _is_auditable(experiment: Experiment, backend: Backend) -> bool:
         return False
     if not is_command(name):
         return True
-    options = definition_of_name(name)
+    options = parse_name(name)
     declared = getattr(options, "determinism", None)
     # Commands declare no tolerance. Robots of a ROS system may run in real time.
     return declared != "statistical" and (declared is not None or not isinstance(options, RosOptions))

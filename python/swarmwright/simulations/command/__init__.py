@@ -1,6 +1,6 @@
-"""Simulations that are commands: an episode is a process with files, and nothing of it is left afterwards.
+"""Simulations that are commands: an episode is a process with files, which are removed afterwards.
 
-`definition` is what an experiment says, `keeper` starts processes and ends them with all that they have
-started, `running` runs one to its end, `stepwise` talks with one over its standard input and output, `logs`
-reads what they have written. The class that puts it together is `swarmwright.CommandSimulation`.
+`definition` is the section of an experiment, `keeper` starts processes and ends them with their descendants,
+`process` runs a process to its end, `stepwise` communicates with it over its standard input and output, and
+`logs` reads its results. `swarmwright.CommandSimulation` combines them.
 """

@@ -1,9 +1,7 @@
 """Logs of ROS and MCAP: every message is a row, with columns such as `/robot_1/pose.position.x`.
 
-Limits on what logs of ROS and MCAP unpack to, checked before their libraries read them whole.
-
-A chunk of some kilobytes can unpack to gigabytes, whatever size it says. Here it is unpacked piece by piece,
-and only counted.
+The unpacked size of a log is checked before a library reads it: a chunk of some kilobytes can unpack to
+gigabytes, whatever size it declares. It is unpacked piece by piece, and only counted.
 """
 
 import bz2
@@ -20,11 +18,11 @@ from typing import IO, Any
 from swarmwright.simulations.command.process import CommandFailure
 
 LARGEST_CHUNK_BYTES = 1 << 26
-"""Unpacked, of a chunk or a message: messages of a chunk take several times as much in memory."""
+"""Most unpacked bytes of a chunk or a message; messages of a chunk take several times as much memory."""
 _UNPACKED_BYTES = 1 << 28
-"""That any log may unpack to."""
+"""Unpacked bytes that are allowed for any log."""
 _UNPACKED_TIMES = 100
-"""Of its own size, that a larger one may: text in JSON shrinks much more than other data."""
+"""Unpacked size of a larger log, relative to its size; JSON compresses much better than other data."""
 _PIECE_BYTES = 1 << 20
 _MCAP, _ROS1, _SQLITE, _ZSTD = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"SQLite format 3\0", b"\x28\xb5\x2f\xfd"
 _DAMAGED = "its index names a place where no record begins"
@@ -37,34 +35,34 @@ Block = tuple[str, bytes]
 """Compression and content."""
 
 
-def check(name: str, log: Path) -> None:
-    """Raise CommandFailure where a log, a file or a folder with a bag, unpacks to more than the limits.
+def check_size(name: str, log: Path) -> None:
+    """Raise CommandFailure if a log, a file or a folder with a bag, unpacks to more than the limits.
 
-    name: of the log, for messages.
+    name: the log's name, for messages.
     """
     files = [log] if not log.is_dir() else sorted(path for path in log.rglob("*") if path.is_file())
     for file in files:
         with file.open("rb") as stream:
-            _check(name, stream, file)
+            _check_stream(name, stream, file)
 
 
-def _check(name: str, stream: IO[bytes], file: Path) -> None:
+def _check_stream(name: str, stream: IO[bytes], file: Path) -> None:
     start, size = stream.read(16), stream.seek(0, 2)
     limit, total = max(_UNPACKED_BYTES, _UNPACKED_TIMES * size), 0
-    if start.startswith(_ZSTD):  # a whole file, which is unpacked to the disk
+    if start.startswith(_ZSTD):  # the whole file is compressed; unpack it to the disk
         with tempfile.TemporaryFile() as whole:
             stream.seek(0)
-            for piece in _zstd(stream):
+            for piece in _unpack_zstd(stream):
                 total += whole.write(piece)
-                _limit(name, total, limit)
+                _check_limit(name, total, limit)
             whole.seek(0)
             if whole.read(8) == _MCAP:
                 whole.seek(0)
-                _check(name, whole, file)
+                _check_stream(name, whole, file)
         return
-    for compression, block in _blocks(start, stream, size, file):
+    for compression, block in _iterate_blocks(start, stream, size, file):
         inner = 0
-        for piece in _UNPACKERS.get(compression, _none)(block):
+        for piece in _UNPACKERS.get(compression, _unpack_nothing)(block):
             inner += len(piece)
             if inner > LARGEST_CHUNK_BYTES:
                 raise CommandFailure(
@@ -72,10 +70,10 @@ def _check(name: str, stream: IO[bytes], file: Path) -> None:
                     f"{LARGEST_CHUNK_BYTES >> 20} MiB; record it without compression, or with smaller chunks"
                 )
         total += inner
-        _limit(name, total, limit)
+        _check_limit(name, total, limit)
 
 
-def _limit(name: str, total: int, limit: int) -> None:
+def _check_limit(name: str, total: int, limit: int) -> None:
     if total > limit:
         raise CommandFailure(
             f"{name}: unpacks to more than {limit >> 20:,} MiB; the limit is {_UNPACKED_BYTES >> 20} MiB or "
@@ -83,30 +81,30 @@ def _limit(name: str, total: int, limit: int) -> None:
         )
 
 
-def _blocks(start: bytes, stream: IO[bytes], size: int, file: Path) -> Iterator[Block]:
-    """Yield the blocks of a log that are unpacked as wholes; none where its format is another one."""
+def _iterate_blocks(start: bytes, stream: IO[bytes], size: int, file: Path) -> Iterator[Block]:
+    """Yield the blocks of a log that are compressed as a whole; none for other formats."""
     if start.startswith(_MCAP):
-        yield from _mcap(stream, size)
+        yield from _iterate_mcap_chunks(stream, size)
     elif start.startswith(_ROS1):
-        yield from _ros1(stream, size)
+        yield from _iterate_ros1_chunks(stream, size)
     elif start.startswith(_SQLITE):
-        yield from _messages(file)
+        yield from _iterate_messages(file)
 
 
-def _mcap(stream: IO[bytes], size: int) -> Iterator[Block]:
-    """Yield the chunks of a file of MCAP. Raises ValueError unless its index is one of those."""
-    chunks, sections, named, summary = set(), {0}, set(), 0
+def _iterate_mcap_chunks(stream: IO[bytes], size: int) -> Iterator[Block]:
+    """Yield the chunks of an MCAP file. Raises ValueError if its index does not match them."""
+    chunks, sections, indexed, summary = set(), {0}, set(), 0
     at = stream.seek(len(_MCAP))
     while size - at >= 9 + len(_MCAP):
         kind, length = struct.unpack("<BQ", stream.read(9))
         if kind == _CHUNK:
             chunks.add(at)
-            head = stream.read(32)  # times, unpacked size, checksum, and how long the compression's name is
+            head = stream.read(32)  # times, unpacked size, checksum, length of the compression's name
             compression = stream.read(struct.unpack("<I", head[28:])[0])
             stored = struct.unpack("<Q", stream.read(8))[0]
             yield compression.decode(errors="replace"), stream.read(min(stored, size))
         elif kind == _CHUNK_INDEX:
-            named.add(struct.unpack("<Q", stream.read(24)[16:])[0])
+            indexed.add(struct.unpack("<Q", stream.read(24)[16:])[0])
         elif kind == _FOOTER:
             summary = struct.unpack("<Q", stream.read(8))[0]
             if at != size - 29 - len(_MCAP):
@@ -114,13 +112,13 @@ def _mcap(stream: IO[bytes], size: int) -> Iterator[Block]:
         if kind not in (_MESSAGE, _CHUNK, _MESSAGE_INDEX):
             sections.add(at)
         at = stream.seek(at + 9 + length)
-    if not named <= chunks or summary not in sections:
+    if not indexed <= chunks or summary not in sections:
         raise ValueError(_DAMAGED)
 
 
-def _ros1(stream: IO[bytes], size: int) -> Iterator[Block]:
-    """Yield the chunks of a bag of ROS 1. Raises ValueError unless its index is one of those."""
-    chunks, records, named, index = set(), {0, size}, set(), 0
+def _iterate_ros1_chunks(stream: IO[bytes], size: int) -> Iterator[Block]:
+    """Yield the chunks of a ROS 1 bag. Raises ValueError if its index does not match them."""
+    chunks, records, indexed, index = set(), {0, size}, set(), 0
     at = stream.seek(len(_ROS1))
     while size - at >= 8:
         records.add(at)
@@ -133,11 +131,11 @@ def _ros1(stream: IO[bytes], size: int) -> Iterator[Block]:
             chunks.add(at)
             yield fields.get(b"compression", b"").decode(errors="replace"), stream.read(min(length, size))
         elif kind == _CHUNK_INFO:
-            named.add(int.from_bytes(fields.get(b"chunk_pos", b""), "little"))
+            indexed.add(int.from_bytes(fields.get(b"chunk_pos", b""), "little"))
         elif kind == _HEADER:
             index = int.from_bytes(fields.get(b"index_pos", b""), "little")
         at = stream.seek(end)
-    if not named <= chunks or index not in records:
+    if not indexed <= chunks or index not in records:
         raise ValueError(_DAMAGED)
 
 
@@ -150,20 +148,20 @@ def _header_fields(header: bytes) -> Iterator[tuple[bytes, bytes]]:
         at += 4 + length
 
 
-def _messages(file: Path) -> Iterator[Block]:
-    """Yield the messages of a bag of ROS 2 that may be compressed, each for itself."""
+def _iterate_messages(file: Path) -> Iterator[Block]:
+    """Yield the compressed messages of a ROS 2 bag."""
     with closing(sqlite3.connect(f"file:{file.as_posix()}?mode=ro", uri=True)) as database:
         kinds = dict(database.execute("SELECT name, type FROM sqlite_master"))
-        for name in ("messages", "topics"):  # a view could go on without end
+        for name in ("messages", "topics"):  # a view could be endless
             if kinds.get(name, "table") != "table":
-                raise ValueError(f"{name} is no table")
+                raise ValueError(f"{name} is not a table")
         if "messages" in kinds:
             for (data,) in database.execute("SELECT data FROM messages WHERE typeof(data) = 'blob'"):
                 if data.startswith(_ZSTD):
                     yield "zstd", data
 
 
-def _zstd(data: Any) -> Iterator[bytes]:  # noqa: ANN401 - bytes or a stream
+def _unpack_zstd(data: Any) -> Iterator[bytes]:  # noqa: ANN401 - bytes or a stream
     import zstandard  # noqa: PLC0415 - may not be installed
 
     with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True, closefd=False) as reader:
@@ -171,8 +169,8 @@ def _zstd(data: Any) -> Iterator[bytes]:  # noqa: ANN401 - bytes or a stream
             yield piece
 
 
-def _pieces(make: Callable[[], Any], data: bytes) -> Iterator[bytes]:
-    """Yield what a decompressor of the standard library's kind makes of data; of all streams in it."""
+def _unpack(make: Callable[[], Any], data: bytes) -> Iterator[bytes]:
+    """Yield the unpacked pieces of all streams in data, using decompressors like the standard library's."""
     while data:
         decompressor = make()
         piece = decompressor.decompress(data, max_length=_PIECE_BYTES)
@@ -184,111 +182,119 @@ def _pieces(make: Callable[[], Any], data: bytes) -> Iterator[bytes]:
         data = decompressor.unused_data or b""
 
 
-def _lz4(data: bytes) -> Iterator[bytes]:
+def _unpack_lz4(data: bytes) -> Iterator[bytes]:
     from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - may not be installed
 
-    yield from _pieces(LZ4FrameDecompressor, data)
+    yield from _unpack(LZ4FrameDecompressor, data)
 
 
-def _bz2(data: bytes) -> Iterator[bytes]:
-    yield from _pieces(bz2.BZ2Decompressor, data)
+def _unpack_bz2(data: bytes) -> Iterator[bytes]:
+    yield from _unpack(bz2.BZ2Decompressor, data)
 
 
-def _none(_data: bytes) -> Iterator[bytes]:
-    """Yield nothing: it is read as it is."""
+def _unpack_nothing(_data: bytes) -> Iterator[bytes]:
+    """Yield nothing, because the block is not compressed."""
     yield from ()
 
 
-_UNPACKERS: dict[str, Callable[[bytes], Iterator[bytes]]] = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2}
+_UNPACKERS: dict[str, Callable[[bytes], Iterator[bytes]]] = {
+    "zstd": _unpack_zstd,
+    "lz4": _unpack_lz4,
+    "bz2": _unpack_bz2,
+}
 
 
 _ITEMS = 64
-"""Items of an array that are columns, `ranges.0`, `ranges.1`, .."""
+"""Most items of an array that become columns, `ranges.0`, `ranges.1`, .."""
 _WORDS = 200
-"""Characters of a library's message that are shown: some repeat the definitions of all types."""
+"""Most characters of a library's message, which may repeat the definitions of all types."""
 _NEEDED = {"rosbag": ("rosbags",), "mcap": ("rosbags", "mcap")}
 
 Row = tuple[str, dict[str, Any]]
 
 
-def missing(form: str) -> str | None:
-    """Return why logs of a format cannot be read here; None where they can."""
+def explain_missing_library(form: str) -> str | None:
+    """Return why logs of a format cannot be read on this machine; None if they can."""
     for module in _NEEDED.get(form, ()):
         if importlib.util.find_spec(module) is None:
-            cure = "pip install 'swarmwright[rosbag]'"
-            return f"{module}, which reads logs of the format {form}, is not installed; {cure}"
+            return (
+                f"{module}, which reads logs of the format {form}, is not installed; "
+                "pip install 'swarmwright[rosbag]'"
+            )
     return None
 
 
-def rosbag(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
-    """Yield the messages of a bag of ROS 1 or 2: of wanted topics all, of others the first one."""
+def read_rosbag(name: str, file: Path | bytes, columns: Collection[str]) -> Iterator[Row]:
+    """Yield the messages of a ROS 1 or 2 bag: all of required topics, the first of other topics."""
     if isinstance(file, bytes):
         raise CommandFailure(f"{name}: a bag must be a file")
     try:
-        check(name, file)
-        yield from _rosbag(name, file, wanted)
+        check_size(name, file)
+        yield from _read_messages(name, file, columns)
     except CommandFailure:
         raise
     except Exception as error:  # noqa: BLE001 - the library raises various ones
-        raise _unreadable(name, error) from None
+        raise _make_read_error(name, error) from None
 
 
-def _rosbag(name: str, file: Path, wanted: Collection[str]) -> Iterator[Row]:
+def _read_messages(name: str, file: Path, columns: Collection[str]) -> Iterator[Row]:
     from rosbags.highlevel import AnyReader  # noqa: PLC0415 - may not be installed
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - as above
 
-    seen: set[str] = set()
+    topics: set[str] = set()
     with AnyReader([file], default_typestore=get_typestore(Stores.LATEST)) as reader:
         for number, (connection, _, data) in enumerate(reader.messages()):
             topic = connection.topic
-            if topic not in seen or _is_wanted(topic, wanted):
-                seen.add(topic)
+            if topic not in topics or _is_wanted(topic, columns):
+                topics.add(topic)
                 try:
                     message = reader.deserialize(data, connection.msgtype)
                 except Exception:
-                    if _is_wanted(topic, wanted):
+                    if _is_wanted(topic, columns):
                         raise
                     continue  # its type may have changed between versions of ROS
-                yield f"{name}: message {number}", dict(_fields(message, topic))
+                yield f"{name}: message {number}", dict(_iterate_fields(message, topic))
 
 
-def mcap(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
-    """Yield the messages of a file of MCAP, in JSON or as ROS encodes them; as `rosbag`."""
+def read_mcap(name: str, file: Path | bytes, columns: Collection[str]) -> Iterator[Row]:
+    """Yield the messages of a file of MCAP, in JSON or as ROS encodes them; as `read_rosbag`."""
     from mcap.reader import make_reader  # noqa: PLC0415 - may not be installed
 
     if isinstance(file, bytes):
-        raise CommandFailure(f"{name}: a log of MCAP must be a file")
-    seen: set[str] = set()
+        raise CommandFailure(f"{name}: an MCAP log must be a file")
+    topics: set[str] = set()
     try:
-        check(name, file)
+        check_size(name, file)
         with file.open("rb") as stream:
             summary = make_reader(stream).get_summary()
-            encodings = {one.message_encoding for one in summary.channels.values()} if summary else set()
+            encodings = (
+                {channel_.message_encoding for channel_ in summary.channels.values()} if summary else set()
+            )
             if "json" not in encodings:
-                yield from _rosbag(name, file, wanted)
+                yield from _read_messages(name, file, columns)
                 return
             for number, (_, channel, message) in enumerate(make_reader(stream).iter_messages()):
                 topic = channel.topic
-                if channel.message_encoding == "json" and (topic not in seen or _is_wanted(topic, wanted)):
-                    seen.add(topic)
-                    yield f"{name}: message {number}", dict(_fields(json.loads(message.data), topic))
+                if channel.message_encoding == "json" and (topic not in topics or _is_wanted(topic, columns)):
+                    topics.add(topic)
+                    yield f"{name}: message {number}", dict(_iterate_fields(json.loads(message.data), topic))
     except CommandFailure:
         raise
     except Exception as error:  # noqa: BLE001 - the library raises various ones
-        raise _unreadable(name, error) from None
+        raise _make_read_error(name, error) from None
 
 
-def _is_wanted(topic: str, wanted: Collection[str]) -> bool:
-    return any(column.startswith(f"{topic}.") for column in wanted)
+def _is_wanted(topic: str, columns: Collection[str]) -> bool:
+    return any(column.startswith(f"{topic}.") for column in columns)
 
 
-def _unreadable(name: str, error: Exception) -> CommandFailure:
+def _make_read_error(name: str, error: Exception) -> CommandFailure:
     words = f": {' '.join(str(error).split())[:_WORDS]}" if str(error) else ""
     return CommandFailure(f"{name}: cannot be read: {type(error).__name__}{words}; was the log cut off?")
 
 
-def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - any message
-    """Yield the values of a message by their names."""
+def _iterate_fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - any message
+    """Yield the values of a message with their names."""
     if hasattr(value, "tolist"):  # an array of NumPy
         value = value.tolist()
     if isinstance(value, dict):
@@ -305,4 +311,4 @@ def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
         yield name, value
         return
     for field, item in inner:
-        yield from _fields(item, f"{name}.{field}")
+        yield from _iterate_fields(item, f"{name}.{field}")

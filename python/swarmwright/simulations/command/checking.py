@@ -1,4 +1,4 @@
-"""Checking a definition that a person has written."""
+"""Reading and checking definitions of simulations that run as processes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,26 +22,26 @@ KINDS: Mapping[str, type[Definition]] = {
 }
 
 
-def kind_of(values: Mapping[str, Any]) -> type[Definition]:
-    """Return what a mapping in the place of a simulation is meant as."""
+def get_definition_class(values: Mapping[str, Any]) -> type[Definition]:
+    """Return the class of definition for a mapping in an experiment."""
     if "command" in values:
         return CommandOptions
     return RosOptions if "ros" in values else FmuOptions if "fmu" in values else CommandOptions
 
 
-def definition_of_name(name: str) -> Definition:
-    """Return what the name of a simulation holds that is run by a command."""
-    return KINDS[SimulationName.parse(name).prefix].of(name)
+def parse_name(name: str) -> Definition:
+    """Return the definition in the name of a simulation that runs as a process."""
+    return KINDS[SimulationName.parse(name).prefix].parse(name)
 
 
 def read_definition(
     values: Mapping[str, Any], folder: Path, base: Path | None = Path()
 ) -> tuple[Definition | None, list[tuple[Path_, str]]]:
-    """Return a definition, paths relative to a folder, and what is wrong with it, with the keys.
+    """Read a definition with paths relative to a folder; return it, and its problems with their keys.
 
-    base: what that folder is relative to; None where files were checked before.
+    base: the folder that `folder` is relative to; None if files were checked before.
     """
-    kind = kind_of(values)
+    kind = get_definition_class(values)
     try:
         options = kind.model_validate(dict(values))
     except ValidationError as error:
@@ -49,17 +49,17 @@ def read_definition(
     options = options.model_copy(update={"folder": str(folder / options.folder)})
     if base is None:
         return options, []
-    below = options.below(base)
+    rebased = options.rebase(base)
     try:
-        check_utf8(str(Path(below.folder).resolve()))
+        check_utf8(str(Path(rebased.folder).resolve()))
     except InputError as error:
         return None, [(("folder",), str(error))]
-    problems = below.problems()
+    problems = rebased.problems()
     return None if problems else options, problems
 
 
-def checked_definition(values: Mapping[str, Any], folder: Path, where: str) -> CommandOptions:
-    """Return a command's definition. Raises InputError, every line beginning with `where`."""
+def require_definition(values: Mapping[str, Any], folder: Path, where: str) -> CommandOptions:
+    """Read the definition of a command. Raises InputError with `where` at the beginning of each line."""
     if not isinstance(values, Mapping):
         raise InputError(f"{where}.definition: {values!r} found, expected a mapping with command, log, ..")
     options, problems = read_definition(values, folder)

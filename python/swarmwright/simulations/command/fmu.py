@@ -1,7 +1,4 @@
-"""FMUs as simulations, stepped by a program in a process of its own.
-
-Parameters of FMUs, of which more is known than their defaults say.
-"""
+"""FMUs as simulations, stepped by a program in a separate process, and their parameters."""
 
 import json
 from dataclasses import dataclass
@@ -21,17 +18,17 @@ _KINDS = {"Boolean": "boolean", "String": "string"}
 
 @dataclass(frozen=True)
 class FmuParameter(Parameter):
-    """A parameter within the limits of its variable's type; 0 and 1 are booleans, too.
+    """A parameter within the limits of its variable's type.
 
-    With 0 and 1 a parameter set evolves a boolean, since it has numbers and texts.
+    0 and 1 are accepted as booleans, because parameter sets evolve numbers and texts.
     """
 
     variable: Variable | None = None
     """The variable."""
 
     @classmethod
-    def of(cls, variable: Variable) -> "FmuParameter":
-        """Return what a variable is as a parameter of a simulation."""
+    def from_variable(cls, variable: Variable) -> "FmuParameter":
+        """Return the parameter for a variable."""
         return cls(variable.start, variable.unit, variable=variable)
 
     @property
@@ -41,14 +38,14 @@ class FmuParameter(Parameter):
         return _KINDS.get(self.variable.type, "number" if self.variable.is_real else "integer")
 
     def problem(self, value: Any) -> str | None:  # noqa: ANN401 - any JSON value
-        """See `Parameter`; the FMU's own start value fits whatever it is."""
+        """See `Parameter`; the FMU's own start value is always valid."""
         assert self.variable is not None
         same = type(value) is type(self.default) and value == self.default
         if same or fits(self.variable, value):
             return None
         return f"{value!r} found, expected {expected(self.variable) or 'nothing, it cannot be set'}"
 
-    def taken(self, value: Any) -> Any:  # noqa: ANN401 - any JSON value
+    def convert(self, value: Any) -> Any:  # noqa: ANN401 - any JSON value
         """See `Parameter`."""
         assert self.variable is not None
         if value is None or isinstance(value, str):
@@ -56,32 +53,32 @@ class FmuParameter(Parameter):
         return float(value) if self.variable.is_real else native(self.variable, value)
 
 
-def announced(definition: FmuOptions) -> dict[str, FmuParameter]:
-    """Return the parameters of an FMU, as its simulation declares them."""
-    return {name: FmuParameter.of(parameter) for name, parameter in definition.parameters.items()}
+def make_parameters(definition: FmuOptions) -> dict[str, FmuParameter]:
+    """Return the parameters that the simulation of an FMU declares."""
+    return {name: FmuParameter.from_variable(parameter) for name, parameter in definition.parameters.items()}
 
 
 class FmuSimulation(CommandSimulation):
-    """A Functional Mock-up Unit: its inputs are actuators, its outputs sensors, its parameters parameters."""
+    """A Functional Mock-up Unit: inputs are actuators, outputs are sensors, parameters are parameters."""
 
     _is_own_program: ClassVar[bool] = True
 
     def __init__(self) -> None:
-        self._definition = FmuOptions.of(self.adapted)
-        known = self._definition.description.variables
+        self._definition = FmuOptions.parse(self.adapted)
+        variables = self._definition.description.variables
         self.metrics = list(self._definition.columns)
-        self.parameters = dict(announced(self._definition))
+        self.parameters = dict(make_parameters(self._definition))
         self.max_agents = self._definition.count
         super().__init__()
-        for which in ("sensors", "actuators"):
+        for kind in ("sensors", "actuators"):
             names, units, ranges = [], [], []
-            for channel in self._definition.channels(which):
-                unit = channel.unit or known[channel.variable.replace(AGENT, "1")].unit
+            for channel in self._definition.channels(kind):
+                unit = channel.unit or variables[channel.variable.replace(AGENT, "1")].unit
                 names.append(channel.variable)
-                # A scaled number has no unit itself, only what it stands for has.
+                # A scaled number has no unit; its unscaled value has.
                 units.append("" if channel.range is not None else unit)
                 ranges.append(None if channel.range is None else Range(*channel.range, unit))
-            if which == "sensors":
+            if kind == "sensors":
                 self.sensor_names, self.sensor_units, self.sensor_ranges = names, units, ranges
             else:
                 self.actuator_names, self.actuator_units, self.actuator_ranges = names, units, ranges
@@ -89,7 +86,7 @@ class FmuSimulation(CommandSimulation):
 
     @classmethod
     def _options(cls) -> CommandOptions:
-        return FmuOptions.of(cls.adapted).as_command()
+        return FmuOptions.parse(cls.adapted).as_command()
 
     @property
     def _label(self) -> str:

@@ -1,14 +1,14 @@
-"""Starts the processes of a simulation's command, and ends them with all that they have started.
+"""Starts the processes of a simulation's command, and ends them with all their descendants.
 
-A program of its own, which needs only Python's library: `python -I -S keeper.py DESCRIPTOR`, where the
-descriptor is a Unix socket of whole packets. Processes whose parents end become its children, also those that
-have left their session, so that all can be found. When the other end of the socket closes, however its
-process has ended, what was started is asked to end, and everything is killed that has not done so.
+This is a separate program that needs only Python's standard library: `python -I -S keeper.py DESCRIPTOR`,
+where the descriptor is a Unix socket of packets. It adopts processes whose parents end, including those that
+have left their session, so that it can find all of them. When the other end of the socket closes, for
+whatever reason, it asks the processes to end, and kills those that do not.
 
-Packets are JSON objects. `{"start": {"command", "folder", "environment", "largest"}}` brings descriptors of
-standard input, output and error, and is answered with `{"started": PID}` or `{"refused": [ERRNO, TEXT]}`;
-`{"kill": SECONDS}` ends what was started, politely at first for so long. When the process has ended, and
-everything that it had left was killed, there is `{"ended": STATUS, "left": [names of processes]}`.
+Packets are JSON objects. `{"start": {"command", "folder", "environment", "largest"}}`, with the descriptors
+of standard input, output and error, is answered with `{"started": PID}` or `{"refused": [ERRNO, TEXT]}`.
+`{"kill": SECONDS}` asks the process to end, and kills it after that time. When the process has ended, and its
+descendants have been killed, `{"ended": STATUS, "left": [names of processes]}` is sent.
 """
 
 import contextlib
@@ -25,12 +25,12 @@ import time
 from pathlib import Path
 
 _LINGER_S = 0.3
-"""Seconds that what a command has started may take to end after it."""
+"""Seconds that the descendants of a command may take to end after it."""
 _GRACE_S = 2.0
-"""Seconds for what is asked to end because the other end of the socket is gone."""
+"""Seconds that processes have to end when the other end of the socket has closed."""
 _SUBREAPER, _DEATH_SIGNAL = 36, 1
 _LARGEST_MESSAGE_BYTES = 1 << 20
-"""Of a message of the parent."""
+"""Most bytes of a message of the parent."""
 _IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LINUX = sys.platform == "linux"
 
@@ -41,7 +41,7 @@ def _control(option: int, value: int) -> None:
 
 
 def _descendants() -> dict[int, str]:
-    """Return the processes below this one that have not ended: their id and name."""
+    """Return the running descendants of this process: id -> name."""
     parents: dict[int, tuple[int, str, str]] = {}
     for entry in os.listdir("/proc") if _LINUX else ():  # noqa: PTH208 - a hundred times a second
         if not entry.isdigit():
@@ -60,7 +60,7 @@ def _descendants() -> dict[int, str]:
 
 
 def _reap(process: "subprocess.Popen[bytes] | None") -> None:
-    """Collect processes that have ended and that no other process waits for."""
+    """Collect ended processes that no other process waits for."""
     if process is not None:
         process.poll()
     waiting = process is not None and process.returncode is None
@@ -80,7 +80,7 @@ def _reap(process: "subprocess.Popen[bytes] | None") -> None:
 
 
 class Keeper:
-    """What the program does."""
+    """The program's main loop."""
 
     def __init__(self, channel: socket.socket) -> None:
         self._channel = channel
@@ -100,31 +100,31 @@ class Keeper:
                     os.read(self._wake, 4096)
                 _reap(self._process)
                 if self._process is not None and self._process.returncode is not None:
-                    self._ended()
+                    self._report_end()
             if self._channel.fileno() in readable:
                 try:
                     data, descriptors, _, _ = socket.recv_fds(self._channel, _LARGEST_MESSAGE_BYTES, 3)
-                except ConnectionResetError:  # closed before all that was said had been read
+                except ConnectionResetError:  # closed with unread reports
                     data, descriptors = b"", []
                 if not data:
                     if self._process is not None:
                         self._kill(_GRACE_S)
                     return
-                self._take(json.loads(data), descriptors)
+                self._handle(json.loads(data), descriptors)
 
-    def _take(self, request: "dict[str, object]", descriptors: "list[int]") -> None:
+    def _handle(self, request: "dict[str, object]", descriptors: "list[int]") -> None:
         start = request.get("start")
         if isinstance(start, dict):
             self._start(start, descriptors)
-        elif self._process is not None:  # else it has just ended, which was said
+        elif self._process is not None:  # else its end has just been reported
             self._kill(float(str(request["kill"])))
 
-    def _start(self, what: "dict[str, object]", descriptors: "list[int]") -> None:
-        command, largest, me = what["command"], int(str(what["largest"])), os.getpid()
+    def _start(self, request: "dict[str, object]", descriptors: "list[int]") -> None:
+        command, largest, me = request["command"], int(str(request["largest"])), os.getpid()
 
         def ready() -> None:
-            for one in _IGNORED:
-                signal.signal(one, signal.SIG_DFL)
+            for ignored in _IGNORED:
+                signal.signal(ignored, signal.SIG_DFL)
             _control(_DEATH_SIGNAL, signal.SIGKILL)
             if os.getppid() != me:
                 os._exit(1)
@@ -135,8 +135,8 @@ class Keeper:
         try:
             self._process = subprocess.Popen(
                 command,  # type: ignore[call-overload]
-                cwd=what["folder"],
-                env={**os.environ, **what["environment"]},  # type: ignore[dict-item]
+                cwd=request["folder"],
+                env={**os.environ, **request["environment"]},  # type: ignore[dict-item]
                 stdin=descriptors[0],
                 stdout=descriptors[1],
                 stderr=descriptors[2],
@@ -145,15 +145,15 @@ class Keeper:
             )
         except (OSError, subprocess.SubprocessError, ValueError) as error:
             number = getattr(error, "errno", None) or 0
-            self._say({"refused": [number, getattr(error, "strerror", None) or str(error)]})
+            self._report({"refused": [number, getattr(error, "strerror", None) or str(error)]})
         else:
-            self._say({"started": self._process.pid})
+            self._report({"started": self._process.pid})
         finally:
             for descriptor in descriptors:
                 os.close(descriptor)
 
     def _kill(self, patience: float) -> None:
-        """End the process and everything below it; first ask."""
+        """Ask the process to end, then kill it and its descendants."""
         assert self._process is not None
         if patience:
             with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -163,43 +163,43 @@ class Keeper:
                 time.sleep(0.01)
         self._kill_all()
         self._process.wait()
-        self._ended(())
+        self._report_end(())
 
-    def _ended(self, left: "tuple[str, ...] | None" = None) -> None:
-        """Say that the process has ended, once nothing of it is left."""
+    def _report_end(self, leftover: "tuple[str, ...] | None" = None) -> None:
+        """Report the end of the process, once its descendants have ended."""
         assert self._process is not None
         status, self._process = self._process.returncode, None
-        if left is None:
+        if leftover is None:
             until = time.monotonic() + _LINGER_S
             while (names := _descendants()) and time.monotonic() < until:
                 time.sleep(0.005)
                 _reap(None)
-            left = tuple(names.values())
+            leftover = tuple(names.values())
             if names:
                 self._kill_all()
-        self._say({"ended": status, "left": sorted(left)[:10]})
+        self._report({"ended": status, "left": sorted(leftover)[:10]})
 
     def _kill_all(self) -> None:
-        """Kill everything below this process, until there is nothing more."""
+        """Kill all descendants, until there are none."""
         if not _LINUX and self._process is not None:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._process.pid, signal.SIGKILL)
         until = time.monotonic() + 10.0
-        while (found := _descendants()) and time.monotonic() < until:
-            for pid in found:
+        while (descendants := _descendants()) and time.monotonic() < until:
+            for pid in descendants:
                 with contextlib.suppress(ProcessLookupError, PermissionError):
                     os.kill(pid, signal.SIGKILL)
             time.sleep(0.001)
             _reap(self._process)
 
-    def _say(self, report: "dict[str, object]") -> None:
-        # The other end is gone: `run` sees that.
+    def _report(self, report: "dict[str, object]") -> None:
+        # If the other end has closed, `run` notices.
         with contextlib.suppress(OSError):
             self._channel.send(json.dumps(report).encode())
 
 
 def main() -> None:
-    """Serve until the other end is closed."""
+    """Serve until the other end of the socket is closed."""
     for signals in _IGNORED:
         signal.signal(signals, signal.SIG_IGN)
     _control(_SUBREAPER, 1)

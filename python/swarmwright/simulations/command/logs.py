@@ -1,7 +1,4 @@
-"""Reads the logs of a command: columns of numbers from tables and JSON.
-
-Rows of a log that hold the units of its columns.
-"""
+"""Reading the logs of a command: columns of numbers from tables, JSON and messages."""
 
 import csv
 import io
@@ -34,7 +31,7 @@ _CELL = re.compile(rf"\s*(?:[-\u2013]?|{_PRODUCT}|\[[^\[\]\d]*(?:{_PRODUCT})?\]|
 _NUMBER = re.compile(r"\s*[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf)\s*", re.IGNORECASE)
 
 
-def is_row(values: Sequence[str], following: Sequence[str]) -> bool:
+def is_unit_row(values: Sequence[str], following: Sequence[str]) -> bool:
     """Return whether a row has units, such as m/s, [rad] or %, and the next one numbers."""
     return (
         any(value.strip(" -\u2013") for value in values)
@@ -44,15 +41,15 @@ def is_row(values: Sequence[str], following: Sequence[str]) -> bool:
 
 
 class Problem(NamedTuple):
-    """Why a value cannot be used."""
+    """The reason why a value cannot be used."""
 
     text: str
     is_number: bool
-    """Whether it is a number all the same: NaN or infinite."""
+    """Whether the value is a number: NaN or infinite."""
 
 
 class Column(list[float]):
-    """The values of a column, in the order of the rows; NaN for what is not a number."""
+    """The values of a column, in the order of the rows; NaN if they are not numbers."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -63,9 +60,9 @@ class Column(list[float]):
         self._infinite: Problem | None = None
         """The first number that is not finite."""
 
-    def add(self, place: str, name: str, value: Any) -> None:  # noqa: ANN401 - whatever the log holds
-        """Take the value of a row."""
-        number, self._last = _number(place, name, value)
+    def add(self, location: str, name: str, value: Any) -> None:  # noqa: ANN401 - whatever the log holds
+        """Add the value of a row."""
+        number, self._last = _parse_number(location, name, value)
         if not self:
             self._first = self._last
         if self._last is not None and self._last.is_number:
@@ -75,7 +72,7 @@ class Column(list[float]):
         self.append(number)
 
     def problem(self, function: str) -> Problem | None:
-        """Return what is wrong with the values that a reduction is made of, None for nothing."""
+        """Return the problem with the values that a reduction uses; None if there is none."""
         if function == "count":
             return None
         if function in {"first", "last"}:
@@ -85,7 +82,7 @@ class Column(list[float]):
 
 Columns = dict[str, Column]
 Row = tuple[str, Mapping[str, Any]]
-"""Where a row stands, `log.csv:3`, and its values by column."""
+"""The location of a row, `log.csv:3`, and its values by column."""
 
 _FORMATS = {
     ".csv": "csv",
@@ -99,89 +96,88 @@ _FORMATS = {
     ".mcap": "mcap",
 }
 Reader = Callable[[str, Path | bytes, Collection[str]], Iterator[Row]]
-"""Takes a log's name and path or content, and which columns are wanted."""
+"""Called with a log's name, its path or content, and the names of the required columns."""
 _SHOWN_NAMES = 12
-"""Names of columns that a message lists."""
+"""Most names of columns in a message."""
 _SHOWN_CHARACTERS = 60
-"""Characters of a line that a message shows."""
+"""Most characters of a line in a message."""
 _PLAIN = re.compile(r"[0-9A-Za-z.+-]+")
 """A number, NaN or infinity, or another word."""
 _KINDS = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
 _WORDS = {"true": 1.0, "false": 0.0}
 
 
-def format_of(path: str, given: str) -> str:
-    """Return a log's format: the one that is given, or by its ending; of others that of csv."""
-    return given if given != "auto" else _FORMATS.get(Path(path).suffix.lower(), "csv")
+def choose_format(path: str, declared: str) -> str:
+    """Return the declared format of a log, or for `auto` the format by its suffix, by default csv."""
+    return declared if declared != "auto" else _FORMATS.get(Path(path).suffix.lower(), "csv")
 
 
 def find(folder: Path, logs: Sequence[str]) -> list[Path]:
-    """Return the files of the logs, patterns in the order of names; some formats have folders.
+    """Return the files, or folders for some formats, of the logs; those of a pattern are sorted by name.
 
-    Raises CommandFailure when there is none, and for what is not a file: reading a named pipe or a device may
-    never end.
+    Raises CommandFailure if a log is missing, and for named pipes and devices, whose reading may never end.
     """
-    found: list[Path] = []
+    files: list[Path] = []
     for log in logs:
-        files = [folder / log] if not set("*?[") & set(log) else sorted(folder.glob(log))
-        files = [file for file in files if file.exists()]
-        if not files:
-            raise CommandFailure(f"ended without writing {log} (simulation.log); {_what_is_there(folder)}")
-        for file in files:
+        matches = [folder / log] if not set("*?[") & set(log) else sorted(folder.glob(log))
+        matches = [file for file in matches if file.exists()]
+        if not matches:
+            raise CommandFailure(f"ended without writing {log} (simulation.log); {_list_folder(folder)}")
+        for file in matches:
             _require_regular(file, folder)
-        found += files
-    return found
+        files += matches
+    return files
 
 
 def _require_regular(file: Path, folder: Path) -> None:
-    """Raise CommandFailure for what is neither a file nor a folder, of a folder for anything in it."""
+    """Raise CommandFailure unless a path, and everything in a folder, is a regular file or a folder."""
     for path in (file, *file.rglob("*")) if file.is_dir() else (file,):
-        with suppress(OSError):  # a link to nothing, which is reported when it is read
+        with suppress(OSError):  # a broken link, which is reported when it is read
             kind = stat.S_IFMT(path.stat().st_mode)
             if kind not in {stat.S_IFREG, stat.S_IFDIR}:
                 name = path.relative_to(folder).as_posix()
                 raise CommandFailure(f"{name}: is {_KINDS.get(kind, 'a device')}, expected a file")
 
 
-def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str]) -> Columns:
-    """Return the columns that are wanted, the rows of all files one after the other.
+def read(files: Mapping[str, Path | bytes], formats: str, required: Collection[str]) -> Columns:
+    """Return the required columns, with the rows of all files concatenated.
 
     Args:
-        files: path or content, by the names that they have in messages.
-        formats: `auto`, or the format of all.
-        wanted: names of columns.
+        files: path or content, by name for messages.
+        formats: `auto`, or the format of all files.
+        required: names of columns.
 
-    Raises CommandFailure for a file that is cut off or cannot be read, and a column that is missing.
+    Raises CommandFailure for a file that is cut off or cannot be read, and for a missing column.
     """
-    columns: Columns = {name: Column() for name in wanted}
-    seen: dict[str, None] = {}
+    columns: Columns = {name: Column() for name in required}
+    names: dict[str, None] = {}
     for name, file in files.items():
-        form = format_of(name, formats)
+        form = choose_format(name, formats)
         if name == STANDARD_OUTPUT and isinstance(file, bytes):
-            form, file = _without_banner(file, form, formats == "auto", wanted)  # noqa: PLW2901 - the rest
+            form, file = _strip_banner(file, form, formats == "auto", required)  # noqa: PLW2901 - the rest
         reader = _READERS[form]
-        for place, row in reader(name, file, wanted):
+        for location, row in reader(name, file, required):
             for column in row:
-                seen.setdefault(column)
-            for column in wanted:
+                names.setdefault(column)
+            for column in required:
                 if column in row:
-                    columns[column].add(place, column, row[column])
-    if not seen:
+                    columns[column].add(location, column, row[column])
+    if not names:
         raise CommandFailure(f"{', '.join(files)}: has no rows")
     for column, values in columns.items():
         if not values:
-            known = list(seen)
-            there = ", ".join(known[:_SHOWN_NAMES]) + (", .." if len(known) > _SHOWN_NAMES else "")
-            where, hint = ", ".join(files), did_you_mean(column, known)
-            raise CommandFailure(f"{where}: has no column {column!r}{hint or ';'} available: {there}")
+            available = ", ".join(list(names)[:_SHOWN_NAMES]) + (", .." if len(names) > _SHOWN_NAMES else "")
+            where, hint = ", ".join(files), did_you_mean(column, list(names))
+            raise CommandFailure(f"{where}: has no column {column!r}{hint or ';'} available: {available}")
     return columns
 
 
-def _without_banner(data: bytes, form: str, is_guessed: bool, wanted: Collection[str]) -> tuple[str, bytes]:
-    """Return the format of what a command has printed, and the log in it.
+def _strip_banner(data: bytes, form: str, is_guessed: bool, columns: Collection[str]) -> tuple[str, bytes]:
+    """Return the format of a command's output, and the log in it.
 
-    Libraries print a greeting or warnings where a log is expected. Such lines are blanked, so that the others
-    keep their numbers: in JSON those that begin no object, in a table those before the names of columns.
+    Libraries may print a banner or warnings into the output. Such lines are replaced by empty ones, so that
+    line numbers stay correct: in JSON, lines that do not begin an object; in a table, lines before the
+    header.
     """
     lines = data.split(b"\n")
     starts = [line.lstrip()[:1] for line in lines]
@@ -199,7 +195,7 @@ def _without_banner(data: bytes, form: str, is_guessed: bool, wanted: Collection
             (
                 at
                 for at, text in enumerate(texts)
-                if _can_be_read(text, delimiter) and not set(wanted).isdisjoint(_words(text, delimiter))
+                if _can_be_read(text, delimiter) and not set(columns).isdisjoint(_words(text, delimiter))
             ),
             0,
         )
@@ -209,23 +205,23 @@ def _without_banner(data: bytes, form: str, is_guessed: bool, wanted: Collection
     return form, b"\n".join(lines)
 
 
-def _number(place: str, column: str, value: Any) -> tuple[float, Problem | None]:  # noqa: ANN401 - as above
-    """Return a value as a number, NaN if it is none, and what is wrong with it."""
+def _parse_number(location: str, column: str, value: Any) -> tuple[float, Problem | None]:  # noqa: ANN401 - as above
+    """Return a value as a number, or NaN, and its problem, if any."""
     try:
         number = _WORDS.get(value.strip().lower(), math.nan) if isinstance(value, str) else float(value)
         if isinstance(value, str) and math.isnan(number):
-            if not _PLAIN.fullmatch(value.strip()):  # float() takes 1_000 and the digits of all scripts
+            if not _PLAIN.fullmatch(value.strip()):  # float() accepts 1_000 and the digits of all scripts
                 raise ValueError
             number = float(value)
     except (TypeError, ValueError, OverflowError):
         shown = repr(value) if len(repr(value)) < 40 else f"{repr(value)[:37]}..."
-        return math.nan, Problem(f"{place}: {column} is {shown}, expected a number", is_number=False)
+        return math.nan, Problem(f"{location}: {column} is {shown}, expected a number", is_number=False)
     if not math.isfinite(number):
-        return number, Problem(f"{place}: {column} is {number}, expected a finite number", is_number=True)
+        return number, Problem(f"{location}: {column} is {number}, expected a finite number", is_number=True)
     return number, None
 
 
-def _text(name: str, file: Path | bytes) -> str:
+def _read_text(name: str, file: Path | bytes) -> str:
     try:
         data = file if isinstance(file, bytes) else file.read_bytes()
         return data.decode("utf-8-sig")
@@ -236,11 +232,11 @@ def _text(name: str, file: Path | bytes) -> str:
 
 
 def _table(delimiter: str) -> Reader:
-    def rows(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
-        names, before, text = _header(name, _text(name, file), delimiter, wanted)
+    def rows(name: str, file: Path | bytes, columns: Collection[str]) -> Iterator[Row]:
+        names, before, text = _find_header(name, _read_text(name, file), delimiter, columns)
         source = _Lines(text, before)
         lines = csv.reader(source, delimiter=_sign(names or text, delimiter))
-        header = None if names is None else _named_once(name, _words(names, delimiter), wanted)
+        header = None if names is None else _check_unique(name, _words(names, delimiter), columns)
         row: tuple[str, list[str]] | None = None
         count = 0
         try:
@@ -248,21 +244,20 @@ def _table(delimiter: str) -> Reader:
                 source.is_between = True
                 if not line or (len(line) == 1 and not line[0].strip()):
                     continue
-                place = f"{name}:{source.number}"
+                location = f"{name}:{source.number}"
                 if header is None:
                     names = ",".join(line)
-                    header = _named_once(name, [_word(word) for word in line], wanted)
+                    header = _check_unique(name, [_word(word) for word in line], columns)
                     continue
                 if len(line) != len(header):
-                    there = "is" if len(header) == 1 else "are"
                     raise CommandFailure(
-                        f"{place}: has {format_count(len(line), 'value')}, but there {there} "
-                        f"{format_count(len(header), 'column')}; "
-                        + ("was the log cut off?" if len(line) < len(header) else _taken(names or ""))
+                        f"{location}: has {counted(len(line), 'value')}, expected "
+                        f"{counted(len(header), 'column')}; "
+                        + ("was the log cut off?" if len(line) < len(header) else _quote_header(names or ""))
                     )
-                if row is not None and not (count == 1 and is_row(row[1], line)):
+                if row is not None and not (count == 1 and is_unit_row(row[1], line)):
                     yield row[0], dict(zip(header, row[1], strict=True))
-                row, count = (place, line), count + 1
+                row, count = (location, line), count + 1
             if row is not None and header is not None:
                 yield row[0], dict(zip(header, row[1], strict=True))
         except csv.Error as error:
@@ -272,19 +267,19 @@ def _table(delimiter: str) -> Reader:
 
 
 class _Lines:
-    """The lines of a table without comments, lines that begin with # other than within quotes.
+    """The lines of a table without comments: lines that begin with # outside quotes.
 
     Args:
         text: the table.
-        number: of the last line before it.
+        number: number of the last line before it.
     """
 
     def __init__(self, text: str, number: int) -> None:
         self._lines = iter(io.StringIO(text))
         self.number = number
-        """Of the last line that was read, from 1 on."""
+        """Number of the last line that was read, from 1."""
         self.is_between = True
-        """Whether the next line begins a row, rather than continues a value in quotes."""
+        """Whether the next line begins a row, rather than continuing a value in quotes."""
 
     def __iter__(self) -> Iterator[str]:
         for line in self._lines:
@@ -295,31 +290,34 @@ class _Lines:
             yield line
 
 
-def _no_table(place: str, error: csv.Error) -> CommandFailure:
-    if "new-line" in str(error):  # Python's advice is for those who open the file
+def _no_table(location: str, error: csv.Error) -> CommandFailure:
+    if "new-line" in str(error):  # Python's message addresses the program that opens the file
         return CommandFailure(
-            f"{place}: has a carriage return without a line feed; end lines with \\n or \\r\\n"
+            f"{location}: has a carriage return without a line feed; end lines with \\n or \\r\\n"
         )
-    return CommandFailure(f"{place}: is not a table: {error}")
+    return CommandFailure(f"{location}: is not a table: {error}")
 
 
-def _named_once(name: str, header: list[str], wanted: Collection[str]) -> list[str]:
-    """Return the names of columns. Raises CommandFailure where a wanted one is there several times."""
-    for column in wanted:
+def _check_unique(name: str, header: list[str], columns: Collection[str]) -> list[str]:
+    """Return the names of columns. Raises CommandFailure for a duplicate among the required ones."""
+    for column in columns:
         if header.count(column) > 1:
-            raise CommandFailure(f"{name}: has several columns {column!r}; each needs a name of its own")
+            raise CommandFailure(f"{name}: has several columns {column!r}; give each a different name")
     return header
 
 
-def _taken(names: str) -> str:
-    return f"this line was taken for their names: {names.strip()[:_SHOWN_CHARACTERS]!r}"
+def _quote_header(names: str) -> str:
+    return f"their names were read from this line: {names.strip()[:_SHOWN_CHARACTERS]!r}"
 
 
-def _header(name: str, text: str, delimiter: str, wanted: Collection[str]) -> tuple[str | None, int, str]:
-    """Find the names of the columns, before which a log may have comments, lines that begin with #.
+def _find_header(
+    name: str, text: str, delimiter: str, columns: Collection[str]
+) -> tuple[str | None, int, str]:
+    """Find the names of the columns, which may follow, or be the last of, comments: lines that begin with #.
 
-    Returns the line with the names where it is such a comment, how many lines stand before the rest, and the
-    rest, which else begins with the names. Raises CommandFailure where that line is none of a table.
+    Returns the comment with the names, or None; the number of lines before the remaining text; and the
+    remaining text, which begins with the names if they are not a comment. Raises CommandFailure if the line
+    with the names is not a line of a table.
     """
     comments: list[str] = []
     number = start = 0
@@ -336,19 +334,19 @@ def _header(name: str, text: str, delimiter: str, wanted: Collection[str]) -> tu
         words = _words(line, delimiter)
     except csv.Error as error:
         raise _no_table(f"{name}:{number + 1}", error) from None
-    # Others, such as one with a carriage return in it, are no lines of a table.
+    # Comments that are not valid lines of a table, such as with a carriage return in them, have no names.
     comments = [comment for comment in comments if _can_be_read(comment, delimiter)]
-    if not comments or not set(wanted).isdisjoint(words):
+    if not comments or not set(columns).isdisjoint(words):
         return None, number, rest
     for comment in reversed(comments):
-        if not set(wanted).isdisjoint(_words(comment, delimiter)):
+        if not set(columns).isdisjoint(_words(comment, delimiter)):
             return comment, number, rest
-    # None of them has a name that is wanted, which is reported with those that there are.
+    # No comment has a required name, which is reported with the available names.
     return (comments[-1] if not words or any(map(_is_number, words)) else None), number, rest
 
 
 def _sign(line: str, delimiter: str) -> str:
-    """Return what stands between values, a semicolon where there is no comma."""
+    """Return the character between values, a semicolon in a line without commas."""
     first = line.partition("\n")[0]
     return ";" if delimiter == "," and ";" in first and "," not in first else delimiter
 
@@ -376,56 +374,62 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _agent(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
-    """Yield one row for an agent's log: how many steps it has, and the last, first, .. of its values.
+def _agent(name: str, file: Path | bytes, _columns: Collection[str]) -> Iterator[Row]:
+    """Yield a single row for an agent's log: its number of steps, and the first and last of its values.
 
-    As the fitness functions of Modelio's CPSwarm module read it: the last value is that of the largest step.
+    The format is that of the fitness functions of Modelio's CPSwarm module: the last value is that of the
+    largest step.
     """
     values: dict[int, float] = {}
-    for number, line in enumerate(_text(name, file).splitlines(), 1):
+    for number, line in enumerate(_read_text(name, file).splitlines(), 1):
         if not line.strip() or line.startswith("#"):
             continue
         words = line.split("\t")
-        place = f"{name}:{number}"
+        location = f"{name}:{number}"
         if len(words) != 2 or not re.fullmatch(r"\s*[+-]?\d{1,18}\s*", words[0]):
-            raise CommandFailure(f"{place}: {line[:40]!r} found, expected a whole number, a tab and a number")
-        values[int(words[0])], problem = _number(place, "value", words[1])
+            raise CommandFailure(
+                f"{location}: {line[:40]!r} found, expected a whole number, a tab and a number"
+            )
+        values[int(words[0])], problem = _parse_number(location, "value", words[1])
         if problem is not None and not problem.is_number:
             raise CommandFailure(problem.text)
     series = [values[step] for step in sorted(values)]
     yield name, {"steps": len(series), **({} if not series else {"first": series[0], "last": series[-1]})}
 
 
-def _json_lines(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
-    # Text in JSON may have other ends of lines, such as U+2028, within it.
-    for number, line in enumerate(_text(name, file).split("\n"), 1):
+def _json_lines(name: str, file: Path | bytes, _columns: Collection[str]) -> Iterator[Row]:
+    # Strings in JSON may contain other line separators, such as U+2028.
+    for number, line in enumerate(_read_text(name, file).split("\n"), 1):
         if line.strip():
-            yield f"{name}:{number}", _object(f"{name}:{number}", _parsed(f"{name}:{number}", line))
+            yield (
+                f"{name}:{number}",
+                _flatten_object(f"{name}:{number}", _parse_json(f"{name}:{number}", line)),
+            )
 
 
-def _json(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
-    value = _parsed(name, _text(name, file))
+def _json(name: str, file: Path | bytes, _columns: Collection[str]) -> Iterator[Row]:
+    value = _parse_json(name, _read_text(name, file))
     for index, element in enumerate(value if isinstance(value, list) else [value]):
-        place = f"{name}: item {index}" if isinstance(value, list) else name
-        yield place, _object(place, element)
+        location = f"{name}: item {index}" if isinstance(value, list) else name
+        yield location, _flatten_object(location, element)
 
 
-def _parsed(place: str, text: str) -> Any:  # noqa: ANN401 - any JSON value
+def _parse_json(location: str, text: str) -> Any:  # noqa: ANN401 - any JSON value
     try:
         return json.loads(text)
     except ValueError as error:
-        raise CommandFailure(f"{place}: is not valid JSON: {error}; was the log cut off?") from None
+        raise CommandFailure(f"{location}: is not valid JSON: {error}; was the log cut off?") from None
     except RecursionError:
-        raise CommandFailure(f"{place}: is JSON that is nested too deeply") from None
+        raise CommandFailure(f"{location}: is nested too deeply") from None
 
 
-def _object(place: str, value: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
+def _flatten_object(location: str, value: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
     if not isinstance(value, dict):
-        raise CommandFailure(f"{place}: holds no object, {{..}}")
+        raise CommandFailure(f"{location}: is not a JSON object, {{..}}")
     try:
         return dict(flat(value))
     except RecursionError:
-        raise CommandFailure(f"{place}: is JSON that is nested too deeply") from None
+        raise CommandFailure(f"{location}: is nested too deeply") from None
 
 
 def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -437,13 +441,13 @@ def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
             yield f"{before}{name}", value
 
 
-def _what_is_there(folder: Path) -> str:
-    """Return in words what a work folder holds."""
+def _list_folder(folder: Path) -> str:
+    """Return a description of the files in a work folder, for a message."""
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     if not names:
-        return "its work folder is empty: have the command write into {folder}, its working folder"
+        return "its work folder is empty; have the command write to {folder}, its working folder"
     more = f" and {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else ""
-    return f"found: {', '.join(names[:_SHOWN_NAMES])}{more}"
+    return f"its work folder contains: {', '.join(names[:_SHOWN_NAMES])}{more}"
 
 
 _READERS: dict[str, Reader] = {
@@ -452,6 +456,6 @@ _READERS: dict[str, Reader] = {
     "agents": _agent,
     "jsonl": _json_lines,
     "json": _json,
-    "rosbag": bags.rosbag,
-    "mcap": bags.mcap,
+    "rosbag": bags.read_rosbag,
+    "mcap": bags.read_mcap,
 }

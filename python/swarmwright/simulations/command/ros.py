@@ -18,7 +18,7 @@ from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.temporary import private_folder
 from swarmwright.simulations.command.definition import CommandOptions
 from swarmwright.simulations.command.placeholders import Placeholder, Template, Values, command
-from swarmwright.simulations.command.process import resolved_word
+from swarmwright.simulations.command.process import resolve_word
 from swarmwright.simulations.command.ros_definition import ATTACHMENT, DOMAINS, OF_AN_INSTANCE, RosOptions
 from swarmwright.simulations.command.simulation import CommandSimulation
 from swarmwright.simulations.command.stepwise import Start
@@ -28,14 +28,14 @@ from swarmwright.simulations.command.work_files import Instance
 class RosSimulation(CommandSimulation):
     """Robots of a ROS system.
 
-    A program that knows the definition runs in the Python of the middleware; it is stepped over its standard
-    input and output as any command can be.
+    A program with the definition runs in the Python of the middleware, and is stepped over its standard input
+    and output like any stepwise command.
     """
 
     _is_own_program: ClassVar[bool] = True
 
     def __init__(self) -> None:
-        self._definition = RosOptions.of(self.adapted)
+        self._definition = RosOptions.parse(self.adapted)
         self._has_robots = False
         self.metrics = list(self._definition.metrics)
         super().__init__()
@@ -48,11 +48,11 @@ class RosSimulation(CommandSimulation):
         self.actuator_ranges = [
             Range.from_scale(actuator.scale, actuator.offset) for actuator in self._definition.actuators
         ]
-        self.step_seconds = self._definition.step.duration  # None where a service makes a step
+        self.step_seconds = self._definition.step.duration  # None if a service makes a step
 
     @classmethod
     def _options(cls) -> CommandOptions:
-        return RosOptions.of(cls.adapted).as_command()
+        return RosOptions.parse(cls.adapted).as_command()
 
     @property
     def _label(self) -> str:
@@ -71,12 +71,12 @@ class RosSimulation(CommandSimulation):
         return start
 
     def _lock(self, environment: Mapping[str, str]) -> None:
-        """Have the robots for this object. Raises InputError when another one on this machine has them."""
-        known = {**os.environ, **environment}
-        where = [known.get(name, "") for name in ("ROS_MASTER_URI", "ROS_DOMAIN_ID")]
+        """Lock the robots for this object. Raises InputError if another process on this machine has them."""
+        variables = {**os.environ, **environment}
+        where = [variables.get(name, "") for name in ("ROS_MASTER_URI", "ROS_DOMAIN_ID")]
         names = list(self._definition.robots)
         if self._definition.step.is_called:
-            names.append("the simulation")  # a step is one of all robots
+            names.append("the simulation")  # a step moves all robots
         with contextlib.ExitStack() as locks:
             for name in names:
                 text = "\n".join([str(self._definition.ros), *where, name])
@@ -87,19 +87,19 @@ class RosSimulation(CommandSimulation):
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except OSError:
                     raise InputError(
-                        f"simulation: another server on this machine drives {name}; have one server only "
-                        "(servers: 1), or let each start a simulator of its own (simulation.start)"
+                        f"simulation: another server on this machine controls {name}; use a single server "
+                        "(servers: 1), or let each server start its own simulator (simulation.start)"
                     ) from None
             weakref.finalize(self, locks.pop_all().close)
         self._has_robots = True
 
     def _attachment(self) -> dict[str, Any]:
-        """Return what the program reads: the definition, with what only this instance knows."""
+        """Return the program's input: the definition, with the values of this instance."""
         attachment = self._definition.attachment()
         if self._definition.start is not None:
             attachment["start"] = self._command(self._definition.start)
         attachment["reset"]["command"] = [self._reset_parts(word) for word in self._reset_command] or None
-        values = {name: str(value) for name, value in self._values.own.items() if name != "episode"}
+        values = {name: str(value) for name, value in self._values.built_in.items() if name != "episode"}
         return {**attachment, "values": values}
 
     @property
@@ -107,18 +107,18 @@ class RosSimulation(CommandSimulation):
         return command(tuple(self._definition.reset.command or ()), "reset.command")
 
     def _reset_parts(self, word: Template) -> list[str | dict[str, str]]:
-        """Return a word as JSON has it, so that the program parses nothing: text and names of placeholders.
+        """Return a word in JSON, parsed into text and names of placeholders.
 
-        Text that is a word of its own may name a file.
+        A word without placeholders may name a file.
         """
-        here = Path(self._definition.folder)
+        folder = Path(self._definition.folder)
         if len(word.parts) == 1 and isinstance(word.parts[0], str):
-            return [resolved_word(word.parts[0], here)]
+            return [resolve_word(word.parts[0], folder)]
         return [{"name": part.name} if isinstance(part, Placeholder) else part for part in word.parts]
 
     def reset(self, parameters: dict[str, Any], seed: int, controller: str | None = None) -> ArrayLike:
-        """Begin an episode. Raises InputError for text that would decide what `reset.command` runs."""
-        given = Values(dict.fromkeys(OF_AN_INSTANCE), parameters, self._choices)
+        """Start an episode. Raises InputError for text that would decide what `reset.command` runs."""
+        values = Values(dict.fromkeys(OF_AN_INSTANCE), parameters, self._choices)
         for word in self._reset_command:
-            word.check(given)
+            word.check(values)
         return super().reset(parameters, seed, controller)

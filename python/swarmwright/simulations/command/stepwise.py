@@ -1,4 +1,4 @@
-"""Talks with a command over its standard input and output, a JSON object a line, through many episodes.
+"""Runs many episodes with a command over its standard input and output, a JSON object in each line.
 
     to it:    {"reset": {"parameters": {"steps": 30}, "seed": 7}, "id": 1}
     from it:  {"sensors": [[0.5, -1.0], [0.1, 2.0]], "id": 1}
@@ -6,27 +6,20 @@
     from it:  {"sensors": [[0.4, -1.0], [0.2, 1.0]], "id": 2}
     ..        {"done": true, "fitness": -0.31, "metrics": {"arrived": 2}, "id": 3}
 
-`sensors` has a row for each agent. `acting` beside it lists the agents whose actuators are wanted next, by
-default all; rows of `actuators` of others are 0. `{"error": "why"}` fails the episode. `"warning": "text"`
-in an answer is logged, the first one of a server. At the end of its standard input the command is to end.
-Lines that do not begin with { are output like any other.
+`sensors` has a row for each agent. `acting` beside it lists the agents that act next, by default all; in
+`actuators`, the rows of other agents are 0. `{"error": "reason"}` fails the episode. `"warning": "text"` in
+an answer is logged once for a server. The command must end at the end of its standard input. Lines that do
+not begin with { are ordinary output.
 
-A second answer to a message fails the episode. The `id` is optional in answers, in all of a process or none.
-With it, a second answer is recognised whenever it comes, and one to the last message of an episode does no
-harm. Without it, one that comes late is taken for that to the next message: the
-program is then one message behind, and says the end of the episode twice, which fails the episode, too. Where
-that is seen only when the next episode begins, there is a warning, and the process is replaced.
+A second answer to a message fails the episode. Answers may repeat the `id` of their message; either all
+answers of a process do, or none. With ids, a second answer is always recognised, and one to the last message
+of an episode is harmless. Without ids, a late second answer is mistaken for the answer to the next message,
+and so on: the controller acts on old sensors, the fitness is wrong, and the program announces the end of the
+episode twice, which fails the episode. If that is noticed only when the next episode begins, a warning is
+logged and the process is replaced. To notice it earlier, this module waits briefly for second answers.
 
-So it is where the process ends with another exit status than 0, or reports an error, after an episode. That
-never fails an episode: which one would depend on when it is seen.
-
-Lines of a command's standard output: which are answers, and what has come of the next one.
-
-Second answers to a message: recognised by the ids of messages, else waited for.
-
-A second answer is taken for the answer to the next message where it comes after that was sent, and so on up
-to the end: the controller then acts on old sensors, and the fitness is wrong. Only answers that repeat the
-`id` of their message show it for certain.
+A warning is also logged, and the process replaced, if it ends with an exit status other than 0, or reports an
+error, after an episode. This never fails an episode, because which one would depend on timing.
 """
 
 import contextlib
@@ -42,10 +35,10 @@ from typing import Any, NoReturn
 
 from swarmwright.common.untrusted import escape_line
 from swarmwright.simulations.command.process import (
+    CapturedOutput,
     CommandFailure,
-    Ended,
+    ExitReport,
     Limits,
-    Printed,
     ProcessEnded,
     Processes,
     ReportedFailure,
@@ -54,101 +47,103 @@ from swarmwright.simulations.command.process import (
 )
 
 ID = "id"
-"""Key of a message's number, which answers repeat."""
+"""Key of a message's number, which answers may repeat."""
 _CLOSE_EPISODES = 5
-"""In so many episodes, at the start and after a second answer, one is waited for longer."""
+"""Number of episodes, at the start and after a second answer, with longer waits."""
 _STEPS_AT_END = 1.5
-"""Of the longest step's time: within it comes the answer to a message that was sent too often."""
+"""Wait at the end of an episode, relative to the longest step, in which a second answer should arrive."""
 _LONGEST_AT_END_S = 1.0
 _SHARE_AT_END, _SHARE_OF_STEP = 0.1, 0.02
-"""Of an episode's and of a step's time, which a look takes at most after the first episodes."""
+"""Longest wait after the first episodes, relative to the time of an episode and of a step."""
 _LONGEST_LOOK_S = 0.002
-"""Seconds of such a look in a step."""
+"""Longest wait in a step after the first episodes, in seconds."""
 _CLOSE_LOOKS_S = 0.2
-"""Seconds of the looks in the steps of one of the first episodes, together."""
+"""Longest total wait in the steps of one of the first episodes, in seconds."""
 SETTLE_S, SUSPECT_S = 0.02, 0.2
-"""Seconds, at least, of the look at the end of one of the first episodes; of one after a second answer."""
+"""Shortest wait at the end of one of the first episodes, and of an episode after a second answer, in
+seconds."""
 _SHORTEST_LOOK_S = 0.0002
-"""The shortest wait of the system is about 0.1 ms."""
+"""Shorter waits are skipped: the system's shortest is about 0.1 ms."""
 
 
 class MessageIds:
-    """Numbers of the messages to one process, from 1 on."""
+    """Numbers of the messages to a process, from 1."""
 
     def __init__(self) -> None:
         self.are_repeated = False
-        """Whether the program's answers have them."""
+        """Whether the program's answers repeat them."""
         self._last = self._reset = 0
 
     def next(self, *, is_reset: bool) -> int:
-        """Return the number of the next message; is_reset: whether that begins an episode."""
+        """Return the number of the next message; is_reset: whether the message begins an episode."""
         self._last += 1
         if is_reset:
             self._reset = self._last
         return self._last
 
-    def takes(self, answer: dict[str, Any]) -> bool:
-        """Whether this answers the last message; False for a second answer in an episode that has ended.
+    def accepts(self, answer: dict[str, Any]) -> bool:
+        """Return whether this answers the last message; False for second answers in previous episodes.
 
-        An error counts unless it has the number of a message of an episode that has ended: programs report
-        errors from where the message is not known.
+        An error is accepted unless it has the number of a message of a previous episode, because programs may
+        report errors without knowing the message.
 
-        Raises CommandFailure for an answer to another message of this episode, or where some have no number.
+        Raises CommandFailure for an answer to another message of this episode, or if some answers lack a
+        number.
         """
         is_error = "error" in answer
         if ID not in answer:
             if self.are_repeated and not is_error:
                 raise CommandFailure(
-                    f'answered message {self._last} without its "{ID}", unlike others before'
+                    f'answered message {self._last} without its "{ID}", unlike earlier messages'
                 )
             return True
-        found = answer.pop(ID)
-        if found == self._last and not isinstance(found, bool):
+        number = answer.pop(ID)
+        if number == self._last and not isinstance(number, bool):
             self.are_repeated = True
             return True
-        if self.are_repeated and isinstance(found, int):
-            if 0 < found < self._reset:
+        if self.are_repeated and isinstance(number, int):
+            if 0 < number < self._reset:
                 return False
-            if found < self._last and not is_error:
-                raise CommandFailure(f"answered message {found} twice")
+            if number < self._last and not is_error:
+                raise CommandFailure(f"answered message {number} twice")
         if is_error:
             return True
         raise CommandFailure(
-            f'answered with the "{ID}" {repr(found)[:40]}, expected {self._last}, the number of the message: '
-            "have answers repeat it, or leave the key out of all"
+            f'answered with the "{ID}" {repr(number)[:40]}, expected {self._last}, the number of the message; '
+            "repeat it in all answers, or omit the key from all"
         )
 
 
-class Looks:
-    """How long a second answer is waited for, which programs send without ids."""
+class WaitTimes:
+    """Times to wait for second answers of programs that do not repeat ids."""
 
     def __init__(self) -> None:
-        self._close = _CLOSE_EPISODES + 1  # less 1 at the beginning of each
+        self._close = _CLOSE_EPISODES + 1  # decremented at the beginning of each episode
         self._is_suspect = False
         self._longest_s = self._episode_s = self._looked_s = 0.0
 
     @property
     def are_close(self) -> bool:
-        """Whether this is one of the first episodes, or of those after a second answer."""
+        """Whether this is one of the first episodes, at the start or after a second answer."""
         return self._close > 0
 
     def begin_episode(self) -> None:
-        """Begin with the next episode."""
+        """Start the next episode."""
         self._close = max(self._close - 1, 0)
         self._is_suspect = self._is_suspect and self._close > 0
         self._longest_s = self._episode_s = self._looked_s = 0.0
 
     def suspect(self) -> None:
-        """Look closely in the next episodes: there was a second answer."""
+        """Wait longer in the next episodes, after a second answer."""
         self._close, self._is_suspect = _CLOSE_EPISODES + 1, True
 
     def seconds(self, taken_s: float, *, is_reset: bool, is_end: bool) -> float:
-        """Return how long to wait after an answer; 0 for not at all.
+        """Return the seconds to wait for a second answer after an answer; 0 for not at all.
 
         Args:
-            taken_s: seconds until it came.
-            is_reset: whether it was to the message that begins the episode.
-            is_end: whether it has ended the episode.
+            taken_s: seconds until the answer came.
+            is_reset: whether it answers the message that begins the episode.
+            is_end: whether it ends the episode.
         """
         self._episode_s += taken_s
         if not is_reset:
@@ -169,55 +164,55 @@ class Looks:
 
 
 CHUNK_BYTES = 1 << 16
-"""Read at a time."""
+"""Bytes of a read."""
 _LONGEST_LINE_BYTES = 1 << 26
-"""Of an answer."""
+"""Most bytes of an answer."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BEGINNING = 60
-"""Bytes of an answer that are shown."""
+"""Most bytes of an answer in a message."""
 
 
 def is_answer(line: bytes | bytearray) -> bool:
-    """Whether a line, or its beginning, is an answer rather than other output."""
+    """Return whether a line, or its beginning, is an answer rather than other output."""
     return line.lstrip().startswith(b"{")
 
 
 class Lines:
-    """What was read and not taken yet."""
+    """Buffered output of a command, split into lines."""
 
     def __init__(self) -> None:
         self._rest = bytearray()
         self._searched = 0
 
     def add(self, data: bytes) -> None:
-        """Take in what was read."""
+        """Add output that was read."""
         self._rest += data
 
     @property
     def are_empty(self) -> bool:
-        """Whether nothing is left."""
+        """Whether the buffer is empty."""
         return not self._rest
 
     @property
     def begin_answer(self) -> bool:
-        """Whether what comes next is an answer, or its beginning."""
+        """Whether the buffer begins with an answer, or the beginning of one."""
         return is_answer(self._rest)
 
     @property
     def beginning(self) -> str:
-        """What comes next, cut to a few words."""
+        """The beginning of the buffer, shortened."""
         return self._rest[:_BEGINNING].split(b"\n")[0].decode("utf-8", "replace")
 
     def put_back(self, line: bytes) -> None:
-        """Have the line that was taken last come next again."""
+        """Put a line back to the beginning of the buffer."""
         self._rest[:0] = line
 
     def take(self) -> bytes | None:
-        """Return the next line, also the beginning of one that is too long to be an answer; None for none.
+        """Return the next line, or the beginning of a long line that is not an answer; None if there is none.
 
         Raises CommandFailure for an answer that is too long.
         """
-        if self._rest.startswith(_BYTE_ORDER_MARK):  # some programs write it before the first line
+        if self._rest.startswith(_BYTE_ORDER_MARK):  # some programs write it first
             del self._rest[: len(_BYTE_ORDER_MARK)]
             self._searched = 0
         end = self._rest.find(b"\n", self._searched) + 1
@@ -235,20 +230,20 @@ class Lines:
 
 
 _LONGEST_WARNING = 1000
-"""Characters of a command's warning that are logged."""
+"""Most characters of a command's warning."""
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
 _SURPLUS_S = 0.05
-"""Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
+"""Seconds to wait for the answer to a reset after an answer that may be the previous episode's end."""
 _LINE_END_S = 0.2
-"""Seconds in which the rest of a line comes that nothing was asked for."""
+"""Seconds to wait for the rest of an unexpected line."""
 _GRACE_S = 2.0
-"""Seconds that a process has to end when its standard input is closed."""
+"""Seconds that a process has to end after its standard input is closed."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """How the process is started."""
+    """Arguments for starting the process."""
 
     command: Sequence[str]
     folder: Path
@@ -256,13 +251,13 @@ class Start:
 
 
 class Dialogue:
-    """One process at a time, which runs episodes in turn.
+    """A process that runs episodes one after the other, and is replaced when necessary.
 
     Args:
-        processes: which start it.
+        processes: starts it.
         start: called before a process is started.
-        limits: of an episode.
-        recycle: episodes of a process; 0 for any number.
+        limits: limits of an episode.
+        recycle: most episodes of a process; 0 for any number.
     """
 
     def __init__(
@@ -271,19 +266,19 @@ class Dialogue:
         self._processes, self._start, self._limits, self._recycle = processes, start, limits, recycle
         self._pipes: tuple[int, int, int] | None = None
         """Its standard input, output and error."""
-        self._ended: Ended | None = None
+        self._ended: ExitReport | None = None
         self._episodes = 0
         self._lines = Lines()
         self._ids = MessageIds()
-        self._looks = Looks()
+        self._wait_times = WaitTimes()
         self._logged: set[str] = set()
-        """Warnings, of which each is logged once."""
-        self.printed = Printed(0)
+        """Warnings that have been logged."""
+        self.printed = CapturedOutput(0)
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
-        """Begin an episode; return what the command answers.
+        """Start an episode; return the command's answer.
 
-        Raises CommandFailure for any failure, as the other methods; the process is then ended.
+        Raises CommandFailure for any failure, like the other methods; the process is then ended.
         """
         message = {"reset": {"parameters": dict(parameters), "seed": seed}}
         if self._pipes is not None and (
@@ -295,30 +290,30 @@ class Dialogue:
             self._end_for_surplus()
         fresh = self._pipes is None
         if fresh:
-            self._begin()
-        self._watch.begin_again()
+            self._start_process()
+        self._watch.restart()
         self._episodes += 1
-        self._looks.begin_episode()
+        self._wait_times.begin_episode()
         late: CommandFailure | None = None
-        ended: Ended | None = None
+        ended: ExitReport | None = None
         try:
             answer = self.ask(message)
             if fresh or answer.get("done") is not True or self._ids.are_repeated:
                 return answer
-            if not self._has_surplus(_SURPLUS_S if self._looks.are_close else 0.0):
+            if not self._has_surplus(_SURPLUS_S if self._wait_times.are_close else 0.0):
                 return answer
-            # What came is the end of the episode before, said twice.
+            # The answer is the previous episode's end, sent twice.
             self._end_for_surplus()
         except (ProcessEnded, ReportedFailure) as failure:
-            # It may be because of the episode before. What this one causes comes again.
+            # The previous episode may be the cause. A failure of this episode will occur again.
             if fresh:
                 raise
             late, ended = failure, self._ended
-        self._begin()
+        self._start_process()
         self._episodes = 1
         answer = self.ask(message)
         if isinstance(late, ReportedFailure):
-            self._note_late(late.reason)
+            self._warn_of_late_error(late.reason)
         elif late is not None:
             self._check_end_between(ended)
         return answer
@@ -335,8 +330,8 @@ class Dialogue:
             answer = self._answer()
             if not self._ids.are_repeated:
                 is_end = answer.get("done") is True
-                seconds = self._looks.seconds(time.monotonic() - began, is_reset=is_reset, is_end=is_end)
-                if not (is_reset and is_end):  # `reset` looks for what belongs to the episode before
+                seconds = self._wait_times.seconds(time.monotonic() - began, is_reset=is_reset, is_end=is_end)
+                if not (is_reset and is_end):  # `reset` checks for second answers of the previous episode
                     self._look_for_surplus(seconds, is_end=is_end)
             return answer
         except BaseException as error:
@@ -346,18 +341,18 @@ class Dialogue:
     def _answer(self) -> dict[str, Any]:
         """Return the answer to the last message."""
         while True:
-            answer = self._parsed(self._line())
-            if self._ids.takes(answer):
-                return self._accepted(answer)
+            answer = self._parse_answer(self._line())
+            if self._ids.accepts(answer):
+                return self._check_errors(answer)
             if "error" in answer:
-                self._note_late(answer["error"])
+                self._warn_of_late_error(answer["error"])
 
-    def _note_late(self, error: object) -> None:
-        """Warn of an error that the command reports after the end of an episode, which has been counted."""
+    def _warn_of_late_error(self, error: object) -> None:
+        """Warn of an error that the command reports after an episode that has already been counted."""
         self._warn("the command reports an error after the end of an episode: %s", error)
 
     def _look_for_surplus(self, seconds: float, *, is_end: bool) -> None:
-        """Raise CommandFailure for a second answer within so many seconds; log an error after the end."""
+        """Raise CommandFailure for a second answer within these seconds; log an error after the end."""
         if not self._has_surplus(seconds):
             return
         try:
@@ -365,20 +360,20 @@ class Dialogue:
         except ReportedFailure as failure:
             if not is_end:
                 raise
-            self._note_late(failure.reason)
+            self._warn_of_late_error(failure.reason)
             self.abandon()
 
-    def _check_end_between(self, ended: Ended | None) -> None:
-        """Warn of a process that has failed after an episode, perhaps at a message that it did not expect."""
+    def _check_end_between(self, ended: ExitReport | None) -> None:
+        """Warn of a process that has failed after an episode, perhaps because of an unexpected message."""
         if ended is None or not ended.status or self._ids.are_repeated:
             return
         try:
             check_end(ended, self._limits)
         except CommandFailure as failure:
-            self._doubt(f"{failure} after the end of an episode")
+            self._warn_of_doubt(f"{failure} after the end of an episode")
 
     def _has_surplus(self, patience: float = 0.0) -> bool:
-        """Whether there is an answer although nothing was asked."""
+        """Return whether there is an unexpected answer."""
         assert self._pipes is not None
         if not patience and self._lines.are_empty and not self._answers.poll(0):
             return False
@@ -392,18 +387,18 @@ class Dialogue:
                 self.printed.take(line)
             if self._lines.begin_answer:
                 return True
-            left = max(deadline - time.monotonic(), 0.0)
-            # Of what is printed without end, the rest is read when an answer is waited for.
-            if self._ended is not None or (has_read and not left):
+            remaining_s = max(deadline - time.monotonic(), 0.0)
+            # The rest of endless output is read while waiting for an answer.
+            if self._ended is not None or (has_read and not remaining_s):
                 return False
-            if not self._read_more(left):
+            if not self._read_more(remaining_s):
                 return False
             has_read = True
 
     def _read_more(self, patience: float) -> bool:
-        """Read what comes within so many seconds; False for nothing, or the end of the output."""
+        """Read output that comes within these seconds; return False for nothing, or the end of the output."""
         assert self._pipes is not None
-        # Not by poll, whose times are whole milliseconds.
+        # Not with poll, whose times are whole milliseconds.
         if not select.select([self._pipes[1]], [], [], patience)[0]:
             return False
         data = os.read(self._pipes[1], CHUNK_BYTES)
@@ -411,54 +406,54 @@ class Dialogue:
         return bool(data)
 
     def _refuse_surplus(self) -> NoReturn:
-        """Raise CommandFailure for an answer that nothing was asked for: an error may come at any time."""
+        """Raise CommandFailure for an unexpected answer, which may be an error."""
         text = self._lines.beginning
         if (reported := self._surplus_error()) is not None:
             raise ReportedFailure(reported)
-        self._looks.suspect()
+        self._wait_times.suspect()
         raise CommandFailure(f"answered a message twice: {text}")
 
     def _surplus_error(self) -> str | None:
-        """Take an answer that nothing was asked for; return the error that it reports, None if it does not.
+        """Read an unexpected answer; return the error that it reports, or None.
 
-        Its line may come in pieces: programs that do not buffer write the line end apart.
+        Its line may come in pieces, as programs without buffering write the line end separately.
         """
         deadline = time.monotonic() + _LINE_END_S
         while (line := self._lines.take()) is None:
-            left = deadline - time.monotonic()
-            if left <= 0 or self._ended is not None or not self._read_more(left):
+            remaining_s = deadline - time.monotonic()
+            if remaining_s <= 0 or self._ended is not None or not self._read_more(remaining_s):
                 return None
-        answer = self._parsed(line)
+        answer = self._parse_answer(line)
         return str(answer["error"]) if "error" in answer else None
 
     def _end_for_surplus(self) -> None:
         """End a process whose next answers would be those to earlier messages."""
         text, reported = self._lines.beginning, None
-        with contextlib.suppress(CommandFailure):  # of a line that is no JSON
+        with contextlib.suppress(CommandFailure):  # a line that is not JSON
             reported = self._surplus_error()
         if reported is not None:
-            self._note_late(reported)
+            self._warn_of_late_error(reported)
         else:
-            self._doubt(f"sent another answer after the end of an episode ({text})")
+            self._warn_of_doubt(f"sent another answer after the end of an episode ({text})")
         self.abandon()
 
-    def _doubt(self, what: str) -> None:
-        """Warn of what was seen too late: the episode has been counted."""
-        self._looks.suspect()
+    def _warn_of_doubt(self, event: str) -> None:
+        """Warn that a previous episode, which has been counted, may be wrong."""
+        self._wait_times.suspect()
         self._warn(
-            "the command %s: it may have answered a message twice, so that the fitness of that episode may "
-            f'be wrong; another process goes on; if its answers repeat the "{ID}" of their messages, none is '
-            "taken for another",
-            what,
+            "the command %s: it may have answered a message twice, which would make the fitness of that "
+            "episode "
+            f'wrong; its process is replaced. Repeat the "{ID}" of messages in answers to rule this out',
+            event,
         )
 
-    def _warn(self, text: str, what: object) -> None:
+    def _warn(self, text: str, detail: object) -> None:
         """Log a warning, the first one of each kind."""
         if text not in self._logged:
             self._logged.add(text)
-            _log.warning(text, escape_line(str(what)[:_LONGEST_WARNING]))
+            _log.warning(text, one_line(str(detail)[:_LONGEST_WARNING]))
 
-    def _parsed(self, line: bytes) -> dict[str, Any]:
+    def _parse_answer(self, line: bytes) -> dict[str, Any]:
         try:
             answer = json.loads(line)
         except (ValueError, RecursionError) as error:
@@ -468,8 +463,8 @@ class Dialogue:
             raise CommandFailure("wrote a line that is not a JSON object")
         return answer
 
-    def _accepted(self, answer: dict[str, Any]) -> dict[str, Any]:
-        """Raise ReportedFailure for an error of the episode under way; log a warning."""
+    def _check_errors(self, answer: dict[str, Any]) -> dict[str, Any]:
+        """Raise ReportedFailure for an error of the current episode; log a warning."""
         if "error" in answer:
             raise ReportedFailure(str(answer["error"]))
         warning = answer.pop("warning", None)
@@ -477,14 +472,14 @@ class Dialogue:
             self._warn("the command reports: %s", warning)
         return answer
 
-    def _begin(self) -> None:
+    def _start_process(self) -> None:
         start = self._start()
         inner = [os.pipe() for _ in range(3)]
         theirs = (inner[0][0], inner[1][1], inner[2][1])
         ours = (inner[0][1], inner[1][0], inner[2][0])
         self._ended, self._episodes = None, 0
         self._lines, self._ids = Lines(), MessageIds()
-        self.printed = Printed(self._limits.most_output)
+        self.printed = CapturedOutput(self._limits.most_output)
         self._watch = Watch(start.folder, self._limits, self._processes)
         try:
             self._processes.start(
@@ -514,7 +509,7 @@ class Dialogue:
             except BlockingIOError:
                 self._wait(also=self._pipes[0])
             except BrokenPipeError:
-                return  # why is found out when the answer is waited for
+                return  # the reason is reported while waiting for the answer
 
     def _line(self) -> bytes:
         """Return the next line that is an answer."""
@@ -538,12 +533,12 @@ class Dialogue:
             if not self._lines.begin_answer:
                 raise
             raise CommandFailure(
-                f"{failure}; its answer {self._lines.beginning} has no line end: write one, and flush the "
+                f"{failure}; its answer {self._lines.beginning} has no line end; write it, and flush the "
                 "output"
             ) from None
 
     def _wait(self, also: int | None = None) -> None:
-        """Wait until something can be read, or a descriptor written; read it."""
+        """Wait until output can be read, or a descriptor written; read the output."""
         assert self._pipes is not None
         if also is not None:
             self._poll.register(also, select.POLLOUT)
@@ -586,7 +581,7 @@ class Dialogue:
         return self._ended is not None
 
     def abandon(self, patience: float = 0.5) -> None:
-        """End the process: its state is unknown."""
+        """Kill the process, because its state is unknown."""
         if self._pipes is not None and self._ended is None:
             self._processes.kill(patience)
             with contextlib.suppress(OSError):
@@ -597,7 +592,7 @@ class Dialogue:
         self._close_pipes()
 
     def close(self) -> None:
-        """End the process: its standard input is closed, and after a while it is killed."""
+        """End the process: close its standard input, and kill it after a while."""
         if self._pipes is None:
             return
         if self._ended is None:

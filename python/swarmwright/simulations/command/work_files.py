@@ -1,6 +1,6 @@
-"""Files and folders that are put into the work folder of each episode: `files` of a command's definition.
+"""Work folders, and the `files` of a command's definition that are copied into them.
 
-Work folders, and what instances that run side by side on a machine must not share.
+Instances that run side by side on a machine have separate folders and ports.
 """
 
 import contextlib
@@ -17,52 +17,51 @@ from swarmwright.common.message_kinds import kind_of
 from swarmwright.common.temporary import private_folder, remove
 
 LARGEST_BYTES = 1 << 26
-"""Bytes of one file of a simulation; larger ones are not copied into run folders."""
+"""Most bytes of a file of a simulation; larger files are not copied into run folders."""
 _MOST_FILES = 10_000
-"""Of all folders together: they are copied for every episode."""
+"""Most files of all folders together, as they are copied for every episode."""
 
 
-def within(folder: Path) -> Iterator[Path]:
-    """Yield the files of a folder, sorted, without hidden ones and __pycache__."""
+def iterate_files(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder, sorted, except for hidden ones and __pycache__."""
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
         if path.is_file() and not any(part.startswith(".") or part == "__pycache__" for part in parts):
             yield path
 
 
-def named(files: Mapping[str, str], folder: Path) -> dict[str, Path]:
-    """Return the files by their names in the work folder, those of folders one by one.
+def resolve_files(files: Mapping[str, str], folder: Path) -> dict[str, Path]:
+    """Return all files by their names in the work folder, including those of folders.
 
     Args:
         files: name in the work folder -> path of a file or folder.
-        folder: that the paths are relative to.
-
+        folder: folder that the paths are relative to.
     """
-    found: dict[str, Path] = {}
-    for name, given in files.items():
-        path = folder / given
+    resolved: dict[str, Path] = {}
+    for name, location in files.items():
+        path = folder / location
         if path.is_dir():
-            found |= {f"{name}/{file.relative_to(path).as_posix()}": file for file in within(path)}
+            resolved |= {f"{name}/{file.relative_to(path).as_posix()}": file for file in iterate_files(path)}
         else:
-            found[name] = path
-    return found
+            resolved[name] = path
+    return resolved
 
 
-def problem_of(files: Mapping[str, str], folder: Path) -> str | None:
-    """Return why files cannot be put into a work folder; None if all can."""
-    for given in files.values():
-        path = folder / given
+def find_problem(files: Mapping[str, str], folder: Path) -> str | None:
+    """Return why files cannot be copied into a work folder; None if they can."""
+    for location in files.values():
+        path = folder / location
         if not path.exists():
             return f"{path}: there is no such file or folder"
-        if path.is_dir() and next(within(path), None) is None:
-            return f"{path}: is a folder without files (hidden ones and __pycache__ do not count)"
-    found = named(files, folder)
-    if len(found) > _MOST_FILES:
+        if path.is_dir() and next(iterate_files(path), None) is None:
+            return f"{path}: is a folder without files, apart from hidden ones and __pycache__"
+    resolved = resolve_files(files, folder)
+    if len(resolved) > _MOST_FILES:
         return (
-            f"{len(found)} files are more than {_MOST_FILES}, all of which every episode copies; name the "
-            "folder in the command instead, {here}/FOLDER"
+            f"{len(resolved)} files are more than {_MOST_FILES}, too many to copy for every episode; name "
+            "the folder in the command instead, {here}/FOLDER"
         )
-    for path in found.values():
+    for path in resolved.values():
         try:
             status = path.stat()
             readable = os.access(path, os.R_OK)
@@ -75,68 +74,68 @@ def problem_of(files: Mapping[str, str], folder: Path) -> str | None:
         if status.st_size > LARGEST_BYTES:
             return (
                 f"{path}: {status.st_size >> 20} MiB are more than {LARGEST_BYTES >> 20}; name it in the "
-                "command instead, {here}/NAME, and keep it where the servers run"
+                "command instead, {here}/NAME, and copy it to the servers' machines"
             )
     return None
 
 
 def read(path: Path) -> bytes:
-    """Return what a file holds. Raises InputError."""
+    """Return the bytes of a file. Raises InputError."""
     try:
         return path.read_bytes()
     except OSError as error:
         raise InputError(f"files: {path}: cannot be read: {error.strerror}") from error
 
 
-def text_of(data: bytes) -> str | None:
-    """Return the text in which placeholders are filled in; None for binary files, which contain a NUL byte.
+def decode_text(data: bytes) -> str | None:
+    """Return the text of a file with placeholders; None for binary files, which contain a NUL byte.
 
-    Other bytes that are not UTF-8, as of text in Latin-1, are kept: encode with "surrogateescape".
+    Other bytes that are not UTF-8, such as Latin-1, are preserved: encode with "surrogateescape".
     """
     return None if b"\0" in data else data.decode("utf-8", "surrogateescape")
 
 
-def texts(files: Mapping[str, str], folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield the files that may have placeholders, with their texts, as far as they can be read."""
-    for name, path in named(files, folder).items():
+def iterate_texts(files: Mapping[str, str], folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the names and texts of readable files that may have placeholders."""
+    for name, path in resolve_files(files, folder).items():
         try:
-            text = text_of(read(path))
-        except InputError:  # reported where it is copied
+            text = decode_text(read(path))
+        except InputError:  # reported when it is copied
             continue
         if text is not None:
             yield name, text
 
 
 _PORTS, _EACH = 21_000, 20
-"""First port, and how many belong to an instance."""
+"""First port, and number of ports of an instance."""
 _MOST_INSTANCES = 2000
-"""Instances."""
+"""Most instances on a machine."""
 _MOST_KINDS = 5
-"""Kinds of failures of a process of which a work folder is kept."""
+"""Most kinds of failures of a process for which a work folder is kept."""
 _MOST_FAILED = 10
-"""Work folders of failed episodes that are kept for an instance's number, the latest ones."""
+"""Most work folders of failed episodes that are kept for an instance's number; the latest are kept."""
 
 
 class Instance:
-    """One of those that run side by side on this machine; its number is its own until the process ends.
+    """One of the instances that run side by side on this machine, with a number that is locked until it ends.
 
     Args:
-        place: the folder of work folders.
+        root: the parent folder of work folders.
 
-    Raises InputError when that cannot be written.
+    Raises InputError if that folder cannot be written.
     """
 
-    def __init__(self, place: Path) -> None:
-        self.place = place
+    def __init__(self, root: Path) -> None:
+        self.root = root
         try:
-            # Numbers, and so ports and displays, are the user's, wherever the work folders are.
-            self.number = self._lock(private_folder())
-            place.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self.folder = place / f"instance-{self.number}"
+            # Numbers, and thus ports and displays, are unique for the user, wherever the work folders are.
+            self.number = self._lock(private_place())
+            root.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self.folder = root / f"instance-{self.number}"
             self._make_folder()
         except OSError as error:
             raise InputError(
-                f"simulation.work: {place} cannot be written: {error.strerror}; name another folder"
+                f"simulation.work: {root} cannot be written: {error.strerror}; name another folder"
             ) from error
         self._next = 0
         self._kinds: set[str] = set()
@@ -159,7 +158,7 @@ class Instance:
         self.folder.mkdir(exist_ok=True)
 
     def port(self) -> int:
-        """Return a TCP port that no process listens on, and that no other instance gets."""
+        """Return a free TCP port that no other instance uses."""
         first = _PORTS + self.number * _EACH
         for _ in range(_EACH):
             port = first + self._next % _EACH
@@ -173,7 +172,7 @@ class Instance:
             return int(probe.getsockname()[1])
 
     def clear(self) -> None:
-        """Delete the work folders that a process has left that was killed."""
+        """Delete the work folders of a killed process."""
         for folder in [*self.folder.glob("episode*"), self.folder / "stepwise"]:
             remove(folder)
 
@@ -186,7 +185,7 @@ class Instance:
         return folder
 
     def is_first_of_kind(self, reason: str) -> bool:
-        """Note a failure; return whether it is the first of its kind, and among the first kinds."""
+        """Record a failure; return whether it is the first of its kind, and among the first kinds."""
         kind = kind_of(reason)
         if kind in self._kinds or len(self._kinds) >= _MOST_KINDS:
             return False
@@ -194,31 +193,31 @@ class Instance:
         return True
 
     def keep_failed(self, folder: Path) -> Path:
-        """Put the folder of a failed episode aside; return where it is, and stays.
+        """Rename the folder of a failed episode to keep it; return its new path.
 
-        To be called for the first failure of each kind. The ten latest folders of this number stay, whichever
-        processes had it, so that no other run takes them away at once.
+        Called for the first failure of each kind. The ten latest folders of this number are kept, including
+        those of other processes, so that another run does not delete them immediately.
         """
-        # Another instance of this process, or a former process with its id, may have had this number.
+        # Another instance of this process, or an earlier process with its id, may have had this number.
         names = (self.folder / f"failed-{os.getpid()}-{count}" for count in itertools.count(1))
-        kept = next(name for name in names if not name.exists())
-        folder.rename(kept)
-        os.utime(kept)
+        target = next(name for name in names if not name.exists())
+        folder.rename(target)
+        os.utime(target)
         failed = sorted(self.folder.glob("failed*"), key=lambda file: file.lstat().st_mtime_ns)
         for older in failed[:-_MOST_FAILED]:
             remove(older)
-        return kept
+        return target
 
     def close(self) -> None:
-        """Give the number back, and remove the folder when nothing was kept."""
+        """Release the number, and remove the folder if it is empty."""
         with contextlib.suppress(OSError):
             self.folder.rmdir()
         with contextlib.suppress(OSError):
             os.close(self._descriptor)
 
 
-def size_of(folder: Path) -> int:
-    """Return the bytes that the files in a folder take on the disk."""
+def measure_size(folder: Path) -> int:
+    """Return the bytes that the files in a folder occupy on the disk."""
     total, open_ = 0, [str(folder)]
     while open_:
         with contextlib.suppress(OSError), os.scandir(open_.pop()) as entries:

@@ -11,7 +11,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.simulations.command import work_files
 from swarmwright.simulations.command.definition import Definition
-from swarmwright.simulations.command.process import resolved_word
+from swarmwright.simulations.command.process import resolve_word
 from swarmwright.simulations.user_code.imports import Walk
 
 _SYSTEM = ("/usr", "/bin", "/lib", "/sbin", "/etc", "/dev", "/proc")
@@ -80,7 +80,7 @@ def _iterate_files(options: Definition, folder: Path) -> Iterator[tuple[Path, bo
                 continue
             path, is_relative = (folder / name).absolute(), not Path(name).is_absolute()
             if key in {"sources", "files"} and path.is_dir():
-                for file in work_files.within(path):
+                for file in work_files.iterate_files(path):
                     yield Path(os.path.normpath(file)), is_relative
             elif _is_file(path):
                 yield Path(os.path.normpath(path)), is_relative
@@ -91,7 +91,7 @@ def _iterate_files(options: Definition, folder: Path) -> Iterator[tuple[Path, bo
 def _iterate_files_in_word(word: str, folder: Path) -> Iterator[tuple[Path, bool]]:
     """Yield the files that a word of a command names, like `_iterate_files`."""
     for name in (word, word.partition("=")[2]):
-        path = Path(resolved_word(name.replace("{here}", str(folder)), folder))
+        path = Path(resolve_word(name.replace("{here}", str(folder)), folder))
         if path.is_absolute() and _is_file(path):
             yield path, not Path(name).is_absolute()
 

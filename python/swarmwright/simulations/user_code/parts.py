@@ -93,10 +93,10 @@ class Part:
     @classmethod
     def from_command(cls, name: str) -> Self:
         """Read the files of a command and its definition. Raises InputError."""
-        from swarmwright.simulations.command.checking import definition_of_name  # noqa: PLC0415 - pydantic, where there is a command
+        from swarmwright.simulations.command.checking import parse_name  # noqa: PLC0415 - pydantic, where there is a command
         from swarmwright.simulations.user_code import command_sources  # noqa: PLC0415 - as above
 
-        options = definition_of_name(name)
+        options = parse_name(name)
         main, sources = command_sources.sources_of(options)
         origin = Path(options.folder).resolve() / SimulationName.DEFINITION
         files = {main: Source(origin, command_sources.definition_of(options))}

@@ -72,7 +72,7 @@ LOGS: dict[str, Callable[[Path], Path]] = {
 
 
 def rows(log: Path) -> int:
-    reader = bags.mcap if log.suffix == ".mcap" else bags.rosbag
+    reader = bags.read_mcap if log.suffix == ".mcap" else bags.read_rosbag
     return sum(1 for _ in reader("the log", log, ["/said.text", "/said.data"]))
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from swarmwright import InputError, RunError, evaluate, simulate
 from swarmwright.simulations.command import simulation as command
-from swarmwright.simulations.command.process import CommandFailure, Processes, missing_script
+from swarmwright.simulations.command.process import CommandFailure, Processes, explain_missing_script
 from swarmwright.simulations.command.work_files import Instance
 from tests.python.simulations.command.processes import WELL, Traced
 
@@ -95,7 +95,7 @@ def test_hang(traced: Traced) -> None:
     """It is asked to end first, as by Ctrl-C, so that it can clean up."""
     script = "trap 'echo cleaning up; exit 0' TERM; echo before; setsid sleep 1000 & sleep 1000 & wait"
     reason = traced.fails(script, timeout=0.5)
-    assert "has not ended after 0.5 s (simulation.timeout), and was ended" in reason
+    assert "has not ended after 0.5 s (simulation.timeout), and was killed" in reason
     assert "its last output: before | cleaning up" in reason
 
 
@@ -119,7 +119,7 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
         ("fitness,fitness\\n1,2\\n", "log.csv: has several columns 'fitness'; each needs a name of its own"),
         (
             "Simulator 3\\ntime,fitness\\n1,2\\n",
-            "2: has 2 values, but there is 1 column; this line was taken for their names: 'Simulator 3'",
+            "2: has 2 values, expected 1 column; their names were read from this line: 'Simulator 3'",
         ),
         ("time,fit\\rness\\n1,2\\n", "log.csv:1: has a carriage return without a line feed"),
         ("# Simulator 3\\ntime,fit\\rness\\n1,2\\n", "log.csv:2: has a carriage return without a line feed"),
@@ -231,7 +231,7 @@ def test_a_script_that_is_misspelt_is_known_before(traced: Traced) -> None:
 def test_words_that_an_interpreter_does_not_take_for_files(
     tmp_path: Path, command: str, *, missing: bool
 ) -> None:
-    assert (missing_script(command.split(), tmp_path, []) is not None) == missing
+    assert (explain_missing_script(command.split(), tmp_path, []) is not None) == missing
 
 
 @pytest.mark.slow
@@ -313,7 +313,7 @@ def test_many_files(traced: Traced) -> None:
 def test_a_gigabyte_of_output(traced: Traced) -> None:
     began = time.monotonic()
     reason = traced.fails("echo begins; exec head -c 1000000000 /dev/zero", output=1)
-    assert "printed more than 1 MB (simulation.output), and was ended" in reason
+    assert "printed more than 1 MB (simulation.output), and was killed" in reason
     assert time.monotonic() - began < 10
 
 

@@ -9,7 +9,7 @@ import pytest
 from swarmwright import Experiment, InputError
 from swarmwright.common.errors import engine_errors
 from swarmwright.simulations.command import placeholders
-from swarmwright.simulations.command.placeholders import Place, Template, Values
+from swarmwright.simulations.command.placeholders import Position, Template, Values
 from swarmwright.simulations.command.simulation import CommandSimulation
 from swarmwright.simulations.host import Host
 from tests.python.simulations.command.processes import Traced
@@ -134,17 +134,17 @@ def test_a_declared_argument_is_no_option_and_no_path_elsewhere(value: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("commands", "place"), [(CODE, Place.CODE), (PROGRAMS, Place.PROGRAM), (PARTS, Place.PART)]
+    ("commands", "place"), [(CODE, Position.CODE), (PROGRAMS, Position.PROGRAM), (PARTS, Position.PART)]
 )
-def test_numbers_and_declared_choices(commands: list[list[str]], place: Place) -> None:
+def test_numbers_and_declared_choices(commands: list[list[str]], position: Position) -> None:
     choices = {"text": ["--fast", "a b"]}
     for words in commands:
         template = last(words)
-        assert template.place is place, words
+        assert template.position is position, words
         for number in NUMBERS:
             assert template.filled(Values(parameters={"text": number}))
         chosen = Values(parameters={"text": "--fast"}, choices=choices)
-        if place is Place.CODE:
+        if position is Position.CODE:
             with pytest.raises(InputError, match=r"may only be a number, since .* runs its arguments as"):
                 template.filled(chosen)
         else:
@@ -154,7 +154,7 @@ def test_numbers_and_declared_choices(commands: list[list[str]], place: Place) -
 def test_arguments_take_declared_text_as_it_is() -> None:
     for words in ARGUMENTS:
         template = last(words)
-        assert template.place is Place.ARGUMENT, words
+        assert template.position is Position.ARGUMENT, words
         for text in ("two words; $(touch x)", "maps/a.png", "'"):
             assert template.filled(Values(parameters={"text": text}, declared={"text": ""})) == text
 
@@ -300,9 +300,11 @@ def test_evolved_text_needs_declared_choices(traced: Traced) -> None:
             {**mapping, "controller": {"kind": "parameter_set", "parameters": evolved}}
         )
 
-    place = r"^controller\.parameters\.mode\.choices: "
-    with pytest.raises(InputError, match=rf"{place}'a' found, but .* is not declared as text; declare sim"):
+    position = r"^controller\.parameters\.mode\.choices: "
+    with pytest.raises(
+        InputError, match=rf"{position}'a' found, but .* is not declared as text; declare sim"
+    ):
         made()
-    with pytest.raises(InputError, match=rf"{place}'b' found, expected one of 'a', 'c'"):
+    with pytest.raises(InputError, match=rf"{position}'b' found, expected one of 'a', 'c'"):
         made(choices={"mode": ["a", "c"]})
     assert made(choices={"mode": ["a", "b", "c"]}).simulation

@@ -30,7 +30,7 @@ def test_lines_are_counted() -> None:
 def test_what_is_nested_too_deeply_is_said_to_be(form: str) -> None:
     deep = 200_000
     for text in ("[" * deep + "]" * deep, '{"a":' * deep + "1" + "}" * deep):
-        with pytest.raises(CommandFailure, match=r"log.*: is JSON that is nested too deeply"):
+        with pytest.raises(CommandFailure, match=r"log.*: is nested too deeply"):
             read(text, form)
 
 
@@ -39,5 +39,5 @@ def test_objects_that_can_be_read_but_not_flattened_are_said_to_be(monkeypatch: 
     for _ in range(sys.getrecursionlimit()):
         value = {"a": value}
     monkeypatch.setattr(json, "loads", lambda _: value)
-    with pytest.raises(CommandFailure, match="log:1: is JSON that is nested too deeply"):
+    with pytest.raises(CommandFailure, match="log:1: is nested too deeply"):
         read("{}")

@@ -11,7 +11,7 @@ from swarmwright import Experiment, InputError
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.yaml import dump
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.command.checking import definition_of_name
+from swarmwright.simulations.command.checking import parse_name
 from swarmwright.simulations.command.ros_definition import RosOptions
 
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
@@ -143,7 +143,7 @@ def test_a_mistake_of_a_sensor_hides_none_of_actuators() -> None:
 
 @pytest.mark.parametrize("robots", [["_hidden"], ["a/b"], ["/a"], ["/"], ["a/"]])
 def test_namespaces_are_those_of_ros(robots: list[str]) -> None:
-    definition = definition_of_name(Experiment.from_mapping(with_(robots=robots)).simulation)
+    definition = parse_name(Experiment.from_mapping(with_(robots=robots)).simulation)
     assert isinstance(definition, RosOptions)
     assert definition.robots == robots
 
@@ -178,7 +178,7 @@ def test_a_definition_survives_its_name_and_the_experiment_file(tmp_path: Path) 
     first.save(tmp_path / "saved.yaml")
     again = Experiment.load(tmp_path / "saved.yaml")
     assert again.to_mapping()["simulation"].keys() == first.to_mapping()["simulation"].keys()
-    definition = definition_of_name(first.simulation)
+    definition = parse_name(first.simulation)
     assert isinstance(definition, RosOptions)
     assert definition.name == first.simulation
     assert definition.robots == ["robot_1", "robot_2"]
@@ -201,9 +201,7 @@ def test_the_title_is_of_the_definition_and_its_files(tmp_path: Path) -> None:
 
 
 def test_what_the_program_reads_is_plain_and_complete() -> None:
-    definition = definition_of_name(
-        Experiment.from_mapping(with_(metrics__far={"sensor": "left"})).simulation
-    )
+    definition = parse_name(Experiment.from_mapping(with_(metrics__far={"sensor": "left"})).simulation)
     assert isinstance(definition, RosOptions)
     attachment = json.loads(json.dumps(definition.attachment()))
     assert attachment["step"]["service"] == "/step_simulation"

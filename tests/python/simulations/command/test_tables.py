@@ -73,7 +73,7 @@ def test_a_row_of_units_does_not_count(row: str) -> None:
     ],
 )
 def test_rows_of_text_are_no_units(row: str, following: str) -> None:
-    assert not logs.is_row(row.split(","), following.split(","))
+    assert not logs.is_unit_row(row.split(","), following.split(","))
 
 
 def test_units_are_below_the_names_alone() -> None:

@@ -11,7 +11,7 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from swarmwright import Experiment, InputError, optimize
-from swarmwright.simulations.command.fmu import announced
+from swarmwright.simulations.command.fmu import make_parameters
 from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.fmu.description import described
 from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
@@ -212,7 +212,7 @@ def test_mistakes(files: Path, name: str, values: dict[str, Any], said: str) -> 
 
 def test_parameters_have_the_limits_of_their_types(files: Path) -> None:
     """0 and 1 of a parameter set are a boolean."""
-    known = announced(FmuOptions(fmu=str(files / "Switches.fmu")))
+    known = make_parameters(FmuOptions(fmu=str(files / "Switches.fmu")))
     assert {name: one.kind for name, one in known.items()} == {
         "gain": "number", "count": "integer", "on": "boolean", "label": "string",
     }  # fmt: skip
@@ -230,7 +230,7 @@ def test_parameters_have_the_limits_of_their_types(files: Path) -> None:
     ):
         with pytest.raises(InputError, match=f"{name}: {said}"):
             fill_parameters(known, {name: value})
-    items = announced(FmuOptions(fmu=str(files / "Types3.fmu")))
+    items = make_parameters(FmuOptions(fmu=str(files / "Types3.fmu")))
     assert set(items) == {"first"}
     with pytest.raises(InputError, match="first: 3 found, expected one of -2, 1, 4"):
         fill_parameters(items, {"first": 3})
