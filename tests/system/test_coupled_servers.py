@@ -9,11 +9,11 @@ import pytest
 
 from swarmwright import Experiment
 from swarmwright.export.proxy_model import Address, proxy_model
-from swarmwright.export.simulation_fmu import LIBRARY, build_model_fmu
-from swarmwright.simulations.fmu.coupling import coupled
+from swarmwright.export.simulation_fmu import LIBRARY, model_fmu
+from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.instances import FmuError
 from swarmwright.simulations.fmu.program import Coupled
-from swarmwright.simulations.fmu.ssp import described, system_of
+from swarmwright.simulations.fmu.ssp import describe, read_system
 from tests.conftest import ROOT
 from tests.data.coupled_parts import Battery, Vehicle
 from tests.system.brokers import BrokerProcess
@@ -46,10 +46,10 @@ def test_steps_are_those_of_the_parts_and_a_lost_server_is_named(
         "battery.agent[1].actuators.actuator_1",
     )
     file = tmp_path / "system.ssp"
-    file.write_bytes(coupled("system", files, [f"{force}:vehicle.agent[1].actuators.actuator_1"])[0])
-    variables = described(file).variables
+    file.write_bytes(write_system("system", files, [f"{force}:vehicle.agent[1].actuators.actuator_1"])[0])
+    variables = describe(file).variables
     for algorithm in ("jacobi", "gauss_seidel"):
-        system = Coupled(str(file), system_of(file), tmp_path / algorithm, algorithm)
+        system = Coupled(str(file), read_system(file), tmp_path / algorithm, algorithm)
         system.begin({}, 0.0, 100.0)
         battery, vehicle = Battery(), Vehicle()
         battery.reset({}, 0)
@@ -63,8 +63,8 @@ def test_steps_are_those_of_the_parts_and_a_lost_server_is_named(
             system.step(step * SIZE, SIZE)
             assert system.numbers([variables[force], variables[place]]) == [battery.force, vehicle.place]
         assert battery.left < 0
-        assert "battery" in system.waited
-        assert "vehicle" in system.waited
+        assert "battery" in system.waiting_times
+        assert "vehicle" in system.waiting_times
         if algorithm == "jacobi":
             system.give_up()
     os.kill(int(servers["vehicle"].events("ready")[0]["pid"]), signal.SIGKILL)

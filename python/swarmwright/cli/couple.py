@@ -45,7 +45,7 @@ def command(
     and units of connections are checked.
     """
     from swarmwright.common.errors import InputError
-    from swarmwright.simulations.fmu.coupling import component_files, coupled
+    from swarmwright.simulations.fmu.coupling import component_files, write_system
 
     printer = Output(as_json=as_json)
     show_warnings()
@@ -56,7 +56,7 @@ def command(
     if output.exists() and not force:
         raise InputError(f"{output}: already exists; choose another --output, or overwrite it with --force")
     files = component_files(fmus)
-    data, scaled = coupled(output.stem, files, connections)
+    data, scaled = write_system(output.stem, files, connections)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         output.write_bytes(data)

@@ -25,7 +25,7 @@ from swarmwright.simulations.command.checking import parse_name, read_definition
 from swarmwright.simulations.command.definition import CommandOptions, Definition
 from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.command.placeholders import IN_A_COMMAND, Template, Values, is_choice, names_in
-from swarmwright.simulations.command.ros_definition import OF_AN_INSTANCE, RosOptions
+from swarmwright.simulations.command.ros_definition import INSTANCE_PLACEHOLDERS, RosOptions
 from swarmwright.simulations.fitness import FITNESS_NAME, ExpressionError, FitnessExpression
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def missing(name: str) -> str | None:
     """Return what a simulation's command needs that this machine lacks, "key: why"; None for nothing."""
     definition = parse_name(name)
     if isinstance(definition, FmuOptions):
-        return fmu_definition.missing(definition)
+        return fmu_definition.explain_missing(definition)
     options = definition.as_command()
     if isinstance(definition, RosOptions) and definition.connection == "dds":
         if importlib.util.find_spec("cyclonedds") is None:
@@ -321,7 +321,7 @@ def _is_named(file: str, options: CommandOptions) -> bool:
     """Whether the command, or a file that it consists of, mentions a file."""
     if any(file in word for word in options.command):
         return True
-    for word in {word for _, words in options.named_files() for word in words}:
+    for word in {word for _, words in options.list_named_files() for word in words}:
         with suppress(OSError, ValueError):
             path = Path(options.folder) / word
             small = path.is_file() and path.stat().st_size < _LARGEST_SCRIPT
@@ -362,7 +362,7 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
     evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
     parameters = [*checked["parameters"], *evolved]
     of_reset = [*parameters, "seed"]
-    at_start = OF_AN_INSTANCE
+    at_start = INSTANCE_PLACEHOLDERS
     places: list[tuple[Path_, str, list[str]]] = [
         (("simulation", "environment", name), text, list(at_start))
         for name, text in options.environment.items()

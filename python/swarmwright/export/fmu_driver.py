@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import RunError
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.export.sequences import Sequences
-from swarmwright.simulations.fmu.description import described
-from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
+from swarmwright.simulations.fmu.description import describe
+from swarmwright.simulations.fmu.instances import FmuError, Instance, unpack
 
 
 class Driver:
@@ -29,13 +29,13 @@ class Driver:
     def __init__(self, file: Path) -> None:
         problems = validate_fmu(str(file))
         if problems:
-            raise RunError(f"verification: FMPy rejects {file.name}: {'; '.join(problems)}")
-        self._file, self._description = file, described(file)
+            raise RunError(f"verification: FMPy finds fault with {file.name}: {'; '.join(problems)}")
+        self._file, self._description = file, describe(file)
 
     def __enter__(self) -> Self:
         self._folder = TemporaryFolder("fmu")
         try:
-            folder = unpacked(str(self._file), self._folder.path)
+            folder = unpack(str(self._file), self._folder.path)
             self.instance = Instance(self._description, folder, "verified", log=None)
         except FmuError as error:
             self._folder.close()
@@ -53,7 +53,7 @@ class Driver:
 
         Raises RunError if it accepts NaN or infinite sensors, or refuses other sensors.
         """
-        sensors, actuators = (self._description.of_causality(causality) for causality in ("input", "output"))
+        sensors, actuators = (self._description.get_variables(causality) for causality in ("input", "output"))
         period = self._description.step_size or 1.0
         outputs = np.zeros_like(sequences.actuators)
         time, overflowed = 0.0, False

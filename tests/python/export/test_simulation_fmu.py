@@ -23,9 +23,9 @@ from swarmwright.export.fmu_parts import name_variables
 from swarmwright.export.simulation_fmu import LIBRARY, build_simulation_fmu
 from swarmwright.export.simulation_model import Model
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.fmu.coupling import coupled
+from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.program import Coupled
-from swarmwright.simulations.fmu.ssp import described, system_of
+from swarmwright.simulations.fmu.ssp import describe, read_system
 from tests.fmus import Driven, driving
 
 pytestmark = [
@@ -158,10 +158,10 @@ def test_coupled_with_controllers_it_gives_the_fitness_of_the_run(tmp_path: Path
     ]
     files = {name: tmp_path / f"{name.rstrip('12')}.fmu" for name in ("robot1", "robot2", "world")}
     file = tmp_path / "system.ssp"
-    file.write_bytes(coupled("system", files, connections)[0])
-    system = Coupled(str(file), system_of(file), tmp_path / "unpacked", "gauss_seidel")
-    assert described(file).stop_time is None  # the world says it by its output
-    variables, step = described(file).variables, 0
+    file.write_bytes(write_system("system", files, connections)[0])
+    system = Coupled(str(file), read_system(file), tmp_path / "unpacked", "gauss_seidel")
+    assert describe(file).stop_time is None  # the world says it by its output
+    variables, step = describe(file).variables, 0
     system.begin({}, 0.0, 10.0)
     while not system.get(variables["world.done"]):
         system.step(step * 0.25, 0.25)

@@ -154,7 +154,7 @@ class Definition(Options):
         """Return the command that runs episodes."""
 
     @abstractmethod
-    def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
+    def list_named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """Yield keys, and the files that they name; for `command`, words that may be files."""
 
     def problems(self) -> list[tuple[Path_, str]]:
@@ -393,7 +393,7 @@ class CommandOptions(Definition):
         problem = work_files.find_problem(self.files, Path(self.folder))
         return [] if problem is None else [(("files",), problem)]
 
-    def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
+    def list_named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""
         yield "command", [*self.command, *(self.compile or ()), *(self.visual or ())]
         yield "parameters", [] if self.parameters is None else [self.parameters]

@@ -10,7 +10,7 @@ from swarmwright.simulations.command.definition import CommandOptions
 from swarmwright.simulations.command.fmu_definition import ATTACHMENT, FmuOptions
 from swarmwright.simulations.command.simulation import CommandSimulation
 from swarmwright.simulations.command.stepwise import Start
-from swarmwright.simulations.fmu.description import AGENT, Variable, expected, fits, native
+from swarmwright.simulations.fmu.description import AGENT, Variable, convert_native, describe_expected, fits
 from swarmwright.simulations.parameters import Parameter
 
 _KINDS = {"Boolean": "boolean", "String": "string"}
@@ -43,14 +43,14 @@ class FmuParameter(Parameter):
         same = type(value) is type(self.default) and value == self.default
         if same or fits(self.variable, value):
             return None
-        return f"{value!r} found, expected {expected(self.variable) or 'nothing, it cannot be set'}"
+        return f"{value!r} found, expected {describe_expected(self.variable) or 'nothing, it cannot be set'}"
 
     def convert(self, value: Any) -> Any:  # noqa: ANN401 - any JSON value
         """See `Parameter`."""
         assert self.variable is not None
         if value is None or isinstance(value, str):
             return value
-        return float(value) if self.variable.is_real else native(self.variable, value)
+        return float(value) if self.variable.is_real else convert_native(self.variable, value)
 
 
 def make_parameters(definition: FmuOptions) -> dict[str, FmuParameter]:

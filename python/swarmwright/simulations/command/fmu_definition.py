@@ -1,9 +1,4 @@
-"""What an experiment says of an FMU as its simulation: `simulation: {fmu: model.fmu, ..}`.
-
-Sensors and actuators of an FMU, as an experiment names them.
-
-What is wrong with a definition of an FMU as a simulation, beyond the form of each key.
-"""
+"""The definition of a simulation that is an FMU, `simulation: {fmu: model.fmu, ..}`, and its checks."""
 
 import math
 import sys
@@ -28,261 +23,261 @@ from swarmwright.simulations.fmu.description import (
     Description,
     Layout,
     Variable,
-    expected,
+    describe_expected,
+    find_layout,
     fits,
-    flat,
+    flatten,
+    get_platforms,
+    get_stop_time,
+    has_library,
     is_installed,
     is_unsigned,
-    layout,
-    place,
-    runs_here,
-    stop_time,
     takes_seeds,
 )
-from swarmwright.simulations.fmu.ssp import ENDING, VERSION, Algorithm, described
+from swarmwright.simulations.fmu.ssp import ENDING, VERSION, Algorithm, describe
 
 MOST = 1000
-"""Variables of an FMU that are taken without being named."""
+"""Most variables of an FMU that are used without being named."""
 
 Problem = tuple[Path_, str]
 
 
 def problems(options: "FmuOptions") -> list[Problem]:
-    """Return where and why a definition does not fit its FMU."""
+    """Return the problems of a definition with its FMU, with their keys."""
     try:
-        known = options.description
+        description = options.description
     except InputError as error:
         return [(("fmu",), str(error))]
     return [
-        *_of_the_whole(options, known),
-        *_of_channels(options, known, "sensors"),
-        *_of_channels(options, known, "actuators"),
-        *_of_metrics(options, known),
-        *_of_starts(options, known),
+        *_check_model(options, description),
+        *_check_channels(options, description, "sensors"),
+        *_check_channels(options, description, "actuators"),
+        *_check_metrics(options, description),
+        *_check_starts(options, description),
     ]
 
 
-def _of_the_whole(options: "FmuOptions", known: Description) -> Iterator[Problem]:
-    if not runs_here(known):
+def _check_model(options: "FmuOptions", description: Description) -> Iterator[Problem]:
+    if not has_library(description):
         yield ("fmu",), options.no_library
-    if options.algorithm is not None and known.version != VERSION:
-        yield ("algorithm",), f"is for systems of FMUs ({ENDING}); {options.fmu} is one FMU"
-    if options.solver is not None and known.exchange is None:
-        yield ("solver",), f"{options.fmu} is for co-simulation only, and has its own solver"
-    if known.only_once and options.agents > 1 and not options.is_one:
-        yield ("agents",), f"{options.fmu} allows one instance in a process only, not {options.agents}"
+    if options.algorithm is not None and description.version != VERSION:
+        yield ("algorithm",), f"is for systems of FMUs ({ENDING}); {options.fmu} is a single FMU"
+    if options.solver is not None and description.exchange is None:
+        yield ("solver",), f"{options.fmu} supports only co-simulation, with its own solver"
+    if description.only_once and options.agents > 1 and not options.is_one:
+        yield ("agents",), f"{options.fmu} allows a single instance in a process, not {options.agents}"
 
 
-def _of_metrics(options: "FmuOptions", known: Description) -> Iterator[Problem]:
+def _check_metrics(options: "FmuOptions", description: Description) -> Iterator[Problem]:
     for name in options.metrics:
-        problem = _unreadable(options, known, options.columns[name].column)
+        problem = _check_readable(options, description, options.columns[name].column)
         if problem is not None:
             yield ("metrics", name), problem
 
 
-def _of_starts(options: "FmuOptions", known: Description) -> Iterator[Problem]:
-    names = list(known.variables)
+def _check_starts(options: "FmuOptions", description: Description) -> Iterator[Problem]:
+    names = list(description.variables)
     for name, value in options.start.items():
-        variable = known.variables.get(name)
+        variable = description.variables.get(name)
         problem = (
-            _unknown(options.fmu, name, names)
+            _describe_unknown_variable(options.fmu, name, names)
             if variable is None
-            else _unstartable(variable, value, f"{name} of {options.fmu}", known)
+            else _check_start(variable, value, f"{name} of {options.fmu}", description)
         )
         if problem is not None:
             yield ("start", name), problem
     if options.seed is None:
         return
-    variable = known.variables.get(options.seed)
+    variable = description.variables.get(options.seed)
     if variable is None:
-        yield ("seed",), _unknown(options.fmu, options.seed, names)
+        yield ("seed",), _describe_unknown_variable(options.fmu, options.seed, names)
     elif not takes_seeds(variable):
         kind = "an array" if variable.is_array else f"of the type {variable.type}"
         yield ("seed",), f"{options.seed} of {options.fmu} is {kind}; expected an integer or a number"
     elif variable.count > 1:
-        yield ("seed",), f"{options.seed} of {options.fmu} is one element of an array; expected a variable"
+        yield ("seed",), f"{options.seed} of {options.fmu} is an element of an array; expected a variable"
 
 
-def _unstartable(
+def _check_start(
     variable: Variable,
     value: Any,  # noqa: ANN401 - whatever the file says
     about: str,
-    known: Description,
+    description: Description,
 ) -> str | None:
-    """Return what is wrong with a start value of a variable."""
+    """Return the problem with a start value of a variable, if any."""
     if variable.count > 1:
         whole = variable.name.rpartition("[")[0]
-        return f"{about} is one element of an array; write the start of the whole array {whole} as a list"
+        return f"{about} is an element of an array; write the start values of the array {whole} as a list"
     if variable.is_array:
-        return _unstartable_array(variable, value, about)
+        return _check_start_array(variable, value, about)
     if isinstance(value, list):
-        return f"{about} is one value, not a list"
+        return f"{about} is a single value, not a list"
     if variable.causality == STRUCTURAL:
-        if known.version == VERSION:
-            return f"{about} is a structural parameter, which is settable for one FMU alone, not in an SSP"
+        if description.version == VERSION:
+            return f"{about} is a structural parameter, which can be set for a single FMU, but not in an SSP"
         if type(value) is not int or value < 1:
-            return (
-                f"{about} is a structural parameter, expected a whole number from 1, not "
-                f"{format_value(value)}"
-            )
-    return None if fits(variable, value) else _misfit(variable, value, about)
+            return f"{about} is a structural parameter, expected an integer from 1, not {shown(value)}"
+    return None if fits(variable, value) else _describe_type_mismatch(variable, value, about)
 
 
-def _unstartable_array(variable: Variable, value: Any, about: str) -> str | None:  # noqa: ANN401 - as above
+def _check_start_array(variable: Variable, value: Any, about: str) -> str | None:  # noqa: ANN401 - as above
     count = math.prod(variable.shape)
-    wanted = f"{about} has the shape {' x '.join(map(str, variable.shape))}"
+    shape = f"{about} has the shape {' x '.join(map(str, variable.shape))}"
     if not isinstance(value, list):
-        return f"{wanted}; expected a list of {count} values, not {format_value(value)}"
-    values = flat(value)
+        return f"{shape}; expected a list of {count} values, not {shown(value)}"
+    values = flatten(value)
     if len(values) != count:
-        return f"{wanted}, {count} values row by row, but {len(values)} are given"
+        return f"{shape}; expected {count} values, row by row, not {len(values)}"
     if (
         value
         and isinstance(value[0], list)
         and any(not isinstance(row, list) or len(row) * variable.shape[0] != count for row in value)
     ):
-        return f"{wanted}; expected {variable.shape[0]} rows of {count // variable.shape[0]} values each"
+        return f"{shape}; expected {variable.shape[0]} rows of {count // variable.shape[0]} values each"
     wrong = next((item for item in values if not fits(variable, item)), None)
-    return None if wrong is None else _misfit(variable, wrong, about)
+    return None if wrong is None else _describe_type_mismatch(variable, wrong, about)
 
 
-def _misfit(variable: Variable, value: Any, about: str) -> str:  # noqa: ANN401 - as above
-    wanted = expected(variable)
-    if wanted is None:
+def _describe_type_mismatch(variable: Variable, value: Any, about: str) -> str:  # noqa: ANN401 - as above
+    expected_value = describe_expected(variable)
+    if expected_value is None:
         return f"{about} is of the type {variable.type}, which cannot be set"
-    return f"{about} is of the type {variable.type}, expected {wanted}, not {format_value(value)}"
+    return f"{about} is of the type {variable.type}, expected {expected_value}, not {shown(value)}"
 
 
-def _of_channels(
-    options: "FmuOptions", known: Description, which: Literal["sensors", "actuators"]
+def _check_channels(
+    options: "FmuOptions", description: Description, kind: Literal["sensors", "actuators"]
 ) -> Iterator[Problem]:
-    given = options.sensors if which == "sensors" else options.actuators
-    causality = "output" if which == "sensors" else "input"
-    for index, channel in enumerate(given or ()):
-        parts = options.expanded(channel, causality)
+    declared = options.sensors if kind == "sensors" else options.actuators
+    causality = "output" if kind == "sensors" else "input"
+    for index, channel in enumerate(declared or ()):
+        parts = options.expand_channel(channel, causality)
         if not parts:
-            yield (which, index), _empty(options.fmu, known, channel.terminal, causality)
-        found = (_of_channel(options, known, part, which) for part in parts)
-        problem = next((item for item in found if item is not None), None)
+            yield (
+                (kind, index),
+                _describe_empty_terminal(options.fmu, description, channel.terminal, causality),
+            )
+        messages = (_check_channel(options, description, part, kind) for part in parts)
+        problem = next((item for item in messages if item is not None), None)
         if problem is not None:
-            yield (which, index), problem
-    channels = options.channels(which)
-    if given is None and len(channels) > MOST:
-        what = "outputs" if which == "sensors" else "inputs"
-        yield (which,), f"is missing: {options.fmu} has {len(channels):,} {what}; name those that are {which}"
-    elif given is None and which == "actuators":
-        without = (_without_range(options, known, port) for port in channels)
-        yield from (((which,), f"is missing: {item}") for item in without if item is not None)
-    if not channels and (which == "sensors" or given is None):
-        what = "an output" if which == "sensors" else "an input"
-        yield (which,), f"is missing: {options.fmu} has no variable that is {what} and a number"
+            yield (kind, index), problem
+    channels = options.channels(kind)
+    if declared is None and len(channels) > MOST:
+        noun = "outputs" if kind == "sensors" else "inputs"
+        yield (kind,), f"is missing: {options.fmu} has {len(channels):,} {noun}; name the {kind} among them"
+    elif declared is None and kind == "actuators":
+        without = (_check_range(options, description, port) for port in channels)
+        yield from (((kind,), f"is missing: {item}") for item in without if item is not None)
+    if not channels and (kind == "sensors" or declared is None):
+        noun = "an output" if kind == "sensors" else "an input"
+        yield (kind,), f"is missing: {options.fmu} has no numeric variable that is {noun}"
 
 
-def _of_channel(
-    options: "FmuOptions", known: Description, channel: "Channel", which: Literal["sensors", "actuators"]
+def _check_channel(
+    options: "FmuOptions", description: Description, channel: "Channel", kind: Literal["sensors", "actuators"]
 ) -> str | None:
-    """Return what is wrong with a sensor or an actuator."""
-    problem = _unreadable(options, known, channel.variable)
-    if problem is None and which == "actuators":
-        problem = _unsettable(options.fmu, known, channel.variable)
-    problem = problem or _unconvertible(options, known, channel)
-    if problem is None and which == "actuators":
-        problem = _without_range(options, known, options.ranged(channel))
+    """Return the problem with a sensor or an actuator, if any."""
+    problem = _check_readable(options, description, channel.variable)
+    if problem is None and kind == "actuators":
+        problem = _check_settable(options.fmu, description, channel.variable)
+    problem = problem or _check_convertible(options, description, channel)
+    if problem is None and kind == "actuators":
+        problem = _check_range(options, description, options.add_range(channel))
     return problem
 
 
-def _without_range(options: "FmuOptions", known: Description, channel: "Channel") -> str | None:
-    """Return what is wrong with an actuator that is never negative, but has no range that -1 to 1 becomes."""
-    variable = known.variables[channel.variable.replace(AGENT, "1")]
+def _check_range(options: "FmuOptions", description: Description, channel: "Channel") -> str | None:
+    """Return the problem with an unsigned actuator that has no range, if any."""
+    variable = description.variables[channel.variable.replace(AGENT, "1")]
     if channel.range is not None or not is_unsigned(variable):
         return None
     return (
-        f"{variable.name} of {options.fmu} is of the type {variable.type}, without min and max; write what "
-        f"-1 to 1 of the actuator becomes, such as {{variable: {channel.variable}, range: [0, 10]}}"
+        f"{variable.name} of {options.fmu} is of the type {variable.type}, without min and max; write the "
+        f"range for -1 to 1 of the actuator, such as {{variable: {channel.variable}, range: [0, 10]}}"
     )
 
 
-def _unreadable(options: "FmuOptions", known: Description, name: str) -> str | None:
-    """Return what is wrong with a variable whose values are read."""
+def _check_readable(options: "FmuOptions", description: Description, name: str) -> str | None:
+    """Return the problem with reading the values of a variable, if any."""
     for full_name in {name.replace(AGENT, str(agent)) for agent in (1, options.agents)}:
-        variable = known.variables.get(full_name)
+        variable = description.variables.get(full_name)
         if variable is None:
-            numbers = [other.name for other in known.variables.values() if other.is_number]
-            return _unknown(options.fmu, full_name, numbers)
+            numbers = [candidate.name for candidate in description.variables.values() if candidate.is_number]
+            return _describe_unknown_variable(options.fmu, full_name, numbers)
         if not variable.is_number:
             kind = "an array" if variable.is_array else f"of the type {variable.type}"
-            return f"{full_name} of {options.fmu} is {kind}, not one number"
+            return f"{full_name} of {options.fmu} is {kind}, not a number"
     return None
 
 
-def _unsettable(file: str, known: Description, name: str) -> str | None:
-    causality = known.variables[name.replace(AGENT, "1")].causality
+def _check_settable(file: str, description: Description, name: str) -> str | None:
+    causality = description.variables[name.replace(AGENT, "1")].causality
     if causality == "input":
         return None
-    inputs = ", ".join(variable.name for variable in known.of_causality("input")) or "none"
+    inputs = ", ".join(variable.name for variable in description.get_variables("input")) or "none"
     return f"{name} of {file} is not an input, but has the causality {causality}; inputs: {inputs}"
 
 
-def _unconvertible(options: "FmuOptions", known: Description, channel: "Channel") -> str | None:
-    variable = known.variables[channel.variable.replace(AGENT, "1")]
+def _check_convertible(options: "FmuOptions", description: Description, channel: "Channel") -> str | None:
+    variable = description.variables[channel.variable.replace(AGENT, "1")]
     if not channel.unit or channel.unit == variable.unit or options.conversion(channel) is not None:
         return None
     about = f"{variable.name} of {options.fmu}"
     if not variable.unit:
         return f"unit: {about} has no unit, so {channel.unit} cannot be converted"
-    others = list(known.conversions.get(variable.unit, {}))
-    hint = suggest_or_list(channel.unit, others)
+    units = list(description.conversions.get(variable.unit, {}))
+    hint = meant_or_all(channel.unit, units)
     return (
-        f"unit: {options.fmu} does not define how {variable.unit}, the unit of {variable.name}, is "
-        f"converted to {channel.unit!r}{hint}"
+        f"unit: {options.fmu} does not define a conversion from {variable.unit}, the unit of "
+        f"{variable.name}, to {channel.unit!r}{hint}"
     )
 
 
-def _empty(file: str, known: Description, terminal: str, causality: str) -> str:
-    """Return what is wrong with a terminal that has no variables."""
-    if terminal in known.terminals:
+def _describe_empty_terminal(file: str, description: Description, terminal: str, causality: str) -> str:
+    """Return a message about a terminal without variables."""
+    if terminal in description.terminals:
         return f"the terminal {terminal} of {file} has no {causality}"
-    names = list(known.terminals)
-    hint = suggest_or_list(terminal, names)
+    names = list(description.terminals)
+    hint = meant_or_all(terminal, names)
     return f"{file} has no terminal {terminal!r}{hint}"
 
 
-def _unknown(file: str, name: str, names: Sequence[str]) -> str:
+def _describe_unknown_variable(file: str, name: str, names: Sequence[str]) -> str:
     few = ", ".join(names[:20]) + (", .." if len(names) > 20 else "")
     hint = did_you_mean(name, list(names)) or f"; available: {few or 'none'}"
     return f"{file} has no variable {name!r}{hint}"
 
 
 class Channel(Options):
-    """A variable of an FMU, or all those of a terminal, as sensors or actuators.
+    """A variable of an FMU, or all variables of a terminal, as sensors or actuators.
 
-    With a range, their lowest and highest values are -1 and 1 for the controller.
+    With a range, its lowest and highest values are -1 and 1 for the controller.
     """
 
     variable: str = ""
-    """The name of the variable; {agent} stands for the number of the agent, from 1. An array of FMI 3.0 gives
-    as many sensors or actuators as it has elements, `x[{agent}]` the elements of a row for each agent."""
+    """The name of the variable; {agent} stands for the number of the agent, from 1. Each element of an array
+    (FMI 3.0) is a sensor or an actuator; `x[{agent}]` is a row of elements for each agent."""
     terminal: str = ""
-    """In the place of a variable: a terminal of FMI 3.0, all outputs of which are sensors, or all inputs
+    """Instead of a variable: a terminal (FMI 3.0), all outputs of which are sensors, or all inputs
     actuators."""
     unit: str = ""
-    """The unit of the values and of the range, which the FMU's unit definitions convert. Default: the
-    variable's."""
+    """The unit of the values and of the range, converted by the FMU's unit definitions. Default: the
+    variable's unit."""
     range: tuple[float, float] | None = None
-    """Lowest and highest value. Default for actuators: the variable's own min and max where it has both;
-    otherwise values are what they are."""
+    """Lowest and highest value. Default for actuators: the variable's min and max if it has both; otherwise
+    values are not scaled."""
 
     @model_validator(mode="after")
     def _is_one(self) -> "Channel":
         if bool(self.variable) == bool(self.terminal):
-            raise ValueError("write a variable or a terminal, one of them")
+            raise ValueError("write either a variable or a terminal")
         if AGENT in self.terminal:
-            raise FieldError("terminal", f"cannot hold {AGENT}; name its variables")
+            raise FieldError("terminal", f"cannot contain {AGENT}; name its variables")
         return self
 
     @field_validator("range")
     @classmethod
-    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+    def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
         if value is not None and not value[0] < value[1]:
             raise ValueError(f"the lowest value must be below the highest, not {value[0]:g} and {value[1]:g}")
         return value
@@ -297,7 +292,7 @@ def _channels(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 
 
 def _pairs(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
-    """Take lists of two numbers, as YAML has them, for tuples."""
+    """Convert lists of two numbers, as in YAML, to tuples."""
     for item in value if isinstance(value, list) else []:
         if isinstance(item, dict) and isinstance(item.get("range"), list) and len(item["range"]) == 2:
             item["range"] = tuple(float(part) if isinstance(part, int) else part for part in item["range"])
@@ -332,7 +327,7 @@ Channels = Annotated[
 
 
 ATTACHMENT = "fmu.json"
-"""What the program reads, in the folder of an instance."""
+"""Name of the program's input file in the folder of an instance."""
 _STEPS = 100
 _MOST_STEPS = 2**31
 
@@ -340,58 +335,59 @@ _MOST_STEPS = 2**31
 class FmuOptions(Definition):
     """A simulation that is a Functional Mock-up Unit (FMU) of FMI 2.0 or 3.0.
 
-    Its parameters are the simulation's: they can be set and evolved by their names. A process with the
+    The FMU's parameters are the simulation's: they can be set and evolved by name. A process with the
     instances runs many episodes; FMPy steps them (`pip install 'swarmwright[fmi]'`).
     """
 
     prefix: ClassVar[str] = SimulationName.FMU
 
     fmu: str = Field(min_length=1)
-    """The file, relative to that of the experiment: an FMU, or an SSP with several, stepped together."""
+    """The file, relative to the experiment file: an FMU, or an SSP with several FMUs, stepped together."""
     algorithm: Algorithm | None = None
-    """How the FMUs of an SSP are stepped. jacobi: each gets the outputs that the others had at the beginning
-    of the step. gauss_seidel: in the order of the file, each gets the outputs that those before it have at
-    the end of the step. Default: gauss_seidel."""
+    """How the FMUs of an SSP are stepped. jacobi: each FMU receives the outputs of the others at the
+    beginning of the step. gauss_seidel: in the order of the file, each FMU receives the outputs of the
+    previous ones at the end of the step. Default: gauss_seidel."""
     title: str | None = Field(default=None, min_length=1, max_length=1000)
     """The name in discovery. Default: the file's name and a digest of this definition and of the file."""
     agents: int = Field(default=1, ge=1, le=10_000)
-    """Agents: each is an instance of the FMU, or where names hold {agent}, all are in one instance. Default
-    for FMUs with variables agent[1].NAME, agent[2].NAME, ..: as many as there are, in one instance."""
+    """Number of agents. Each is an instance of the FMU; if names contain {agent}, all are in the same
+    instance. Default for FMUs with variables agent[1].NAME, agent[2].NAME, ..: all of these, in the same
+    instance."""
     sensors: Channels = None
-    """What an agent's controller senses: names of variables, or {variable: NAME, range: [low, high]}, where
-    the range becomes -1 to 1, with `unit: km/h` in another unit that the FMU defines; or {terminal: NAME}.
-    An array is all its elements. Default: all outputs that are numbers or booleans, as they are; where there
-    are variables agent[1].NAME, those of the agent."""
+    """Sensors of an agent: names of variables, or {variable: NAME, range: [low, high]}, where the range
+    becomes
+    -1 to 1, with `unit: km/h` in another unit that the FMU defines; or {terminal: NAME}. An array stands for
+    all its elements. Default: all outputs that are numbers or booleans, not scaled; with variables
+    agent[1].NAME, those of the agent."""
     actuators: Channels = None
-    """What it sets, likewise. -1 to 1 becomes the range. Default: all inputs that are numbers or booleans;
-    none where a parameter set is evolved: inputs then keep their start values."""
+    """Actuators of an agent, in the same form; -1 to 1 becomes the range. Default: all inputs that are
+    numbers or booleans; none if a parameter set is evolved: inputs then keep their start values."""
     step: float | None = Field(default=None, gt=0)
     """Seconds of a step. Default: the FMU's own step size, else a hundredth of its stop time, else 0.1."""
     solver: Literal["cvode", "euler"] | None = None
-    """What integrates an FMU for model exchange: CVode of SUNDIALS, or one step of Euler's method in each
-    step. Default: co-simulation, or CVode if the FMU is for model exchange only."""
+    """The solver of an FMU for model exchange: CVode of SUNDIALS, or Euler's method with the simulation's
+    steps. Default: co-simulation, or CVode if the FMU supports only model exchange."""
     steps: int | None = Field(default=None, ge=1, le=2**31)
-    """Steps of an episode. Default: to the FMU's stop time, else 100."""
+    """Steps of an episode. Default: up to the FMU's stop time, else 100."""
     start: dict[str, float | int | bool | str | list[Any]] = Field(default={})
-    """Start values of variables that no parameter sets, by name. Of an array of FMI 3.0: a list of all its
-    values, row by row, or a list of rows. Structural parameters set the sizes of arrays."""
+    """Start values of variables, by name. For an array (FMI 3.0): a list of all its values, row by row, or a
+    list of rows. Structural parameters set the sizes of arrays."""
     seed: str | None = Field(default=None, min_length=1)
-    """The parameter or input that gets the episode's seed, modulo 2^31, or modulo 2^7 to 2^16 where it is an
-    integer of FMI 3.0 of 8 or 16 bits. Default: the parameter `seed`, if it is a number; else all episodes
-    are the same."""
+    """The parameter or input that receives the episode's seed, modulo 2^31, or modulo 2^7 to 2^16 if it is an
+    integer of 8 or 16 bits (FMI 3.0). Default: the parameter `seed`, if it is a number; else all episodes are
+    the same."""
     metrics: dict[str, str] = Field(default={})
-    """Metrics of an episode, name -> what is made of a variable's values after the steps: last, first, mean,
-    sum, min, max, std or count, or with a variable of another name mean(variable). Those of several agents
-    are averaged. Default: the last value of each output with a name that an expression can have (world_x for
-    world.x of an SSP), where there are at most 1,000."""
+    """Metrics of an episode, name -> reduction of the variable with that name over the steps: last, first,
+    mean, sum, min, max, std or count; for a variable with another name mean(variable). Metrics of several
+    agents are averaged. Default: the last value of each output whose name is valid in expressions (world_x
+    for world.x of an SSP), if there are at most 1,000."""
     done: str | None = Field(default=None, min_length=1)
-    """Condition that ends an episode early: an expression over the metrics as they are after a step, such as
+    """Condition that ends an episode early: an expression over the metrics after each step, such as
     "distance < 0.1"."""
     fitness: str | None = Field(default=None, min_length=1)
-    """The simulation's own fitness, an expression over its metrics. Default: the experiment's."""
+    """The simulation's own fitness, an expression over its metrics. Default: the experiment's fitness."""
     recycle: int = Field(default=1000, ge=0)
-    """Episodes after which the process is ended and another one started, for FMUs that leak memory; 0 for
-    never."""
+    """Episodes after which the process is replaced by a new one, for FMUs that leak memory; 0 for never."""
     timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
     """Seconds that an episode may take."""
     environment: dict[str, str] = Field(default={})
@@ -401,17 +397,18 @@ class FmuOptions(Definition):
     disk: float = Field(default=1000.0, gt=0)
     """Megabytes that may be written into the work folder, where the FMU is unpacked."""
     work: str | None = Field(default=None, min_length=1)
-    """The folder that work folders are made in. Default: one of the user's in the system's folder for
-    temporary files."""
+    """The parent folder of work folders. Default: a folder of the user in the system's folder for temporary
+    files."""
     sources: list[str] = Field(default=[])
-    """Files and folders that the simulation consists of beside the FMU: part of its digest, and copied into
-    run folders."""
+    """Files and folders of the simulation in addition to the FMU. They are part of its digest, and are copied
+    into run folders."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
     determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """How far two evaluations of one episode agree on any server; needed for audits (`faults: {audit}`)."""
+    """How far two evaluations of the same episode agree on any server; required for audits
+    (`faults: {audit}`)."""
     folder: str = Field(default=".", min_length=1)
-    """The folder that paths here are relative to. Default: that of the experiment file."""
+    """The folder that paths in this section are relative to. Default: that of the experiment file."""
 
     @field_validator("metrics")
     @classmethod
@@ -423,96 +420,98 @@ class FmuOptions(Definition):
 
     @model_validator(mode="after")
     def _agents_fit(self) -> "FmuOptions":
-        named = [*(self.sensors or ()), *(self.actuators or ())]
-        numbered = [AGENT in channel.variable for channel in named]
+        channels = [*(self.sensors or ()), *(self.actuators or ())]
+        numbered = [AGENT in channel.variable for channel in channels]
         if any(numbered) and not all(numbered):
-            without = next(channel.variable for channel in named if AGENT not in channel.variable)
-            raise FieldError("sensors", f"{without} has no {AGENT}, but others do: it would be of all agents")
+            without = next(channel.variable for channel in channels if AGENT not in channel.variable)
+            raise FieldError(
+                "sensors", f"{without} lacks {AGENT}, which other names have; add it to all names"
+            )
         if any(numbered) and (self.sensors is None or self.actuators is None):
-            raise FieldError("sensors", f"where names hold {AGENT}, write both sensors and actuators")
+            raise FieldError("sensors", f"write both sensors and actuators if names contain {AGENT}")
         return self
 
     @property
     def file(self) -> Path:
-        """The FMU."""
+        """Path of the FMU."""
         return Path(self.folder) / self.fmu
 
     @property
     def description(self) -> Description:
-        """What the FMU announces. Raises InputError."""
-        return described(self.file, self.start)
+        """The FMU's description. Raises InputError."""
+        return describe(self.file, self.start)
 
     @property
     def layout(self) -> Layout | None:
-        """What the variables of an FMU of a whole swarm are, unless they are named. Raises InputError."""
+        """The layout of an FMU of a whole swarm, unless variables are named. Raises InputError."""
         if self.sensors is not None or self.actuators is not None or "agents" in self.model_fields_set:
             return None
-        return layout(self.description)
+        return find_layout(self.description)
 
     @property
     def reports_fitness(self) -> bool:
         """Whether an output is the fitness."""
-        found = self.layout
-        return found is not None and found.fitness is not None
+        swarm_layout = self.layout
+        return swarm_layout is not None and swarm_layout.fitness is not None
 
     @property
     def count(self) -> int:
-        """How many agents there are."""
-        found = self.layout
-        return self.agents if found is None else found.agents
+        """Number of agents."""
+        swarm_layout = self.layout
+        return self.agents if swarm_layout is None else swarm_layout.agents
 
     @property
     def is_one(self) -> bool:
-        """Whether all agents are in one instance."""
+        """Whether all agents are in the same instance."""
         return self.layout is not None or any(AGENT in sensor.variable for sensor in self.sensors or ())
 
-    def channels(self, which: Literal["sensors", "actuators"]) -> list[Channel]:
-        """Return sensors or actuators, with their ranges written out."""
-        causality = "output" if which == "sensors" else "input"
-        given = self.sensors if which == "sensors" else self.actuators
-        found = self.layout
-        if found is not None:
-            names = found.sensors if which == "sensors" else found.actuators
-            given = [Channel(variable=name) for name in names]
-        elif given is None:
-            given = [
+    def channels(self, kind: Literal["sensors", "actuators"]) -> list[Channel]:
+        """Return sensors or actuators, with default ranges added."""
+        causality = "output" if kind == "sensors" else "input"
+        declared = self.sensors if kind == "sensors" else self.actuators
+        swarm_layout = self.layout
+        if swarm_layout is not None:
+            names = swarm_layout.sensors if kind == "sensors" else swarm_layout.actuators
+            declared = [Channel(variable=name) for name in names]
+        elif declared is None:
+            declared = [
                 Channel(variable=variable.name)
-                for variable in self.description.of_causality(causality)
-                if variable.name != self.seeded
+                for variable in self.description.get_variables(causality)
+                if variable.name != self.seed_variable
             ]
-        parts = [part for member in given for part in self.expanded(member, causality)]
-        return parts if which == "sensors" else [self.ranged(channel) for channel in parts]
+        parts = [part for member in declared for part in self.expand_channel(member, causality)]
+        return parts if kind == "sensors" else [self.add_range(channel) for channel in parts]
 
-    def expanded(self, channel: Channel, causality: str) -> list[Channel]:
+    def expand_channel(self, channel: Channel, causality: str) -> list[Channel]:
         """Return the channels of the variables of a terminal, and of the elements of an array."""
-        known = self.description
+        description = self.description
         names = [channel.variable]
         if channel.terminal:
-            members = known.terminals.get(channel.terminal, ())
+            members = description.terminals.get(channel.terminal, ())
             names = [
                 name
                 for name in members
-                if name in known.variables and known.variables[name].causality == causality
+                if name in description.variables and description.variables[name].causality == causality
             ]
-        elements = [element for name in names for element in self._elements(known, name)]
+        elements = [element for name in names for element in self._elements(description, name)]
         return [Channel(variable=name, unit=channel.unit, range=channel.range) for name in elements]
 
-    def _elements(self, known: Description, name: str) -> Sequence[str]:
-        variable = known.variables.get(name)
+    def _elements(self, description: Description, name: str) -> Sequence[str]:
+        variable = description.variables.get(name)
         if variable is not None:
             return variable.elements or [name]
         first = name.replace(AGENT, "1")
-        if name.endswith("]") and first not in known.variables:  # a row of an array of two dimensions
+        if name.endswith("]") and first not in description.variables:  # a row of a two-dimensional array
             row = [
                 full_name[len(first) - 1 :]
-                for full_name in known.variables
+                for full_name in description.variables
                 if full_name.startswith(f"{first[:-1]},")
             ]
-            return [f"{name[:-1]}{rest}" for rest in row] or [name]
+            return [f"{name[:-1]}{indices}" for indices in row] or [name]
         return [name]
 
-    def ranged(self, channel: Channel) -> Channel:
-        """Return an actuator with the range of its variable, unless it has one."""
+    def add_range(self, channel: Channel) -> Channel:
+        """Return an actuator with the range of its variable, unless it has its own."""
         variable = self.description.variables.get(channel.variable.replace(AGENT, "1"))
         if channel.range is not None or variable is None:
             return channel
@@ -526,36 +525,36 @@ class FmuOptions(Definition):
         return Channel(variable=channel.variable, unit=channel.unit, range=(limits[0], limits[1]))
 
     def conversion(self, channel: Channel) -> tuple[float, float] | None:
-        """Return factor and offset from the FMU's unit of a variable to that of a channel; None for none."""
+        """Return factor and offset from a variable's unit to a channel's; None if they are the same."""
         variable = self.description.variables.get(channel.variable.replace(AGENT, "1"))
         if not channel.unit or variable is None or channel.unit == variable.unit:
             return None
         return self.description.conversions.get(variable.unit, {}).get(channel.unit)
 
     @property
-    def solved_by(self) -> str | None:
+    def solver_name(self) -> str | None:
         """FMPy's name of the solver; None for co-simulation."""
-        known = self.description
-        if known.exchange is None or (self.solver is None and known.identifier):
+        description = self.description
+        if description.exchange is None or (self.solver is None and description.identifier):
             return None
         return "Euler" if self.solver == "euler" else "CVode"
 
     @property
-    def seeded(self) -> str | None:
-        """The variable that gets the episode's seed."""
-        known = self.description.variables.get("seed")
-        by_name = known is not None and known.causality == "parameter" and takes_seeds(known)
-        return self.seed or ("seed" if by_name else None)
+    def seed_variable(self) -> str | None:
+        """Name of the variable that receives the episode's seed."""
+        variable = self.description.variables.get("seed")
+        is_default = variable is not None and variable.causality == "parameter" and takes_seeds(variable)
+        return self.seed or ("seed" if is_default else None)
 
     @property
     def columns(self) -> dict[str, Reduction]:
-        """What is made of variables, by the metric's name."""
+        """Reductions of variables, by the metric's name."""
         if self.metrics:
             return {name: Reduction.parse(name, text) for name, text in self.metrics.items()}
-        found = self.layout
-        if found is not None and found.metrics:
-            return {name: Reduction("last", variable) for name, variable in found.metrics.items()}
-        outputs = [output.name for output in self.description.of_causality("output")]
+        swarm_layout = self.layout
+        if swarm_layout is not None and swarm_layout.metrics:
+            return {name: Reduction("last", variable) for name, variable in swarm_layout.metrics.items()}
+        outputs = [output.name for output in self.description.get_variables("output")]
         if len(outputs) > MOST:
             return {}
         is_system = self.description.version == VERSION
@@ -571,14 +570,14 @@ class FmuOptions(Definition):
         """Seconds of a step."""
         if self.step is not None:
             return self.step
-        known = self.description
-        duration = None if known.stop_time is None else known.stop_time - known.start_time
-        return known.step_size or (duration / _STEPS if duration and duration > 0 else 0.1)
+        description = self.description
+        duration = None if description.stop_time is None else description.stop_time - description.start_time
+        return description.step_size or (duration / _STEPS if duration and duration > 0 else 0.1)
 
     @property
     def _duration(self) -> float | None:
-        """Seconds from the start to the stop time; None where these say nothing about episodes."""
-        start, stop = self.description.start_time, stop_time(self.description)
+        """Seconds from the start to the stop time; None if the FMU does not define them."""
+        start, stop = self.description.start_time, get_stop_time(self.description)
         return None if stop is None or stop <= start else stop - start
 
     @property
@@ -586,14 +585,14 @@ class FmuOptions(Definition):
         """Steps of an episode."""
         duration = self._duration
         if self.steps is not None or duration is None:
-            found = self.layout
-            until_done = found is not None and found.done is not None
+            swarm_layout = self.layout
+            until_done = swarm_layout is not None and swarm_layout.done is not None
             return self.steps or (_MOST_STEPS if until_done else _STEPS)
         return max(1, round(duration / self.size))
 
     @property
     def uneven_steps(self) -> str | None:
-        """What is to be said where steps do not end at the stop time; None where they do."""
+        """Notice that steps do not end at the stop time; None if they do."""
         duration = self._duration
         if self.steps is not None or duration is None:
             return None
@@ -601,23 +600,23 @@ class FmuOptions(Definition):
         if math.isclose(whole, duration, rel_tol=1e-6):
             return None
         return (
-            f"step: {self.size:g} s does not divide the {duration:g} s from start to stop of {self.fmu}; an "
-            f"episode has {self.length} steps, {whole:g} s; write simulation.steps for another length"
+            f"step: {self.size:g} s does not divide the {duration:g} s from start to stop of {self.fmu}, so "
+            f"an episode has {self.length} steps, {whole:g} s; set simulation.steps for another length"
         )
 
     @property
     def parameters(self) -> dict[str, Variable]:
-        """What experiments can set; not `seed`, which is the name of the episode's."""
+        """Parameters that experiments can set, without `seed`, the name of the episode's seed."""
         return {
             variable.name: variable
             for variable in self.description.variables.values()
             if variable.causality == "parameter"
             and not variable.is_array
             and variable.count == 1
-            and variable.name not in {*self.start, self.seeded, "seed"}
+            and variable.name not in {*self.start, self.seed_variable, "seed"}
         }
 
-    def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
+    def list_named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""
         yield "fmu", [self.fmu]
         yield "sources", self.sources
@@ -645,29 +644,29 @@ class FmuOptions(Definition):
         )
 
     def attachment(self) -> dict[str, Any]:
-        """Return what the program reads."""
-        found = self.layout
+        """Return the program's input."""
+        swarm_layout = self.layout
         return {
             "fmu": str(self.file.resolve()),
             "agents": self.count,
             "one": self.is_one,
             "algorithm": self.algorithm or "gauss_seidel",
-            "solver": self.solved_by,
-            "sensors": [self._written(channel) for channel in self.channels("sensors")],
-            "actuators": [self._written(channel) for channel in self.channels("actuators")],
+            "solver": self.solver_name,
+            "sensors": [self._describe_channel(channel) for channel in self.channels("sensors")],
+            "actuators": [self._describe_channel(channel) for channel in self.channels("actuators")],
             "step": self.size,
             "steps": self.length,
             "start": self.start,
-            "seed": self.seeded,
+            "seed": self.seed_variable,
             "metrics": {name: [column.function, column.column] for name, column in self.columns.items()},
             "done": self.done,
-            "fitness": None if found is None else found.fitness,
-            "acts": None if found is None else found.acts,
-            "ended": None if found is None else found.done,
+            "fitness": None if swarm_layout is None else swarm_layout.fitness,
+            "acts": None if swarm_layout is None else swarm_layout.acts,
+            "ended": None if swarm_layout is None else swarm_layout.done,
         }
 
-    def _written(self, channel: Channel) -> dict[str, Any]:
-        """Return what the program reads of a channel."""
+    def _describe_channel(self, channel: Channel) -> dict[str, Any]:
+        """Return the program's input for a channel."""
         return {
             "variable": channel.variable,
             "range": channel.range,
@@ -680,16 +679,16 @@ class FmuOptions(Definition):
 
     @property
     def no_library(self) -> str:
-        """What is said where the FMU has no library for this machine."""
-        there = ", ".join(self.description.platforms) or "none"
+        """Message that the FMU has no library for this machine."""
+        platforms = ", ".join(self.description.platforms) or "none"
         return (
-            f"{self.file}: has no library for this machine, {' or '.join(place())}; available: {there}. "
-            "`fmpy compile FILE` makes one where the FMU holds its source in C"
+            f"{self.file}: has no library for this machine, {' or '.join(get_platforms())}; available: "
+            f"{platforms}. If the FMU contains its C source, `fmpy compile FILE` builds a library"
         )
 
 
-def missing(options: FmuOptions) -> str | None:
-    """Return what this machine lacks to run an FMU, "key: why"; None for nothing."""
+def explain_missing(options: FmuOptions) -> str | None:
+    """Return what this machine lacks to run an FMU, "key: reason"; None for nothing."""
     if not is_installed():
         return f"fmu: {NEEDS}"
-    return None if runs_here(options.description) else f"fmu: {options.no_library}"
+    return None if has_library(options.description) else f"fmu: {options.no_library}"

@@ -19,7 +19,12 @@ from swarmwright.common.temporary import private_folder
 from swarmwright.simulations.command.definition import CommandOptions
 from swarmwright.simulations.command.placeholders import Placeholder, Template, Values, command
 from swarmwright.simulations.command.process import resolve_word
-from swarmwright.simulations.command.ros_definition import ATTACHMENT, DOMAINS, OF_AN_INSTANCE, RosOptions
+from swarmwright.simulations.command.ros_definition import (
+    ATTACHMENT,
+    DOMAINS,
+    INSTANCE_PLACEHOLDERS,
+    RosOptions,
+)
 from swarmwright.simulations.command.simulation import CommandSimulation
 from swarmwright.simulations.command.stepwise import Start
 from swarmwright.simulations.command.work_files import Instance
@@ -118,7 +123,7 @@ class RosSimulation(CommandSimulation):
 
     def reset(self, parameters: dict[str, Any], seed: int, controller: str | None = None) -> ArrayLike:
         """Start an episode. Raises InputError for text that would decide what `reset.command` runs."""
-        values = Values(dict.fromkeys(OF_AN_INSTANCE), parameters, self._choices)
+        values = Values(dict.fromkeys(INSTANCE_PLACEHOLDERS), parameters, self._choices)
         for word in self._reset_command:
             word.check(values)
         return super().reset(parameters, seed, controller)

@@ -1,7 +1,4 @@
-"""What an experiment says of robots of a ROS system: `simulation: {ros: 2, ..}`.
-
-Sections of what an experiment says of robots of a ROS system: sensors, step, reset, metrics, ..
-"""
+"""The definition of a simulation with robots of a ROS system, `simulation: {ros: 2, ..}`."""
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,10 +22,10 @@ from swarmwright.simulations.ros.reductions import FUNCTIONS
 
 def problems(options: "RosOptions") -> list[tuple[Path_, str]]:
     """Return problems, with the keys."""
-    return [*_of_topics(options), *_of_metrics(options), *_of_others(options)]
+    return [*_check_topics(options), *_check_metrics(options), *_check_services(options)]
 
 
-def _of_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
+def _check_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
     for key, entries, name in (
         ("sensors", options.sensors, "sensor"),
         ("actuators", options.actuators, "actuator"),
@@ -36,29 +33,29 @@ def _of_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
         names: list[str] = []
         for index, entry in enumerate(entries):
             path: Path_ = (key, index)
-            own: str = getattr(entry, name)
-            if own in names:
-                yield (*path, name), f"{own} is there twice; each needs a name of its own"
-            names.append(own)
-            yield from _problem(entry.model_dump(exclude_defaults=True), key, path)
+            entry_name: str = getattr(entry, name)
+            if entry_name in names:
+                yield (*path, name), f"{entry_name} is defined twice; give each a different name"
+            names.append(entry_name)
+            yield from _check_entry(entry.model_dump(exclude_defaults=True), key, path)
     if bool(options.sensors) != bool(options.actuators):
         missing = "sensors" if options.actuators else "actuators"
         yield (missing,), "is missing: controllers need sensors and actuators"
-    yield from _types(options)
-    own_names = [actuator.actuator for actuator in options.actuators]
+    yield from _check_types(options)
+    actuator_names = [actuator.actuator for actuator in options.actuators]
     block = {"rate": 1, "sensors": [], "actuators": options.topics["actuators"]}
     try:
-        actuators = read_mapping(block, [], own_names).actuators
+        actuators = read_mapping(block, [], actuator_names).actuators
         for topic in dict.fromkeys(actuator.place.topic for actuator in actuators):
             writers([actuator for actuator in actuators if actuator.place.topic == topic])
     except SameFieldError as error:
         yield ("actuators", error.actuator.terms[0][0]), error.reason
     except MappingError:
-        pass  # of one entry, which is told of above
+        pass  # of a single entry, which is reported above
 
 
-def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
-    """A topic has one type."""
+def _check_types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
+    """Yield problems with topics and their types; a topic has a single type."""
     types: dict[str, tuple[str, str]] = {}
     places: list[tuple[Path_, Any]] = [
         (("sensors", index), sensor) for index, sensor in enumerate(options.sensors)
@@ -66,7 +63,7 @@ def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
     places += [(("actuators", index), actuator) for index, actuator in enumerate(options.actuators)]
     places += [(("metrics", name), metric) for name, metric in options.metrics.items() if metric.topic]
     for path, described in places:
-        wrong = _of_topic(described.topic)
+        wrong = _check_topic_name(described.topic)
         if wrong is not None:
             yield (
                 (*path, "topic"),
@@ -74,14 +71,17 @@ def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
             )
             continue
         if "{robot}" in described.topic and "/" in options.robots:
-            yield (*path, "topic"), "{robot} needs robots with names; write robots: [NAME, ..]"
-        other, where = types.setdefault(described.topic, (short_type(described.type), format_path(path)))
-        if other != short_type(described.type):
-            yield (*path, "type"), f"{described.topic} has the type {other} at {where}; a topic has one type"
+            yield (*path, "topic"), "{robot} requires robots with names; write robots: [NAME, ..]"
+        type_name, where = types.setdefault(described.topic, (short_type(described.type), dotted_path(path)))
+        if type_name != short_type(described.type):
+            yield (
+                (*path, "type"),
+                f"{described.topic} has the type {type_name} at {where}; a topic has a single type",
+            )
 
 
-def _of_topic(topic: str) -> str | None:
-    """Return why a topic is none, which may hold `{robot}`; None for one."""
+def _check_topic_name(topic: str) -> str | None:
+    """Return why a topic, which may contain `{robot}`, is not valid; None if it is."""
     if topic.startswith("~"):
         return "names that are private to a node are not supported"
     try:
@@ -91,37 +91,37 @@ def _of_topic(topic: str) -> str | None:
     return None
 
 
-def _of_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
+def _check_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
     sensors = [sensor.sensor for sensor in options.sensors]
     for name, metric in options.metrics.items():
         path: Path_ = ("metrics", name)
         if metric.sensor is not None:
             if metric.sensor not in sensors:
-                there = f"; available: {', '.join(sensors) or 'none'}"
-                hint = did_you_mean(metric.sensor, sensors) or there
+                available = f"; available: {', '.join(sensors) or 'none'}"
+                hint = did_you_mean(metric.sensor, sensors) or available
                 yield (*path, "sensor"), f"there is no sensor {metric.sensor!r}{hint}"
         elif metric.type == GET_ENTITIES_STATES:
             if options.ros == 1:
-                yield (*path, "type"), "simulation_interfaces are of ROS 2"
+                yield (*path, "type"), "simulation_interfaces require ROS 2"
             if metric.field not in STATES:
                 hint = suggest_or_list(metric.field or "", STATES)
                 yield (*path, "field"), f"{metric.field!r} is not a field of an entity's state{hint}"
         else:
-            yield from _problem({**metric.place, "sensor": name}, "sensors", path)
+            yield from _check_entry({**metric.place, "sensor": name}, "sensors", path)
 
 
-def _of_others(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
-    for key, of in (("step", options.step), ("reset", options.reset)):
-        if options.ros == 1 and (of.type or "").startswith("simulation_interfaces"):
-            yield (key, "type"), f"{of.type} is of ROS 2"
+def _check_services(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
+    for key, section in (("step", options.step), ("reset", options.reset)):
+        if options.ros == 1 and (section.type or "").startswith("simulation_interfaces"):
+            yield (key, "type"), f"{section.type} requires ROS 2"
     if options.reset.type != RESET_SIMULATION and options.reset.scope != ["default"]:
-        yield ("reset", "scope"), f"only {RESET_SIMULATION} has it; write type: {RESET_SIMULATION}"
+        yield ("reset", "scope"), f"only possible with {RESET_SIMULATION}; write type: {RESET_SIMULATION}"
     if options.spawn is not None:
         if options.ros == 1:
-            yield ("spawn",), f"{SPAWN_ENTITY} is of ROS 2"
+            yield ("spawn",), f"{SPAWN_ENTITY} requires ROS 2"
         if options.spawn.poses and len(options.spawn.poses) != len(options.robots):
             count, poses = len(options.robots), len(options.spawn.poses)
-            yield ("spawn", "poses"), f"must have a pose of each of the {count} robots, not {poses}"
+            yield ("spawn", "poses"), f"must have a pose for each of the {count} robots, not {poses}"
         if options.spawn.file is not None and not (Path(options.folder) / options.spawn.file).is_file():
             yield ("spawn", "file"), f"{options.spawn.file}: there is no such file"
         elif options.spawn.file is not None:
@@ -130,19 +130,19 @@ def _of_others(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
             except OSError as error:
                 yield ("spawn", "file"), f"{options.spawn.file}: cannot be read: {error.strerror}"
             except UnicodeDecodeError:
-                yield ("spawn", "file"), f"{options.spawn.file}: is not UTF-8 text, as a model in SDF or URDF"
+                yield ("spawn", "file"), f"{options.spawn.file}: is not UTF-8 text, expected SDF or URDF"
 
 
-def _problem(entry: Mapping[str, Any], key: str, path: Path_) -> Iterator[tuple[Path_, str]]:
-    """Check one entry as the program reads it."""
+def _check_entry(entry: Mapping[str, Any], key: str, path: Path_) -> Iterator[tuple[Path_, str]]:
+    """Check an entry in the same way as the program that reads it."""
     name = "sensor" if key == "sensors" else "actuator"
-    known = READERS if key == "sensors" else WRITERS
-    if short_type(entry["type"]) not in known:
-        yield (*path, "type"), f"{entry['type']!r} is not known here; expected {choice(list(known))}"
+    supported = READERS if key == "sensors" else WRITERS
+    if short_type(entry["type"]) not in supported:
+        yield (*path, "type"), f"{entry['type']!r} is not supported; expected {choice(list(supported))}"
         return
-    other = {"sensors": "actuators", "actuators": "sensors"}[key]
+    other_key = {"sensors": "actuators", "actuators": "sensors"}[key]
     try:
-        mapping = read_mapping({"rate": 1, key: [dict(entry)], other: []},
+        mapping = read_mapping({"rate": 1, key: [dict(entry)], other_key: []},
                                [entry[name]] if name == "sensor" else [],
                                [entry[name]] if name == "actuator" else [])  # fmt: skip
         if key == "sensors":
@@ -167,51 +167,51 @@ RESET_SIMULATION = "simulation_interfaces/ResetSimulation"
 SPAWN_ENTITY = "simulation_interfaces/SpawnEntity"
 GET_ENTITIES_STATES = "simulation_interfaces/GetEntitiesStates"
 SCOPES = {"default": 0, "time": 1, "state": 2, "spawned": 4, "all": 255}
-"""Of ResetSimulation: its bits by name."""
+"""Bits of the scope of ResetSimulation, by name."""
 
 
-def _listed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _to_list(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     return [value] if isinstance(value, str) else value
 
 
-class Place(Options):
+class TopicField(Options):
     """A field of the messages of a topic."""
 
     topic: str = Field(min_length=1)
-    """Topic. A relative one is in the robot's namespace: scan is /robot_1/scan. {robot} stands for the
+    """Topic. A relative topic is in the robot's namespace: scan is /robot_1/scan. {robot} stands for the
     robot's name: /model/{robot}/scan."""
     type: str = Field(min_length=1)
     """Type of the topic's messages, such as sensor_msgs/LaserScan."""
     field: str | None = Field(default=None, min_length=1)
-    """Field of the messages, such as pose.pose.position.x; types with one field need none."""
+    """Field of the messages, such as pose.pose.position.x; not needed for types with a single field."""
     scale: float = 1.0
     """Factor by which the value is multiplied."""
     offset: float = 0.0
     """Added after the scale."""
 
 
-class Sensor(Place):
+class Sensor(TopicField):
     """A sensor: value * scale + offset, limited to `clip`."""
 
     sensor: str = Field(min_length=1)
     """Name of the sensor."""
     clip: Interval | None = None
-    """Limits of the value that the controller gets, [low, high]. Default: none."""
+    """Limits of the value that the controller receives, [low, high]. Default: none."""
     timeout: float | None = Field(default=None, gt=0)
-    """Where steps have a duration, seconds for which a message counts, for sensors that are slower than
-    steps. Default: a message has to arrive in each step."""
+    """Seconds for which a message is valid, for sensors that are slower than steps; only for steps with a
+    duration. Default: a message must arrive in each step."""
     sector: Interval | None = None
     """Sector of a scan, [FROM, TO] in degrees, counter-clockwise from straight ahead. Default: the whole
     scan."""
     reduce: Literal["min", "mean"] | None = None
-    """How the ranges of a scan become one number. Default: min."""
+    """How the ranges of a scan are reduced to a number. Default: min."""
     infinite: float | None = None
-    """Value of a range where nothing is detected. Default: the sensor's largest range. Ranges below its
-    smallest one are not measurements."""
+    """Value of a range in which nothing is detected. Default: the sensor's largest range. Ranges below its
+    smallest range are ignored."""
 
 
-class Actuator(Place):
-    """An actuator: what is sent is actuator * scale + offset, limited to `limits`."""
+class Actuator(TopicField):
+    """An actuator: actuator * scale + offset, limited to `limits`, is sent."""
 
     actuator: str = Field(min_length=1)
     """Name of the actuator."""
@@ -220,31 +220,31 @@ class Actuator(Place):
 
 
 class Step(Options):
-    """How a step is made: time passes, or a service of the simulator is called."""
+    """How a step is made: by waiting, or by calling a service of the simulator."""
 
     duration: float | None = Field(default=None, gt=0)
     """Duration of a step in seconds. `step: 0.1` is short for {duration: 0.1}."""
     clock: Literal["wall", "ros"] = "wall"
-    """Clock that measures the duration. ros: /clock, of a simulator that may be faster or slower."""
+    """Clock for the duration. ros: /clock, for a simulator that may be faster or slower than real time."""
     service: str | None = Field(default=None, min_length=1)
-    """The simulator's service that makes a step and answers when it is done. Default for StepSimulation:
+    """The simulator's service that makes a step and returns when it is done. Default for StepSimulation:
     /step_simulation; Gazebo has /gzserver/step_simulation."""
     type: Literal["std_srvs/Trigger", "std_srvs/Empty", "simulation_interfaces/StepSimulation"] | None = None
     """Type of the service. Default: std_srvs/Trigger."""
     steps: int = Field(default=1, ge=1, le=2**53)
-    """StepSimulation: steps of the simulator that are one step of the controller."""
+    """StepSimulation: steps of the simulator in a step of the controller."""
     delay: float = Field(default=0.0, ge=0, le=60)
-    """Seconds between sending commands and calling the service, for simulators in which commands arrive
-    later than calls: topics and services have no common order in ROS."""
+    """Seconds between sending commands and calling the service, for simulators in which commands may arrive
+    after the call: ROS does not order topics and services."""
     messages: int = Field(default=1, ge=1, le=1_000_000)
-    """Messages from each sensor that a call brings; the last one counts."""
+    """Messages of each sensor that a call produces; the last one is used."""
 
     @model_validator(mode="after")
     def _fits(self) -> "Step":
         if (self.duration is None) == (self.service is None and self.type is None):
-            raise FieldError("duration", "give either the duration of a step or a service that makes one")
+            raise FieldError("duration", "write either the duration of a step or a service that makes a step")
         if self.steps != 1 and self.type != STEP_SIMULATION:
-            raise FieldError("steps", f"only {STEP_SIMULATION} has it; write type: {STEP_SIMULATION}")
+            raise FieldError("steps", f"only possible with {STEP_SIMULATION}; write type: {STEP_SIMULATION}")
         return self
 
     @property
@@ -254,9 +254,9 @@ class Step(Options):
 
 
 class Reset(Options):
-    """How the simulator goes back to the start of an episode: by a service or by a command.
+    """How the simulator is reset for an episode: by a service or by a command.
 
-    Without either, the next episode begins where the last one ended.
+    Without either, an episode begins in the final state of the previous one.
     """
 
     service: str | None = Field(default=None, min_length=1)
@@ -266,22 +266,22 @@ class Reset(Options):
     """Type of the service. Default: std_srvs/Empty."""
     scope: Annotated[
         Any,
-        BeforeValidator(_listed),
+        BeforeValidator(_to_list),
         WithJsonSchema(
             {"anyOf": [{"enum": list(SCOPES)}, {"type": "array", "items": {"enum": list(SCOPES)}}]}
         ),
     ] = Field(default=["default"])
-    """ResetSimulation: what is reset: time, state (poses and velocities), spawned (what was spawned is
-    removed), a list of these, or all. default: as the simulator's all."""
+    """ResetSimulation: what is reset: time, state (poses and velocities), spawned (spawned entities are
+    removed), a list of these, or all. default: the simulator's default, which is all."""
     command: Command | None = None
-    """A command that resets, in addition to a service or instead of one; its words may hold {seed} and the
-    names of the experiment's parameters in braces."""
+    """A command that resets the simulator, in addition to a service or instead of it; its words may contain
+    {seed} and the names of the experiment's parameters in braces."""
     parameters: str | None = Field(default=None, min_length=1)
     """A node, such as /simulator. Before a reset its ROS parameters are set to the experiment's parameters
     and to the episode's seed as `seed`, 0 to 2**31 - 1. In ROS 1, the namespace on the parameter server."""
     settle: int | None = Field(default=None, ge=0, le=1_000_000)
-    """Steps after a reset in which the robots stand, before the first sensors count, for simulators that
-    publish nothing while they are paused. Default: 1 where StepSimulation makes steps, else 0."""
+    """Steps after a reset in which the robots stand still before the first sensors are read, for simulators
+    that publish nothing while paused. Default: 1 if StepSimulation makes steps, else 0."""
 
     @field_validator("scope")
     @classmethod
@@ -294,7 +294,7 @@ class Reset(Options):
 
     @property
     def despawns(self) -> bool:
-        """Whether robots that were spawned are removed."""
+        """Whether a reset removes spawned robots."""
         return self.type == RESET_SIMULATION and bool({"default", "all", "spawned"} & set(self.scope))
 
 
@@ -312,7 +312,7 @@ class Pose(Options):
 
 
 class Area(Options):
-    """Where robots are put at random, by the episode's seed."""
+    """Area in which robots are placed at random, by the episode's seed."""
 
     x: Interval
     """Metres, [low, high]."""
@@ -325,19 +325,20 @@ class Area(Options):
 
     @field_validator("x", "y", "yaw")
     @classmethod
-    def _ordered(cls, value: list[float]) -> list[float]:
+    def _check_order(cls, value: list[float]) -> list[float]:
         if value[0] > value[1]:
             raise ValueError(f"must be [low, high], not {format_value(value)}")
         return value
 
 
 class Spawn(Options):
-    """How robots come into a simulator that has SpawnEntity: after each reset that removes them."""
+    """How robots are spawned in a simulator that has SpawnEntity: after each reset that removes them."""
 
     service: str = Field(default="/spawn_entity", min_length=1)
     """The service that spawns robots; Gazebo has /gzserver/spawn_entity."""
     uri: str | None = Field(default=None, min_length=1)
-    """The robot's model as the simulator names it: file:///models/rover.sdf, or one of its own models."""
+    """The simulator's name of the robot's model: file:///models/rover.sdf, or the name of a built-in
+    model."""
     file: str | None = Field(default=None, min_length=1)
     """Instead of `uri`: a file, relative to the experiment file, in a format that the simulator reads. Its
     text is sent; {robot} in it stands for the robot's name."""
@@ -349,9 +350,9 @@ class Spawn(Options):
     @model_validator(mode="after")
     def _fits(self) -> "Spawn":
         if (self.uri is None) == (self.file is None):
-            raise FieldError("uri", "give either uri, the simulator's name of the model, or file")
+            raise FieldError("uri", "write either uri, the simulator's name of the model, or file")
         if bool(self.poses) == (self.area is not None):
-            raise FieldError("poses", "give either poses, one of each robot, or area")
+            raise FieldError("poses", "write either poses, with a pose for each robot, or area")
         return self
 
 
@@ -359,27 +360,27 @@ class Metric(Options):
     """A number of an episode: read from a topic, a sensor or the simulator after each step, and reduced."""
 
     topic: str | None = Field(default=None, min_length=1)
-    """As for a sensor. An absolute topic without {robot} is one value for all robots."""
+    """As for a sensor. An absolute topic without {robot} is a single value for all robots."""
     type: str | None = Field(default=None, min_length=1)
-    """Type of the topic's messages; or simulation_interfaces/GetEntitiesStates, the simulator's own knowledge
-    of where robots are."""
+    """Type of the topic's messages; or simulation_interfaces/GetEntitiesStates, for the robots' states in the
+    simulator."""
     field: str | None = Field(default=None, min_length=1)
     """As for a sensor. For GetEntitiesStates: pose.position.x, yaw, twist.linear.x, .."""
     sensor: str | None = Field(default=None, min_length=1)
-    """Instead of a topic: the name of a sensor, whose values are those that controllers get."""
+    """Instead of a topic: the name of a sensor, with the values that controllers receive."""
     service: str | None = Field(default=None, min_length=1)
     """Service for GetEntitiesStates. Default: /get_entities_states; Gazebo has
     /gzserver/get_entities_states."""
     entity: str | None = Field(default=None, min_length=1)
     """The simulator's name of a robot, with {robot} for the robot's name; or another entity of the simulator,
-    one for all robots. Default: {robot}."""
+    for all robots. Default: {robot}."""
     scale: float = 1.0
     """Factor by which the value is multiplied."""
     offset: float = 0.0
     """Added after the scale."""
     otherwise: float | None = None
-    """The value until the first message on the topic. With it, the topic need not send a message in every
-    step, for topics on which a message is sent only when something happens; the last message counts."""
+    """The value until the first message on the topic. With it, a message need not arrive in every step, for
+    topics with messages only for events; the last message is used."""
     sector: Interval | None = None
     """As for a sensor."""
     reduce: Literal["min", "mean"] | None = None
@@ -387,33 +388,34 @@ class Metric(Options):
     infinite: float | None = None
     """As for a sensor."""
     time: Reduce = "last"
-    """How the values of an episode, taken before the first step and after each one, become one number."""
+    """How the values of an episode, read before the first step and after each step, are reduced to a
+    number."""
     robots: Reduce = "mean"
-    """How the values of all robots, in their order, become one number."""
+    """How the values of all robots, in their order, are reduced to a number."""
 
     @model_validator(mode="after")
     def _fits(self) -> "Metric":
         states = self.type == GET_ENTITIES_STATES
         if sum((self.topic is not None, self.sensor is not None, states)) != 1:
-            raise FieldError("topic", f"give a topic, a sensor, or type: {GET_ENTITIES_STATES}")
+            raise FieldError("topic", f"write a topic, a sensor, or type: {GET_ENTITIES_STATES}")
         if self.topic is not None and self.type is None:
-            raise FieldError("type", "is missing: that of the topic's messages")
+            raise FieldError("type", "is missing; write the type of the topic's messages")
         if states and self.field is None:
             raise FieldError("field", "is missing, such as pose.position.x")
-        given = self.model_dump(exclude_defaults=True)
+        values = self.model_dump(exclude_defaults=True)
         of_a_sensor = ("type", "field", "service", "entity", "sector", "reduce", "infinite", "otherwise")
         useless = {"sensor": of_a_sensor, "topic": ("service", "entity")}
-        for key, others in useless.items():
-            for other in others:
-                if key in given and other in given:
+        for key, keys in useless.items():
+            for other in keys:
+                if key in values and other in values:
                     raise FieldError(other, f"has no meaning with {key}; leave it out")
         return self
 
     @property
     def place(self) -> dict[str, Any]:
-        """Return what a sensor with these values says."""
-        given = self.model_dump(exclude_defaults=True)
-        return {key: value for key, value in given.items() if key not in _OF_METRICS}
+        """The keys of a sensor with these values."""
+        values = self.model_dump(exclude_defaults=True)
+        return {key: value for key, value in values.items() if key not in _OF_METRICS}
 
 
 _OF_METRICS = {"time", "robots", "service", "entity", "otherwise"}
@@ -422,15 +424,15 @@ _OF_METRICS = {"time", "robots", "service", "entity", "otherwise"}
 _TRIGGERS = ("std_srvs/Trigger", "std_srvs/Empty")
 """Types of services by default: of a step, of a reset."""
 ATTACHMENT = "attachment.json"
-"""What the program reads, in the folder of an instance."""
-OF_AN_INSTANCE = ("instance", "port", "domain", "folder", "here")
+"""Name of the program's input file in the folder of an instance."""
+INSTANCE_PLACEHOLDERS = ("instance", "port", "domain", "folder", "here")
 """Placeholders that are set when the program starts."""
 DOMAINS = 100
-"""DDS domains that instances get; beyond about 100 their ports may be taken by other programs on Linux."""
+"""DDS domains for instances; the ports of higher domains may be used by other programs on Linux."""
 MOST_ROBOTS = 1000
-"""Robots of an experiment."""
+"""Most robots of an experiment."""
 PROGRAM = Path(__file__).parents[1] / "ros"
-"""The folder of the program that drives the robots; a foreign Python can start it."""
+"""The folder of the program that controls the robots, which another Python can start."""
 
 
 def _number_of_robots(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
@@ -450,8 +452,8 @@ def _seconds(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 class RosOptions(Definition):
     """Robots of a running ROS 1 or ROS 2 system: topics are their sensors and actuators.
 
-    Swarmwright runs a program that drives them stepwise. It needs the Python that ROS is installed for, or,
-    for ROS 2, no ROS at all: `middleware: dds` speaks to it directly.
+    Swarmwright runs a program that controls them step by step. It needs the Python that ROS is installed for;
+    for ROS 2, `middleware: dds` connects directly, without an installation of ROS.
     """
 
     prefix: ClassVar[str] = SimulationName.ROS
@@ -459,10 +461,10 @@ class RosOptions(Definition):
     ros: Literal[1, 2]
     """The version of ROS."""
     middleware: Literal["rospy", "rclpy", "dds"] | None = None
-    """What connects to it: rospy (ROS 1); dds, Cyclone DDS (`pip install 'swarmwright[ros2]'`) or rclpy (ROS
+    """The client library: rospy (ROS 1); dds, Cyclone DDS (`pip install 'swarmwright[ros2]'`) or rclpy (ROS
     2). Default: rospy or dds."""
     python: str | None = Field(default=None, min_length=1)
-    """The Python in which rospy or rclpy can be imported. Default: /usr/bin/python3."""
+    """The Python that can import rospy or rclpy. Default: /usr/bin/python3."""
     title: str | None = Field(default=None, min_length=1, max_length=1000)
     """The name in discovery. Default: ros1 or ros2, and a digest of this definition and of the files that it
     names."""
@@ -478,13 +480,13 @@ class RosOptions(Definition):
             }
         ),
     ] = Field(default=["/"])
-    """The robots' namespaces, or how many there are: robot_1, robot_2, ..; 1 to 1,000. Default: one robot
+    """The robots' namespaces, or their number: robot_1, robot_2, ..; 1 to 1,000. Default: a single robot
     without a namespace."""
     sensors: list[Sensor] = Field(default=[])
-    """What a robot's controller senses: a list of {sensor: NAME, topic: .., type: .., ..}, as in the mapping
-    of exported packages."""
+    """Sensors of a robot: a list of {sensor: NAME, topic: .., type: .., ..}, as in the mapping of exported
+    packages."""
     actuators: list[Actuator] = Field(default=[])
-    """What it commands: a list of {actuator: NAME, topic: .., type: .., ..}."""
+    """Actuators of a robot: a list of {actuator: NAME, topic: .., type: .., ..}."""
     step: Annotated[
         Step,
         BeforeValidator(_seconds, json_schema_input_type=float | Step),
@@ -493,35 +495,35 @@ class RosOptions(Definition):
     reset: Reset = Field(default_factory=Reset)
     """How an episode begins; see below."""
     spawn: Spawn | None = None
-    """How robots come into the simulator; see below. Default: they are there."""
+    """How robots are spawned in the simulator; see below. Default: they exist already."""
     steps: int = Field(default=100, ge=1, le=2**31)
     """Steps of an episode."""
     done: str | None = Field(default=None, min_length=1)
-    """Condition that ends an episode early: an expression over the metrics as they are after a step, such as
+    """Condition that ends an episode early: an expression over the metrics after each step, such as
     "collisions > 0"."""
     metrics: dict[str, Metric] = Field(default={})
     """Numbers of an episode, for `fitness`: name -> {topic: .., type: .., time: last, robots: mean}; see
     below."""
     fitness: str | None = Field(default=None, min_length=1)
-    """The simulation's own fitness, an expression over its metrics. Default: the experiment's, or the metric
-    `fitness`."""
+    """The simulation's own fitness, an expression over its metrics. Default: the experiment's fitness, or the
+    metric `fitness`."""
     start: Command | None = None
-    """A command that starts the simulator; each server has its own, on a ROS master (ROS 1) or in a domain
-    (ROS 2) of its own, and it ends with the server. It runs in a work folder; {here} stands for the folder of
-    the experiment file: world:={here}/world.yaml. Default: the system runs already."""
+    """A command that starts the simulator. Each server starts its own simulator, with its own ROS master (ROS
+    1) or domain (ROS 2), which ends with the server. It runs in a work folder; {here} stands for the folder
+    of the experiment file: world:={here}/world.yaml. Default: the system is already running."""
     patience: float = Field(default=5.0, gt=0, le=86_400)
-    """Seconds to wait for a sensor's message or a service's answer; then the episode has failed."""
+    """Seconds to wait for a sensor's message or a service's answer before the episode fails."""
     startup: float = Field(default=30.0, gt=0, le=86_400)
-    """Seconds to wait at first for topics and services to appear."""
+    """Seconds to wait at the start for topics and services to appear."""
     timeout: float = Field(default=600.0, gt=0, le=31 * 86_400)
     """Seconds that an episode may take."""
     recycle: int = Field(default=0, ge=0)
-    """Episodes after which the program, and what `start` has started, is started again; 0 for never."""
+    """Episodes after which the program, and the command `start`, are restarted; 0 for never."""
     choices: Choices = Field(default={})
-    """All values that a parameter may have, as for commands; needed for text in `reset.command`."""
+    """All values that a parameter may have, as for commands; required for text in `reset.command`."""
     environment: dict[str, str] = Field(default={})
-    """Environment variables in addition to the inherited ones: ROS_MASTER_URI, ROS_DOMAIN_ID, .. Values
-    may hold {instance}, {port}, {domain}, {folder} and {here}."""
+    """Environment variables in addition to the inherited ones: ROS_MASTER_URI, ROS_DOMAIN_ID, .. Values may
+    contain {instance}, {port}, {domain}, {folder} and {here}."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
     output: float = Field(default=10.0, gt=0)
@@ -529,16 +531,16 @@ class RosOptions(Definition):
     disk: float = Field(default=1000.0, gt=0)
     """Megabytes that may be written into the work folder."""
     work: str | None = Field(default=None, min_length=1)
-    """The folder that work folders are made in. Default: one of the user's in the system's folder for
-    temporary files."""
+    """The parent folder of work folders. Default: a folder of the user in the system's folder for temporary
+    files."""
     sources: list[str] = Field(default=[])
-    """Files and folders that the simulation consists of, beside those that `start` and `reset` name: they are
-    part of its digest, and copied into run folders."""
+    """Files and folders of the simulation in addition to those that `start` and `reset` name. They are part
+    of its digest, and are copied into run folders."""
     determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """How far two evaluations of one episode agree on any server; needed for audits (`faults: {audit}`).
-    Default: none where steps have a duration, else not known."""
+    """How far two evaluations of the same episode agree on any server; required for audits
+    (`faults: {audit}`). Default: none if steps have a duration, else unknown."""
     folder: str = Field(default=".", min_length=1)
-    """The folder that paths here are relative to. Default: that of the experiment file."""
+    """The folder that paths in this section are relative to. Default: that of the experiment file."""
 
     @field_validator("robots")
     @classmethod
@@ -548,7 +550,7 @@ class RosOptions(Definition):
                 f"must be a number of robots, or a list of namespaces, not {format_value(value)}"
             )
         if len(value) > MOST_ROBOTS:
-            raise ValueError(f"there may be at most {MOST_ROBOTS:,} robots, not {len(value):,}")
+            raise ValueError(f"must be at most {MOST_ROBOTS:,} robots, not {len(value):,}")
         names: set[str] = set()
         for name in value:
             if not isinstance(name, str) or not name:
@@ -560,7 +562,7 @@ class RosOptions(Definition):
                     f"{format_value(name)} is not a namespace: {error}; expected such as robot_1"
                 ) from None
             if name in names:
-                raise ValueError(f"{name} is there twice")
+                raise ValueError(f"{name} is repeated")
             names.add(name)
         return value
 
@@ -575,9 +577,9 @@ class RosOptions(Definition):
         possible = ("rospy",) if self.ros == 1 else ("dds", "rclpy")
         if self.middleware is not None and self.middleware not in possible:
             names = " or ".join(possible)
-            raise FieldError("middleware", f"{self.middleware} is not for ROS {self.ros}; {names} is")
+            raise FieldError("middleware", f"{self.middleware} is not for ROS {self.ros}; write {names}")
         if self.python is not None and self.connection == "dds":
-            raise FieldError("python", "dds runs in Swarmwright's own Python; leave it out, or take rclpy")
+            raise FieldError("python", "not possible with dds, which runs in Swarmwright's Python; use rclpy")
         return self
 
     @property
@@ -587,10 +589,12 @@ class RosOptions(Definition):
 
     @property
     def is_shared(self) -> bool:
-        """Whether all servers would drive the same robots: none has a system of its own."""
-        own = ("{instance}", "{port}", "{domain}")
+        """Whether all servers control the same robots, because none has its own system."""
+        placeholders = ("{instance}", "{port}", "{domain}")
         texts = [text for name, text in self.environment.items() if name.startswith("ROS_")]
-        return self.start is None and not any(place in text for text in texts for place in own)
+        return self.start is None and not any(
+            placeholder in text for text in texts for placeholder in placeholders
+        )
 
     @property
     def interpreter(self) -> str:
@@ -599,13 +603,13 @@ class RosOptions(Definition):
 
     @property
     def topics(self) -> dict[str, Any]:
-        """Sensors and actuators as in the mapping of an exported package."""
+        """Sensors and actuators in the format of an exported package's mapping."""
         return {
             "sensors": [sensor.model_dump(exclude_defaults=True) for sensor in self.sensors],
             "actuators": [actuator.model_dump(exclude_defaults=True) for actuator in self.actuators],
         }
 
-    def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
+    def list_named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""
         yield "command", [*(self.start or ()), *(self.reset.command or ())]
         if self.spawn is not None and self.spawn.file is not None:
@@ -616,7 +620,7 @@ class RosOptions(Definition):
         """See `Definition`."""
         environment = dict(self.environment)
         if self.start is not None:
-            own = {
+            defaults = {
                 1: {
                     "ROS_MASTER_URI": "http://127.0.0.1:{port}",
                     "ROS_IP": "127.0.0.1",
@@ -625,7 +629,7 @@ class RosOptions(Definition):
                 },
                 2: {"ROS_DOMAIN_ID": "{domain}", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
             }
-            environment = own[self.ros] | environment
+            environment = defaults[self.ros] | environment
         return CommandOptions(
             command=[self.interpreter, str(PROGRAM), f"{{folder}}/{ATTACHMENT}"],
             title=self.title,
@@ -648,7 +652,7 @@ class RosOptions(Definition):
         )
 
     def attachment(self) -> dict[str, Any]:
-        """Return what the program reads."""
+        """Return the program's input."""
         values = self.model_dump(
             include={"ros", "robots", "steps", "done", "patience", "startup", "start"}, mode="json"
         )
@@ -664,8 +668,8 @@ class RosOptions(Definition):
                 "settle": self._settle,
                 "despawns": self.reset.despawns,
             },
-            "spawn": None if self.spawn is None else self._spawned(self.spawn),
-            "metrics": {name: self._measured(metric) for name, metric in self.metrics.items()},
+            "spawn": None if self.spawn is None else self._describe_spawn(self.spawn),
+            "metrics": {name: self._describe_metric(metric) for name, metric in self.metrics.items()},
         }
 
     @property
@@ -675,19 +679,19 @@ class RosOptions(Definition):
         return 1 if self.step.type == STEP_SIMULATION else 0
 
     @staticmethod
-    def _service(of: Step | Reset, kind: str, name: str) -> dict[str, Any]:
-        """Return name and type of a service, as far as there is one."""
-        if of.type is None and of.service is None:
+    def _service(section: Step | Reset, kind: str, name: str) -> dict[str, Any]:
+        """Return name and type of a service; None for both if there is none."""
+        if section.type is None and section.service is None:
             return {"service": None, "type": None}
-        of_type = of.type or kind
-        return {"service": of.service or name, "type": of_type}
+        type_name = section.type or kind
+        return {"service": section.service or name, "type": type_name}
 
-    def _spawned(self, spawn: Spawn) -> dict[str, Any]:
+    def _describe_spawn(self, spawn: Spawn) -> dict[str, Any]:
         text = "" if spawn.file is None else (Path(self.folder) / spawn.file).read_text("utf-8")
         return {**spawn.model_dump(exclude={"file"}), "uri": spawn.uri or "", "text": text}
 
     @staticmethod
-    def _measured(metric: Metric) -> dict[str, Any]:
+    def _describe_metric(metric: Metric) -> dict[str, Any]:
         values: dict[str, Any] = {
             "time": metric.time,
             "robots": metric.robots,

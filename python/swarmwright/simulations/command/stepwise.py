@@ -82,7 +82,7 @@ class MessageIds:
         return self._last
 
     def accepts(self, answer: dict[str, Any]) -> bool:
-        """Return whether this answers the last message; False for second answers in previous episodes.
+        """Return whether this answers the last message; False for answers to earlier ones.
 
         An error is accepted unless it has the number of a message of a previous episode, because programs may
         report errors without knowing the message.

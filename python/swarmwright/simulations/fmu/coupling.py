@@ -1,4 +1,4 @@
-"""Writes SSPs: several FMUs as one system."""
+"""Writes SSPs: systems of several FMUs."""
 
 import io
 import re
@@ -8,22 +8,22 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from swarmwright.common.errors import InputError
-from swarmwright.simulations.fmu.description import Description, Variable, for_coupling
-from swarmwright.simulations.fmu.ssp import STRUCTURE, System, checked, conversion
-from swarmwright.simulations.fmu.units import Unit, units_of
+from swarmwright.simulations.fmu.description import Description, Variable, describe_for_coupling
+from swarmwright.simulations.fmu.ssp import STRUCTURE, System, check_connection, conversion
+from swarmwright.simulations.fmu.units import Unit, get_defined_units
 
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _DATE = (1980, 1, 1, 0, 0, 0)
-"""Of all entries, so that the same system gives the same bytes."""
+"""Date of all entries, so that the same system always gives the same bytes."""
 _NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 _KINDS = {"parameter": "parameter", "input": "input", "output": "output"}
 
 
 def component_files(words: Sequence[str]) -> dict[str, Path]:
-    """Return the file of each component: `FILE.fmu`, which is named by its file, or `NAME=FILE.fmu`.
+    """Return the file of each component, given as `FILE.fmu`, which is named by its file, or `NAME=FILE.fmu`.
 
-    Raises InputError for a name that is taken or has other characters than letters, digits and _.
+    Raises InputError for duplicate names, and names with other characters than letters, digits and _.
     """
     files: dict[str, Path] = {}
     for word in words:
@@ -36,54 +36,58 @@ def component_files(words: Sequence[str]) -> dict[str, Path]:
                 f"name it, NAME={path}"
             )
         if name in files:
-            raise InputError(f"{word}: there is a component {name} already; name this one, OTHER={path}")
+            raise InputError(f"{word}: a component {name} already exists; write another name, OTHER={path}")
         files[name] = path
     return files
 
 
-def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) -> tuple[bytes, dict[str, str]]:
-    """Return an SSP 1.0 of FMUs, the same bytes for the same FMUs, and by connection how it is scaled.
+def write_system(
+    name: str, files: Mapping[str, Path], connections: Sequence[str]
+) -> tuple[bytes, dict[str, str]]:
+    """Return an SSP 1.0 of FMUs, always the same bytes for the same FMUs, and a note for scaled connections.
 
-    A variable that Swarmwright exported with a range is -1 to 1; a connection with one in physical units gets
-    a linear transformation.
+    A variable that Swarmwright exported with a range is scaled to -1 to 1; its connection with a variable in
+    physical units receives a linear transformation.
 
     Args:
-        name: of the system.
-        files: by component, in the order in which gauss_seidel steps them.
-        connections: `component.output:component.input` each.
+        name: name of the system.
+        files: file of each component, in the order in which gauss_seidel steps them.
+        connections: connections `component.output:component.input`.
 
-    Raises InputError for unknown names, for wrong causalities, for an input that is connected twice, and for
-    units that cannot be converted.
+    Raises InputError for unknown names, wrong causalities, inputs that are connected twice, and units that
+    cannot be converted.
     """
-    components = {component: for_coupling(file) for component, file in files.items()}
+    components = {component: describe_for_coupling(file) for component, file in files.items()}
     system = System(name, {}, components, (), {})
     root = ET.Element(f"{{{_SSD}}}SystemStructureDescription", {"version": "1.0", "name": name})
     top = ET.SubElement(root, f"{{{_SSD}}}System", name=name)
     elements = ET.SubElement(top, f"{{{_SSD}}}Elements")
-    for component, known in components.items():
+    for component, description in components.items():
         about = {
             "name": component,
             "source": f"resources/{component}.fmu",
             "type": "application/x-fmu-sharedlibrary",
         }
-        one = ET.SubElement(elements, f"{{{_SSD}}}Component", about)
-        _add_connectors(ET.SubElement(one, f"{{{_SSD}}}Connectors"), known)
+        component_element = ET.SubElement(elements, f"{{{_SSD}}}Component", about)
+        _add_connectors(ET.SubElement(component_element, f"{{{_SSD}}}Connectors"), description)
     scaled: dict[str, str] = {}
     if connections:
-        listed = ET.SubElement(top, f"{{{_SSD}}}Connections")
-        taken: dict[str, str] = {}
+        connection_list = ET.SubElement(top, f"{{{_SSD}}}Connections")
+        sources: dict[str, str] = {}
         for text in connections:
-            start, end = _ends(text)
-            first, last = checked(system, start, end)
-            by, words = _scaling(system, start, end, first, last)
-            if end in taken:
-                raise InputError(f"{text}: {end} is connected already, to {taken[end]}")
-            taken[end] = start
-            one = ET.SubElement(listed, f"{{{_SSD}}}Connection", _attributes(start, end))
-            if by is not None:
-                one.set("suppressUnitConversion", "true")  # it is part of the transformation
-                about = {"factor": repr(by[0]), "offset": repr(by[1])}
-                ET.SubElement(one, f"{{{_SSC}}}LinearTransformation", about)
+            start, end = _split_connection(text)
+            first, last = check_connection(system, start, end)
+            scaling, words = _scaling(system, start, end, first, last)
+            if end in sources:
+                raise InputError(f"{text}: {end} is already connected to {sources[end]}")
+            sources[end] = start
+            component_element = ET.SubElement(
+                connection_list, f"{{{_SSD}}}Connection", _attributes(start, end)
+            )
+            if scaling is not None:
+                component_element.set("suppressUnitConversion", "true")  # it is part of the transformation
+                about = {"factor": repr(scaling[0]), "offset": repr(scaling[1])}
+                ET.SubElement(component_element, f"{{{_SSC}}}LinearTransformation", about)
                 scaled[text] = words
     _add_units(root, components)
     ET.register_namespace("ssd", _SSD)
@@ -92,44 +96,47 @@ def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) ->
     text = f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
     contents = {STRUCTURE: text.encode()}
     contents |= {f"resources/{component}.fmu": file.read_bytes() for component, file in files.items()}
-    return _zipped(contents), scaled
+    return _zip_contents(contents), scaled
 
 
 def _scaling(
     system: System, start: str, end: str, first: Variable, last: Variable
 ) -> tuple[tuple[float, float] | None, str]:
-    """Return factor and offset between a scaled variable and one that is not, and words; None for others.
+    """Return factor and offset between a scaled and an unscaled variable, and a note; None for other pairs.
 
     Raises InputError for units that cannot be converted.
     """
-    one, other = first.stands_for, last.stands_for
-    units = [variable.unit if of is None else of.unit for variable, of in ((first, one), (last, other))]
-    found = conversion(system, start, end, units[0], units[1], {})
-    factor, offset = found.factor, found.offset
-    if one == other or not (_is_known(first) and _is_known(last)):
+    start_range, end_range = first.stands_for, last.stands_for
+    units = [
+        variable.unit if range_ is None else range_.unit
+        for variable, range_ in ((first, start_range), (last, end_range))
+    ]
+    unit_conversion = conversion(system, start, end, units[0], units[1], {})
+    factor, offset = unit_conversion.factor, unit_conversion.offset
+    if start_range == end_range or not (_is_known(first) and _is_known(last)):
         return None, ""
     words = []
-    if one is not None:
-        by = one.to_value
-        factor, offset = factor * by[0], factor * by[1] + offset
-        words.append(f"{start} is {one.scaled_words}")
-    if other is not None:
-        by = other.from_value
-        factor, offset = factor * by[0], by[0] * offset + by[1]
-        words.append(f"{end} is {other.scaled_words}")
+    if start_range is not None:
+        transform = start_range.to_value
+        factor, offset = factor * transform[0], factor * transform[1] + offset
+        words.append(f"{start} is {start_range.scaled_words}")
+    if end_range is not None:
+        transform = end_range.from_value
+        factor, offset = factor * transform[0], transform[0] * offset + transform[1]
+        words.append(f"{end} is {end_range.scaled_words}")
     return (factor, offset), ", ".join(words)
 
 
 def _is_known(variable: Variable) -> bool:
-    """Whether a variable says what it is scaled from, or shows by unit or limits that it is not scaled.
+    """Return whether it is known if a variable is scaled: by its range, its unit or its limits.
 
-    Others may be scaled, as FMUs of other tools are that do not say so.
+    Other variables may be scaled without declaring it, as in FMUs of other tools.
     """
     limits = variable.minimum, variable.maximum
     return variable.stands_for is not None or bool(variable.unit) or limits not in ((None, None), (-1.0, 1.0))
 
 
-def _ends(text: str) -> tuple[str, str]:
+def _split_connection(text: str) -> tuple[str, str]:
     start, colon, end = text.partition(":")
     if not colon or "." not in start or "." not in end:
         raise InputError(f"{text}: expected COMPONENT.OUTPUT:COMPONENT.INPUT, such as world.x:radio.x")
@@ -146,8 +153,8 @@ def _attributes(start: str, end: str) -> dict[str, str]:
     }
 
 
-def _add_connectors(parent: ET.Element, known: Description) -> None:
-    for variable in known.variables.values():
+def _add_connectors(parent: ET.Element, description: Description) -> None:
+    for variable in description.variables.values():
         if variable.causality not in _KINDS or variable.is_array:
             continue
         connector = ET.SubElement(
@@ -166,18 +173,18 @@ def _type(variable: Variable) -> str:
 
 
 def _add_units(root: ET.Element, components: Mapping[str, Description]) -> None:
-    found: dict[str, Unit] = {}
-    for known in components.values():
-        found |= units_of(known.units)
-    if not found:
+    units: dict[str, Unit] = {}
+    for description in components.values():
+        units |= get_defined_units(description.units)
+    if not units:
         return
-    listed = ET.SubElement(root, f"{{{_SSD}}}Units")
-    for name, unit in sorted(found.items()):
-        one = ET.SubElement(listed, f"{{{_SSC}}}Unit", name=name)
-        ET.SubElement(one, f"{{{_SSC}}}BaseUnit", unit.attributes())
+    unit_list = ET.SubElement(root, f"{{{_SSD}}}Units")
+    for name, unit in sorted(units.items()):
+        unit_element = ET.SubElement(unit_list, f"{{{_SSC}}}Unit", name=name)
+        ET.SubElement(unit_element, f"{{{_SSC}}}BaseUnit", unit.attributes())
 
 
-def _zipped(contents: Mapping[str, bytes]) -> bytes:
+def _zip_contents(contents: Mapping[str, bytes]) -> bytes:
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as archive:
         for name, content in contents.items():

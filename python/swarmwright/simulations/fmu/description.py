@@ -1,8 +1,6 @@
-"""What an FMU announces, as far as a simulation needs it.
+"""Descriptions of FMUs: variables, their types and values, and the layout of FMUs of whole swarms.
 
-FMUs of whole swarms: variables named `agent[1].NAME`, `agent[2].NAME`, .., as `export-fmu` writes them.
-
-Values that variables of FMUs can have by their types: whole numbers within limits, booleans, text.
+The latter have variables `agent[1].NAME`, `agent[2].NAME`, .., as `export-fmu` writes them.
 """
 
 import importlib.util
@@ -21,45 +19,46 @@ from swarmwright.common import archives, xml
 from swarmwright.common.errors import InputError, describe_exception
 from swarmwright.common.ranges import Range
 from swarmwright.common.temporary import TemporaryFolder
-from swarmwright.simulations.fmu.units import Conversions, Unit, inverse_units
+from swarmwright.simulations.fmu.units import Conversions, Unit, find_inverse_units
 
 AGENT = "{agent}"
 """Stands for an agent's number, from 1, in names of variables."""
-_OF_AGENT = re.compile(r"agent\[(\d{1,9})\]\.(.+)")
+_AGENT_VARIABLE = re.compile(r"agent\[(\d{1,9})\]\.(.+)")
 _ACTS = "acts"
 _METRICS = "metrics."
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What the variables of such an FMU are."""
+    """Roles of the variables of an FMU of a whole swarm."""
 
     agents: int
     sensors: list[str]
     """Names with {agent}."""
     actuators: list[str]
+    """Names with {agent}."""
     acts: str | None
-    """The output that says whether an agent acts, with {agent}; None: all of them always do."""
+    """The output that tells whether an agent acts, with {agent}; None if all always act."""
     metrics: Mapping[str, str]
-    """Variable of each metric."""
+    """Metric -> its variable."""
     fitness: str | None
-    """The output that is the fitness."""
+    """The output with the fitness."""
     done: str | None
-    """The output that says that the episode has ended."""
+    """The output that tells whether the episode has ended."""
 
 
-def layout(description: "Description") -> Layout | None:
-    """Return the layout of an FMU; None where its outputs have no names of agents."""
+def find_layout(description: "Description") -> Layout | None:
+    """Return the layout of an FMU of a whole swarm; None for other FMUs."""
     outputs, inputs = (
-        [variable.name for variable in description.of_causality(causality)]
+        [variable.name for variable in description.get_variables(causality)]
         for causality in ("output", "input")
     )
-    numbers = {int(found[1]) for found in map(_OF_AGENT.fullmatch, outputs) if found is not None}
+    numbers = {int(match[1]) for match in map(_AGENT_VARIABLE.fullmatch, outputs) if match is not None}
     agents = next(number for number in range(1, len(numbers) + 2) if number not in numbers) - 1
     if not agents:
         return None
-    sensors, actuators = (_of_first(names) for names in (outputs, inputs))
-    known = description.variables
+    sensors, actuators = (_list_first_agent(names) for names in (outputs, inputs))
+    variables = description.variables
     return Layout(
         agents,
         [f"agent[{AGENT}].{name}" for name in sensors if name != _ACTS],
@@ -67,23 +66,22 @@ def layout(description: "Description") -> Layout | None:
         f"agent[{AGENT}].{_ACTS}" if _ACTS in sensors else None,
         {name.removeprefix(_METRICS): name for name in outputs if name.startswith(_METRICS)},
         "fitness" if "fitness" in outputs else None,
-        "done" if "done" in outputs and known["done"].type == "Boolean" else None,
+        "done" if "done" in outputs and variables["done"].type == "Boolean" else None,
     )
 
 
-def stop_time(description: "Description") -> float | None:
-    """Return when episodes of an FMU end; None where it does not say so beforehand.
+def get_stop_time(description: "Description") -> float | None:
+    """Return the stop time of an FMU; None if the length of its episodes is not fixed.
 
-    An exported simulation says it by its output `done`: its stop time is that of the parameters at the
-    export, and others can make episodes longer.
+    The stop time of an exported simulation with an output `done` depends on its parameters at the export.
     """
-    found = layout(description) if description.is_exported else None
-    return description.stop_time if found is None or found.done is None else None
+    swarm_layout = find_layout(description) if description.is_exported else None
+    return description.stop_time if swarm_layout is None or swarm_layout.done is None else None
 
 
-def _of_first(names: list[str]) -> list[str]:
-    found = map(_OF_AGENT.fullmatch, names)
-    return [child[2] for child in found if child is not None and child[1] == "1"]
+def _list_first_agent(names: list[str]) -> list[str]:
+    matches = map(_AGENT_VARIABLE.fullmatch, names)
+    return [match[2] for match in matches if match is not None and match[1] == "1"]
 
 
 _REALS = ("Real", "Float32", "Float64")
@@ -94,20 +92,20 @@ _NUMBERS = (*_REALS, *INTEGERS, "Boolean")
 VERSIONS = ("2.0", "3.0")
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 STRUCTURAL = "structuralParameter"
-"""The causality of parameters of FMI 3.0 that sizes of arrays depend on."""
+"""The causality of parameters of FMI 3.0 that determine the sizes of arrays."""
 RANGE = "swarmwright.range"
-"""The annotation of a scaled variable: what -1 and 1 stand for, `<Range low=".." high=".." unit=".."/>`."""
+"""The annotation of a scaled variable, the values of -1 and 1: `<Range low=".." high=".." unit=".."/>`."""
 _DESCRIPTION = "modelDescription.xml"
 _LARGEST_XML_BYTES = 1 << 26
 _MOST_NODES = 1_000_000
-"""Elements and attributes of an XML file, of which FMPy and this module take about 500 bytes each."""
+"""Most elements and attributes of an XML file, each of which takes about 500 bytes in memory."""
 _DEEPEST_NESTING = 200
 _MOST_ELEMENTS = 10_000
-"""Of an array variable."""
+"""Most elements of an array variable."""
 _MOST_VARIABLES = 500_000
-"""With the elements of arrays."""
+"""Most variables, including elements of arrays."""
 _MOST_FAULTS = 300
-"""Characters of what is wrong with a file that are repeated."""
+"""Most characters of a library's message about an invalid file."""
 
 
 @dataclass(frozen=True)
@@ -117,33 +115,34 @@ class Variable:
     name: str
     reference: int
     type: str
-    """As in modelDescription.xml: Real, Integer, Boolean, .. of FMI 2.0, Float64, Int32, .. of FMI 3.0."""
+    """Type in modelDescription.xml: Real, Integer, Boolean, .. of FMI 2.0, Float64, Int32, .. of FMI 3.0."""
     causality: str
     """parameter, input, output, local, .."""
     start: Any
-    """A number, a boolean or text; None where there is none."""
+    """A number, a boolean or text; None if undefined."""
     unit: str
     minimum: float | None
     maximum: float | None
     is_array: bool
     shape: tuple[int, ...] = ()
-    """Of an array: its sizes."""
+    """For an array: its shape."""
     elements: tuple[str, ...] = ()
-    """Of an array of numbers: the names of these, such as x[1] or x[2,1], which are variables, too."""
+    """For an array of numbers: the names of its elements, such as x[1] or x[2,1], which are variables,
+    too."""
     index: int = 0
-    """Of an element: its place in the array, row by row."""
+    """For an element: its index in the array, row by row."""
     count: int = 1
-    """Of an element: how many the array has."""
+    """For an element: the number of elements of the array."""
     items: tuple[int, ...] = ()
-    """Of an enumeration: the values that it can have."""
+    """For an enumeration: its values."""
     labels: tuple[str, ...] = ()
-    """Of an enumeration: the names of these values, in the same order."""
+    """For an enumeration: the names of its values, in the same order."""
     stands_for: Range | None = None
-    """What -1 and 1 stand for, of a scaled variable of an FMU that Swarmwright exported."""
+    """For a scaled variable of an exported FMU: the values that -1 and 1 stand for."""
 
     @property
     def is_number(self) -> bool:
-        """Whether it is one number or boolean."""
+        """Whether it is a single number or boolean."""
         return not self.is_array and self.type in _NUMBERS
 
     @property
@@ -154,15 +153,16 @@ class Variable:
 
 @dataclass(frozen=True)
 class Exchange:
-    """What an FMU announces for model exchange, where a solver integrates its equations."""
+    """Properties of an FMU for model exchange, whose equations a solver integrates."""
 
     identifier: str
-    """Of the library."""
+    """Name of the library."""
     states: int
+    """Number of continuous states."""
     indicators: int
-    """Event indicators."""
+    """Number of event indicators."""
     completes: bool
-    """Whether it has to be told when a step of the solver is completed."""
+    """Whether it must be notified of completed solver steps."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ class Description:
     version: str
     """2.0 or 3.0."""
     identifier: str
-    """Of the library for co-simulation; empty where it is not for that."""
+    """Name of the library for co-simulation; empty if not supported."""
     token: str
     """The GUID, or instantiation token."""
     variables: Mapping[str, Variable]
@@ -180,24 +180,24 @@ class Description:
     stop_time: float | None
     step_size: float | None
     tolerance: float | None
-    """Relative, that the FMU proposes for solvers."""
+    """Relative tolerance that the FMU recommends for solvers."""
     only_once: bool
-    """Whether a process can have one instance only."""
+    """Whether a process can have only a single instance."""
     platforms: tuple[str, ...]
-    """Those that it has libraries for, as its folders are called: linux64, x86_64-linux, .."""
+    """Platforms of its libraries, named like their folders: linux64, x86_64-linux, .."""
     units: Mapping[str, Unit | None] = field(default_factory=dict)
-    """By name; None for those that are not defined by SI base units."""
+    """Units by name; None for units without a definition by SI base units."""
     conversions: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
-    """Unit -> other unit -> factor and offset, by which a value in the one becomes one in the other."""
+    """Unit -> other unit -> factor and offset of the conversion."""
     exchange: Exchange | None = None
-    """For model exchange; None where it is not for that."""
+    """Properties for model exchange; None if not supported."""
     terminals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Terminal of FMI 3.0 -> its variables; those in others by all names, such as robot.wheels."""
+    """Terminal (FMI 3.0) -> its variables; nested terminals have qualified names, such as robot.wheels."""
     is_exported: bool = False
     """Whether Swarmwright wrote it."""
 
-    def of_causality(self, causality: str) -> list[Variable]:
-        """Return the variables with one number, of a causality."""
+    def get_variables(self, causality: str) -> list[Variable]:
+        """Return the numeric variables of a causality."""
         return [
             variable
             for variable in self.variables.values()
@@ -205,78 +205,79 @@ class Description:
         ]
 
 
-def flat(values: Any) -> list[Any]:  # noqa: ANN401 - a list, or lists in it
-    """Return the values of nested lists in their order, row by row."""
-    return [item for part in values for item in flat(part)] if isinstance(values, list) else [values]
+def flatten(values: Any) -> list[Any]:  # noqa: ANN401 - a list, or lists in it
+    """Return the values of nested lists, row by row."""
+    return [item for part in values for item in flatten(part)] if isinstance(values, list) else [values]
 
 
 def is_installed() -> bool:
-    """Return whether FMPy is here."""
+    """Return whether FMPy is installed."""
     return importlib.util.find_spec("fmpy") is not None
 
 
-NEEDS = "FMUs are read by FMPy: pip install 'swarmwright[fmi]'"
+NEEDS = "FMUs need FMPy, which is not installed; pip install 'swarmwright[fmi]'"
 
 
-def described(file: Path, start: Mapping[str, Any] | None = None) -> Description:
-    """Return what an FMU announces; arrays have the sizes that structural parameters in `start` give them.
+def describe(file: Path, start: Mapping[str, Any] | None = None) -> Description:
+    """Return the description of an FMU; structural parameters in `start` set the sizes of arrays.
 
-    Raises InputError where the file is not one that can be stepped.
+    Raises InputError if the file is not an FMU that can be stepped.
     """
     try:
         changed = file.stat().st_mtime_ns
     except OSError:
         raise InputError(f"{file}: there is no such file") from None
-    given = ((name, value) for name, value in (start or {}).items() if type(value) is int and value > 0)
-    return _described(file, changed, tuple(sorted(given)))
+    sizes = ((name, value) for name, value in (start or {}).items() if type(value) is int and value > 0)
+    return _describe(file, changed, tuple(sorted(sizes)))
 
 
-def for_coupling(file: Path) -> Description:
-    """Return the same of one to be coupled. Raises InputError unless it is for co-simulation."""
-    found = described(file)
-    if not found.identifier:
-        raise InputError(f"{file}: is for model exchange only; export one for co-simulation to couple it")
-    return found
+def describe_for_coupling(file: Path) -> Description:
+    """Return the description of an FMU for an SSP. Raises InputError unless it supports co-simulation."""
+    description = describe(file)
+    if not description.identifier:
+        raise InputError(f"{file}: supports only model exchange; to couple it, export it for co-simulation")
+    return description
 
 
 @lru_cache(maxsize=16)
-def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) -> Description:
+def _describe(file: Path, _changed: int, parameters: tuple[tuple[str, int], ...]) -> Description:
     if not is_installed():
         raise InputError(NEEDS)
     try:
-        with archives.open_archive(file, "an FMU") as archive:
-            places = [Path(name).parts for name in archive.namelist()]
-            text = checked_xml(archive, file, _DESCRIPTION)
-            found = _by_fmpy(text)
-            _add_limits(found.modelVariables, text)
+        with archives.opened(file, "an FMU") as archive:
+            paths = [Path(name).parts for name in archive.namelist()]
+            text = read_xml(archive, file, _DESCRIPTION)
+            model = _read_with_fmpy(text)
+            _add_limits(model.modelVariables, text)
             ranges = _ranges(text)
-            inverse = inverse_units(text)
+            inverse = find_inverse_units(text)
             has_terminals = TERMINALS in archive.namelist()
-            terminals = terminals_of(checked_xml(archive, file, TERMINALS)) if has_terminals else {}
+            terminals = parse_terminals(read_xml(archive, file, TERMINALS)) if has_terminals else {}
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
-        raise InputError(f"{file}: is not an FMU: {describe_exception(error)[:_MOST_FAULTS]}") from None
-    version = next((supported for supported in VERSIONS if str(found.fmiVersion).startswith(supported)), None)
+        raise InputError(f"{file}: is not an FMU: {explained(error)[:_MOST_FAULTS]}") from None
+    version = next((supported for supported in VERSIONS if str(model.fmiVersion).startswith(supported)), None)
     if version is None:
         raise InputError(
-            f"{file}: is an FMU of FMI {found.fmiVersion}; those of {' and '.join(VERSIONS)} work"
+            f"{file}: is an FMU of FMI {model.fmiVersion}, which is not supported; export it for FMI "
+            f"{' or '.join(VERSIONS)}"
         )
-    if found.coSimulation is None and found.modelExchange is None:
+    if model.coSimulation is None and model.modelExchange is None:
         raise InputError(
-            f"{file}: is for scheduled execution only; export one for co-simulation or model exchange"
+            f"{file}: supports only scheduled execution; export it for co-simulation or model exchange"
         )
-    experiment = found.defaultExperiment
+    experiment = model.defaultExperiment
     try:
-        sizes = dict(given)
+        sizes = dict(parameters)
         variables: dict[str, Variable] = {}
         types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]] = {}
-        for variable in found.modelVariables:
-            for element in _with_elements(variable, sizes, types):
+        for variable in model.modelVariables:
+            for element in _iterate_elements(variable, sizes, types):
                 variables[element.name] = replace(element, stands_for=ranges.get(element.name))
             if len(variables) > _MOST_VARIABLES:
                 raise ValueError(f"has more than {_MOST_VARIABLES:,} variables and elements of arrays")
-        exchange = _exchange(found)
+        exchange = _exchange(model)
         times = {
             key: None if experiment is None else _number(getattr(experiment, key))
             for key in ("startTime", "stopTime", "stepSize", "tolerance")
@@ -285,35 +286,38 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         raise InputError(f"{file}: modelDescription.xml: {error}") from None
     return Description(
         version,
-        "" if found.coSimulation is None else found.coSimulation.modelIdentifier,
-        found.guid,
+        "" if model.coSimulation is None else model.coSimulation.modelIdentifier,
+        model.guid,
         variables,
         times["startTime"] or 0.0,
         times["stopTime"],
         times["stepSize"] or None,
         times["tolerance"] or None,
-        bool((found.coSimulation or found.modelExchange).canBeInstantiatedOnlyOncePerProcess),
-        tuple(sorted({one[1] for one in places if len(one) > 2 and one[0] == "binaries"})),
-        {unitDefinition.name: Unit.of(unitDefinition.baseUnit) for unitDefinition in found.unitDefinitions},
-        Conversions(found.unitDefinitions, inverse),
+        bool((model.coSimulation or model.modelExchange).canBeInstantiatedOnlyOncePerProcess),
+        tuple(sorted({parts[1] for parts in paths if len(parts) > 2 and parts[0] == "binaries"})),
+        {
+            unitDefinition.name: Unit.parse(unitDefinition.baseUnit)
+            for unitDefinition in model.unitDefinitions
+        },
+        Conversions(model.unitDefinitions, inverse),
         exchange,
         terminals,
-        (found.generationTool or "").startswith("Swarmwright "),
+        (model.generationTool or "").startswith("Swarmwright "),
     )
 
 
-def checked_xml(archive: zipfile.ZipFile, file: Path, name: str) -> bytes:
-    """Return an XML file in an archive, which parsers that keep all of it can be given.
+def read_xml(archive: zipfile.ZipFile, file: Path, name: str) -> bytes:
+    """Return an XML file in an archive, after checking that it is safe for parsers that build a tree.
 
-    Raises InputError where it is missing, is not valid, or has too much or what only a DTD can say.
+    Raises InputError if it is missing, not valid, too large, or uses DTD declarations.
     """
     data = archives.read_entry(archive, file, name, _LARGEST_XML_BYTES)
     xml.check(data, f"{file}: {name}", _MOST_NODES, _DEEPEST_NESTING)
     return data
 
 
-def _by_fmpy(text: bytes) -> Any:  # noqa: ANN401 - FMPy has no types
-    """Return what FMPy reads from a model description that has been checked."""
+def _read_with_fmpy(text: bytes) -> Any:  # noqa: ANN401 - FMPy has no types
+    """Read a checked model description with FMPy."""
     from fmpy import read_model_description  # noqa: PLC0415 - optional
 
     with TemporaryFolder("fmu") as folder:
@@ -322,7 +326,7 @@ def _by_fmpy(text: bytes) -> Any:  # noqa: ANN401 - FMPy has no types
 
 
 def _add_limits(variables: Any, text: bytes) -> None:  # noqa: ANN401 - FMPy has no types
-    """Give unsigned integers of FMI 3.0 their min and max, which FMPy reads for the other types only."""
+    """Add min and max to unsigned integers of FMI 3.0, which FMPy reads only for other types."""
     root = ET.fromstring(text)  # noqa: S314 - expat limits entities
     unsigned = {
         element.get("name"): element
@@ -338,7 +342,7 @@ def _add_limits(variables: Any, text: bytes) -> None:  # noqa: ANN401 - FMPy has
 
 
 def _ranges(text: bytes) -> dict[str, Range]:
-    """Return the ranges of scaled variables, see `RANGE`. Raises ValueError for one that is not a range."""
+    """Return the ranges of scaled variables, see `RANGE`. Raises ValueError for an invalid range."""
     root = ET.fromstring(text)  # noqa: S314 - expat limits entities
     return {
         variable.get("name", ""): ranges
@@ -354,66 +358,69 @@ def _ranges(text: bytes) -> dict[str, Range]:
     }
 
 
-def _exchange(found: Any) -> Exchange | None:  # noqa: ANN401 - FMPy has no types
-    if found.modelExchange is None:
+def _exchange(model: Any) -> Exchange | None:  # noqa: ANN401 - FMPy has no types
+    if model.modelExchange is None:
         return None
     return Exchange(
-        found.modelExchange.modelIdentifier,
-        int(found.numberOfContinuousStates or 0),
-        int(found.numberOfEventIndicators or 0),
-        bool(found.modelExchange.needsCompletedIntegratorStep),
+        model.modelExchange.modelIdentifier,
+        int(model.numberOfContinuousStates or 0),
+        int(model.numberOfEventIndicators or 0),
+        bool(model.modelExchange.needsCompletedIntegratorStep),
     )
 
 
-def _with_elements(
-    found: Any,  # noqa: ANN401 - FMPy has no types
-    given: Mapping[str, int],
+def _iterate_elements(
+    variable: Any,  # noqa: ANN401 - FMPy has no types
+    parameters: Mapping[str, int],
     types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]],
 ) -> Iterator[Variable]:
-    """Yield a variable, and of an array of numbers its elements; `given` are values of parameters."""
+    """Yield a variable and, for an array of numbers, its elements; parameters: values by name."""
     sizes = tuple(
         int(
             dimension.start
             if dimension.variable is None
-            else given.get(dimension.variable.name, dimension.variable.start)
+            else parameters.get(dimension.variable.name, dimension.variable.start)
         )
-        for dimension in found.dimensions or ()
+        for dimension in variable.dimensions or ()
     )
-    whole = replace(_variable(found, types), shape=sizes)
+    whole = replace(_variable(variable, types), shape=sizes)
     count = math.prod(sizes)
     if not whole.is_array or whole.type not in _NUMBERS or not 0 < count <= _MOST_ELEMENTS:
         yield whole
         return
-    places = itertools.product(*(range(1, size + 1) for size in sizes))
-    names = tuple(f"{whole.name}[{','.join(map(str, place))}]" for place in places)
+    positions = itertools.product(*(range(1, size + 1) for size in sizes))
+    names = tuple(f"{whole.name}[{','.join(map(str, get_platforms))}]" for get_platforms in positions)
     yield replace(whole, elements=names)
     for index, name in enumerate(names):
         yield replace(whole, name=name, is_array=False, shape=(), index=index, count=count)
 
 
 def _variable(
-    found: Any,  # noqa: ANN401 - FMPy has no types
+    variable: Any,  # noqa: ANN401 - FMPy has no types
     types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]],
 ) -> Variable:
-    unit = found.unit or (found.declaredType.unit if found.declaredType is not None else None)
+    unit = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
     low, high = (
-        getattr(found, name) if getattr(found, name) is not None else getattr(found.declaredType, name, None)
+        getattr(variable, name)
+        if getattr(variable, name) is not None
+        else getattr(variable.declaredType, name, None)
         for name in ("min", "max")
     )
-    items, labels = _items(found, types)
-    if items:  # an actuator's range, unless the enumeration is limited to some
+    items, labels = _items(variable, types)
+    if items:  # the default range of an actuator
         low, high = (
-            limit if known is None else known for known, limit in ((low, items[0]), (high, items[-1]))
+            limit if declared_limit is None else declared_limit
+            for declared_limit, limit in ((low, items[0]), (high, items[-1]))
         )
-    elif found.type.startswith("UInt") and high is not None:
+    elif variable.type.startswith("UInt") and high is not None:
         low = low or "0"
-    is_array = bool(found.dimensions)
-    start = None if is_array else _start(found.type, found.start)
+    is_array = bool(variable.dimensions)
+    start = None if is_array else _start(variable.type, variable.start)
     return Variable(
-        found.name,
-        int(found.valueReference),
-        found.type,
-        found.causality,
+        variable.name,
+        int(variable.valueReference),
+        variable.type,
+        variable.causality,
         start,
         unit or "",
         _number(low),
@@ -425,19 +432,19 @@ def _variable(
 
 
 def _items(
-    found: Any,  # noqa: ANN401 - FMPy has no types
+    variable: Any,  # noqa: ANN401 - FMPy has no types
     types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]],
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Return values and names of an enumeration, in the order of the values; none where it defines none.
+    """Return values and names of an enumeration, in the order of the values; empty if it defines none.
 
-    types: those of types that variables before had, which thousands of variables may share.
+    types: cache by type, as thousands of variables may share a type.
     """
-    declared = found.declaredType
-    if found.type != "Enumeration" or declared is None:
+    declared = variable.declaredType
+    if variable.type != "Enumeration" or declared is None:
         return (), ()
     if id(declared) not in types:
         listed = [(item.value, item.name) for item in declared.items]
-        if any(value is None for value, _ in listed):  # FMI requires values, but FMPy reads it without
+        if any(value is None for value, _ in listed):  # FMI requires values, but FMPy does not check
             listed = []
         pairs = sorted((int(value), name) for value, name in listed)
         types[id(declared)] = tuple(value for value, _ in pairs), tuple(name for _, name in pairs)
@@ -459,23 +466,23 @@ def _number(text: Any) -> float | None:  # noqa: ANN401 - as in the file
     return value if math.isfinite(value) else None
 
 
-def place() -> tuple[str, str]:
-    """Return what FMI 2.0 and FMI 3.0 call this machine."""
+def get_platforms() -> tuple[str, str]:
+    """Return the names of this platform in FMI 2.0 and FMI 3.0."""
     import fmpy  # noqa: PLC0415 - optional
 
     return fmpy.platform, fmpy.platform_tuple
 
 
-def runs_here(description: Description) -> bool:
-    """Return whether an FMU has a library for this machine."""
-    return not set(place()).isdisjoint(description.platforms)
+def has_library(description: Description) -> bool:
+    """Return whether an FMU has a library for this platform."""
+    return not set(get_platforms()).isdisjoint(description.platforms)
 
 
-def terminals_of(text: bytes) -> Mapping[str, tuple[str, ...]]:
-    """Return terminal -> its variables, in their order.
+def parse_terminals(text: bytes) -> Mapping[str, tuple[str, ...]]:
+    """Return the variables of each terminal, in order (FMI 3.0, section 2.4.9).
 
-    Those of terminals within one belong to it, too, and have names such as robot.wheels. FMI 3.0, section
-    2.4.9. Raises ET.ParseError for text that is not XML.
+    Variables of nested terminals, with names such as robot.wheels, also belong to the outer terminal. Raises
+    ET.ParseError for text that is not XML.
     """
     root = ET.fromstring(text)  # noqa: S314 - expat limits entities
     return {
@@ -505,10 +512,10 @@ _SIGNED = {kind: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for kind, bits in _WI
 _UNSIGNED = {f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)}
 _LIMITS: Mapping[str, tuple[int, int]] = {**_SIGNED, **_UNSIGNED}
 _MOST_ITEMS = 20
-"""Items of an enumeration that a message names."""
+"""Most items of an enumeration in a message."""
 
 
-def limits(variable: Variable) -> tuple[int, int] | None:
+def get_limits(variable: Variable) -> tuple[int, int] | None:
     """Return the lowest and the highest value of an integer or enumeration; None for other types."""
     if variable.items:
         return min(variable.items), max(variable.items)
@@ -516,13 +523,13 @@ def limits(variable: Variable) -> tuple[int, int] | None:
 
 
 def is_unsigned(variable: Variable) -> bool:
-    """Whether it is an integer that cannot be negative."""
+    """Return whether a variable is an integer that cannot be negative."""
     return variable.type in _UNSIGNED
 
 
-def expected(variable: Variable) -> str | None:
-    """Return in words what one value can be; None where there is none that can be given."""
-    bounds = limits(variable)
+def describe_expected(variable: Variable) -> str | None:
+    """Return a description of the possible values; None if the variable cannot be set."""
+    bounds = get_limits(variable)
     if variable.items:
         items = [str(item) for item in sorted(variable.items)]
         return f"one of {', '.join(items[:_MOST_ITEMS])}{', ..' if len(items) > _MOST_ITEMS else ''}"
@@ -534,7 +541,7 @@ def expected(variable: Variable) -> str | None:
 
 
 def fits(variable: Variable, value: Any) -> bool:  # noqa: ANN401 - any value of a file
-    """Whether one value is of a variable's type, within the limits of its type; 0 and 1 are booleans, too."""
+    """Return whether a value has a variable's type and is within its limits; 0 and 1 are booleans, too."""
     if variable.type == "String":
         return isinstance(value, str)
     if variable.type == "Boolean":
@@ -543,8 +550,8 @@ def fits(variable: Variable, value: Any) -> bool:  # noqa: ANN401 - any value of
         return False
     if variable.is_real:
         return _is_finite(value)
-    bounds = limits(variable)
-    if bounds is None or value != value // 1:  # neither NaN nor an infinity is equal to what is left of it
+    bounds = get_limits(variable)
+    if bounds is None or value != value // 1:  # NaN and infinities are not equal to their integer part
         return False
     return value in variable.items if variable.items else bounds[0] <= value <= bounds[1]
 
@@ -556,19 +563,19 @@ def _is_finite(value: float) -> bool:
         return False
 
 
-def native(variable: Variable, value: Any) -> Any:  # noqa: ANN401 - a number, boolean or text
-    """Return a value as FMPy sets it: integers rounded, and clipped to their limits, beyond which C wraps."""
+def convert_native(variable: Variable, value: Any) -> Any:  # noqa: ANN401 - a number, boolean or text
+    """Convert a value for FMPy: round integers, and clip them to their limits, beyond which C wraps."""
     if variable.type == "Boolean":
         return bool(value)
-    bounds = limits(variable)
+    bounds = get_limits(variable)
     return value if bounds is None else round(min(max(value, bounds[0]), bounds[1]))
 
 
-def driven(variable: Variable, share: float, value: float) -> float:
-    """Return what an actuator sets.
+def convert_actuator(variable: Variable, share: float, value: float) -> float:
+    """Convert an actuator to the value of its variable.
 
-    share: the actuator, -1 to 1. value: the same in the range and the unit of the variable. A boolean is true
-    above the middle, and an enumeration has the nearest of its items.
+    share: the actuator, -1 to 1. value: the same in the range and unit of the variable. A boolean is true
+    above the middle, and an enumeration has its nearest item.
     """
     if variable.type == "Boolean":
         return float(share > 0.0)
@@ -577,14 +584,14 @@ def driven(variable: Variable, share: float, value: float) -> float:
     return value
 
 
-def seed_of(variable: Variable, seed: int) -> int:
-    """Return an episode's seed for a variable: modulo 2^31, or as many numbers from 0 as its type has."""
+def reduce_seed(variable: Variable, seed: int) -> int:
+    """Reduce an episode's seed for a variable: modulo 2^31, or modulo its type's number of values from 0."""
     if variable.type == "UInt64":
         return seed
-    bounds = limits(variable)
+    bounds = get_limits(variable)
     return seed % (_SEEDS if bounds is None else min(_SEEDS, bounds[1] + 1))
 
 
 def takes_seeds(variable: Variable) -> bool:
-    """Whether a variable can get the seed of an episode: one number, and not one of few items."""
+    """Return whether a variable can receive an episode's seed: a number, but not a boolean or enumeration."""
     return variable.is_number and variable.type not in ("Boolean", "Enumeration")

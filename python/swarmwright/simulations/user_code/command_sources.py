@@ -73,7 +73,7 @@ def _with_imports(path: Path) -> set[Path]:
 
 def _iterate_files(options: Definition, folder: Path) -> Iterator[tuple[Path, bool]]:
     """Yield the files that a definition names, and whether their paths are relative to its folder."""
-    for key, names in options.named_files():
+    for key, names in options.list_named_files():
         for name in names:
             if key == "command":
                 yield from _iterate_files_in_word(name, folder)

@@ -140,5 +140,5 @@ def test_a_bag_whose_messages_are_a_view_is_refused(tmp_path: Path) -> None:
         database.execute("ALTER TABLE messages RENAME TO others")
         database.execute("CREATE VIEW messages AS SELECT * FROM others")
         database.commit()
-    with pytest.raises(CommandFailure, match="messages is no table"):
+    with pytest.raises(CommandFailure, match="messages is not a table"):
         rows(log)

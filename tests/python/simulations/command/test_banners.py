@@ -30,7 +30,7 @@ def test_one_object_over_several_lines() -> None:
 def test_tables_begin_with_the_names_of_their_columns(form: str) -> None:
     assert read(f"{BANNER}# 3 robots\nx,y\n1,2\n3,4\n", form) == [1.0, 3.0]
     assert read("# x,y\n1,2\n", form) == [1.0]
-    with pytest.raises(CommandFailure, match="stdout:5: has 1 value, but there are 2 columns"):
+    with pytest.raises(CommandFailure, match="stdout:5: has 1 value, expected 2 columns"):
         read(f"{BANNER}x,y\n1,2\n3\n", form)
 
 

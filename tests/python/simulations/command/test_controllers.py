@@ -195,7 +195,7 @@ def test_compiled_once_for_an_experiment(tmp_path: Path, controller: dict[str, A
     ("definition", "message"),
     [
         ({"controller": "json", "compile": "cc", "weights": "file"}, r"weights: file needs controller: c"),
-        ({"controller": "c", "weights": "file"}, r"weights: file needs controller: c, and compile"),
+        ({"controller": "c", "weights": "file"}, r"weights: file needs controller: c and compile"),
         ({"controller": "c", "compile": "cc {weights}", "weights": "file"}, r"compile: \{weights\} differs"),
         ({"controller": "c", "compile": "cc", "command": "x {weights}"}, r"\{weights\} needs weights: file"),
     ],

@@ -37,21 +37,21 @@ def problem(folder: Path, old: str, new: str) -> str:
         (
             "{log}",
             "> {log}",
-            'e.yaml:3: simulation.command: > is for a shell, and none is used; write [sh, -c, "ca',
+            'e.yaml:3: simulation.command: > needs a shell, but commands run without one; write [sh, -c, "ca',
         ),
         ("cat", 'cat "', "e.yaml:3: simulation.command: cannot be split into words: No closing quotation"),
-        ("  log: out.csv\n", "", "e.yaml:3: simulation.command: {log} needs one log; write log: result.csv"),
+        ("  log: out.csv\n", "", "e.yaml:3: simulation.command: {log} needs a log; write log: result.csv"),
         (
             "cat {parameters} {log}\n  log: out.csv",
             "cat",
-            "e.yaml:2: simulation.log: is missing: the file with",
+            "e.yaml:2: simulation.log: is missing; name the result file",
         ),
         (
             "out.csv",
             "/tmp/out.csv",
-            "e.yaml:4: simulation.log: '/tmp/out.csv' lies outside of the work folder",
+            "e.yaml:4: simulation.log: '/tmp/out.csv' is outside the work folder",
         ),
-        ("out.csv", "[a.csv, b.csv]", "e.yaml:3: simulation.command: {log} needs one log, not several"),
+        ("out.csv", "[a.csv, b.csv]", "e.yaml:3: simulation.command: {log} needs a single log;"),
         ("metrics", "metrcs", "e.yaml:5: simulation.metrcs: unknown key; did you mean 'metrics'?"),
         ("mean", "avg", "e.yaml:5: simulation.metrics.distance: 'avg' found, expected one of last, first,"),
         ("{distance", "{my-x: mean, distance", "write my_x: last(my-x)"),
@@ -69,7 +69,7 @@ def problem(folder: Path, old: str, new: str) -> str:
         ("metrics:", "controller: json\n  metrics:", "parameter_set has no controller to write as a file"),
         ("metrics:", "timeout: 10s\n  metrics:", "e.yaml:5: simulation.timeout: must be a number, not '10s'"),
         ("metrics:", "files: [a.sdf]\n  metrics:", "files: "),
-        ("metrics:", "files: {../a: b}\n  metrics:", "'../a' lies outside of the work folder"),
+        ("metrics:", "files: {../a: b}\n  metrics:", "'../a' is outside the work folder"),
         ("metrics:", "parameters: a.yaml\n  metrics:", "a.yaml: there is no such file"),
         (
             "metrics:",
@@ -85,7 +85,7 @@ def problem(folder: Path, old: str, new: str) -> str:
         (
             "  log: out.csv",
             "  controller: stepwise",
-            "{parameters} differs from episode to episode, but a stepwise",
+            "{parameters} differs between episodes, but a stepwise",
         ),
     ],
 )

@@ -29,7 +29,7 @@ def test_no_such_program(traced: Traced) -> None:
     """Known before any episode."""
     with pytest.raises(InputError, match=r"command: there is no program 'pyhton3' on the PATH.*'python3"):
         simulate(traced.experiment("pyhton3 sim.py"))
-    with pytest.raises(InputError, match=r"no such file beside the experiment file$"):
+    with pytest.raises(InputError, match=r"on the PATH or beside the experiment file$"):
         simulate(traced.experiment("mysimulator --x"))  # of those on the PATH, none is near enough
     (traced.folder / "mysim.py").write_text("")
     with pytest.raises(InputError, match=r"; did you mean 'mysim\.py', which is there\?$"):
@@ -110,7 +110,7 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
     [
         (
             "time,fitness\\n1,2\\n2",
-            r"log.csv:3: has 1 value, but there are 2 columns; was the log cut off\?",
+            r"log.csv:3: has 1 value, expected 2 columns; was the log cut off\?",
         ),
         ("time,fitness\\n", "log.csv: has no rows"),
         ("", "log.csv: has no rows"),
@@ -126,7 +126,7 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
         ("# 50\\r100\\nfitness\\nbad\\n", "log.csv:3: fitness is 'bad', expected a number"),
         ("fitness\\n1_000\\n", "log.csv:2: fitness is '1_000', expected a number"),
         ("fitness\\n\u0661\u0662\\n", "log.csv:2: fitness is '\u0661\u0662', expected a number"),
-        ("time,fitness\\n1,2\\n# the end\\n3\\n", "log.csv:4: has 1 value, but there are 2 columns"),
+        ("time,fitness\\n1,2\\n# the end\\n3\\n", "log.csv:4: has 1 value, expected 2 columns"),
         ("fitness\\nbad\\n", "log.csv:2: fitness is 'bad', expected a number"),
         ("time,Fitnes\\n1,2\\n", "has no column 'fitness'; did you mean 'Fitnes'\\? available: time, Fitnes"),
     ],

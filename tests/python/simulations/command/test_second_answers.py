@@ -16,7 +16,7 @@ def test_ids_are_optional_in_all_answers_of_a_process() -> None:
     assert answer == {"sensors": []}
     assert ids.are_repeated
     ids.next(is_reset=False)
-    with pytest.raises(CommandFailure, match='answered message 3 without its "id", unlike ethers before'):
+    with pytest.raises(CommandFailure, match='answered message 3 without its "id", unlike earlier messages'):
         ids.accepts({})
 
 

@@ -35,7 +35,7 @@ def test_a_value_in_quotes_may_begin_with_a_hash() -> None:
 
 
 def test_places_count_comments() -> None:
-    with pytest.raises(CommandFailure, match=r"^r\.csv:5: has 1 value, but there are 2 columns"):
+    with pytest.raises(CommandFailure, match=r"^r\.csv:5: has 1 value, expected 2 columns"):
         column("# a\nstep,distance\n#x\n0,1\n3\n")
 
 

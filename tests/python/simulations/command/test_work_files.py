@@ -77,8 +77,8 @@ def test_files_of_every_kind_are_copied() -> None:
             r"files: .*large: 65 MiB are more than 64; name it in the command instead, \{here\}/NAME",
         ),
         (["map.png", "meshes/../map.png"], "files: two paths end in the same name"),
-        (["."], "files: . has no name for the work folder"),
-        ({"../x": "map.png"}, "files: '../x' lies outside of the work folder"),
+        (["."], "files: . needs a name in the work folder"),
+        ({"../x": "map.png"}, "files: '../x' is outside the work folder"),
     ],
 )
 def test_what_cannot_be_copied_is_refused_at_once(files: Any, words: str, project: Path) -> None:
@@ -93,7 +93,7 @@ def test_what_cannot_be_copied_is_refused_at_once(files: Any, words: str, projec
 @pytest.mark.usefixtures("project")
 def test_folders_with_too_many_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work_files, "_MOST_FILES", 2)
-    with pytest.raises(InputError, match="3 files are more than 2, all of which every episode copies"):
+    with pytest.raises(InputError, match="3 files are more than 2, too many to copy for every episode"):
         experiment(["meshes"])
 
 

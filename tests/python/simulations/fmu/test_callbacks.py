@@ -10,11 +10,11 @@ import pytest
 
 from swarmwright.cli import run
 from swarmwright.simulations.command.fmu_definition import FmuOptions
-from swarmwright.simulations.fmu.description import described
-from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
+from swarmwright.simulations.fmu.description import describe
+from swarmwright.simulations.fmu.instances import FmuError, Instance, unpack
 from swarmwright.simulations.fmu.program import Coupled, ExchangeInstance
-from swarmwright.simulations.fmu.ssp import described as described_system
-from swarmwright.simulations.fmu.ssp import system_of
+from swarmwright.simulations.fmu.ssp import describe as described_system
+from swarmwright.simulations.fmu.ssp import read_system
 from tests.python.simulations.fmu.built import MEMORY, build
 
 CALM, LATE, FAILING, SILENT = range(4)
@@ -30,7 +30,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def total(instance: Instance, file: Path, mode: int = CALM) -> float:
     """Run an episode of eight steps with the input 2 and check the memory that the FMU got."""
-    known = described(file).variables
+    known = describe(file).variables
     instance.begin({"mode": mode, "input": 2.0}, 0.0, 1.0)
     for step in range(8):
         assert not instance.step(step * 0.125, 0.125)
@@ -46,7 +46,7 @@ def test_memory_of_the_importer(file: Path, tmp_path: Path, solver: str | None) 
 
     Each episode begins at 0, although fmi2Reset of this FMU does nothing.
     """
-    known, folder = described(file), unpacked(str(file), tmp_path)
+    known, folder = describe(file), unpack(str(file), tmp_path)
     instance = (
         Instance(known, folder, "one") if solver is None else ExchangeInstance(known, folder, "one", solver)
     )
@@ -56,7 +56,7 @@ def test_memory_of_the_importer(file: Path, tmp_path: Path, solver: str | None) 
 
 def test_steps_in_the_background(file: Path, tmp_path: Path) -> None:
     """The step returns fmi2Pending; without stepFinished the FMU is asked for its status."""
-    instance = Instance(described(file), unpacked(str(file), tmp_path), "one")
+    instance = Instance(describe(file), unpack(str(file), tmp_path), "one")
     assert total(instance, file, LATE) == 2.0
     instance.end()
 
@@ -64,7 +64,7 @@ def test_steps_in_the_background(file: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("mode", [FAILING, SILENT])
 def test_messages_are_those_of_their_instance(file: Path, tmp_path: Path, mode: int) -> None:
     """Also with a later instance, by componentEnvironment, or by name where an FMU does not pass it on."""
-    known, folder = described(file), unpacked(str(file), tmp_path)
+    known, folder = describe(file), unpack(str(file), tmp_path)
     logs = [io.StringIO(), io.StringIO()]
     first, second = (Instance(known, folder, name, log) for name, log in zip(("a", "b"), logs, strict=True))
     first.begin({"mode": mode, "input": 2.0}, 0.0, 1.0)
@@ -83,7 +83,7 @@ def test_memory_in_a_coupled_system(file: Path, tmp_path: Path) -> None:
     assert run([*words, "--output", str(tmp_path / "both.ssp")]) == 0
     known = described_system(tmp_path / "both.ssp").variables
     system = Coupled(
-        str(tmp_path / "both.ssp"), system_of(tmp_path / "both.ssp"), tmp_path / "work", "gauss_seidel"
+        str(tmp_path / "both.ssp"), read_system(tmp_path / "both.ssp"), tmp_path / "work", "gauss_seidel"
     )
     names = ["a.total", "b.total", "a.sound", "b.sound"]
     for _ in range(2):

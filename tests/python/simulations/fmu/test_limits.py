@@ -9,9 +9,9 @@ import pytest
 from swarmwright import InputError
 from swarmwright.common import archives
 from swarmwright.simulations.fmu import description
-from swarmwright.simulations.fmu.description import described
-from swarmwright.simulations.fmu.instances import FmuError, unpacked
-from swarmwright.simulations.fmu.ssp import system_of
+from swarmwright.simulations.fmu.description import describe
+from swarmwright.simulations.fmu.instances import FmuError, unpack
+from swarmwright.simulations.fmu.ssp import read_system
 
 MIB = 1 << 20
 
@@ -37,9 +37,9 @@ def test_what_an_fmu_unpacks_to(tmp_path: Path) -> None:
     file = fmu(tmp_path / "bomb.fmu", "")
     assert file.stat().st_size < MIB
     with pytest.raises(InputError, match=r"bomb\.fmu: unpacks to 300 MiB, more than 256 MiB"):
-        described(file)
+        describe(file)
     with pytest.raises(FmuError, match=r"cannot be unpacked: .*unpacks to 300 MiB"):
-        unpacked(str(file), tmp_path / "folder")
+        unpack(str(file), tmp_path / "folder")
     assert not (tmp_path / "folder").exists()
 
 
@@ -59,11 +59,11 @@ def test_limits_of_descriptions(
         f'<ScalarVariable name="v{one}" valueReference="{one}"><Real/></ScalarVariable>' for one in range(10)
     )
     file = fmu(tmp_path / "x.fmu", "", variables)
-    assert len(described(file).variables) == 10
+    assert len(describe(file).variables) == 10
     monkeypatch.setattr(description, limit, value)
-    description._described.cache_clear()
+    description._describe.cache_clear()
     with pytest.raises(InputError, match=rf"x\.fmu: {expected}"):
-        described(file)
+        describe(file)
 
 
 def test_elements_of_arrays_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,7 +71,7 @@ def test_elements_of_arrays_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     array = '<Float64 name="v{0}" valueReference="{0}"><Dimension start="10"/></Float64>'
     variables = "".join(array.format(one) for one in range(3))
     with pytest.raises(InputError, match="has more than 30 variables and elements of arrays"):
-        described(fmu(tmp_path / "x.fmu", "", variables, fmi="3.0"))
+        describe(fmu(tmp_path / "x.fmu", "", variables, fmi="3.0"))
 
 
 def test_entities_are_refused(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_entities_are_refused(tmp_path: Path) -> None:
             "modelDescription.xml", b'<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>' + text
         )
     with pytest.raises(InputError, match=r"modelDescription\.xml:1: uses the entity a of a DTD"):
-        described(file)
+        describe(file)
 
 
 @pytest.mark.slow
@@ -101,7 +101,7 @@ def test_many_units_and_items_take_little_memory(tmp_path: Path) -> None:
     file = fmu(tmp_path / "x.fmu", inside, variables)
     tracemalloc.start()
     try:
-        found = described(file)
+        found = describe(file)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -125,4 +125,4 @@ def test_what_the_components_of_a_system_unpack_to(tmp_path: Path, monkeypatch: 
         archive.write(inner, "resources/x.fmu")
     monkeypatch.setattr(archives, "_UNPACKED_BYTES", MIB)
     with pytest.raises(InputError, match=r"x\.ssp: its components unpack to 2 MiB, more than 1 MiB"):
-        system_of(file)
+        read_system(file)

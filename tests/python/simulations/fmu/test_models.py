@@ -12,8 +12,8 @@ from fmpy import simulate_fmu
 
 from swarmwright import Experiment, InputError, RunError
 from swarmwright.simulations.command.fmu_definition import Channel, FmuOptions
-from swarmwright.simulations.fmu.description import described
-from swarmwright.simulations.fmu.instances import unpacked
+from swarmwright.simulations.fmu.description import describe
+from swarmwright.simulations.fmu.instances import unpack
 from swarmwright.simulations.fmu.program import Episodes, ExchangeInstance
 from tests.python.simulations.fmu.built import BALL_2, BALL_3, FLEET, ROBOTS, TERMINALS, build
 from tests.python.simulations.fmu.test_fmu import controller_of, score
@@ -53,8 +53,8 @@ def test_model_exchange_has_the_bits_of_fmpy(models: Path, tmp_path: Path, name:
         stop_time=2.0,
         record_events=False,
     )
-    known = described(file)
-    instance = ExchangeInstance(known, unpacked(str(file), tmp_path), "ball", solver)
+    known = describe(file)
+    instance = ExchangeInstance(known, unpack(str(file), tmp_path), "ball", solver)
     variables = [known.variables[one] for one in ("height", "speed")]
     for _ in range(2):  # again in the same instance
         instance.begin({}, 0.0, 2.0)
@@ -106,13 +106,13 @@ def test_what_fails_in_a_solver_is_said(models: Path) -> None:
         actuators=[{"variable": "push", "range": [60, 70]}],
         metrics={"height": "last"},
     )
-    with pytest.raises(RunError, match=r"the integration from 0 s: the FMU reports an error, and no reason"):
+    with pytest.raises(RunError, match=r"the integration from 0 s: the FMU reports an error withoutason"):
         score(wrong)
 
 
 def test_units_are_converted(models: Path) -> None:
     file = models / "Ball2.fmu"
-    known = described(file).conversions
+    known = describe(file).conversions
     assert known["m/s"]["km/h"] == (4.0, 0.0)
     assert known["m/s"]["knot"] == (1.9438444924406, 0.0)
     assert known["K"]["degC"] == (1.0, -273.15)
@@ -180,7 +180,7 @@ def test_arrays_and_terminals(models: Path) -> None:
 def test_start_values_of_arrays_and_their_sizes(tmp_path: Path) -> None:
     """A structural parameter sets sizes before initialization, again after each reset."""
     file = build(tmp_path, "robots", FLEET)
-    assert described(file).variables["place"].shape == (3, 2)
+    assert describe(file).variables["place"].shape == (3, 2)
     rows = [[0.5, -1.0], [2.0, 0.0], [0.0, 4.0], [1.0, 1.0], [-3.0, 0.25]]
     for start in (rows, [one for row in rows for one in row]):
         fleet = episodes(file, start={"from": start, "count": 5})
@@ -196,8 +196,8 @@ def test_start_values_of_arrays_and_their_sizes(tmp_path: Path) -> None:
     assert math.isfinite(score(made))
     mistakes: list[tuple[dict[str, Any], str]] = [
         ({"count": 5, "from": [0.0] * 6}, "from of .* has the shape 5 x 2, 10 values .* but 6 are given"),
-        ({"count": 0}, "count of .* is a structural parameter, expected a whole number from 1, not 0"),
-        ({"count": [5]}, "count of .* is one value, not a list"),
+        ({"count": 0}, "count of .* is a structural parameter, expected an integer from 1, not 0"),
+        ({"count": [5]}, "count of .* is a single value, not a list"),
     ]
     for wrong, said in mistakes:
         with pytest.raises(InputError, match=said):
@@ -207,7 +207,7 @@ def test_start_values_of_arrays_and_their_sizes(tmp_path: Path) -> None:
 MISTAKES: tuple[tuple[dict[str, Any], str], ...] = (
     (
         {"sensors": [{"variable": "speed", "unit": "km/s"}]},
-        "does not define how m/s, the unit of speed, is converted",
+        "does not define a conversion from m/s, the unit of speed",
     ),
     ({"sensors": [{"variable": "speed", "unit": "kmh"}]}, "did you mean 'km/h'?"),
     (
@@ -215,8 +215,8 @@ MISTAKES: tuple[tuple[dict[str, Any], str], ...] = (
         "unit: push of .* has no unit, so N cannot be converted",
     ),
     ({"sensors": [{"terminal": "wheels"}]}, "has no terminal 'wheels'; available: none"),
-    ({"sensors": [{"terminal": "a", "variable": "b"}]}, "write a variable or a terminal, one of them"),
-    ({"sensors": [{"range": [0, 1]}]}, "write a variable or a terminal, one of them"),
+    ({"sensors": [{"terminal": "a", "variable": "b"}]}, "write either a variable or a terminal"),
+    ({"sensors": [{"range": [0, 1]}]}, "write either a variable or a terminal"),
     ({"solver": "rk4"}, "solver: must be one of cvode, euler, not 'rk4'"),
 )
 
@@ -229,7 +229,7 @@ def test_mistakes(models: Path, values: dict[str, Any], said: str) -> None:
 
 def test_mistakes_with_arrays_and_solvers(models: Path) -> None:
     for values, said in (
-        ({"solver": "cvode"}, "is for co-simulation only, and has its own solver"),
+        ({"solver": "cvode"}, "supports only co-simulation, with its own solver"),
         ({"sensors": [{"terminal": "swarm.sen"}]}, "did you mean 'swarm.seen'?"),
         (
             {"sensors": [{"terminal": "swarm.seen"}], "actuators": [{"terminal": "swarm.seen"}]},
@@ -237,7 +237,7 @@ def test_mistakes_with_arrays_and_solvers(models: Path) -> None:
         ),
         ({"start": {"speed[1,1]": 1.0}}, r"start.speed\[1,1\]: .* is one element of an array; .* speed as"),
         ({"start": {"speed": 1.0}}, r"speed of .* has the shape 3 x 2; expected a list of 6 values, not 1"),
-        ({"start": {"speed": [1.0] * 4}}, "has the shape 3 x 2, 6 values row by row, but 4 are given"),
+        ({"start": {"speed": [1.0] * 4}}, "has the shape 3 x 2; expected 6 values, row by row, not 4"),
         ({"start": {"speed": [[1, 2, 3], [4, 5, 6]]}}, "expected 3 rows of 2 values each"),
         ({"start": {"speed": [1, 2, 3, 4, 5, "a"]}}, "of the type Float64, expected a number, not 'a'"),
         ({"sensors": ["place[4,1]"]}, r"has no variable 'place\[4,1\]'"),

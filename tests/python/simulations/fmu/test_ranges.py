@@ -11,9 +11,9 @@ from swarmwright import Experiment, optimize
 from swarmwright.export import EXPORTERS
 from swarmwright.export.writing import write
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.fmu.coupling import coupled
+from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.program import Coupled
-from swarmwright.simulations.fmu.ssp import Linear, described, system_of
+from swarmwright.simulations.fmu.ssp import Linear, describe, read_system
 from tests.python.export.specifications import ALL, subject
 
 pytestmark = pytest.mark.slow
@@ -50,8 +50,8 @@ def test_a_range_reaches_the_description_and_the_export(tmp_path: Path) -> None:
         "sensor_ranges": [[0, 10, "m"], None],
         "actuator_ranges": [[0, 100, "N"], None],
     }
-    described = catalogue.description(experiment.simulation)
-    assert (described["sensor_units"], described["actuator_units"]) == (["", ""], ["", "rad"])
+    describe = catalogue.description(experiment.simulation)
+    assert (describe["sensor_units"], describe["actuator_units"]) == (["", ""], ["", "rad"])
     run = optimize(experiment, servers="in-process", out=tmp_path / "run")
     swarmwright.export_controller(run, to="c", output=tmp_path / "robot", prefix="robot", verify=True)
     header = (tmp_path / "robot" / "robot.h").read_text()
@@ -71,23 +71,23 @@ def test_coupled_with_its_world_a_scaled_controller_gives_the_fitness_of_the_run
              "thrust": ("robot.actuators.sensors_thrust", "plant.sensors.thrust"),
              "steer": ("robot.actuators.sensors_steer", "plant.sensors.steer")}  # fmt: skip
     files = {name: tmp_path / f"{name}.fmu" for name in ("robot", "plant")}
-    data, scaled = coupled("system", files, [":".join(ends) for ends in names.values()])
+    data, scaled = write_system("system", files, [":".join(ends) for ends in names.values()])
     assert scaled == {
         ":".join(names["dist"]): "robot.sensors.actuators_dist is -1 to 1 for 0 to 10 m",
         ":".join(names["thrust"]): "robot.actuators.sensors_thrust is -1 to 1 for 0 to 100 N",
     }
     file = tmp_path / "system.ssp"
     file.write_bytes(data)
-    by = {one.start[1]: one.transformation for one in system_of(file).connections}
+    by = {one.start[1]: one.transformation for one in read_system(file).connections}
     assert by["actuators.sensors_thrust"] == Linear(50.0, 50.0)
     assert by["actuators.dist"] == Linear(0.2, -1.0)
-    system = Coupled(str(file), system_of(file), tmp_path / "unpacked", "gauss_seidel")
+    system = Coupled(str(file), read_system(file), tmp_path / "unpacked", "gauss_seidel")
     system.begin({}, 0.0, 10.0)
-    size = described(file).step_size
+    size = describe(file).step_size
     assert size is not None
     for step in range(3):
         system.step(step * size, size)
-    assert np.float32(system.get(described(file).variables["plant.actuators.dist"])) == run.best.fitness
+    assert np.float32(system.get(describe(file).variables["plant.actuators.dist"])) == run.best.fitness
     system.end()
 
 
@@ -102,11 +102,11 @@ def test_scaled_variables_say_so(tmp_path: Path) -> None:
     made = replace(subject(specification), description=known)
     write(EXPORTERS.get("fmu3")().files(made, "robot"), tmp_path)
     file = tmp_path / "robot.fmu"
-    variables = described(file).variables
+    variables = describe(file).variables
     actuator = variables["actuators.goal"]
     assert {variables["sensors.goal"].stands_for, actuator.stands_for} == {(0.0, 5.0, "km")}
     assert (actuator.minimum, actuator.maximum) == (-1, 1)
-    assert coupled("pair", {"a": file, "b": file}, ["a.actuators.goal:b.sensors.goal"])[1] == {}
+    assert write_system("pair", {"a": file, "b": file}, ["a.actuators.goal:b.sensors.goal"])[1] == {}
 
 
 @pytest.mark.parametrize("unit", ["", "km"])
@@ -123,8 +123,8 @@ def test_a_variable_without_limits_is_converted_only_if_it_has_a_unit(unit: str,
     for name, description in (("scaled", known | ranges), ("other", known)):
         made = replace(subject(specification), description=description)
         write(EXPORTERS.get("fmu3")().files(made, name), tmp_path)
-    sensor = described(files["other"]).variables["sensors.goal"]
+    sensor = describe(files["other"]).variables["sensors.goal"]
     assert (sensor.minimum, sensor.maximum, sensor.unit) == (None, None, unit)
     connection = "scaled.actuators.goal:other.sensors.goal"
     words = {connection: "scaled.actuators.goal is -1 to 1 for 0 to 5 km"} if unit else {}
-    assert coupled("pair", files, [connection])[1] == words
+    assert write_system("pair", files, [connection])[1] == words

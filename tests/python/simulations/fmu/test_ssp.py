@@ -12,7 +12,7 @@ from swarmwright import Experiment, InputError, Run, RunError, evaluate, optimiz
 from swarmwright.cli import run
 from swarmwright.common.random_numbers import Stream
 from swarmwright.simulations.fmu.program import Coupled
-from swarmwright.simulations.fmu.ssp import Algorithm, described, system_of
+from swarmwright.simulations.fmu.ssp import Algorithm, describe, read_system
 from tests.data.fmu.battery import Battery
 from tests.data.fmu.radio import Radio
 from tests.data.fmu.vehicle import Vehicle
@@ -85,7 +85,7 @@ def test_steps_are_those_of_the_parts(parts: Path, algorithm: Algorithm, tmp_pat
     """The same models, called one after another by this test."""
     file = parts / "system.ssp"
     read_ssd(str(file))  # FMPy's check against the standard's schema
-    system, variables = Coupled(str(file), system_of(file), tmp_path, algorithm), described(file).variables
+    system, variables = Coupled(str(file), read_system(file), tmp_path, algorithm), describe(file).variables
     world, battery, radio = (kind(instance_name="x", resources="") for kind in (Vehicle, Battery, Radio))
     battery.capacity = 0.6
     for part in (world, battery, radio):
@@ -170,7 +170,7 @@ def test_units_of_different_quantities(
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("resources/radio.fmu", "resources/lost.fmu", "resources/lost.fmu: cannot be taken out"),
+        ("resources/radio.fmu", "resources/lost.fmu", "resources/lost.fmu: cannot be extracted"),
         ('endConnector="sent"', 'endConnector="send"', "has no variable 'send'; did you mean 'sent'?"),
         ("<ssd:Connections>", "<ssd:Connexions>", "is not an SSP"),
     ],

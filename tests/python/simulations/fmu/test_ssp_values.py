@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import InputError
 from swarmwright.simulations.fmu.program import Coupled
-from swarmwright.simulations.fmu.ssp import described, system_of
+from swarmwright.simulations.fmu.ssp import describe, read_system
 from tests.python.simulations.fmu.built import build
 
 pytestmark = pytest.mark.slow  # compiles FMUs
@@ -116,7 +116,7 @@ def parameter(name: str, kind: str, value: str, unit: str = "") -> str:
 
 
 def after_a_step(file: Path, folder: Path, start: dict[str, float], *names: str) -> list[float]:
-    system, known = Coupled(str(file), system_of(file), folder, "gauss_seidel"), described(file).variables
+    system, known = Coupled(str(file), read_system(file), folder, "gauss_seidel"), describe(file).variables
     system.begin(start, 0.0, 1.0)
     system.step(0.0, 0.1)
     found = system.numbers([known[name] for name in names])
@@ -204,7 +204,7 @@ def test_transformations_of_connections(
 )
 def test_mistakes_in_transformations(make: Make, connection: str, expected: str) -> None:
     with pytest.raises(InputError) as caught:
-        system_of(make(connection))
+        read_system(make(connection))
     assert "SystemStructure.ssd: the connection from a." in str(caught.value)
     assert expected in str(caught.value)
 
@@ -227,7 +227,7 @@ def test_values_of_parameter_sets(make: Make) -> None:
         + parameter("left out", "Integer", "1")
     )
     plain = make(a=binding(parameters.replace(parameter("left out", "Integer", "1"), ""), units=KM))
-    assert system_of(plain).starts == {"a.r": 3218.0, "a.i": 3, "a.b": True, "a.gear": 1}
+    assert read_system(plain).starts == {"a.r": 3218.0, "a.i": 3, "a.b": True, "a.gear": 1}
     entries = (
         entry("a.r", "a.r", '<c:LinearTransformation offset="1"/>')
         + entry("a.r", "b.r", suppressUnitConversion="true")
@@ -236,7 +236,7 @@ def test_values_of_parameter_sets(make: Make) -> None:
         + entry("a.gear", "b.gear", table("Enumeration", drive="back"))
     )
     system = make(system=binding(parameters, entries, KM, prefix="a."))
-    assert system_of(system).starts == {"a.r": 3219.0, "b.r": 2.0, "a.i": -4, "b.b": False, "b.gear": -1}
+    assert read_system(system).starts == {"a.r": 3219.0, "b.r": 2.0, "a.i": -4, "b.b": False, "b.gear": -1}
 
 
 def test_files_of_parameters(make: Make) -> None:
@@ -248,17 +248,17 @@ def test_files_of_parameters(make: Make) -> None:
         "ssv": values(parameter("x", "Integer", "1")),
         "ssm": mapped(entry("x", "i", table("Integer", n1="8"))),
     }
-    assert system_of(make(a=source, **files)).starts == {"a.i": 8}
+    assert read_system(make(a=source, **files)).starts == {"a.i": 8}
     with pytest.raises(InputError, match=r"ParameterBinding resources/ssv\.ssv: files inside of components"):
-        system_of(make(a=source.replace('ssv.ssv"', 'ssv.ssv" sourceBase="component"'), **files))
+        read_system(make(a=source.replace('ssv.ssv"', 'ssv.ssv" sourceBase="component"'), **files))
 
 
 def test_the_value_of_the_system_counts(make: Make, caplog: pytest.LogCaptureFixture) -> None:
     """As SSP has it; names without a variable are ignored, with a warning."""
     names = parameter("a.i", "Integer", "1") + parameter("a.lost", "Real", "1")
     file = make(system=binding(names), a=binding(parameter("i", "Integer", "2")))
-    assert system_of(file).starts == {"a.i": 1}
-    assert "parameter sets have values for a.lost, which are no variables: ignored" in caplog.text
+    assert read_system(file).starts == {"a.i": 1}
+    assert "parameter sets have values for a.lost, which are not variables and are ignored" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -276,10 +276,10 @@ def test_the_value_of_the_system_counts(make: Make, caplog: pytest.LogCaptureFix
 )
 def test_values_that_do_not_fit(make: Make, text: str, expected: str) -> None:
     with pytest.raises(InputError) as caught:
-        system_of(make(a=binding(text)))
+        read_system(make(a=binding(text)))
     assert expected in str(caught.value)
 
 
 def test_the_default_experiment(make: Make) -> None:
     file = make(after='<d:DefaultExperiment startTime="2" stopTime="3.5"/>')
-    assert (described(file).start_time, described(file).stop_time) == (2.0, 3.5)
+    assert (describe(file).start_time, describe(file).stop_time) == (2.0, 3.5)

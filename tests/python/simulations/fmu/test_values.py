@@ -13,8 +13,8 @@ from pythonfmu.builder import FmuBuilder
 from swarmwright import Experiment, InputError, optimize
 from swarmwright.simulations.command.fmu import make_parameters
 from swarmwright.simulations.command.fmu_definition import FmuOptions
-from swarmwright.simulations.fmu.description import described
-from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
+from swarmwright.simulations.fmu.description import describe
+from swarmwright.simulations.fmu.instances import FmuError, Instance, unpack
 from swarmwright.simulations.fmu.program import Episodes
 from swarmwright.simulations.parameters import fill_parameters
 from tests.python.simulations.fmu.built import build
@@ -153,7 +153,7 @@ def test_an_enumeration_has_its_items(files: Path) -> None:
 def test_an_enumeration_whose_items_have_no_values_has_none(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "gears.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", GEARS)
-    assert described(tmp_path / "gears.fmu").variables["gear"].items == ()
+    assert describe(tmp_path / "gears.fmu").variables["gear"].items == ()
 
 
 def test_a_seed_fits_its_type(files: Path) -> None:
@@ -194,7 +194,7 @@ MISTAKES: tuple[tuple[str, dict[str, Any], str], ...] = (
     (
         "Types3",
         {"sensors": ["small"], "actuators": ["flag", "level"]},
-        "actuators[1]: level of Types3.fmu is of the type UInt8, without min and max; write what -1 to 1",
+        "actuators[1]: level of Types3.fmu is of the type UInt8, without min and max; write the range",
     ),
     (
         "Types3",
@@ -238,8 +238,8 @@ def test_parameters_have_the_limits_of_their_types(files: Path) -> None:
 
 def test_messages_of_an_fmu(files: Path, tmp_path: Path) -> None:
     """The last one says why a step fails; those that all is well are not printed, and warnings end."""
-    log, known = io.StringIO(), described(files / "Types3.fmu")
-    types = Instance(known, unpacked(str(files / "Types3.fmu"), tmp_path), "types", log)
+    log, known = io.StringIO(), describe(files / "Types3.fmu")
+    types = Instance(known, unpack(str(files / "Types3.fmu"), tmp_path), "types", log)
     types.begin({}, 0.0, 200.0)
     for step in range(1100):
         types.step(0.125 * step, 0.125)
@@ -247,7 +247,7 @@ def test_messages_of_an_fmu(files: Path, tmp_path: Path) -> None:
     with pytest.raises(FmuError, match=r"the step from 137\.5 s: 13 is a bad number"):
         types.step(137.5, 0.125)
     assert log.getvalue().splitlines() == [
-        *["the step was hard"] * 1000, "other warnings of this FMU are left out", "13 is a bad number",
+        *["the step was hard"] * 1000, "further warnings of this FMU are omitted", "13 is a bad number",
     ]  # fmt: skip
     types.end()
 
