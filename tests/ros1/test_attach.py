@@ -209,7 +209,7 @@ def test_the_robot_is_stopped_when_the_node_is_told_to_end(
         until(lambda: speed() == 0.75)
         driver("kill", node=driver("node", begin=f"/swarmwright_{program.pid}_"))
         until(lambda: speed() == 0.0, 5)
-        assert json.loads(program.stdout.readline()) == {"error": "the node was told to end"}
+        assert json.loads(program.stdout.readline()) == {"error": "the node was shut down"}
     finally:
         end(program)
         program.stdin.close()

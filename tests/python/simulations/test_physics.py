@@ -91,7 +91,7 @@ def test_mistakes_are_told_before_anything_runs(kind: str, more: dict[str, Any],
         ),
         (
             "Alone",
-            "Alone.poses: an array of float64 of the shape .* returned, expected those of robots",
+            "Alone.poses: an array of float64 of the shape .* returned, expected a tuple: poses of robots",
         ),
         ("Broken", r"Broken.step: ZeroDivisionError: division by zero \(.*floating.py:\d+\)"),
     ],

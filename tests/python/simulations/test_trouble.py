@@ -226,7 +226,7 @@ def test_an_episode_without_an_end_fails(kind: Any, mode: str) -> None:
         )
     assert np.isnan(found.fitness).tolist() == [[True, False]]
     (reason,) = {*found.journal.errors}
-    assert reason.startswith(f"{kind.__name__}.done: not true after 20 steps; does it become true? An epis")
+    assert reason.startswith(f"{kind.__name__}.done: not true after 20 steps; does it become true? The limit")
 
 
 def test_the_limit_of_steps_can_be_taken_away(monkeypatch: pytest.MonkeyPatch) -> None:

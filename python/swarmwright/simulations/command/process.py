@@ -253,7 +253,7 @@ def _suggest_program(program: str, folder: Path) -> str:
             files[path.stem], files[name] = name, name
     file = nearest(program, files)
     if file is not None:
-        return f"; did you mean '{files[file]}' in that folder?"
+        return f"; did you mean '{files[file]}'?"
     similar_program = similar(program, _programs(), _SIMILAR_SPELLING)
     return "" if similar_program is None else f"; did you mean '{similar_program}'?"
 

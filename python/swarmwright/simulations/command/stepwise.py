@@ -82,7 +82,7 @@ class MessageIds:
         return self._last
 
     def accepts(self, answer: dict[str, Any]) -> bool:
-        """Return whether this answers the last message; False for answers to earlier ones.
+        """Return whether this answers the last message; False for repeated ones.
 
         An error is accepted unless it has the number of a message of a previous episode, because programs may
         report errors without knowing the message.
@@ -396,7 +396,7 @@ class Dialogue:
             has_read = True
 
     def _read_more(self, patience: float) -> bool:
-        """Read output that comes within these seconds; return False for nothing, or the end of the output."""
+        """Read output for at most these seconds; return False for nothing, or at the end of the output."""
         assert self._pipes is not None
         # Not with poll, whose times are whole milliseconds.
         if not select.select([self._pipes[1]], [], [], patience)[0]:

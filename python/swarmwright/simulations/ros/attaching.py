@@ -1,4 +1,4 @@
-"""The program that drives robots, over standard input and output: see `simulations.command.stepwise`."""
+"""The program that controls robots, over standard input and output: see `simulations.command.stepwise`."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .processes import ProcessError, Simulator
 from .simulation_interfaces import MESSAGES, SERVICES, SimulationError
 
 _IDLE_S = 1.0
-"""Seconds beyond a step's duration without a message until robots that move by themselves are stopped."""
+"""Seconds beyond a step's duration without a message after which continuously moving robots are stopped."""
 _CHUNK_BYTES = 1 << 16
-"""Read at a time."""
+"""Bytes of a read."""
 _FAILURES = (Failure, MappingError, MiddlewareError, ProcessError, SimulationError, TimeoutError)
 
 
@@ -31,7 +31,7 @@ def main(arguments: list[str]) -> int:
     """Run episodes until the standard input ends; return the exit status."""
     definition = json.loads(Path(arguments[0]).read_text("utf-8"))
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what others print does not get among answers
+    os.dup2(2, 1)  # keeps other output apart from answers
     numbers = ending()
     for number in numbers:
         signal.signal(number, _end)
@@ -67,21 +67,21 @@ class _Program:
 
     def messages(self) -> Any:
         """Yield messages of the standard input until it ends."""
-        rest = b""
+        buffer = b""
         while True:
-            line, found, rest = rest.partition(b"\n")
-            if found:
+            line, separator, buffer = buffer.partition(b"\n")
+            if separator:
                 yield json.loads(line)
                 continue
-            rest = line
+            buffer = line
             self._await_input()
             piece = os.read(0, _CHUNK_BYTES)
             if not piece:
                 return
-            rest += piece
+            buffer += piece
 
     def _await_input(self) -> None:
-        """Wait for input; meanwhile robots that move by themselves do not do so for long."""
+        """Wait for input; stop continuously moving robots after a while."""
         if self._robots is None or not (self._under_way and self._robots.moves_alone):
             return
         wait = _IDLE_S + float(self._definition["step"]["duration"])
@@ -91,50 +91,50 @@ class _Program:
             self._robots.rest()
 
     def answer(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return what is answered to a message."""
+        """Return the answer to a message."""
         try:
             if "reset" in message:
                 reset = message["reset"]
-                answer = self._connected().reset(reset["parameters"], int(reset["seed"]))
+                answer = self._connect().reset(reset["parameters"], int(reset["seed"]))
             else:
-                answer = self._connected().step(message["actuators"])
+                answer = self._connect().step(message["actuators"])
         except _FAILURES as error:
-            return self._failed(str(error))
-        except Exception as error:  # noqa: BLE001 - of ROS, or of the simulator's definitions; told to who asked
+            return self._report_failure(str(error))
+        except Exception as error:  # noqa: BLE001 - of ROS, or of the simulator's definitions; reported
             traceback.print_exc()
-            return self._failed(f"{type(error).__name__}: {error}")
+            return self._report_failure(f"{type(error).__name__}: {error}")
         self._under_way = "sensors" in answer
         return answer
 
-    def _failed(self, reason: str) -> Mapping[str, Any]:
+    def _report_failure(self, reason: str) -> Mapping[str, Any]:
         self._under_way = False
         with suppress(Exception):
             if self._robots is not None:
                 self._robots.stop()
         if self._simulator is not None:
-            time.sleep(0.05)  # its end may be noticed before it has ended
+            time.sleep(0.05)  # the simulator may be about to end
             try:
                 self._simulator.check()
             except ProcessError as error:
                 reason = str(error)
         return {"error": reason}
 
-    def _connected(self) -> Robots:
-        """Return the robots, connected when they are asked for first."""
+    def _connect(self) -> Robots:
+        """Return the robots, connecting to them on the first call."""
         if self._robots is None:
             definition = self._definition
             if definition["start"] is not None:
                 self._simulator = Simulator(definition["start"], master=definition["ros"] == 1)
             self._node = _node(definition)
             self._robots = Robots(definition, self._node, self._check)
-            self._node.before_end(self._robots.stop)
+            self._node.on_shutdown(self._robots.stop)
         return self._robots
 
     def _check(self) -> None:
         if self._simulator is not None:
             self._simulator.check()
-        if self._node is not None and self._node.ended():
-            raise MiddlewareError("the node was told to end")
+        if self._node is not None and self._node.has_ended():
+            raise MiddlewareError("the node was shut down")
 
     def end(self) -> None:
         """Stop the robots and leave."""
@@ -149,7 +149,7 @@ class _Program:
 
 
 def _node(definition: Mapping[str, Any]) -> Middleware:
-    """Return a node. Raises MiddlewareError."""
+    """Create a node. Raises MiddlewareError."""
     kind, simulated = definition["middleware"], definition["step"]["clock"] == "ros"
     name = f"swarmwright_{os.getpid()}"
     try:
@@ -165,7 +165,7 @@ def _node(definition: Mapping[str, Any]) -> Middleware:
 
             from .rclpy_middleware import Rclpy
 
-            # Its own handlers would leave ROS before the robots are stopped.
+            # rclpy's handlers would leave ROS before the robots are stopped.
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             time_of = Parameter("use_sim_time", value=simulated)
             return Rclpy(Node(name, parameter_overrides=[time_of]))
@@ -177,5 +177,5 @@ def _node(definition: Mapping[str, Any]) -> Middleware:
     except ImportError as error:
         raise MiddlewareError(
             f"{sys.executable} cannot import {error.name or kind} ({error}); source the setup.bash of ROS, "
-            "or name the Python that ROS is installed for as simulation.python"
+            "or set simulation.python to the Python that ROS is installed for"
         ) from error

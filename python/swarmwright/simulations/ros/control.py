@@ -1,4 +1,4 @@
-"""Runs a controller on a robot: sensors from topics, commands to topics, at a rate, as a mapping says."""
+"""Runs a controller on a robot at a fixed rate, with the topics of a mapping."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import signal
 import time
 from typing import Any, Callable, Protocol, Sequence
 
-from .mapping import Mapping, MappingError, read_mapping, resolved
+from .mapping import Mapping, MappingError, read_mapping, resolve_topics
 from .middleware import Middleware, MiddlewareError
 from .topics import Inputs, Missing, Outputs
 
 NAME = "swarmwright_controller"
-"""What a node is called that runs an exported controller."""
+"""Name of a node that runs an exported controller."""
 _SAY_EVERY_S = 10.0
 _SAY_CHANGE_S = 1.0
 _LOOK_EVERY_S = 1.0
@@ -20,14 +20,14 @@ _REPEAT_S = 0.5
 _STEPS_DEPTH = 1000
 _EVENTS_DEPTH = 10
 _DEEPEST = 10
-"""Levels of nesting in a mapping."""
+"""Most levels of nesting in a mapping."""
 
 
 class Controller(Protocol):
-    """What an exported controller does."""
+    """Interface of an exported controller."""
 
     def reset(self) -> None:
-        """Go to the start of an episode: forget everything."""
+        """Reset the state, for a new episode."""
 
     def step(self, sensors: Sequence[float]) -> Sequence[float]:
         """Return the actuators for one control cycle."""
@@ -36,18 +36,18 @@ class Controller(Protocol):
 class Control:
     """A controller on a robot.
 
-    In every cycle it publishes a command: what the controller says, or zeros while a sensor is silent. It
-    also publishes the sensors and actuators of each step on `~/steps` for those who listen, and begins an
-    episode when the service `~/reset` is called or a message comes on the topic `~/reset`.
+    In every cycle it publishes a command: the controller's actuators, or zeros while a sensor is silent. It
+    also publishes the sensors and actuators of each step on `~/steps` if there are subscribers, and starts an
+    episode on a call of the service `~/reset` or a message on the topic `~/reset`.
 
     Args:
-        node: in the robot's namespace.
-        mapping: with resolved topics.
-        controller: begins an episode.
+        node: a node in the robot's namespace.
+        mapping: the mapping, with resolved topics.
+        controller: the controller; it is reset.
 
     Raises:
-        MappingError: a type or a field is not known, or is not that of the topic.
-        MiddlewareError: the middleware cannot do it.
+        MappingError: a type or field is unknown, or not that of the topic.
+        MiddlewareError: an operation of the middleware failed.
     """
 
     def __init__(self, node: Middleware, mapping: Mapping, controller: Controller) -> None:
@@ -56,27 +56,27 @@ class Control:
         self._outputs = Outputs(node, mapping.actuators)
         self._steps = node.publisher("~/steps", "std_msgs/Float32MultiArray", _STEPS_DEPTH)
         node.service("~/reset", "std_srvs/Empty", lambda _, __: self._reset())
-        # Services of one implementation of DDS are not found by others, topics are. `ros2 topic pub --once`
-        # sends as soon as it knows of a subscription, which may not know of it yet: reliable ones get that.
+        # Topics work between implementations of DDS, services do not. `ros2 topic pub --once` sends as soon
+        # as it has discovered a subscription, which only a reliable subscription is certain to receive.
         node.subscribe("~/reset", "std_msgs/Empty", lambda _: self._reset(), _EVENTS_DEPTH, reliable=True)
         self._stopped, self._begun, self._refused = True, False, False
-        self._said = self._looked = float("-inf")
+        self._logged_at = self._looked = float("-inf")
         self._reason = ""
-        """Why the robot stands, as it was said last; empty while the controller runs."""
-        self._seen, self._moved, self._halted = -1.0, time.monotonic(), float("-inf")
+        """The last logged reason why the robot stands still; empty while the controller runs."""
+        self._clock, self._moved, self._halted = -1.0, time.monotonic(), float("-inf")
         self._halts = False
         self._last = self._next = float("-inf")
         controller.reset()
 
-    def run(self, ended: Callable[[], bool]) -> None:
-        """Run until it is told to end; then stop the robot.
+    def run(self, has_ended: Callable[[], bool]) -> None:
+        """Run until `ended` returns true or the node is shut down; then stop the robot.
 
         Raises:
-            MappingError: others use a topic with another type.
+            MappingError: other nodes use a topic with another type.
             MiddlewareError: a message cannot be published.
         """
         try:
-            while not ended() and not self._node.ended():
+            while not has_ended() and not self._node.has_ended():
                 now = self._node.now()
                 self._watch(now)
                 if self._due(now):
@@ -84,31 +84,31 @@ class Control:
                 else:
                     self._node.spin_once(min(max(self._next - now, 0.0), 0.05) if now else 0.05)
         finally:
-            if not self._node.ended():
+            if not self._node.has_ended():
                 self._outputs.stop()
 
     def _watch(self, now: float) -> None:
-        """Stop the robot while the clock of a simulation stands still: there are no cycles then."""
+        """Stop the robot while the clock of a simulation stands still, because there are no cycles."""
         real = time.monotonic()
-        if now != self._seen:
+        if now != self._clock:
             if self._halts:
                 self._node.say("info", "/clock goes on")
-            self._seen, self._moved, self._halts = now, real, False
+            self._clock, self._moved, self._halts = now, real, False
             return
         if real - self._moved < _STILL_S or (self._halts and real - self._halted < _REPEAT_S):
             return
         if not self._halts:
-            what = "/clock stands still" if now else "nothing comes from /clock, and use_sim_time is set"
-            self._node.say("warning", f"stopped: {what}")
+            problem = "/clock stands still" if now else "nothing comes from /clock, and use_sim_time is set"
+            self._node.say("warning", f"stopped: {problem}")
         self._halts, self._halted = True, real
         self._outputs.stop()
 
     def _due(self, now: float) -> bool:
-        """Return whether a cycle is to begin. Cycles that were missed are not made up for."""
+        """Return whether a cycle is due. Missed cycles are skipped."""
         if not now:
-            self._say_rarely("waiting for /clock, since use_sim_time is set")
+            self._log_rarely("waiting for /clock, since use_sim_time is set")
             return False
-        if now < self._last:  # a simulation has begun anew
+        if now < self._last:  # a simulation was reset
             self._next = now
         self._last = now
         if now < self._next:
@@ -142,32 +142,32 @@ class Control:
         self._show(sensors, actuators)
 
     def _stop(self, missing: Missing) -> None:
-        """Say which sensors are silent. The robot is told in every cycle, for it may listen later."""
+        """Stop the robot, in every cycle for late subscribers, and log silent sensors."""
         if self._begun:
-            self._say_rarely(missing.text("stopped", ": nothing comes from "), "warning")
+            self._log_rarely(missing.text("stopped", ": nothing comes from "), "warning")
         else:
-            self._say_rarely(missing.text("waiting", " for "))
+            self._log_rarely(missing.text("waiting", " for "))
             self._look()
         self._stopped = True
         self._outputs.stop()
 
-    def _say_rarely(self, text: str, level: str = "info") -> None:
-        """Say why the robot stands: at once, when the reason changes, and from time to time."""
-        since = time.monotonic() - self._said
+    def _log_rarely(self, text: str, level: str = "info") -> None:
+        """Log why the robot stands still: at once, when the reason changes, and from time to time."""
+        since = time.monotonic() - self._logged_at
         changed = text != self._reason and since >= _SAY_CHANGE_S
         if not self._reason or changed or since >= _SAY_EVERY_S:
-            self._said, self._reason = time.monotonic(), text
+            self._logged_at, self._reason = time.monotonic(), text
             self._node.say(level, text)
 
     def _look(self) -> None:
-        """Look at the types of topics again: other nodes become known only after a while."""
+        """Check the types of topics again, as other nodes may be discovered late."""
         if time.monotonic() - self._looked >= _LOOK_EVERY_S:
             self._looked = time.monotonic()
             self._inputs.check_types()
             self._outputs.check_types()
 
     def _show(self, sensors: Sequence[float], actuators: Sequence[float]) -> None:
-        """Publish what the controller has sensed and done, for those who listen."""
+        """Publish sensors and actuators if there are subscribers."""
         if not self._steps.listeners():
             return
         step = self._steps.new()
@@ -192,21 +192,21 @@ def drive(
 ) -> int:
     """Run a controller until SIGINT, SIGTERM or SIGHUP; return the exit status.
 
-    It is 2 for a mistake in the mapping.
+    The status is 2 for a mistake in the mapping.
 
     Args:
-        node: in the robot's namespace; it is closed at the end.
-        mapping: file with the mapping.
-        controller: what is run.
-        sensors: its sensors, by name.
-        actuators: its actuators, by name.
+        node: a node in the robot's namespace; it is closed at the end.
+        mapping: path of the mapping.
+        controller: the controller.
+        sensors: names of its sensors.
+        actuators: names of its actuators.
     """
     signals: list[int] = []
     for number in ending():
         signal.signal(number, lambda received, _: signals.append(received))
     try:
         read = read_mapping(load(mapping), sensors, actuators)
-        Control(node, resolved(read, node.resolve), controller).run(lambda: bool(signals))
+        Control(node, resolve_topics(read, node.resolve), controller).run(lambda: bool(signals))
     except MappingError as error:
         node.say("error", str(error))
         return 2
@@ -219,7 +219,7 @@ def drive(
 
 
 def ending() -> list[int]:
-    """Return the signals that end a program; a closed terminal's unless it is ignored, as by nohup."""
+    """Return the signals that end a program; SIGHUP only if it is not ignored, as with nohup."""
     numbers: list[int] = [signal.SIGINT, signal.SIGTERM]
     hung_up = getattr(signal, "SIGHUP", None)  # not on Windows
     if hung_up is not None and signal.getsignal(hung_up) != signal.SIG_IGN:
@@ -228,7 +228,7 @@ def ending() -> list[int]:
 
 
 def load(file: str) -> object:
-    """Return the content of a mapping. Raises MappingError when it cannot be read or is not valid YAML."""
+    """Load a mapping file. Raises MappingError if it cannot be read or is not valid YAML."""
     import yaml  # noqa: PLC0415 - only files need it
 
     try:
@@ -244,7 +244,7 @@ def load(file: str) -> object:
 
 
 def _depth(value: object, above: int = 0) -> int:
-    """Return how deep a value is nested, at most one more than is allowed: it may contain itself."""
+    """Return the depth of nesting, at most one more than allowed, as a value may contain itself."""
     inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
     if above > _DEEPEST:
         return above
@@ -252,7 +252,7 @@ def _depth(value: object, above: int = 0) -> int:
 
 
 def _loader(yaml: Any) -> Any:
-    """Return a loader of plain values to which `1e-3` is a number, as YAML 1.2 says."""
+    """Return a loader of plain values that reads `1e-3` as a number, as in YAML 1.2."""
     import re  # noqa: PLC0415 - beside the only use
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]

@@ -1,10 +1,11 @@
-"""ROS 2 without ROS 2: topics and services over Cyclone DDS.
+"""ROS 2 topics and services over Cyclone DDS, without an installation of ROS 2.
 
-Topics reach nodes of every implementation of DDS that ROS 2 has. Services are a convention of each: these are
-those of rmw_cyclonedds, which a node uses that was started with `RMW_IMPLEMENTATION=rmw_cyclonedds_cpp`.
+Topics work with nodes of all DDS implementations that ROS 2 supports. Services follow the convention of
+rmw_cyclonedds, so the other node must be started with `RMW_IMPLEMENTATION=rmw_cyclonedds_cpp`.
 
-The environment is that of ROS 2: `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`, `ROS_AUTOMATIC_DISCOVERY_RANGE`,
-`ROS_STATIC_PEERS`, `CYCLONEDDS_URI`. Cyclone DDS for Python needs Python 3.10.
+The environment variables of ROS 2 apply: `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`,
+`ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_STATIC_PEERS`, `CYCLONEDDS_URI`. Cyclone DDS for Python needs Python
+3.10.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ from .names import namespace_of, resolve
 _Entity = TypeVar("_Entity")
 _SLICE_S = 0.1
 _MOST_DOMAIN = 232
-"""Above it, numbers of ports run out."""
+"""Highest number of a domain, limited by port numbers."""
 _SERVICE_DEPTH = 10
 _ENDPOINTS = 4096
-"""Endpoints of other nodes that are looked through for their types."""
+"""Most endpoints of other nodes that are searched for their types."""
 _domains: dict[int, Any] = {}
 """Domains that this process has configured; it can do so only once."""
 
@@ -45,12 +46,12 @@ class Dds:
     """A node over Cyclone DDS; see `middleware.Middleware`.
 
     Args:
-        name: of the node.
-        namespace: that relative names are in.
-        domain: number of the domain; None: that of `ROS_DOMAIN_ID`, else 0.
-        use_sim_time: take the time from `/clock`.
+        name: name of the node.
+        namespace: namespace of relative names.
+        domain: number of the domain; None: `ROS_DOMAIN_ID`, else 0.
+        use_sim_time: whether to read the time from `/clock`.
 
-    Raises MiddlewareError when the domain is none or cannot be joined.
+    Raises MiddlewareError if the domain is not valid or cannot be joined.
     """
 
     def __init__(
@@ -65,7 +66,7 @@ class Dds:
         number = _domain() if domain is None else domain
         try:
             _configure(number)
-            self._participant = self._made(DomainParticipant(number))
+            self._participant = self._register(DomainParticipant(number))
         except _Failure as error:
             raise MiddlewareError(
                 f"domain {number} cannot be joined: {_reason(error)}; CYCLONEDDS_URI is "
@@ -73,8 +74,8 @@ class Dds:
             ) from error
         self._receivers: list[_Receiver] = []
         self._writers: list[Any] = []
-        self._known = [
-            self._made(BuiltinDataReader(self._participant, topic))
+        self._discovery_readers = [
+            self._register(BuiltinDataReader(self._participant, topic))
             for topic in (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
         ]
         self._waiting = WaitSet(self._participant)
@@ -84,7 +85,7 @@ class Dds:
             self.subscribe("/clock", "rosgraph_msgs/Clock", self._clock)
 
     def resolve(self, name: str) -> str:
-        """Return the full name of a topic or service. Raises ValueError with what is wrong."""
+        """Return the full name of a topic or service. Raises ValueError with the reason."""
         return resolve(name, self.namespace, self.name)
 
     def subscribe(
@@ -96,25 +97,27 @@ class Dds:
         *,
         reliable: bool = False,
     ) -> _Receiver:
-        """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
+        """Subscribe to a topic. Raises MiddlewareError for an unknown type."""
         full = self.resolve(topic)
         qos = _qos(depth, _RELIABLE if reliable else Policy.Reliability.BestEffort)
         return self._receive(full, f"rt{full}", _message(kind), qos, callback, depth)
 
     def publisher(self, topic: str, kind: str, depth: int = 1) -> _Publisher:
         """Advertise a topic. Raises MiddlewareError for an unknown type."""
-        full, made = self.resolve(topic), _message(kind)
-        return _Publisher(full, made, self._writer(f"rt{full}", made, _qos(depth, _RELIABLE)))
+        full, message_class = self.resolve(topic), _message(kind)
+        return _Publisher(
+            full, message_class, self._writer(f"rt{full}", message_class, _qos(depth, _RELIABLE))
+        )
 
     def client(self, service: str, kind: str) -> _Client:
-        """Return what calls a service. Raises MiddlewareError for an unknown type."""
+        """Return a client for a service. Raises MiddlewareError for an unknown type."""
         full, (request, response) = self.resolve(service), _service(kind)
         identity = secrets.randbits(63)
         qos = _qos(_SERVICE_DEPTH, _RELIABLE, f"clientid={identity:x};")
         writer = self._writer(f"rq{full}Request", request, qos)
-        made = _Client(self, full, short_type(kind), request, identity, writer)
-        made.replies = self._receive(full, f"rr{full}Reply", response, qos, made.receive, _SERVICE_DEPTH)
-        return made
+        client = _Client(self, full, short_type(kind), request, identity, writer)
+        client.replies = self._receive(full, f"rr{full}Reply", response, qos, client.receive, _SERVICE_DEPTH)
+        return client
 
     def service(self, name: str, kind: str, handler: Callable[[Any, Any], None]) -> None:
         """Offer a service; the handler fills in the response. Raises MiddlewareError for an unknown type."""
@@ -132,7 +135,7 @@ class Dds:
         receiver = self._receive(full, f"rq{full}Request", request, qos, answer, _SERVICE_DEPTH)
 
     def new(self, kind: str) -> Any:
-        """Return a message with the defaults of its definition; raises MiddlewareError for no type."""
+        """Return a message with default values. Raises MiddlewareError for an unknown type."""
         return new(_message(kind))
 
     def types(self, topic: str) -> Sequence[str]:
@@ -145,32 +148,32 @@ class Dds:
         return [request[: -len("_Request")] for request in requests if request.endswith("_Request")]
 
     def _types(self, name: str) -> list[str]:
-        own = self._participant.guid
+        own_guid = self._participant.guid
         types = [
             _ros_type(endpoint.type_name)
-            for reader in self._known
+            for reader in self._discovery_readers
             for endpoint in reader.read(_ENDPOINTS)
             if endpoint.topic_name == name
-            and endpoint.participant_key != own
+            and endpoint.participant_key != own_guid
             and endpoint.sample_info.instance_state == InstanceState.Alive
         ]
         return sorted(set(types))
 
     def spin_once(self, timeout: float) -> None:
-        """Run the callbacks of what has come; where nothing has, wait for it, for 0.1 s at most."""
+        """Run the callbacks of received messages; if there are none, wait for them, for at most 0.1 s."""
         if self._waiting.wait(int(max(0.0, min(timeout, _SLICE_S)) * 1e9)):
             for receiver in list(self._receivers):
                 receiver.take()
 
     def now(self) -> float:
-        """Return seconds of a clock that never jumps; with simulated time those of `/clock`."""
+        """Return seconds of a monotonic clock, or with simulated time of `/clock`."""
         if not self._use_sim_time:
             return time.monotonic()
         seconds, nanoseconds = self._sim_time or (0, 0)
         return seconds + nanoseconds * 1e-9
 
     def stamp(self, header: Any) -> None:
-        """Write the time of ROS to a header."""
+        """Write ROS time to a header."""
         now = self._sim_time if self._use_sim_time else divmod(time.time_ns(), 1_000_000_000)
         header.stamp.sec, header.stamp.nanosec = now or (0, 0)
 
@@ -180,21 +183,21 @@ class Dds:
         stream.write(f"[{level.upper()}] [{self.name}]: {text}\n")
         stream.flush()
 
-    def before_end(self, function: Callable[[], None]) -> None:
-        """Do nothing: nothing else ends the node."""
+    def on_shutdown(self, function: Callable[[], None]) -> None:
+        """Do nothing, as nothing else shuts the node down."""
 
-    def ended(self) -> bool:
-        """Return False: it ends when its program does."""
+    def has_ended(self) -> bool:
+        """Return False, as the node ends with its program."""
         return False
 
     def close(self) -> None:
-        """Leave the domain, after what was published has been received, or a tenth of a second."""
+        """Leave the domain after published messages have been received, or after 0.1 s."""
         end = time.monotonic() + 0.1
         for writer in self._writers:
-            # Where time runs out, cyclonedds 11.0 fails to say so.
+            # On a time-out, cyclonedds 11.0 raises AttributeError by mistake.
             with suppress(_Failure, AttributeError):
                 writer.wait_for_acks(max(0, int((end - time.monotonic()) * 1e9)))
-        time.sleep(0.02)  # for subscriptions that acknowledge nothing
+        time.sleep(0.02)  # for best-effort subscriptions, which do not acknowledge
         for receiver in list(self._receivers):
             self._forget(receiver)
         _delete(self._waiting)
@@ -205,22 +208,22 @@ class Dds:
     def _clock(self, message: Any) -> None:
         self._sim_time = message.clock.sec, message.clock.nanosec
 
-    def _made(self, entity: _Entity) -> _Entity:
+    def _register(self, entity: _Entity) -> _Entity:
         self._entities.append(entity)
         return entity
 
-    def _writer(self, topic: str, made: Any, qos: Any) -> Any:
-        place = self._made(Topic(self._participant, topic, made))
-        writer = self._made(DataWriter(self._participant, place, qos=qos))
+    def _writer(self, topic: str, message_class: Any, qos: Any) -> Any:
+        topic_entity = self._register(Topic(self._participant, topic, message_class))
+        writer = self._register(DataWriter(self._participant, topic_entity, qos=qos))
         self._writers.append(writer)
         return writer
 
     def _receive(
-        self, name: str, topic: str, made: Any, qos: Any, callback: Callable[[Any], None], depth: int
+        self, name: str, topic: str, message_class: Any, qos: Any, callback: Callable[[Any], None], depth: int
     ) -> _Receiver:
-        place = self._made(Topic(self._participant, topic, made))
-        reader = self._made(DataReader(self._participant, place, qos=qos))
-        condition = self._made(ReadCondition(reader, ViewState.Any | SampleState.Any | InstanceState.Any))
+        topic_entity = self._register(Topic(self._participant, topic, message_class))
+        reader = self._register(DataReader(self._participant, topic_entity, qos=qos))
+        condition = self._register(ReadCondition(reader, ViewState.Any | SampleState.Any | InstanceState.Any))
         self._waiting.attach(condition)
         receiver = _Receiver(self, name, reader, condition, callback, depth)
         self._receivers.append(receiver)
@@ -278,8 +281,8 @@ class _Receiver:
 class _Publisher:
     """A topic that is published on."""
 
-    def __init__(self, name: str, made: Any, writer: Any) -> None:
-        self._name, self._type, self._writer = name, made, writer
+    def __init__(self, name: str, message_class: Any, writer: Any) -> None:
+        self._name, self._type, self._writer = name, message_class, writer
 
     def new(self) -> Any:
         """Return a message with the defaults of its definition."""
@@ -331,17 +334,17 @@ class _Client:
         wrapped.client, wrapped.sequence, wrapped.data = self._identity, self._sequence, request
         _write(self._writer, wrapped, self._name)
         while not self._responses:
-            left = deadline - time.monotonic()
-            if left <= 0:
+            remaining_s = deadline - time.monotonic()
+            if remaining_s <= 0:
                 self._sequence += 1  # an answer that comes late is dropped
                 raise TimeoutError(f"{self._name}: no answer within {timeout:g} s")
-            self._node.spin_once(left)
+            self._node.spin_once(remaining_s)
         return self._responses[0]
 
     def _absence(self) -> str:
-        others = [name for name in self._node.service_types(self._name) if name != self._kind]
-        if others:
-            return f"the service has the type {others[0]}, not {self._kind}"
+        other_types = [name for name in self._node.service_types(self._name) if name != self._kind]
+        if other_types:
+            return f"the service has the type {other_types[0]}, not {self._kind}"
         return f"no node offers this service; {_SERVICES_OF}"
 
 
@@ -353,7 +356,7 @@ _RELIABLE = Policy.Reliability.Reliable(int(_SLICE_S * 1e9))
 
 
 def _qos(depth: int, reliability: Any, identity: str = "") -> Any:
-    """Return the policies that rmw_cyclonedds gives endpoints."""
+    """Return the endpoint policies of rmw_cyclonedds."""
     policies = [
         reliability,
         Policy.Durability.Volatile,
@@ -361,14 +364,14 @@ def _qos(depth: int, reliability: Any, identity: str = "") -> Any:
         Policy.WriterDataLifecycle(autodispose=False),
         Policy.DataRepresentation(use_cdrv0_representation=True),
     ]
-    # A node of Iron or later looks here for a digest of the type, and warns where there is nothing at all.
+    # A node of Iron or later looks here for a digest of the type, and warns if the user data are empty.
     return Qos(*policies, Policy.Userdata((identity or ";").encode()))
 
 
 def _await_reader(requests: Any, writer: Any, asker: int) -> None:
-    """Wait until a client's reader of responses is known, a tenth of a second at most.
+    """Wait until a client's reader of responses is discovered, at most 0.1 s.
 
-    It and the writer of requests, which is known already, bear the same identity.
+    It has the same identity as the client's writer of requests.
     """
     deadline = time.monotonic() + _SLICE_S
     identity = _identity(requests.get_matched_publication_data(asker))
@@ -390,15 +393,15 @@ def _write(writer: Any, message: Any, name: str) -> None:
     try:
         writer.write(message)
     except _Failure as error:
-        if error.code != _Failure.DDS_RETCODE_TIMEOUT:  # a subscription that is late, and will get the next
+        if error.code != _Failure.DDS_RETCODE_TIMEOUT:  # a late subscription, which will receive the next
             raise MiddlewareError(f"{name}: cannot be published: {_reason(error)}") from error
     except Exception as error:
-        # cyclonedds has no narrower one for values that do not fit.
+        # cyclonedds raises various exceptions for values that do not fit.
         raise MiddlewareError(f"{name}: the message does not fit its type: {error}") from error
 
 
 def _delete(entity: Any) -> None:
-    """Delete an entity now, not when nothing refers to it any more."""
+    """Delete an entity immediately, without waiting for the garbage collector."""
     entity.__del__()
 
 
@@ -407,7 +410,7 @@ def _message(kind: str) -> Any:
         return message_type(kind)
     except KeyError:
         raise MiddlewareError(
-            f"the type '{kind}' of messages is not known here; expected {choice(sorted(MESSAGES))}"
+            f"the message type '{kind}' is not supported; expected {choice(sorted(MESSAGES))}"
         ) from None
 
 
@@ -416,12 +419,12 @@ def _service(kind: str) -> tuple[Any, Any]:
         return service_types(kind)
     except KeyError:
         raise MiddlewareError(
-            f"the type '{kind}' of services is not known here; expected {choice(sorted(SERVICES))}"
+            f"the service type '{kind}' is not supported; expected {choice(sorted(SERVICES))}"
         ) from None
 
 
 def _ros_type(name: str) -> str:
-    """Return `geometry_msgs/Twist` for `geometry_msgs::msg::dds_::Twist_`; other names as they are."""
+    """Return `geometry_msgs/Twist` for `geometry_msgs::msg::dds_::Twist_`; other names unchanged."""
     parts = name.split("::")
     if len(parts) == 4 and parts[2] == "dds_":
         return short_type(f"{parts[0]}/{parts[1]}/{parts[3].rstrip('_')}")
@@ -433,7 +436,7 @@ def _reason(error: Any) -> str:
 
 
 def _domain() -> int:
-    """Return the number of the domain that the environment names."""
+    """Return the number of the domain in the environment."""
     text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
     if not text.isdigit() or int(text) > _MOST_DOMAIN:
         raise MiddlewareError(f"ROS_DOMAIN_ID={text}: expected a number from 0 to {_MOST_DOMAIN}")
@@ -441,7 +444,7 @@ def _domain() -> int:
 
 
 def _configure(domain: int) -> None:
-    """Have Cyclone DDS look for others where the environment of ROS 2 says, if it says anything."""
+    """Configure discovery of Cyclone DDS by the environment variables of ROS 2."""
     reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").strip().upper()
     loopback = not reach and os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1"
     if loopback:
@@ -453,11 +456,11 @@ def _configure(domain: int) -> None:
         return
     if reach == "LOCALHOST":
         peers = ["localhost", *peers]
-    # ROS_LOCALHOST_ONLY is that of Humble, whose nodes use the loopback interface alone, and multicast on it.
+    # With ROS_LOCALHOST_ONLY, nodes of Humble use only the loopback interface, with multicast.
     unicast = reach in ("LOCALHOST", "OFF") and not loopback
     general = "<AllowMulticast>false</AllowMulticast>" if unicast else ""
-    given = os.environ.get("CYCLONEDDS_URI", "").strip()
-    if loopback and "<NetworkInterface" not in given:
+    configuration = os.environ.get("CYCLONEDDS_URI", "").strip()
+    if loopback and "<NetworkInterface" not in configuration:
         general += "<Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
     if reach == "OFF":
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
@@ -465,9 +468,9 @@ def _configure(domain: int) -> None:
         listed = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in peers)
         discovery = (
             "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
-            # Nodes that begin later are told soon, not after half a minute.
+            # Later nodes are notified soon, not after half a minute.
             f"<Peers>{listed}</Peers><SPDPInterval>1s</SPDPInterval>"
         )
     ours = f"<General>{general}</General><Discovery>{discovery}</Discovery>"
     text = f"<CycloneDDS><Domain>{ours}</Domain></CycloneDDS>"
-    _domains[domain] = Domain(domain, f"{text},{given}" if given else text)
+    _domains[domain] = Domain(domain, f"{text},{configuration}" if configuration else text)

@@ -1,6 +1,6 @@
-"""Messages and services of ROS 2 as Cyclone DDS needs them, from their published definitions.
+"""Messages and services of ROS 2 for Cyclone DDS, from their published definitions.
 
-What is in `MESSAGES` and `SERVICES` can be sent and received; others can be added there by `define`.
+The types in `MESSAGES` and `SERVICES` can be used; `define` adds others.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MESSAGES: dict[str, str] = {
         f"{_STAMPED}; float32 angle_min; float32 angle_max; float32 angle_increment; float32 time_increment; "
         "float32 scan_time; float32 range_min; float32 range_max; float32[] ranges; float32[] intensities"
     ),
-    # Since Jazzy one more number follows, `variance`, which is not read here: so both are understood.
+    # Since Jazzy there is a further field, `variance`. It is not read, so that both versions work.
     "sensor_msgs/Range": (
         f"{_STAMPED}; uint8 radiation_type; float32 field_of_view; float32 min_range; float32 max_range; "
         "float32 range"
@@ -96,28 +96,28 @@ _NUMBERS: dict[str, tuple[Any, Any]] = {
 _SEQUENCE: Any = types.sequence
 _ARRAY: Any = types.array
 _HEADER = {"client": types.uint64, "sequence": types.int64}
-"""What rmw_cyclonedds puts before each request and response: who asks, and which of its requests it is."""
-_made: dict[str, Any] = {}
+"""Header that rmw_cyclonedds puts before each request and response: the client, and the request's number."""
+_classes: dict[str, Any] = {}
 
 
 def message_type(kind: str) -> Any:
-    """Return the class of a message, a dataclass. Raises KeyError for a type that is not known."""
+    """Return the class of a message, a dataclass. Raises KeyError for an unknown type."""
     return _structure("msg", short_type(kind), MESSAGES[short_type(kind)])
 
 
 def service_types(kind: str) -> tuple[Any, Any]:
     """Return the classes of a service's request and response with the header of rmw_cyclonedds.
 
-    Their attribute `data` is what ROS knows as the request or response. Raises KeyError for an unknown type.
+    Their attribute `data` is ROS's request or response. Raises KeyError for an unknown type.
     """
     name = short_type(kind)
     request, response = SERVICES[name]
-    return _wrapped(f"{name}_Request", request), _wrapped(f"{name}_Response", response)
+    return _make_with_header(f"{name}_Request", request), _make_with_header(f"{name}_Response", response)
 
 
-def new(made: Any) -> Any:
+def new(message_class: Any) -> Any:
     """Return a message of such a class with the defaults of its definition, nearly always zeros."""
-    return made(*(_fresh(default) for default in made.defaults))
+    return message_class(*(_fresh(default) for default in message_class.defaults))
 
 
 def _fresh(default: Any) -> Any:
@@ -126,22 +126,22 @@ def _fresh(default: Any) -> Any:
     return new(default) if isinstance(default, type) else default
 
 
-def _wrapped(name: str, fields: str) -> Any:
+def _make_with_header(name: str, fields: str) -> Any:
     full = f"{name} with header"
-    if full not in _made:
+    if full not in _classes:
         package, kind = name.split("/")
         data = _structure("srv", name, fields, nested=True)
-        made = make_idl_struct(f"{kind}_", f"{package}.srv.dds_.{kind}_", {**_HEADER, "data": data})
-        made.defaults = [0, 0, data]  # type: ignore[attr-defined] # for `new`
-        _made[full] = made
-    return _made[full]
+        message_class = make_idl_struct(f"{kind}_", f"{package}.srv.dds_.{kind}_", {**_HEADER, "data": data})
+        message_class.defaults = [0, 0, data]  # type: ignore[attr-defined] # for `new`
+        _classes[full] = message_class
+    return _classes[full]
 
 
 def _structure(group: str, name: str, fields: str, *, nested: bool = False) -> Any:
-    if name in _made:
-        return _made[name]
+    if name in _classes:
+        return _classes[name]
     package, kind = name.split("/")
-    # A structure of DDS has a member at least, and ROS gives this one to those without.
+    # A DDS structure has at least one member, and ROS adds this to empty ones.
     listed = (
         [part.split() for part in fields.split(";")]
         if fields
@@ -149,15 +149,17 @@ def _structure(group: str, name: str, fields: str, *, nested: bool = False) -> A
     )
     kinds: list[tuple[str, _Kind]] = []
     for field in listed:
-        found = _kind(field[0])
+        members = _kind(field[0])
         if len(field) > 2:
-            found = found._replace(default=type(found.default)(float(field[2])))
-        kinds.append((field[1], found))
+            members = members._replace(default=type(members.default)(float(field[2])))
+        kinds.append((field[1], members))
     typename = f"{package}.{group}.dds_.{kind}_" + ("Data_" if nested else "")
-    made = make_idl_struct(f"{kind}_", typename, {field: field_kind.type for field, field_kind in kinds})
-    made.defaults = [field_kind.default for _, field_kind in kinds]  # type: ignore[attr-defined] # for `new`
-    _made[name] = made
-    return made
+    message_class = make_idl_struct(
+        f"{kind}_", typename, {field: field_kind.type for field, field_kind in kinds}
+    )
+    message_class.defaults = [field_kind.default for _, field_kind in kinds]  # type: ignore[attr-defined] # for `new`
+    _classes[name] = message_class
+    return message_class
 
 
 def _kind(word: str) -> _Kind:
@@ -170,5 +172,5 @@ def _kind(word: str) -> _Kind:
         return _Kind(_ARRAY[inner.type, int(length)], [inner.default] * int(length))
     if word in _NUMBERS:
         return _Kind(*_NUMBERS[word])
-    made = message_type(word)
-    return _Kind(made, made)
+    message_class = message_type(word)
+    return _Kind(message_class, message_class)

@@ -9,7 +9,7 @@ from typing import Any, Callable, Iterator, Mapping, Sequence
 
 from .expression import Expression
 from .feeds import Feed, Feeds, Value
-from .mapping import Place, SensorMapping, read_mapping, resolved
+from .mapping import SensorMapping, TopicField, read_mapping, resolve_topics
 from .middleware import Middleware
 from .names import namespace_of, resolve
 from .pace import Pace
@@ -19,46 +19,46 @@ from .topics import Outputs
 
 _SEED = 1 << 31
 _SETTLE_S = 0.2
-"""Seconds after the first connections, for others that are not aware of them yet."""
+"""Seconds after the first connections, until other nodes have discovered them."""
 _DRAIN_S = 0.05
-"""Seconds for what a reset may have published."""
+"""Seconds for messages that a reset may have published."""
 
 
 class Failure(Exception):  # noqa: N818 - an episode has failed, the program has not
-    """An episode has failed; the message says why and what to do."""
+    """An episode has failed; the message has a remedy."""
 
 
 class _Metric:
-    """A number of an episode."""
+    """A metric of an episode."""
 
     def __init__(self, definition: Mapping[str, Any]) -> None:
         self._over_time = FUNCTIONS[definition["time"]]
         self._over_robots = FUNCTIONS[definition["robots"]]
         self.sources: list[Callable[[], float]] = []
-        """One for each robot, or one for all."""
+        """Sources for each robot, or a single source for all."""
         self._values: list[list[float]] = []
 
     def begin(self) -> None:
-        """Begin an episode."""
+        """Start an episode."""
         self._values = [[] for _ in self.sources]
 
     def sample(self) -> None:
-        """Take the values of a step."""
+        """Read the values of a step."""
         for values, source in zip(self._values, self.sources):
             values.append(source())
 
     def value(self) -> float:
-        """Return what they are until now."""
+        """Return the metric so far."""
         return float(self._over_robots([self._over_time(values) for values in self._values]))
 
 
 class Robots:
-    """The robots, connected.
+    """The connected robots.
 
     Args:
         definition: the attachment.
-        node: what connects to ROS.
-        check: called while something is waited for; what it raises, where waiting is in vain, ends the wait.
+        node: the node that connects to ROS.
+        check: called during waits; its exceptions end the wait.
     """
 
     def __init__(self, definition: Mapping[str, Any], node: Middleware, check: Callable[[], None]) -> None:
@@ -67,16 +67,16 @@ class Robots:
         self._patience, self._startup = float(definition["patience"]), float(definition["startup"])
         self._steps = int(definition["steps"])
         self.moves_alone = self._step["duration"] is not None
-        """Whether robots move while nothing is asked for."""
+        """Whether robots move continuously, even between steps."""
         self._names: list[str] = list(definition["robots"])
         self._feeds = Feeds(node, int(self._step["messages"]))
         self._sensors: list[list[Value]] = []
         self._outputs: list[Outputs] = []
         self._simulation = Simulation(node, definition)
         self._triggers = {
-            name: node.client(of["service"], of["type"])
-            for name, of in (("step", self._step), ("reset", self._reset))
-            if of["service"] is not None and of["type"].startswith("std_srvs/")
+            name: node.client(section["service"], section["type"])
+            for name, section in (("step", self._step), ("reset", self._reset))
+            if section["service"] is not None and section["type"].startswith("std_srvs/")
         }
         for robot in self._names:
             self._connect(robot)
@@ -84,7 +84,7 @@ class Robots:
         done = definition["done"]
         self._done = None if done is None else Expression(done)
         self._spawned = self._connected = False
-        self._made = 0
+        self._steps_made = 0
         self._due = 0.0
         self._pace = Pace(float(self._step["duration"] or 0.0))
         self._warned = False
@@ -99,7 +99,7 @@ class Robots:
             names,
             [actuator["actuator"] for actuator in definition["actuators"]],
         )
-        mapping = resolved(mapping, lambda topic: _topic(topic, robot))
+        mapping = resolve_topics(mapping, lambda topic: _topic(topic, robot))
         timeouts = {sensor["sensor"]: sensor.get("timeout", 0.0) for sensor in definition["sensors"]}
         self._sensors.append(
             [
@@ -118,34 +118,34 @@ class Robots:
         self._outputs.append(Outputs(self._node, mapping.actuators))
 
     def _metric(self, name: str, definition: Mapping[str, Any]) -> _Metric:
-        made, place = _Metric(definition), dict(definition["place"])
-        if "sensor" in place:
-            at = [sensor["sensor"] for sensor in self._definition["sensors"]].index(place["sensor"])
-            scale, offset = place.get("scale", 1.0), place.get("offset", 0.0)
+        metric_, field = _Metric(definition), dict(definition["place"])
+        if "sensor" in field:
+            at = [sensor["sensor"] for sensor in self._definition["sensors"]].index(field["sensor"])
+            scale, offset = field.get("scale", 1.0), field.get("offset", 0.0)
             for sensors in self._sensors:
-                made.sources.append(_scaled(sensors[at], scale, offset))
+                metric_.sources.append(_scale(sensors[at], scale, offset))
         elif "service" in definition:
-            entry = _entry(name, {**place, "topic": definition["service"]})
+            entry = _entry(name, {**field, "topic": definition["service"]})
             names = [definition["entity"].replace("{robot}", robot.strip("/")) for robot in self._names]
             for entity in dict.fromkeys(names):
-                made.sources.append(self._simulation.state(definition["service"], entity, entry))
+                metric_.sources.append(self._simulation.state(definition["service"], entity, entry))
         else:
-            topics = [_topic(place["topic"], robot) for robot in self._names]
+            topics = [_topic(field["topic"], robot) for robot in self._names]
             otherwise = definition.get("otherwise")
             for topic in dict.fromkeys(topics):
                 value = Value(
                     f"metric {name}",
-                    _entry(name, {**place, "topic": topic}),
+                    _entry(name, {**field, "topic": topic}),
                     single=False,
                     keeps=0.0 if otherwise is None else math.inf,
                     otherwise=otherwise,
                     remedy="give slow metrics a value otherwise",
                 )
-                made.sources.append(_scaled(self._feeds.add(value), 1.0, 0.0))
-        return made
+                metric_.sources.append(_scale(self._feeds.add(value), 1.0, 0.0))
+        return metric_
 
     def _await_services(self) -> None:
-        """Wait until services are there; one that is not is reported by the call that needs it."""
+        """Wait for services; a missing one is reported by the call that needs it."""
         deadline = time.monotonic() + self._startup
         clients = [*self._triggers.values(), *self._simulation.needed]
         while not all(client.available() for client in clients) and time.monotonic() < deadline:
@@ -153,7 +153,7 @@ class Robots:
             self._node.spin_once(0.05)
 
     def _await_connections(self) -> None:
-        """Wait until everything is there that the definition names."""
+        """Wait until all topics of the definition are connected."""
         deadline = time.monotonic() + self._startup
         while (missing := next(self._absent(), None)) is not None:
             self._check_types()
@@ -167,11 +167,11 @@ class Robots:
             self._connected = True
 
     def _check_types(self) -> None:
-        """Raise Failure for a topic that others use with another type."""
+        """Raise Failure for a topic that other nodes use with another type."""
         for feed in self._feeds.all:
-            other = feed.wrong_type()
-            if other is not None:
-                raise Failure(f"{feed.topic} has the type {other}, but the definition says {feed.kind}")
+            other_type = feed.wrong_type()
+            if other_type is not None:
+                raise Failure(f"{feed.topic} has the type {other_type}, but the definition says {feed.kind}")
         for outputs in self._outputs:
             outputs.check_types()
 
@@ -188,7 +188,7 @@ class Robots:
     # Episodes.
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
-        """Go to the start of an episode; return the answer."""
+        """Start an episode; return the answer."""
         self.stop()
         self._feeds.forget()
         self._set_parameters(parameters, seed)
@@ -200,7 +200,7 @@ class Robots:
         self._simulation.pause(self._patience)
         self._await_connections()
         self._settle()
-        self._made = 0
+        self._steps_made = 0
         self._due = self._node.now()
         self._pace.begin()
         for metric in self._metrics.values():
@@ -219,22 +219,22 @@ class Robots:
         else:
             self._call_step()
         self._await_feeds()
-        self._made += 1
+        self._steps_made += 1
         self._sample()
         return self._answer()
 
     def stop(self) -> None:
-        """Have all robots stand."""
+        """Stop all robots."""
         for outputs in self._outputs:
             outputs.stop()
 
     def rest(self) -> None:
-        """Begin to count time anew: robots were stopped while no step was asked for."""
+        """Restart the timing, after robots were stopped between steps."""
         self._due = self._node.now()
         self._pace.rest()
 
     def _answer(self) -> dict[str, Any]:
-        if self._made >= self._steps or self._is_done():
+        if self._steps_made >= self._steps or self._is_done():
             self.stop()
             metrics = {name: metric.value() for name, metric in self._metrics.items()}
             return {"done": True, "metrics": metrics, **self._warning()}
@@ -243,7 +243,7 @@ class Robots:
         return {"sensors": [[value.number for value in row] for row in self._sensors]}
 
     def _warning(self) -> dict[str, str]:
-        """Return what is beside the end of the first episode whose steps took too long."""
+        """Return a warning for the answer that ends the first episode whose steps took too long."""
         if not self.moves_alone or self._warned:
             return {}
         self._pace.command(self._node.now())
@@ -279,18 +279,20 @@ class Robots:
         reset = self._reset
         wait = self._patience
         if not self.moves_alone:
-            self._feeds.begin()  # what is published by the reset counts
+            self._feeds.begin()  # messages published by the reset are used
         if "reset" in self._triggers:
             self._trigger("reset", wait)
         elif reset["service"] is not None:
             self._simulation.reset(int(reset["scope"]), wait)
         if reset["command"] is not None:
-            # The own ones go before parameters: {here} and {port} are not a peer's to set.
+            # These override parameters, so that a peer cannot set {here} and {port}.
             values = {**parameters, **self._definition["values"], "seed": seed}
-            _run([_filled(word, values) for word in reset["command"]], self._startup)
+            _run([_fill_word(word, values) for word in reset["command"]], self._startup)
         spawn = self._definition["spawn"]
         if spawn is not None and (reset["despawns"] or not self._spawned):
-            self._simulation.spawn(spawn, self._names, seed, wait=self._startup, again=not reset["despawns"])
+            self._simulation.spawn(
+                spawn, self._names, seed, wait=self._startup, may_exist=not reset["despawns"]
+            )
             self._spawned = True
 
     def _settle(self) -> None:
@@ -321,14 +323,14 @@ class Robots:
             self._simulation.step(int(self._step["steps"]), self._patience)
 
     def _trigger(self, name: str, wait: float) -> None:
-        client, of = self._triggers[name], self._reset if name == "reset" else self._step
+        client, section = self._triggers[name], self._reset if name == "reset" else self._step
         response = client.call(client.request(), wait)
-        if of["type"] == "std_srvs/Trigger" and not response.success:
+        if section["type"] == "std_srvs/Trigger" and not response.success:
             why = response.message or "no reason"
-            raise Failure(f"{of['service']} ({of['type']}) reports a failure: {why}")
+            raise Failure(f"{section['service']} ({section['type']}) reports a failure: {why}")
 
     def _pass_time(self, duration: float) -> None:
-        """Wait until the step is over; steps follow each other without drifting."""
+        """Wait until the end of the step, without accumulating drift."""
         now = self._node.now()
         self._due = self._due + duration if 0 <= now - self._due < duration else now + duration
         moved, last = time.monotonic(), now
@@ -359,16 +361,16 @@ class Robots:
             waited = time.monotonic() - begin
             if waited > self._patience:
                 now = time.monotonic()
-                wanted = int(self._step["messages"]) if messages is None else messages
-                reason = missing[0].lacking(wanted, now, self._patience)
+                needed_messages = int(self._step["messages"]) if messages is None else messages
+                reason = missing[0].explain_missing(needed_messages, now, self._patience)
                 more = f" (and {len(missing) - 1} more topics)" if len(missing) > 1 else ""
                 raise Failure(f"{reason}{more}{self._hint()}")
             self._check()
             self._node.spin_once(0.05)
 
     def _hint(self) -> str:
-        if not self._made and not self.moves_alone and not self._reset["settle"]:
-            return "; if the simulator publishes only what a step brings, set simulation.reset.settle: 1"
+        if not self._steps_made and not self.moves_alone and not self._reset["settle"]:
+            return "; if the simulator publishes only during steps, set simulation.reset.settle: 1"
         return ""
 
     def _spin(self, seconds: float) -> None:
@@ -378,7 +380,7 @@ class Robots:
             self._node.spin_once(left)
 
 
-def _scaled(value: Value, scale: float, offset: float) -> Callable[[], float]:
+def _scale(value: Value, scale: float, offset: float) -> Callable[[], float]:
     return lambda: value.number * scale + offset
 
 
@@ -386,28 +388,28 @@ def _topic(topic: str, robot: str) -> str:
     return resolve(topic.replace("{robot}", robot.strip("/").replace("/", "_")), namespace_of(robot))
 
 
-def _entry(name: str, place: Mapping[str, Any]) -> SensorMapping:
-    """Return the entry of a metric, whose topic is resolved."""
-    topic, values = place["topic"], {**place, "sensor": name, "topic": "x"}
+def _entry(name: str, field: Mapping[str, Any]) -> SensorMapping:
+    """Return the entry of a metric with a resolved topic."""
+    topic, values = field["topic"], {**field, "sensor": name, "topic": "x"}
     entry = read_mapping({"rate": 1, "sensors": [values], "actuators": []}, [name], []).sensors[0]
-    where = Place(f"metrics.{name}", topic, entry.place.type, entry.place.field)
+    where = TopicField(f"metrics.{name}", topic, entry.place.type, entry.place.field)
     return SensorMapping(**{**vars(entry), "place": where})
 
 
-def _filled(parts: Sequence[Any], values: Mapping[str, Any]) -> str:
-    """Return a word, given its parts: text, or {"name": of a value}."""
+def _fill_word(parts: Sequence[Any], values: Mapping[str, Any]) -> str:
+    """Join the parts of a word, which are text or {"name": name of a value}."""
     return "".join(part if isinstance(part, str) else _plain(values, part["name"]) for part in parts)
 
 
 def _plain(values: Mapping[str, Any], name: str) -> str:
     if name not in values:
         raise Failure(f"simulation.reset.command: {{{name}}}: no parameter has this name")
-    found = values[name]
-    return str(found).lower() if isinstance(found, bool) else str(found)
+    value = values[name]
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _run(words: Sequence[str], seconds: float) -> None:
-    """Run the command that resets."""
+    """Run the reset command."""
     try:
         done = subprocess.run(words, timeout=seconds, stdin=subprocess.DEVNULL, check=False)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What robots sense, step by step: a value counts when it came in the step."""
+"""Topics with values that are read in each step."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import time
 from typing import Any
 
-from .fields import binary32, no_value, number_reader
+from .fields import binary32, describe_missing_value, number_reader
 from .mapping import SensorMapping
 from .middleware import Middleware
 
@@ -15,13 +15,13 @@ class Value:
     """A number on a topic.
 
     Args:
-        name: for messages, such as `sensor left`.
-        entry: which number it is, with its resolved topic.
-        single: whether it is rounded to binary32, as controllers get it.
-        keeps: seconds of a real clock for which a value counts, also in later steps; 0: it must have come in
-            the step, infinite: any counts.
-        otherwise: the value as long as nothing has come; None: something has to come.
-        remedy: what lets a step end before something has come, in words.
+        name: name for messages, such as `sensor left`.
+        entry: the number's field, with its resolved topic.
+        single: whether to round to binary32, the type of a controller's sensors.
+        keeps: seconds of real time for which a value is valid, even in later steps; 0: only in its step,
+            infinite: always.
+        otherwise: the value before the first message; None: a message is required.
+        remedy: how to avoid waiting for messages, in words.
     """
 
     def __init__(
@@ -38,20 +38,20 @@ class Value:
         self.remedy = remedy
         self.number = math.nan if otherwise is None else otherwise
         self.came: float | None = None
-        """When, on a real clock."""
+        """Time of the latest value, on a real clock."""
         self.strange: str | None = None
-        """What came in the step and is not a finite number; empty where a message had no value."""
+        """A value in this step that is not finite; empty if a message had no value."""
         self._read = number_reader(entry)
         self._single = single
 
     def begin(self) -> None:
-        """Begin a step."""
+        """Start a step."""
         self.strange = None
         if not self.keeps:
             self.came = None
 
     def forget(self) -> None:
-        """Begin an episode."""
+        """Start an episode."""
         self.came = self.strange = None
         self.number = math.nan if self._otherwise is None else self._otherwise
 
@@ -65,7 +65,7 @@ class Value:
         self.number, self.came, self.strange = number, now, None
 
     def is_there(self, now: float) -> bool:
-        """Return whether the value counts."""
+        """Return whether the value is valid."""
         if self.came is None:
             return self._otherwise is not None
         return self.keeps == 0.0 or now - self.came <= self.keeps
@@ -78,7 +78,7 @@ class Feed:
         self.topic, self.kind, self._node = topic, kind, node
         self.values: list[Value] = []
         self.count = 0
-        """Messages in the step."""
+        """Number of messages in the step."""
         self._subscription = node.subscribe(topic, kind, self._receive, depth)
 
     def __str__(self) -> str:
@@ -86,13 +86,13 @@ class Feed:
 
     @property
     def remedy(self) -> str:
-        """What lets a step end before something has come, in words."""
-        found = [value.remedy for value in self.values if math.isfinite(value.keeps)]
-        return " and ".join(dict.fromkeys(found))
+        """How to avoid waiting for messages, in words."""
+        remedies = [value.remedy for value in self.values if math.isfinite(value.keeps)]
+        return " and ".join(dict.fromkeys(remedies))
 
     @property
     def needed(self) -> bool:
-        """Whether something has to come."""
+        """Whether a message is required."""
         return not all(value.is_there(math.inf) for value in self.values)
 
     def begin(self) -> None:
@@ -108,34 +108,34 @@ class Feed:
             value.forget()
 
     def publishers(self) -> int:
-        """Return how many publish on the topic."""
+        """Return the number of publishers of the topic."""
         return self._subscription.publishers()
 
     def wrong_type(self) -> str | None:
-        """Return another type that others use the topic with."""
+        """Return a different type with which other nodes use the topic; None if there is none."""
         return next((name for name in self._node.types(self.topic) if name != self.kind), None)
 
     def is_complete(self, messages: int, now: float) -> bool:
-        """Return whether all values count.
+        """Return whether all values are valid.
 
-        messages: as many have to come in the step, unless all values may have come before it.
+        messages: number of messages required in the step, unless values of earlier steps are valid.
         """
         if not all(value.is_there(now) for value in self.values):
             return False
         return self.count >= messages or all(value.keeps for value in self.values)
 
-    def lacking(self, messages: int, now: float, seconds: float) -> str:
-        """Return why it is not complete."""
+    def explain_missing(self, messages: int, now: float, seconds: float) -> str:
+        """Return why the feed is not complete."""
         where = f"{self.topic} ({self.kind})"
-        other = self.wrong_type()
-        if other is not None:
-            return f"{self.topic} has the type {other}, but the definition says {self.kind}"
+        other_type = self.wrong_type()
+        if other_type is not None:
+            return f"{self.topic} has the type {other_type}, but the definition says {self.kind}"
         for value in self.values:
             if value.strange is not None and not value.is_there(now):
-                what = f"{value.strange} came for {seconds:g} s, expected a finite number"
+                problem = f"{value.strange} came for {seconds:g} s, expected a finite number"
                 if not value.strange:
-                    what = f"messages came for {seconds:g} s, but {no_value(value.entry)}"
-                return f"{where}: {value.name}: {what}"
+                    problem = f"messages came for {seconds:g} s, but {describe_missing_value(value.entry)}"
+                return f"{where}: {value.name}: {problem}"
         names = ", ".join(value.name for value in self.values)
         if not self.publishers():
             return f"{where}: no node publishes it; {names} cannot be read"
@@ -154,24 +154,24 @@ class Feed:
 
 
 class Feeds:
-    """All topics that are received, each of them once."""
+    """All received topics, each subscribed once."""
 
     def __init__(self, node: Middleware, messages: int) -> None:
         self._node, self._messages = node, messages
         self.all: list[Feed] = []
 
     def add(self, value: Value) -> Value:
-        """Have a value read."""
-        place = value.entry.place
-        feed = next((subscription for subscription in self.all if subscription.topic == place.topic), None)
+        """Add a value to read; return it."""
+        field = value.entry.place
+        feed = next((subscription for subscription in self.all if subscription.topic == field.topic), None)
         if feed is None:
-            feed = Feed(self._node, place.topic, place.type, max(10, 2 * self._messages))
+            feed = Feed(self._node, field.topic, field.type, max(10, 2 * self._messages))
             self.all.append(feed)
         feed.values.append(value)
         return value
 
     def begin(self) -> None:
-        """Begin a step: what has come before does not count."""
+        """Start a step; earlier messages are ignored."""
         for feed in self.all:
             feed.begin()
 
@@ -181,7 +181,7 @@ class Feeds:
             feed.forget()
 
     def missing(self, messages: int | None = None) -> list[Feed]:
-        """Return the topics of which something is missing in the step."""
+        """Return the topics that are not complete in the step."""
         now = time.monotonic()
-        wanted = self._messages if messages is None else messages
-        return [feed for feed in self.all if not feed.is_complete(wanted, now)]
+        needed_messages = self._messages if messages is None else messages
+        return [feed for feed in self.all if not feed.is_complete(needed_messages, now)]

@@ -1,6 +1,7 @@
-"""Fields of messages as numbers: what can be sensed from a topic and what can be commanded on one.
+"""Numeric fields of messages, for sensors and commands.
 
-Messages are read and written by their attributes, so the same functions serve rospy, rclpy and Cyclone DDS.
+Messages are read and written by attributes, so that the same functions work with rospy, rclpy and Cyclone
+DDS.
 """
 
 from __future__ import annotations
@@ -9,16 +10,16 @@ import math
 import struct
 from typing import Any, Callable, Optional, Sequence, TypeVar
 
-from .mapping import ActuatorMapping, Interval, MappingError, Place, SensorMapping, choice
+from .mapping import ActuatorMapping, Interval, MappingError, SensorMapping, TopicField, choice
 
 Reader = Callable[[Any], Optional[float]]
-"""Returns what a message says about a sensor, None where it says nothing."""
+"""Returns a sensor's value in a message, None if there is none."""
 Writer = Callable[[Any, float], None]
 
 _Use = TypeVar("_Use")
 _DEGREE = math.pi / 180
 _TOLERANCE = 1e-4
-"""Degrees by which rounding may move an angle out of a sector."""
+"""Tolerance in degrees for rounding of an angle at the end of a sector."""
 _LINEAR_ANGULAR = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")
 _POSITION = ("position.x", "position.y", "position.z")
 
@@ -26,42 +27,42 @@ _POSITION = ("position.x", "position.y", "position.z")
 class SameFieldError(MappingError):
     """Two actuators write the same field of a topic; `actuator` is the later one."""
 
-    def __init__(self, actuator: ActuatorMapping, first: Place) -> None:
+    def __init__(self, actuator: ActuatorMapping, first: TopicField) -> None:
         super().__init__(actuator.place.where, f"writes the same field as {first.where}", "field")
         self.actuator = actuator
 
 
 def reader(sensor: SensorMapping) -> Reader:
-    """Return what reads a sensor from a message: a finite number of binary32, or None.
+    """Return a function that reads a sensor from a message: a finite binary32 number, or None.
 
-    Raises MappingError as `number_reader`.
+    Raises MappingError like `number_reader`.
     """
     read = number_reader(sensor)
 
-    def sensed(message: Any) -> float | None:
+    def read_single(message: Any) -> float | None:
         value = read(message)
         return None if value is None else binary32(value)
 
-    return sensed
+    return read_single
 
 
 def number_reader(sensor: SensorMapping) -> Reader:
-    """Return what reads a number of binary64 from a message, which may be NaN or infinite, or None.
+    """Return a function that reads a binary64 number, possibly NaN or infinite, from a message, or None.
 
-    Raises MappingError for a type that is not known, or a field that it does not have.
+    Raises MappingError for an unknown type or field.
     """
-    place = sensor.place
-    if place.type not in READERS:
-        raise _unknown_type(place, list(READERS))
-    return scaled(_field(READERS[place.type], place)[1](sensor), sensor)
+    field = sensor.place
+    if field.type not in READERS:
+        raise _unknown_type(field, list(READERS))
+    return scale_reader(_field(READERS[field.type], field)[1](sensor), sensor)
 
 
-def scaled(read: Reader, sensor: SensorMapping) -> Reader:
-    """Return what reads a number with the sensor's scale, offset and clip."""
+def scale_reader(read: Reader, sensor: SensorMapping) -> Reader:
+    """Return a reader that applies the sensor's scale, offset and clip."""
 
     def number(message: Any) -> float | None:
         value = read(message)
-        return None if value is None else clipped(value * sensor.scale + sensor.offset, sensor.clip)
+        return None if value is None else clip(value * sensor.scale + sensor.offset, sensor.clip)
 
     return number
 
@@ -69,62 +70,62 @@ def scaled(read: Reader, sensor: SensorMapping) -> Reader:
 def writers(
     actuators: Sequence[ActuatorMapping],
 ) -> Callable[[Any, Sequence[float]], None]:
-    """Return what writes the actuators of one topic to a message that has zeros.
+    """Return a function that writes the actuators of a topic to a message of zeros.
 
     Args:
-        actuators: those of the topic, all of one type. What is returned takes all of the controller's.
+        actuators: actuators of the topic, all of the same type. The returned function takes the values of all
+            actuators of the controller.
 
-    Raises MappingError for a type that is not known, or a field that it does not have; SameFieldError for a
-    field that two write.
+    Raises MappingError for an unknown type or field; SameFieldError if two actuators write the same field.
     """
     uses: list[tuple[ActuatorMapping, Writer]] = []
-    first: dict[str, Place] = {}
+    first: dict[str, TopicField] = {}
     for actuator in actuators:
-        place = actuator.place
-        if place.type not in WRITERS:
-            raise _unknown_type(place, list(WRITERS))
-        name, write = _field(WRITERS[place.type], place)
+        field = actuator.place
+        if field.type not in WRITERS:
+            raise _unknown_type(field, list(WRITERS))
+        name, write = _field(WRITERS[field.type], field)
         if name in first:
             raise SameFieldError(actuator, first[name])
-        first[name] = place
+        first[name] = field
         uses.append((actuator, write))
 
-    def written(message: Any, values: Sequence[float]) -> None:
+    def write_all(message: Any, values: Sequence[float]) -> None:
         for actuator, write in uses:
             value = _total(values, actuator)
-            write(message, clipped(value * actuator.scale + actuator.offset, actuator.limits))
+            write(message, clip(value * actuator.scale + actuator.offset, actuator.limits))
 
-    return written
+    return write_all
 
 
 def _total(values: Sequence[float], actuator: ActuatorMapping) -> float:
-    """Return the weighted sum of actuators, added one after the other."""
+    """Return the weighted sum of actuators, added in order."""
     total = 0.0
     for index, weight in actuator.terms:
         total += weight * values[index]
     return total
 
 
-def no_value(sensor: SensorMapping) -> str:
-    """Return what is said of messages that have nothing for a sensor."""
+def describe_missing_value(sensor: SensorMapping) -> str:
+    """Return a description of messages without a value for a sensor."""
     within = "" if sensor.sector is None else " within [{:g}, {:g}] degrees".format(*sensor.sector)
     return f"none has a usable value{within}"
 
 
-def stamped(kind: str) -> bool:
-    """Return whether messages of a type begin with a header that has the time."""
+def has_stamp(kind: str) -> bool:
+    """Return whether messages of a type have a header with a time."""
     return kind == "geometry_msgs/TwistStamped"
 
 
-def clipped(value: float, interval: Interval | None) -> float:
-    """Return a value within an interval; NaN remains NaN."""
+def clip(value: float, interval: Interval | None) -> float:
+    """Clip a value to an interval; NaN stays NaN."""
     if interval is None or math.isnan(value):
         return value
     return min(max(value, interval[0]), interval[1])
 
 
 def binary32(value: float) -> float | None:
-    """Return a number rounded to binary32; None for one that is not finite, or is not when it is rounded."""
+    """Round a number to binary32; return None if it is not finite before or after rounding."""
     try:
         (rounded,) = struct.unpack("f", struct.pack("f", value))
     except OverflowError:
@@ -132,26 +133,26 @@ def binary32(value: float) -> float | None:
     return float(rounded) if math.isfinite(rounded) else None
 
 
-def _field(fields: dict[str, _Use], place: Place) -> tuple[str, _Use]:
-    """Return a field's name and its use; where a type has only one, the mapping need not name it."""
-    if not place.field and len(fields) == 1:
+def _field(fields: dict[str, _Use], field: TopicField) -> tuple[str, _Use]:
+    """Return a field's name and its function; the mapping need not name the only field of a type."""
+    if not field.field and len(fields) == 1:
         return next(iter(fields.items()))
-    if place.field in fields:
-        return place.field, fields[place.field]
-    what = f"'{place.field}' is not in {place.type}" if place.field else "is missing"
-    raise MappingError(place.where, f"field {what}; expected {choice(sorted(fields))}", "field")
+    if field.field in fields:
+        return field.field, fields[field.field]
+    problem = f"'{field.field}' is not in {field.type}" if field.field else "is missing"
+    raise MappingError(field.where, f"field {problem}; expected {choice(sorted(fields))}", "field")
 
 
-def _unknown_type(place: Place, known: list[str]) -> MappingError:
-    reason = f"the type '{place.type}' is not known here; expected {choice(known)}"
-    return MappingError(place.where, reason, "type")
+def _unknown_type(field: TopicField, types: list[str]) -> MappingError:
+    reason = f"the type '{field.type}' is not known here; expected {choice(types)}"
+    return MappingError(field.where, reason, "type")
 
 
 def _range(value: float, smallest: float, largest: float, sensor: SensorMapping) -> float | None:
-    """Return a range as REP 117 defines it; None for what is not a measurement.
+    """Return a range as defined by REP 117; None if it is not a measurement.
 
-    Beyond the largest nothing is seen, minus infinity is too close to be measured; NaN and other numbers
-    below the smallest are no measurements. A largest range of 0 is not known.
+    Beyond the largest range, nothing is detected; minus infinity is too close to be measured; NaN and other
+    numbers below the smallest range are not measurements. A largest range of 0 is unknown.
     """
     limited = largest > 0 and math.isfinite(largest)
     if value == -math.inf:
@@ -165,17 +166,17 @@ def _range(value: float, smallest: float, largest: float, sensor: SensorMapping)
     return value
 
 
-def _within(angle: float, sector: Interval) -> bool:
-    """Return whether an angle lies in a sector, in degrees, whatever turns they count from.
+def _is_within(angle: float, sector: Interval) -> bool:
+    """Return whether an angle lies in a sector, in degrees, modulo full turns.
 
-    Ends belong to it, and so does what rounding moved beyond them.
+    The sector includes its ends, with a tolerance for rounding.
     """
     begin = angle - sector[0] + _TOLERANCE
     return begin - 360 * math.floor(begin / 360) <= sector[1] - sector[0] + 2 * _TOLERANCE
 
 
 def _scan(sensor: SensorMapping) -> Reader:
-    """Return what reads the smallest range of a sector, or the mean, summed in the order of the message."""
+    """Return a reader of the smallest range of a sector, or the mean, summed in the message's order."""
     last: tuple[object, Sequence[int]] = (None, ())
 
     def beams(scan: Any, count: int) -> Sequence[int]:
@@ -205,7 +206,7 @@ def _scan(sensor: SensorMapping) -> Reader:
 
 
 def _sees(angle: float, sector: Interval) -> bool:
-    return math.isfinite(angle) and _within(angle, sector)
+    return math.isfinite(angle) and _is_within(angle, sector)
 
 
 def _sonar(sensor: SensorMapping) -> Reader:
@@ -245,7 +246,7 @@ def _setter(path: str) -> Writer:
 
 
 def _single(message: Any, value: float) -> None:
-    """Write to a field of binary32, which has no number beyond its largest but infinity."""
+    """Write to a binary32 field; larger numbers become infinity."""
     message.data = math.copysign(math.inf, value) if binary32(value) is None else value
 
 
@@ -268,13 +269,13 @@ READERS: dict[str, dict[str, Callable[[SensorMapping], Reader]]] = {
     "std_msgs/Float32": _numbers("", ["data"]),
     "std_msgs/Float64": _numbers("", ["data"]),
 }
-"""By type and field, what makes a reader for a sensor."""
+"""Type -> field -> function that makes a reader for a sensor."""
 
 STATES: dict[str, Callable[[SensorMapping], Reader]] = {
     **_pose("pose."),
     **_numbers("twist.", _LINEAR_ANGULAR),
 }
-"""By field, what makes a reader for an entity's state, of `simulation_interfaces`."""
+"""Field -> function that makes a reader for an entity's state, of `simulation_interfaces`."""
 
 WRITERS: dict[str, dict[str, Writer]] = {
     "geometry_msgs/Twist": {name: _setter(name) for name in _LINEAR_ANGULAR},
@@ -282,4 +283,4 @@ WRITERS: dict[str, dict[str, Writer]] = {
     "std_msgs/Float32": {"data": _single},
     "std_msgs/Float64": {"data": _setter("data")},
 }
-"""By type and field, what writes a command."""
+"""Type -> field -> function that writes a command."""

@@ -1,4 +1,4 @@
-"""What mapping.yaml says: which field of which topic is which sensor or actuator of a controller."""
+"""The mapping of an exported package, mapping.yaml, from fields of topics to sensors and actuators."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import Callable, Container, Sequence, Tuple
 Interval = Tuple[float, float]
 
 _EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")
-"""A number that YAML 1.1, which ROS 1 reads, takes for text."""
+"""A number that YAML 1.1, as in ROS 1, reads as text."""
 
 _LARGEST = 3.4028234663852886e38
-"""Of the numbers of binary32, which controllers get."""
+"""Largest number of binary32, the type of a controller's sensors."""
 
 
 class MappingError(ValueError):
-    """A mistake in the mapping: where it is and how to repair it.
+    """A mistake in the mapping.
 
     Args:
-        where: its place, `sensors[0] (goal x)`.
-        reason: what is wrong.
-        key: that is wrong; empty where it is the entry as a whole.
+        where: its location, `sensors[0] (goal x)`.
+        reason: the problem, with a remedy.
+        key: the key with the mistake; empty for the whole entry.
     """
 
     def __init__(self, where: str, reason: str, key: str = "") -> None:
@@ -32,51 +32,51 @@ class MappingError(ValueError):
 
 
 @dataclass(frozen=True)
-class Place:
-    """A number on a topic."""
+class TopicField:
+    """A numeric field of a topic's messages."""
 
     where: str
-    """Its place in the mapping, for messages: `sensors[0] (goal x)`."""
+    """Its location in the mapping, for messages: `sensors[0] (goal x)`."""
     topic: str
     type: str
-    """Package and name, in the short spelling: `geometry_msgs/Twist`."""
+    """Package and name, in the short form: `geometry_msgs/Twist`."""
     field: str
-    """Empty where the mapping names none."""
+    """Empty if the mapping does not name it."""
 
 
 @dataclass(frozen=True)
 class SensorMapping:
     """A sensor is `clip(value * scale + offset)` in binary64, then rounded to binary32."""
 
-    place: Place
-    """Without a topic where the value has another source."""
+    place: TopicField
+    """Without a topic if the value has another source."""
     scale: float
     offset: float
     clip: Interval | None
     timeout: float
-    """Seconds after which a sensor from which nothing has come is silent."""
+    """Seconds without a message after which a sensor is silent."""
     infinite: float | None = None
-    """The value where nothing is in range. None: the largest range that the message names."""
+    """The value if nothing is in range. None: the largest range in the message."""
     sector: Interval | None = None
-    """Of a laser scan, in degrees, counter-clockwise from straight ahead. None: all of it."""
+    """Sector of a laser scan, in degrees, counter-clockwise from straight ahead. None: the whole scan."""
     mean: bool = False
-    """Of the ranges in the sector, instead of the smallest."""
+    """Whether to use the mean of the ranges in the sector instead of the smallest."""
     random: bool = False
-    """A new number from 0 to 1 in each cycle."""
+    """Whether the value is a new random number from 0 to 1 in each cycle."""
     seed: int | None = None
-    """Of these numbers. None: another one at each start."""
+    """Seed of the random numbers. None: a different one at each start."""
     constant: float | None = None
-    """The value in every cycle, of a sensor that the robot lacks. None: it has another source."""
+    """Constant value, for a sensor that the robot lacks. None: the value has another source."""
 
 
 @dataclass(frozen=True)
 class ActuatorMapping:
-    """What is written to the field is `limits(sum * scale + offset)`, in binary64.
+    """The value `limits(sum * scale + offset)` is written to the field, in binary64.
 
     The sum is that of weight * actuator over the terms.
     """
 
-    place: Place
+    place: TopicField
     scale: float
     offset: float
     limits: Interval | None
@@ -86,7 +86,7 @@ class ActuatorMapping:
 
 @dataclass(frozen=True)
 class Mapping:
-    """Topics of a robot, for a controller."""
+    """The mapping between topics of a robot and a controller."""
 
     rate: float
     """Control cycles per second."""
@@ -98,12 +98,12 @@ class Mapping:
 
 
 def read_mapping(value: object, sensors: Sequence[str], actuators: Sequence[str]) -> Mapping:
-    """Return what a mapping says.
+    """Parse a mapping.
 
     Args:
         value: the content of mapping.yaml, as plain values.
-        sensors: the controller's sensors, by name.
-        actuators: its actuators, by name.
+        sensors: names of the controller's sensors.
+        actuators: names of its actuators.
 
     Raises MappingError for the first mistake.
     """
@@ -122,25 +122,25 @@ def read_mapping(value: object, sensors: Sequence[str], actuators: Sequence[str]
     return mapping
 
 
-def resolved(mapping: Mapping, resolve: Callable[[str], str]) -> Mapping:
-    """Return a mapping with topics by their full names: `/robot_1/scan`.
+def resolve_topics(mapping: Mapping, resolve: Callable[[str], str]) -> Mapping:
+    """Return a mapping with full names of topics: `/robot_1/scan`.
 
-    Raises MappingError for what is no name, for which `resolve` raises ValueError.
+    Raises MappingError for an invalid name, for which `resolve` raises ValueError.
     """
 
-    def full(place: Place) -> Place:
+    def resolve_field(field: TopicField) -> TopicField:
         try:
-            return replace(place, topic=resolve(place.topic))
+            return replace(field, topic=resolve(field.topic))
         except ValueError as error:
-            raise MappingError(place.where, f"topic '{place.topic}': {error}", "topic") from None
+            raise MappingError(field.where, f"topic '{field.topic}': {error}", "topic") from None
 
     return replace(
         mapping,
         sensors=[
-            replace(sensor, place=full(sensor.place)) if sensor.place.topic else sensor
+            replace(sensor, place=resolve_field(sensor.place)) if sensor.place.topic else sensor
             for sensor in mapping.sensors
         ],
-        actuators=[replace(actuator, place=full(actuator.place)) for actuator in mapping.actuators],
+        actuators=[replace(actuator, place=resolve_field(actuator.place)) for actuator in mapping.actuators],
     )
 
 
@@ -152,15 +152,15 @@ def choice(words: Sequence[str]) -> str:
 
 
 def short_type(name: str) -> str:
-    """Return a type of messages or services in the short spelling: `geometry_msgs/Twist`."""
+    """Return a type of messages or services in the short form: `geometry_msgs/Twist`."""
     parts = name.split("/")
     if len(parts) == 3 and parts[1] in ("msg", "srv"):
         return f"{parts[0]}/{parts[2]}"
     return name
 
 
-def shown(value: object) -> str:
-    """Return a value as messages repeat it."""
+def format_value(value: object) -> str:
+    """Return a value as text for messages."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -171,33 +171,35 @@ def shown(value: object) -> str:
         except OverflowError:
             return str(value)
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {shown(item)}" for key, item in _sorted(value).items()) + "}"
+        return (
+            "{" + ", ".join(f"{key}: {format_value(item)}" for key, item in _sort_keys(value).items()) + "}"
+        )
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(shown, value)) + "]"
+        return "[" + ", ".join(map(format_value, value)) + "]"
     return f"'{value}'" if isinstance(value, str) else str(value)
 
 
-def _sorted(value: dict[object, object]) -> dict[str, object]:
-    named = {key if isinstance(key, str) else shown(key): item for key, item in value.items()}
+def _sort_keys(value: dict[object, object]) -> dict[str, object]:
+    named = {key if isinstance(key, str) else format_value(key): item for key, item in value.items()}
     return {key: named[key] for key in sorted(named)}
 
 
 class _Block:
-    """One block of the mapping: its keys are asked for, and those that were not asked for are mistakes."""
+    """A block of the mapping; keys that were not read are mistakes."""
 
     def __init__(self, where: str, value: object) -> None:
         self.where = where
-        self._known: list[str] = []
+        self._keys: list[str] = []
         if not isinstance(value, dict):
             raise self.mistake("expected keys and values")
-        self._value = _sorted(value)
+        self._value = _sort_keys(value)
 
     def mistake(self, reason: str, key: str = "") -> MappingError:
         return MappingError(self.where, reason, key)
 
     def has(self, key: str) -> bool:
-        if key not in self._known:
-            self._known.append(key)
+        if key not in self._keys:
+            self._keys.append(key)
         return key in self._value
 
     def get(self, key: str) -> object:
@@ -208,7 +210,7 @@ class _Block:
     def text(self, key: str) -> str:
         value = self.get(key)
         if not isinstance(value, str):
-            raise self.mistake(f"{key}: {shown(value)} found, expected text", key)
+            raise self.mistake(f"{key}: {format_value(value)} found, expected text", key)
         if not value:
             raise self.mistake(f"{key} is empty", key)
         return value
@@ -219,13 +221,13 @@ class _Block:
     def single(self, key: str) -> float:
         value = self._finite(key, self.get(key))
         if abs(value) > _LARGEST:
-            raise self.mistake(f"{key}: {shown(value)} found, expected at most 3.4e38", key)
+            raise self.mistake(f"{key}: {format_value(value)} found, expected at most 3.4e38", key)
         return value
 
     def positive(self, key: str, otherwise: float) -> float:
         value = self.number(key, otherwise)
         if not value > 0:
-            raise self.mistake(f"{key}: {shown(value)} found, expected more than 0", key)
+            raise self.mistake(f"{key}: {format_value(value)} found, expected more than 0", key)
         return value
 
     def flag(self, key: str) -> bool:
@@ -233,11 +235,11 @@ class _Block:
             return False
         value = self._value[key]
         if not isinstance(value, bool):
-            raise self.mistake(f"{key}: {shown(value)} found, expected true or false", key)
+            raise self.mistake(f"{key}: {format_value(value)} found, expected true or false", key)
         return value
 
     def interval(self, key: str, turn: float = 0.0) -> Interval | None:
-        """Return two numbers; turn: after which the same directions come again, 0 for other numbers."""
+        """Return two numbers; turn: a full turn for directions, 0 for other numbers."""
         if not self.has(key):
             return None
         value = self._value[key]
@@ -247,7 +249,7 @@ class _Block:
         if not low < high:
             remedy = ""
             if high < low < high + turn:
-                remedy = f"; write {shown([low - turn, high])} or {shown([low, high + turn])}"
+                remedy = f"; write {format_value([low - turn, high])} or {format_value([low, high + turn])}"
             raise self.mistake(f"{key}: the first number must be below the second{remedy}", key)
         return low, high
 
@@ -255,10 +257,11 @@ class _Block:
         value = self.get(key)
         if not isinstance(value, dict) or not value:
             raise self.mistake(
-                f"{key}: {shown(value)} found, expected weights by name, such as {{left: 0.5, right: 0.5}}",
+                f"{key}: {format_value(value)} found, expected weights by name, such as "
+                f"{{left: 0.5, right: 0.5}}",
                 key,
             )
-        return {name: self._finite(f"{key}.{name}", weight) for name, weight in _sorted(value).items()}
+        return {name: self._finite(f"{key}.{name}", weight) for name, weight in _sort_keys(value).items()}
 
     def seed(self, key: str) -> int | None:
         if not self.has(key):
@@ -266,18 +269,18 @@ class _Block:
         value = self.number(key, 0)
         if not (0 <= value < 2**53 and value == math.floor(value)):
             raise self.mistake(
-                f"{key}: {shown(self.get(key))} found, expected a whole number from 0 to 2^53 - 1",
+                f"{key}: {format_value(self.get(key))} found, expected a whole number from 0 to 2^53 - 1",
                 key,
             )
         return int(value)
 
     def no_others(self) -> None:
         for key in self._value:
-            if key not in self._known:
-                raise self.mistake(f"unknown key '{key}'; expected {choice(self._known)}")
+            if key not in self._keys:
+                raise self.mistake(f"unknown key '{key}'; expected {choice(self._keys)}")
 
     def _finite(self, key: str, value: object) -> float:
-        number, what = math.nan, "found"
+        number, problem = math.nan, "found"
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             try:
                 number = float(value)
@@ -286,55 +289,55 @@ class _Block:
         elif isinstance(value, str) and _EXPONENT.fullmatch(value):
             number = float(value)
         elif isinstance(value, str):
-            what = "is text"
+            problem = "is text"
         if not math.isfinite(number):
-            raise self.mistake(f"{key}: {shown(value)} {what}, expected a number", key)
+            raise self.mistake(f"{key}: {format_value(value)} {problem}, expected a number", key)
         return number
 
 
-def _place(block: _Block) -> Place:
+def _read_field(block: _Block) -> TopicField:
     topic, kind = block.text("topic"), block.text("type")
-    return Place(block.where, topic, short_type(kind), block.text("field") if block.has("field") else "")
+    return TopicField(block.where, topic, short_type(kind), block.text("field") if block.has("field") else "")
 
 
 def _sensor(block: _Block, timeout: float) -> SensorMapping:
     if block.has("source"):
         source = block.text("source")
-        nowhere = Place(block.where, "", "", "")
+        nowhere = TopicField(block.where, "", "", "")
         if source == "constant":
             return SensorMapping(nowhere, 1, 0, None, timeout, constant=block.single("value"))
         if source != "random":
             raise block.mistake(f"source: '{source}' found, expected random or constant", "source")
         return SensorMapping(nowhere, 1, 0, None, timeout, random=True, seed=block.seed("seed"))
-    found = SensorMapping(
-        place=_place(block),
+    sensor = SensorMapping(
+        place=_read_field(block),
         scale=block.number("scale", 1),
         offset=block.number("offset", 0),
         clip=block.interval("clip"),
         timeout=block.positive("timeout", timeout),
     )
-    if found.place.type == "sensor_msgs/LaserScan":
+    if sensor.place.type == "sensor_msgs/LaserScan":
         sector = block.interval("sector", turn=360)
         reduce = block.text("reduce") if block.has("reduce") else "min"
         if reduce not in ("min", "mean"):
             raise block.mistake(f"reduce: '{reduce}' found, expected min or mean", "reduce")
-        found = replace(found, sector=sector, mean=reduce == "mean")
-    if found.place.type in ("sensor_msgs/LaserScan", "sensor_msgs/Range") and block.has("infinite"):
-        found = replace(found, infinite=block.number("infinite", 0))
-    return found
+        sensor = replace(sensor, sector=sector, mean=reduce == "mean")
+    if sensor.place.type in ("sensor_msgs/LaserScan", "sensor_msgs/Range") and block.has("infinite"):
+        sensor = replace(sensor, infinite=block.number("infinite", 0))
+    return sensor
 
 
 def _actuator(block: _Block, terms: tuple[tuple[int, float], ...]) -> ActuatorMapping:
     return ActuatorMapping(
         terms=terms,
-        place=_place(block),
+        place=_read_field(block),
         scale=block.number("scale", 1),
         offset=block.number("offset", 0),
         limits=block.interval("limits"),
     )
 
 
-def _listed(mapping: _Block, kind: str) -> Sequence[object]:
+def _get_list(mapping: _Block, kind: str) -> Sequence[object]:
     listed = mapping.get(f"{kind}s")
     if not isinstance(listed, (list, tuple)):
         raise mapping.mistake(f"{kind}s: expected a list, each entry begun by '- '")
@@ -354,9 +357,9 @@ def _check_all(kind: str, names: Sequence[str], used: Container[int]) -> None:
 
 
 def _sensors(mapping: _Block, names: Sequence[str], timeout: float) -> list[SensorMapping]:
-    """Return entries that name the controller's sensors, in the controller's order."""
+    """Return the entries of all sensors, in the controller's order."""
     sensors: dict[int, SensorMapping] = {}
-    for number, value in enumerate(_listed(mapping, "sensor")):
+    for number, value in enumerate(_get_list(mapping, "sensor")):
         block = _Block(f"sensors[{number}]", value)
         name = block.text("sensor")
         index = _index(block, "sensor", names, name)
@@ -370,11 +373,11 @@ def _sensors(mapping: _Block, names: Sequence[str], timeout: float) -> list[Sens
 
 
 def _actuators(mapping: _Block, names: Sequence[str]) -> list[ActuatorMapping]:
-    """Return entries that name one of the controller's actuators, or several with their weights."""
+    """Return the entries, each for a single actuator or for several with weights."""
     actuators: list[ActuatorMapping] = []
     used: set[int] = set()
     alone: set[int] = set()
-    for number, value in enumerate(_listed(mapping, "actuator")):
+    for number, value in enumerate(_get_list(mapping, "actuator")):
         block = _Block(f"actuators[{number}]", value)
         is_sum = block.has("actuators")
         weights = block.weights("actuators") if is_sum else {block.text("actuator"): 1.0}

@@ -1,12 +1,12 @@
-"""What a node needs from ROS, whichever it is: topics, services, a clock.
+"""Common interface of a node in ROS 1 and ROS 2: topics, services, a clock.
 
-Types have their short spelling, `geometry_msgs/Twist`; names are resolved in the node's namespace. Callbacks
-and handlers run in the thread that calls `spin_once` or `Client.call`, and in no other; neither of the two is
-called from within a callback. A subscription keeps the latest message alone unless a greater depth is
-asked for: a node that is late reads what is true now.
+Types have the short form, `geometry_msgs/Twist`; names are resolved in the node's namespace. Callbacks and
+handlers run only in the thread that calls `spin_once` or `Client.call`, which must not be called from a
+callback. A subscription keeps only the latest message unless its depth is greater, so that a late node reads
+current values.
 
-In ROS 2, subscriptions are best effort and volatile, which every publisher can serve, unless they are asked
-to be reliable, and publishers are reliable and volatile, which every such subscription takes.
+In ROS 2, subscriptions are best effort and volatile by default, which is compatible with every publisher;
+publishers are reliable and volatile.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, Callable, Protocol, Sequence
 
 
 class MiddlewareError(Exception):
-    """The middleware cannot do it; the message says what, on which topic or service, and how to repair it."""
+    """An operation of the middleware failed; the message has the topic or service and a remedy."""
 
 
 class Publisher(Protocol):
@@ -28,24 +28,24 @@ class Publisher(Protocol):
         """Send a message."""
 
     def listeners(self) -> int:
-        """Return how many subscriptions receive it, as far as they have been discovered."""
+        """Return the number of subscriptions that have been discovered."""
 
 
 class Subscription(Protocol):
     """A topic that is received."""
 
     def publishers(self) -> int:
-        """Return how many publish on it, as far as they have been discovered."""
+        """Return the number of publishers that have been discovered."""
 
     def close(self) -> None:
-        """Receive no more."""
+        """Unsubscribe."""
 
 
 class Client(Protocol):
     """A service of another node."""
 
     def available(self) -> bool:
-        """Return whether a server offers it, as far as that has been discovered."""
+        """Return whether a server has been discovered."""
 
     def request(self) -> Any:
         """Return a request with the defaults of its definition, nearly always zeros."""
@@ -53,10 +53,10 @@ class Client(Protocol):
     def call(self, request: Any, timeout: float) -> Any:
         """Return the response; callbacks of topics run meanwhile.
 
-        timeout: seconds, for the service to be discovered and for its answer together.
+        timeout: seconds for discovery and answer together.
 
         Raises:
-            TimeoutError: no server offers the service, or no answer came; the message says which.
+            TimeoutError: no server offers the service, or no answer came.
             MiddlewareError: the service failed.
         """
 
@@ -65,7 +65,7 @@ class Middleware(Protocol):
     """A node in the graph."""
 
     def resolve(self, name: str) -> str:
-        """Return the full name of a topic or service. Raises ValueError with what is wrong."""
+        """Return the full name of a topic or service. Raises ValueError with the reason."""
 
     def subscribe(
         self,
@@ -76,10 +76,10 @@ class Middleware(Protocol):
         *,
         reliable: bool = False,
     ) -> Subscription:
-        """Have messages of a topic passed to a function.
+        """Subscribe to a topic; callback: called with each message.
 
-        reliable: none is lost, as it must be where each of them asks for something, also from a publisher
-            that has just come; publishers that are best effort are not heard then.
+        reliable: whether no message may be lost, even from a publisher that has just started, as for
+            commands; best-effort publishers are then not received.
 
         Raises MiddlewareError for an unknown type.
         """
@@ -87,50 +87,50 @@ class Middleware(Protocol):
     def publisher(self, topic: str, kind: str, depth: int = 1) -> Publisher:
         """Advertise a topic.
 
-        depth: messages that are kept for subscriptions that are late.
+        depth: messages that are kept for late subscriptions.
 
         Raises MiddlewareError for an unknown type.
         """
 
     def client(self, service: str, kind: str) -> Client:
-        """Return what calls a service. Raises MiddlewareError for an unknown type."""
+        """Return a client for a service. Raises MiddlewareError for an unknown type."""
 
     def service(self, name: str, kind: str, handler: Callable[[Any, Any], None]) -> None:
-        """Offer a service; the handler gets the request and an empty response, which it fills in.
+        """Offer a service; handler: called with the request and an empty response, which it fills in.
 
         Raises MiddlewareError for an unknown type.
         """
 
     def new(self, kind: str) -> Any:
-        """Return a message with the defaults of its definition, to be put into others."""
+        """Return a message with the defaults of its definition, for use in other messages."""
 
     def types(self, topic: str) -> Sequence[str]:
-        """Return the types with which other nodes use a topic, as far as known, in short spelling."""
+        """Return the types with which other nodes are known to use a topic, in the short form."""
 
     def spin_once(self, timeout: float) -> None:
-        """Run the callbacks of what has come; where nothing has, wait for it.
+        """Run the callbacks of received messages; if there are none, wait for them.
 
-        timeout: seconds of a real clock, at most 0.1 of which are waited, so that signals are seen.
+        timeout: seconds of real time, limited to 0.1 so that signals are handled.
         """
 
     def now(self) -> float:
-        """Return seconds of a clock that never jumps; with simulated time those of `/clock`, 0 before it."""
+        """Return seconds of a monotonic clock; with simulated time those of `/clock`, 0 before its start."""
 
     def stamp(self, header: Any) -> None:
-        """Write the time of ROS to a header."""
+        """Write ROS time to a header."""
 
     def say(self, level: str, text: str) -> None:
-        """Log a line: level is `info`, `warning` or `error`."""
+        """Log a line; level: `info`, `warning` or `error`."""
 
-    def before_end(self, function: Callable[[], None]) -> None:
-        """Have a function called when the node is told to end from outside, as long as it can publish.
+    def on_shutdown(self, function: Callable[[], None]) -> None:
+        """Set a function to call when the node is shut down from outside, while it can still publish.
 
-        Only ROS 1 does that: `rosnode kill`, or another node of the name. It is called in another thread,
-        and then this one can publish no more.
+        This happens only in ROS 1: `rosnode kill`, or another node with the same name. The function is called
+        in another thread, and this thread can no longer publish.
         """
 
-    def ended(self) -> bool:
-        """Return whether the node was told to end by the middleware."""
+    def has_ended(self) -> bool:
+        """Return whether the middleware has shut the node down."""
 
     def close(self) -> None:
-        """Leave the graph, after what was published has been sent."""
+        """Leave the graph after published messages have been sent."""

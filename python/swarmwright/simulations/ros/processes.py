@@ -1,4 +1,4 @@
-"""The simulator that is started with its robots, and in ROS 1 a master for it."""
+"""Starts and ends a simulator, and in ROS 1 its master."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from typing import Sequence
 from urllib.parse import urlparse
 
 _PATIENCE_S = 1.0
-"""Seconds that it has to end when it is asked to, as on Ctrl-C."""
+"""Seconds that processes have to end after SIGINT."""
 
 
 class ProcessError(Exception):
-    """A process cannot be started, or has ended; the message says which and why."""
+    """A process cannot be started, or has ended."""
 
 
 class Simulator:
-    """Processes that run as long as the robots are connected.
+    """Processes that run while the robots are connected.
 
     Args:
-        command: starts the simulator.
-        master: whether it needs a master of ROS 1, on the port of ROS_MASTER_URI.
+        command: command that starts the simulator.
+        master: whether to start a ROS 1 master on the port of ROS_MASTER_URI.
 
-    Raises ProcessError when one cannot be started.
+    Raises ProcessError if a process cannot be started.
     """
 
     def __init__(self, command: Sequence[str], *, master: bool) -> None:
@@ -50,7 +50,7 @@ class Simulator:
         self._processes.append((f"{name}: {command[0]}", started))
 
     def check(self) -> None:
-        """Raise ProcessError when one has ended."""
+        """Raise ProcessError if a process has ended."""
         for name, process in self._processes:
             status = process.poll()
             if status is not None:
@@ -58,7 +58,7 @@ class Simulator:
                 raise ProcessError(f"{name} has ended ({how})")
 
     def end(self) -> None:
-        """End them: they are asked to, and after a while killed."""
+        """Ask the processes to end, and kill them after a while."""
         for number, patience in ((signal.SIGINT, _PATIENCE_S), (signal.SIGKILL, _PATIENCE_S)):
             for _, process in reversed(self._processes):
                 with suppress(OSError):

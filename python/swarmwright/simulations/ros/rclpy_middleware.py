@@ -20,7 +20,7 @@ class Rclpy:
     """A node of rclpy; see `middleware.Middleware`.
 
     Args:
-        node: an `rclpy.node.Node`, which is destroyed by `close`. Nothing else spins it.
+        node: an `rclpy.node.Node`, which `close` destroys. It must not be spun elsewhere.
     """
 
     def __init__(self, node: Any) -> None:
@@ -31,7 +31,7 @@ class Rclpy:
         self._ended = False
 
     def resolve(self, name: str) -> str:
-        """Return the full name of a topic or service. Raises ValueError with what is wrong."""
+        """Return the full name of a topic or service. Raises ValueError with the reason."""
         return resolve(name, self._node.get_namespace(), self._node.get_name())
 
     def subscribe(
@@ -43,22 +43,24 @@ class Rclpy:
         *,
         reliable: bool = False,
     ) -> _Subscription:
-        """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
+        """Subscribe to a topic. Raises MiddlewareError for an unknown type."""
         full = self.resolve(topic)
         qos = _qos(depth, ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT)
-        made = self._node.create_subscription(_found("msg", kind), full, callback, qos)
-        return _Subscription(self._node, full, made)
+        subscription = self._node.create_subscription(_import_type("msg", kind), full, callback, qos)
+        return _Subscription(self._node, full, subscription)
 
     def publisher(self, topic: str, kind: str, depth: int = 1) -> _Publisher:
         """Advertise a topic. Raises MiddlewareError for an unknown type."""
-        full, made = self.resolve(topic), _found("msg", kind)
+        full, message_class = self.resolve(topic), _import_type("msg", kind)
         qos = _qos(depth, ReliabilityPolicy.RELIABLE)
-        return _Publisher(made, self._node.create_publisher(made, full, qos))
+        return _Publisher(message_class, self._node.create_publisher(message_class, full, qos))
 
     def client(self, service: str, kind: str) -> _Client:
-        """Return what calls a service. Raises MiddlewareError for an unknown type."""
-        full, made = self.resolve(service), _found("srv", kind)
-        return _Client(self, full, short_type(kind), made, self._node.create_client(made, full))
+        """Return a client for a service. Raises MiddlewareError for an unknown type."""
+        full, service_class = self.resolve(service), _import_type("srv", kind)
+        return _Client(
+            self, full, short_type(kind), service_class, self._node.create_client(service_class, full)
+        )
 
     def service(self, name: str, kind: str, handler: Callable[[Any, Any], None]) -> None:
         """Offer a service; the handler fills in the response. Raises MiddlewareError for an unknown type."""
@@ -67,52 +69,52 @@ class Rclpy:
             handler(request, response)
             return response
 
-        self._node.create_service(_found("srv", kind), self.resolve(name), answer)
+        self._node.create_service(_import_type("srv", kind), self.resolve(name), answer)
 
     def new(self, kind: str) -> Any:
-        """Return a message with the defaults of its definition; raises MiddlewareError for no type."""
-        return _found("msg", kind)()
+        """Return a message with default values. Raises MiddlewareError for an unknown type."""
+        return _import_type("msg", kind)()
 
     def types(self, topic: str) -> Sequence[str]:
         """Return the types with which other nodes use a topic, as far as they have been discovered."""
         full = self.resolve(topic)
-        own = (self._node.get_name(), self._node.get_namespace())
-        found: list[Any] = [
+        own_name = (self._node.get_name(), self._node.get_namespace())
+        endpoints: list[Any] = [
             *self._node.get_publishers_info_by_topic(full),
             *self._node.get_subscriptions_info_by_topic(full),
         ]
-        others = {
+        types_ = {
             publisher.topic_type
-            for publisher in found
-            if (publisher.node_name, publisher.node_namespace) != own
+            for publisher in endpoints
+            if (publisher.node_name, publisher.node_namespace) != own_name
         }
-        return sorted(map(short_type, others))
+        return sorted(map(short_type, types_))
 
     def service_types(self, service: str) -> Sequence[str]:
         """Return the types with which other nodes offer a service, as far as they have been discovered."""
-        known = dict(self._node.get_service_names_and_types())
-        return sorted(map(short_type, known.get(self.resolve(service), ())))
+        types_by_service = dict(self._node.get_service_names_and_types())
+        return sorted(map(short_type, types_by_service.get(self.resolve(service), ())))
 
     def spin_once(self, timeout: float) -> None:
-        """Run the callback of something that has come; where nothing has, wait for it, for 0.1 s at most."""
+        """Run the callback of a received message; if there is none, wait for one, for at most 0.1 s."""
         try:
             self._executor.spin_once(timeout_sec=max(0.0, min(timeout, _SLICE_S)))
         except ExternalShutdownException:
             self._ended = True
 
     def now(self) -> float:
-        """Return seconds of a clock that never jumps; with simulated time those of `/clock`."""
+        """Return seconds of a monotonic clock, or with simulated time of `/clock`."""
         if not self._use_sim_time:
             return time.monotonic()
         return float(self._node.get_clock().now().nanoseconds) * 1e-9
 
     def stamp(self, header: Any) -> None:
-        """Write the time of ROS to a header."""
+        """Write ROS time to a header."""
         header.stamp = self._node.get_clock().now().to_msg()
 
     def say(self, level: str, text: str) -> None:
         """Log a line."""
-        # Each place in the source has one level: rclpy refuses a second one.
+        # rclpy refuses different levels in the same line of source.
         if level == "error":
             self._node.get_logger().error(text)
         elif level == "warning":
@@ -120,16 +122,16 @@ class Rclpy:
         else:
             self._node.get_logger().info(text)
 
-    def before_end(self, function: Callable[[], None]) -> None:
-        """Do nothing: ROS 2 ends no node from outside."""
+    def on_shutdown(self, function: Callable[[], None]) -> None:
+        """Do nothing, as ROS 2 does not shut nodes down from outside."""
 
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         """Return whether ROS was shut down."""
         return self._ended or not self._node.context.ok()
 
     def close(self) -> None:
-        """Leave the graph, a tenth of a second after the last message, so that it is sent."""
-        if not self.ended():
+        """Leave the graph after 0.1 s, so that the last message is sent."""
+        if not self.has_ended():
             time.sleep(_SLICE_S)
         self._executor.remove_node(self._node)
         self._executor.shutdown()
@@ -139,8 +141,8 @@ class Rclpy:
 class _Subscription:
     """A topic that is received."""
 
-    def __init__(self, node: Any, name: str, made: Any) -> None:
-        self._node, self._name, self._made = node, name, made
+    def __init__(self, node: Any, name: str, subscription: Any) -> None:
+        self._node, self._name, self._subscription = node, name, subscription
 
     def publishers(self) -> int:
         """Return how many publish on it."""
@@ -148,14 +150,14 @@ class _Subscription:
 
     def close(self) -> None:
         """Receive no more."""
-        self._node.destroy_subscription(self._made)
+        self._node.destroy_subscription(self._subscription)
 
 
 class _Publisher:
     """A topic that is published on."""
 
-    def __init__(self, kind: Any, made: Any) -> None:
-        self._type, self._made = kind, made
+    def __init__(self, kind: Any, publisher: Any) -> None:
+        self._type, self._publisher = kind, publisher
 
     def new(self) -> Any:
         """Return a message with the defaults of its definition."""
@@ -163,22 +165,22 @@ class _Publisher:
 
     def publish(self, message: Any) -> None:
         """Send a message."""
-        self._made.publish(message)
+        self._publisher.publish(message)
 
     def listeners(self) -> int:
         """Return how many subscriptions receive it."""
-        return int(self._made.get_subscription_count())
+        return int(self._publisher.get_subscription_count())
 
 
 class _Client:
     """A service of another node."""
 
-    def __init__(self, node: Rclpy, name: str, kind: str, made_of: Any, made: Any) -> None:
-        self._node, self._name, self._kind, self._type, self._made = node, name, kind, made_of, made
+    def __init__(self, node: Rclpy, name: str, kind: str, service_class: Any, client: Any) -> None:
+        self._node, self._name, self._kind, self._type, self._client = node, name, kind, service_class, client
 
     def available(self) -> bool:
         """Return whether a server offers it."""
-        return bool(self._made.service_is_ready())
+        return bool(self._client.service_is_ready())
 
     def request(self) -> Any:
         """Return a request with the defaults of its definition."""
@@ -191,22 +193,22 @@ class _Client:
             if time.monotonic() > deadline:
                 raise TimeoutError(f"{self._name}: {self._absence()}")
             self._node.spin_once(min(0.01, timeout))
-        future = self._made.call_async(request)
+        future = self._client.call_async(request)
         while not future.done():
-            left = deadline - time.monotonic()
-            if left <= 0 or self._node.ended():
-                self._made.remove_pending_request(future)
+            remaining_s = deadline - time.monotonic()
+            if remaining_s <= 0 or self._node.has_ended():
+                self._client.remove_pending_request(future)
                 raise TimeoutError(f"{self._name}: no answer within {timeout:g} s")
-            self._node.spin_once(left)
+            self._node.spin_once(remaining_s)
         if future.exception() is not None:
             raise MiddlewareError(f"{self._name}: {future.exception()}")
         return future.result()
 
     def _absence(self) -> str:
-        others = [name for name in self._node.service_types(self._name) if name != self._kind]
+        other_types = [name for name in self._node.service_types(self._name) if name != self._kind]
         return (
-            f"the service has the type {others[0]}, not {self._kind}"
-            if others
+            f"the service has the type {other_types[0]}, not {self._kind}"
+            if other_types
             else "no node offers this service"
         )
 
@@ -220,8 +222,8 @@ def _qos(depth: int, reliability: Any) -> Any:
     )
 
 
-def _found(group: str, kind: str) -> Any:
-    """Return the class of a type. Raises MiddlewareError when it is not installed."""
+def _import_type(group: str, kind: str) -> Any:
+    """Import the class of a type. Raises MiddlewareError if it is not installed."""
     package, _, name = short_type(kind).partition("/")
     try:
         return getattr(importlib.import_module(f"{package}.{group}"), name)

@@ -1,4 +1,4 @@
-"""ROS 1 by rospy: see `middleware.Middleware`."""
+"""ROS 1 through rospy: see `middleware.Middleware`."""
 
 from __future__ import annotations
 
@@ -24,15 +24,14 @@ _SLICE_S = 0.1
 
 
 class Rospy:
-    """A node of ROS 1. A process can have one only.
+    """A ROS 1 node. A process can have only one.
 
     Args:
-        name: of the node.
-        use_sim_time: take the time from `/clock`; as in every node of ROS 1, that needs the parameter
-            /use_sim_time, too.
+        name: name of the node.
+        use_sim_time: whether to read the time from `/clock`, which also needs the parameter /use_sim_time.
         patience: seconds to wait for the master.
 
-    Raises MiddlewareError when no master answers.
+    Raises MiddlewareError if no master answers.
     """
 
     def __init__(self, name: str, *, use_sim_time: bool = False, patience: float = 10.0) -> None:
@@ -50,7 +49,7 @@ class Rospy:
         rospy.on_shutdown(self._end)  # called before connections are closed
 
     def resolve(self, name: str) -> str:
-        """Return the full name of a topic or service. Raises ValueError with what is wrong."""
+        """Return the full name of a topic or service. Raises ValueError with the reason."""
         if not rosgraph.names.is_legal_name(name):
             raise ValueError(f"'{name}' is not a valid name")
         return str(rospy.resolve_name(name if name.startswith(("/", "~")) else f"/{name}"))
@@ -64,8 +63,8 @@ class Rospy:
         *,
         reliable: bool = False,
     ) -> _Subscription:
-        """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
-        del reliable  # TCP is
+        """Subscribe to a topic. Raises MiddlewareError for an unknown type."""
+        del reliable  # TCP is reliable
         full = self.resolve(topic)
         return _Subscription(rospy.Subscriber, full, _message(kind, full), self._come, callback, depth)
 
@@ -75,17 +74,17 @@ class Rospy:
         return _Publisher(self, full, _message(kind, full))
 
     def client(self, service: str, kind: str) -> _Client:
-        """Return what calls a service. Raises MiddlewareError for an unknown type."""
+        """Return a client for a service. Raises MiddlewareError for an unknown type."""
         full = self.resolve(service)
         return _Client(self, full, _service(kind, full))
 
     def service(self, name: str, kind: str, handler: Callable[[Any, Any], None]) -> None:
         """Offer a service; the handler fills in the response. Raises MiddlewareError for an unknown type."""
         full = self.resolve(name)
-        made = _service(kind, full)
+        service_class = _service(kind, full)
 
         def answer(request: Any) -> Any:
-            response, done = made._response_class(), threading.Event()
+            response, done = service_class._response_class(), threading.Event()
 
             def run() -> None:
                 handler(request, response)
@@ -95,14 +94,14 @@ class Rospy:
             done.wait()
             return response
 
-        rospy.Service(full, made, answer)
+        rospy.Service(full, service_class, answer)
 
     def new(self, kind: str) -> Any:
-        """Return a message with the defaults of its definition. Raises MiddlewareError for no type."""
+        """Return a message with default values. Raises MiddlewareError for an unknown type."""
         return _message(kind, kind)()
 
     def set_parameters(self, namespace: str, values: Mapping[str, Any]) -> None:
-        """Set parameters on the parameter server. Raises MiddlewareError when it does not answer."""
+        """Set parameters on the parameter server. Raises MiddlewareError if it does not answer."""
         try:
             for name, value in values.items():
                 rospy.set_param(f"{namespace.rstrip('/')}/{name.replace('.', '/')}", value)
@@ -110,16 +109,16 @@ class Rospy:
             raise MiddlewareError(f"{namespace}: parameters cannot be set: {error}") from error
 
     def types(self, topic: str) -> Sequence[str]:
-        """Return the type of a topic as the master knows it; None for one that no node publishes."""
+        """Return the type of a topic at the master; empty if no node publishes it."""
         full = self.resolve(topic)
         try:
-            known = self._master.getTopicTypes()
+            types_by_topic = self._master.getTopicTypes()
         except (OSError, rosgraph.MasterException):
             return ()
-        return [kind for name, kind in known if name == full and kind != "*"]
+        return [kind for name, kind in types_by_topic if name == full and kind != "*"]
 
     def spin_once(self, timeout: float) -> None:
-        """Run the callbacks of what has come; where nothing has, wait for it, for 0.1 s at most."""
+        """Run the callbacks of received messages; if there are none, wait for them, for at most 0.1 s."""
         try:
             self._come.get(timeout=max(0.0, min(timeout, _SLICE_S)) or 1e-6)()
             while True:
@@ -128,15 +127,15 @@ class Rospy:
             pass
 
     def wake(self) -> None:
-        """Have `spin_once` return; called in any thread."""
+        """Let `spin_once` return; may be called in any thread."""
         self._come.put(lambda: None)
 
     def now(self) -> float:
-        """Return seconds of a clock that never jumps; with simulated time those of `/clock`."""
+        """Return seconds of a monotonic clock, or with simulated time of `/clock`."""
         return float(rospy.get_time()) if self._use_sim_time else time.monotonic()
 
     def stamp(self, header: Any) -> None:
-        """Write the time of ROS to a header."""
+        """Write ROS time to a header."""
         header.stamp = rospy.Time.now()
 
     def say(self, level: str, text: str) -> None:
@@ -145,14 +144,14 @@ class Rospy:
         log = {"info": rospy.loginfo, "warning": rospy.logwarn, "error": rospy.logerr}
         log[level](text)
 
-    def before_end(self, function: Callable[[], None]) -> None:
-        """Have a function called when the node is told to end from outside, as long as it can publish."""
+    def on_shutdown(self, function: Callable[[], None]) -> None:
+        """Set a function to call when the node is shut down from outside, while it can still publish."""
         self._last = function
 
     def _end(self) -> None:
         if self._last is None:
             return
-        # A command of the other thread that comes after the last one would stay in force.
+        # A command of the other thread after the last command would stay in force.
         held = self._sending.acquire(timeout=1.0)
         self._ending = threading.get_ident()
         if held:
@@ -160,23 +159,23 @@ class Rospy:
         self._last()
 
     def send(self, end: Any, message: Any) -> None:
-        """Publish a message. Raises MiddlewareError when the node was told to end."""
+        """Publish a message. Raises MiddlewareError if the node was shut down."""
         if self._ending == threading.get_ident():
             end.publish(message)
             return
         with self._sending:
             if self._ending:
-                raise MiddlewareError("the node was told to end")
+                raise MiddlewareError("the node was shut down")
             end.publish(message)
 
-    def ended(self) -> bool:
-        """Return whether the node was told to end, as by `rosnode kill`."""
+    def has_ended(self) -> bool:
+        """Return whether the node was shut down, such as by `rosnode kill`."""
         return bool(self._ending) or bool(rospy.is_shutdown())
 
     def close(self) -> None:
-        """Leave the graph, after what was published has been sent."""
+        """Leave the graph after published messages have been sent."""
         self._last = None
-        time.sleep(0.05)  # rospy has no way to wait until what was published has been sent
+        time.sleep(0.05)  # rospy cannot wait until messages have been sent
         rospy.signal_shutdown("done")
 
 
@@ -254,7 +253,7 @@ class _Client:
         try:
             uri = urlparse(self._node._master.lookupService(self._name))
             with socket.create_connection((uri.hostname or "", uri.port or 0), 1.0) as connection:
-                # Without it, the server would report a failed connection.
+                # Without the handshake, the server would report a failed connection.
                 rosgraph.network.write_ros_handshake_header(connection, probe)
                 return True
         except (OSError, rosgraph.MasterException):
@@ -265,7 +264,7 @@ class _Client:
         return self._kind._request_class()
 
     def call(self, request: Any, timeout: float) -> Any:
-        """Return the response. Raises TimeoutError, or MiddlewareError when the service failed."""
+        """Return the response. Raises TimeoutError, or MiddlewareError if the service failed."""
         deadline = time.monotonic() + timeout
         if self._asker is None:
             while not self.available():
@@ -275,11 +274,11 @@ class _Client:
             self._asker = _Asker(self._name, self._kind, self._node.wake)
         self._asker.requests.put(request)
         while self._asker.answers.empty():
-            left = deadline - time.monotonic()
-            if left <= 0:
-                self._forget()  # else its answer would be taken for that of the next request
+            remaining_s = deadline - time.monotonic()
+            if remaining_s <= 0:
+                self._forget()  # else its answer would be mistaken for the next request's
                 raise TimeoutError(f"{self._name}: no answer within {timeout:g} s")
-            self._node.spin_once(left)
+            self._node.spin_once(remaining_s)
         answer = self._asker.answers.get()
         if isinstance(answer, Exception):
             self._forget()  # a connection does not outlive a failure
@@ -293,22 +292,22 @@ class _Client:
 
 
 class _Asker:
-    """A connection to a service, in a thread of its own: rospy waits for answers without end."""
+    """A connection to a service in a separate thread, because rospy waits for answers indefinitely."""
 
     def __init__(self, name: str, kind: Any, answered: Callable[[], None]) -> None:
         self._proxy = rospy.ServiceProxy(name, kind, persistent=True)
         self._answered = answered
         self.requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        """None ends it."""
+        """Requests; None ends the thread."""
         self.answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        """Responses, or why there is none."""
+        """Responses, or exceptions."""
         threading.Thread(target=self._run, daemon=True).start()
 
     def _run(self) -> None:
         for request in iter(self.requests.get, None):
             try:
                 answer: Any = self._proxy(request)
-            except Exception as error:  # noqa: BLE001 - of rospy, or of a socket; told to who asked
+            except Exception as error:  # noqa: BLE001 - of rospy, or of a socket; raised in `call`
                 answer = error
             self.answers.put(answer)
             self._answered()
@@ -316,7 +315,7 @@ class _Asker:
 
 
 def _await_master(patience: float) -> None:
-    """Wait for the master; rospy itself would wait without end."""
+    """Wait for the master with a time limit, which rospy does not have."""
     deadline = time.monotonic() + patience
     while not rosgraph.is_master_online():
         if time.monotonic() > deadline:
@@ -327,14 +326,14 @@ def _await_master(patience: float) -> None:
 
 
 def _message(kind: str, topic: str) -> Any:
-    made = roslib.message.get_message_class(short_type(kind))
-    if made is None:
-        raise MiddlewareError(f"{topic}: the type '{kind}' of messages is not installed")
-    return made
+    message_class = roslib.message.get_message_class(short_type(kind))
+    if message_class is None:
+        raise MiddlewareError(f"{topic}: the message type '{kind}' is not installed")
+    return message_class
 
 
 def _service(kind: str, name: str) -> Any:
-    made = roslib.message.get_service_class(short_type(kind))
-    if made is None:
-        raise MiddlewareError(f"{name}: the type '{kind}' of services is not installed")
-    return made
+    service_class = roslib.message.get_service_class(short_type(kind))
+    if service_class is None:
+        raise MiddlewareError(f"{name}: the service type '{kind}' is not installed")
+    return service_class

@@ -6,7 +6,7 @@ import math
 import random
 from typing import Any, Callable, Mapping, Sequence
 
-from .fields import STATES, scaled
+from .fields import STATES, scale_reader
 from .mapping import SensorMapping
 from .middleware import Client, Middleware
 
@@ -75,47 +75,47 @@ SERVICES = {
 
 
 class SimulationError(Exception):
-    """A service of the simulator did not do what it was asked for; the message says which and why."""
+    """A service of the simulator failed."""
 
 
 class Simulation:
     """The services of a simulator that a definition names.
 
     Args:
-        node: calls them.
+        node: the node that calls them.
         definition: the attachment.
 
-    Methods raise SimulationError, MiddlewareError for a service that failed, and TimeoutError for one that is
-    not there or does not answer.
+    Methods raise SimulationError or MiddlewareError for a service that failed, and TimeoutError for a service
+    that is missing or does not answer.
     """
 
     def __init__(self, node: Middleware, definition: Mapping[str, Any]) -> None:
         self._node = node
         self._clients: dict[str, Client] = {}
         self._states: dict[str, dict[str, Any]] = {}
-        """By service, the states of entities after the last step."""
+        """Service -> states of entities after the last step."""
         self._step = self._standard(definition["step"])
         self._reset = self._standard(definition["reset"])
         needed = {self._step: "StepSimulation", self._reset: "ResetSimulation"}
         if definition["spawn"] is not None:
             needed[definition["spawn"]["service"]] = "SpawnEntity"
         self.needed = [self._client(service, kind) for service, kind in needed.items() if service]
-        """What calls the services without which there is no episode."""
+        """Clients of the required services."""
 
     def step(self, steps: int, wait: float) -> None:
-        """Make steps of the simulation, which is paused."""
+        """Make steps of the paused simulation."""
         request = self._client(self._step, "StepSimulation").request()
         request.steps = steps
         self._ask(self._step, "StepSimulation", request, wait)
 
     def reset(self, scope: int, wait: float) -> None:
-        """Go back to the start."""
+        """Reset the simulation."""
         request = self._client(self._reset, "ResetSimulation").request()
         request.scope = scope
         self._ask(self._reset, "ResetSimulation", request, wait)
 
     def pause(self, wait: float) -> None:
-        """Pause the simulation, as steps need it, where there is a service for that beside that of steps."""
+        """Pause the simulation for steps, if it has a service for that."""
         if not self._step:
             return
         service = f"{self._step.rpartition('/')[0]}/set_simulation_state"
@@ -127,42 +127,49 @@ class Simulation:
         self._ask(service, "SetSimulationState", request, wait, fine=(_OK, _ALREADY_IN_STATE, 0))
 
     def spawn(
-        self, spawn: Mapping[str, Any], robots: Sequence[str], seed: int, *, wait: float, again: bool
+        self, spawn: Mapping[str, Any], robots: Sequence[str], seed: int, *, wait: float, may_exist: bool
     ) -> None:
-        """Put robots into the simulation.
+        """Spawn robots in the simulation.
 
-        again: whether they may be there already, from an earlier connection.
+        may_exist: whether they may exist from an earlier connection.
         """
-        service, fine = spawn["service"], (_OK, _NAME_NOT_UNIQUE) if again else (_OK,)
+        service, fine = spawn["service"], (_OK, _NAME_NOT_UNIQUE) if may_exist else (_OK,)
         for robot, pose in zip(robots, _poses(spawn, len(robots), seed)):
             request = self._client(service, "SpawnEntity").request()
             name = robot.strip("/").replace("/", "_")
             request.name = name
             request.entity_namespace = robot if robot.startswith("/") else f"/{robot}"
-            # Before version 2 of the interfaces the request itself has these two.
+            # Before version 2 of the interfaces, the request itself has these two fields.
             resource = getattr(request, "entity_resource", request)
             resource.uri = spawn["uri"]
             resource.resource_string = spawn["text"].replace("{robot}", name)
-            place = request.initial_pose.pose
-            place.position.x, place.position.y, place.position.z = pose["x"], pose["y"], pose["z"]
-            place.orientation.z, place.orientation.w = math.sin(pose["yaw"] / 2), math.cos(pose["yaw"] / 2)
-            what = f" of {name}"
-            self._ask(service, "SpawnEntity", request, wait, fine=fine, results=_OF_SPAWN, what=what)
+            pose_message = request.initial_pose.pose
+            pose_message.position.x, pose_message.position.y, pose_message.position.z = (
+                pose["x"],
+                pose["y"],
+                pose["z"],
+            )
+            pose_message.orientation.z, pose_message.orientation.w = (
+                math.sin(pose["yaw"] / 2),
+                math.cos(pose["yaw"] / 2),
+            )
+            subject = f" of {name}"
+            self._ask(service, "SpawnEntity", request, wait, fine=fine, results=_OF_SPAWN, subject=subject)
 
     def state(self, service: str, entity: str, entry: SensorMapping) -> Callable[[], float]:
-        """Return what reads a number of an entity's state, as it was when `ask` was called."""
+        """Return a function that reads a number of an entity's state at the last call of `ask`."""
         self._states[service] = {}
-        read = scaled(STATES[entry.place.field](entry), entry)
+        read = scale_reader(STATES[entry.place.field](entry), entry)
 
         def value() -> float:
-            known = self._states[service]
-            if entity not in known:
-                there = ", ".join(sorted(known)[:20]) or "none"
+            states = self._states[service]
+            if entity not in states:
+                available = ", ".join(sorted(states)[:20]) or "none"
                 where = f"{entry.place.where}.entity"
                 raise SimulationError(
-                    f"{service}: there is no entity {entity!r}; available: {there}; see {where}"
+                    f"{service}: there is no entity {entity!r}; available: {available}; see {where}"
                 )
-            number = read(known[entity])
+            number = read(states[entity])
             if number is None or not math.isfinite(number):
                 raise SimulationError(
                     f"{service}: {entry.place.field} of {entity} is {number}, expected a finite number"
@@ -172,14 +179,14 @@ class Simulation:
         return value
 
     def ask(self, wait: float) -> None:
-        """Ask for the states of all entities, where any are read."""
+        """Request the states of all entities, if any are read."""
         for service in self._states:
             request = self._client(service, "GetEntitiesStates").request()
             response = self._ask(service, "GetEntitiesStates", request, wait)
             self._states[service] = dict(zip(response.entities, response.states))
 
     def set_parameters(self, node: str, values: Mapping[str, Any], wait: float) -> None:
-        """Set ROS parameters of a node of ROS 2."""
+        """Set parameters of a ROS 2 node."""
         service = f"{node.rstrip('/')}/set_parameters"
         client = self._client(service, "SetParameters", "rcl_interfaces")
         request = client.request()
@@ -191,8 +198,8 @@ class Simulation:
                 raise SimulationError(f"{service}: {name} was refused: {result.reason or 'no reason given'}")
 
     def _parameter(self, name: str, value: Any) -> Any:
-        made = self._node.new("rcl_interfaces/Parameter")
-        made.name, into = name, made.value
+        parameter = self._node.new("rcl_interfaces/Parameter")
+        parameter.name, into = name, parameter.value
         if isinstance(value, bool):
             into.type, into.bool_value = 1, value
         elif isinstance(value, int):
@@ -205,13 +212,13 @@ class Simulation:
             into.type, into.double_array_value = 8, [float(item) for item in value]
         else:
             raise SimulationError(f"{name}: {value!r} cannot be a parameter of a node")
-        return made
+        return parameter
 
     @staticmethod
-    def _standard(of: Mapping[str, Any]) -> str:
+    def _standard(section: Mapping[str, Any]) -> str:
         """Return the name of a service of the standard; empty for another one, or none."""
-        kind = of["type"] or ""
-        return of["service"] if kind.startswith("simulation_interfaces/") else ""
+        kind = section["type"] or ""
+        return section["service"] if kind.startswith("simulation_interfaces/") else ""
 
     def _client(self, service: str, kind: str, package: str = "simulation_interfaces") -> Client:
         if service not in self._clients:
@@ -227,16 +234,16 @@ class Simulation:
         *,
         fine: Sequence[int] = (_OK,),
         results: Mapping[int, str] = {},
-        what: str = "",
+        subject: str = "",
     ) -> Any:
         """Call a service and return its response, whose result is one of those that are fine."""
         response = self._clients[service].call(request, wait)
         code = response.result.result
         if code not in fine:
             meaning = results.get(code) or _RESULTS.get(code, "a result of the simulator's own")
-            said = response.result.error_message
+            message = response.result.error_message
             raise SimulationError(
-                f"{service} ({kind}){what}: result {code}, {meaning}{f': {said}' if said else ''}"
+                f"{service} ({kind}){subject}: result {code}, {meaning}{f': {message}' if message else ''}"
             )
         return response
 

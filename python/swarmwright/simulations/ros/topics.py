@@ -1,12 +1,12 @@
-"""Sensors from topics, actuators to topics, as a mapping says."""
+"""Reads sensors from topics and publishes actuators on topics, according to a mapping."""
 
 from __future__ import annotations
 
 import secrets
 from typing import Any, Callable, NamedTuple, Sequence, Union
 
-from .fields import Reader, binary32, no_value, reader, stamped, writers
-from .mapping import ActuatorMapping, MappingError, Place, SensorMapping
+from .fields import Reader, binary32, describe_missing_value, has_stamp, reader, writers
+from .mapping import ActuatorMapping, MappingError, SensorMapping, TopicField
 from .middleware import Middleware, Publisher
 
 _Entries = Sequence[Union[SensorMapping, ActuatorMapping]]
@@ -14,32 +14,32 @@ _MASK = (1 << 64) - 1
 
 
 class Missing(NamedTuple):
-    """Why sensors have no value."""
+    """The reasons why sensors have no value."""
 
     silent: list[str]
-    """Topics from which nothing has come for longer than the time-out."""
+    """Topics without a message for longer than the time-out."""
     unusable: list[str]
-    """Of topics that do send: what their messages lack."""
+    """Descriptions of topics whose messages have no value."""
 
     def text(self, word: str, of_silent: str) -> str:
-        """Begin with the word and, where topics are silent, with what is to be said of them."""
+        """Return the message; word: its beginning; of_silent: text before silent topics."""
         if not self.silent:
             return f"{word}: {'; '.join(self.unusable)}"
         return "; ".join([f"{word}{of_silent}{', '.join(self.silent)}", *self.unusable])
 
 
 class Generator:
-    """Numbers from 0 to 1, 1 excluded: SplitMix64, of which the upper 24 bits are taken.
+    """Random numbers from 0 to 1, 1 excluded: the upper 24 bits of SplitMix64.
 
     Args:
-        seed: None for another one each time, so that robots differ.
+        seed: seed; None for a random one, so that robots differ.
     """
 
     def __init__(self, seed: int | None) -> None:
         self._state = secrets.randbits(64) if seed is None else seed
 
     def next(self) -> float:
-        """Return the next number, which is one of binary32."""
+        """Return the next number, exact in binary32."""
         self._state = z = self._state + 0x9E3779B97F4A7C15 & _MASK
         z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9 & _MASK
         z = (z ^ z >> 27) * 0x94D049BB133111EB & _MASK
@@ -47,23 +47,23 @@ class Generator:
 
 
 class Inputs:
-    """The latest value of every sensor, and when it came.
+    """The latest value of every sensor, and its time.
 
     Args:
-        node: subscribes to the topics.
-        sensors: with resolved topics.
+        node: the node.
+        sensors: sensors with resolved topics.
 
-    Raises MappingError for a type or a field that is not known, or that the topic does not have.
+    Raises MappingError for an unknown type or field, or one that the topic does not have.
     """
 
     def __init__(self, node: Middleware, sensors: Sequence[SensorMapping]) -> None:
         self._node, self._sensors = node, list(sensors)
         self.values = [binary32(sensor.constant or 0.0) or 0.0 for sensor in self._sensors]
-        """By sensor, numbers of binary32; 0 before the first one."""
+        """Values of the sensors, binary32; 0 before the first message."""
         self.times: list[float | None] = [None] * len(self._sensors)
-        """By sensor, when its value came, on the node's clock; None before the first one."""
+        """Times of the values, on the node's clock; None before the first."""
         self._heard: list[float | None] = [None] * len(self._sensors)
-        """By sensor, when a message came, with a value for it or without."""
+        """Times of the latest messages, with or without a value."""
         drawn = [(at, sensor.seed) for at, sensor in enumerate(self._sensors) if sensor.random]
         self._generators = [(at, Generator(seed)) for at, seed in drawn]
         for topic in _topics(self._sensors):
@@ -78,14 +78,14 @@ class Inputs:
             for at, read in reads:
                 value = read(message)
                 self._heard[at] = self._node.now()
-                # NaN and infinities are no measurements: the sensor is as silent as if they had not come.
+                # NaN and infinities are not measurements; they are ignored.
                 if value is not None:
                     self.values[at], self.times[at] = value, self._node.now()
 
         return receive
 
     def missing(self) -> Missing | None:
-        """Return which sensors have had no value for longer than their time-out; None where all have one."""
+        """Return the sensors without a value for longer than their time-out; None if all have one."""
         now = self._node.now()
         silent: dict[str, None] = {}
         unusable: dict[str, None] = {}
@@ -93,7 +93,7 @@ class Inputs:
             if not sensor.place.topic or _recent(time, now, sensor.timeout):
                 continue
             if _recent(heard, now, sensor.timeout):
-                unusable[f"{sensor.place.topic}: messages come, but {no_value(sensor)}"] = None
+                unusable[f"{sensor.place.topic}: messages come, but {describe_missing_value(sensor)}"] = None
             else:
                 silent[sensor.place.topic] = None
         return Missing(list(silent), list(unusable)) if silent or unusable else None
@@ -104,19 +104,19 @@ class Inputs:
             self.values[at] = generator.next()
 
     def check_types(self) -> None:
-        """Raise MappingError for a topic that others use with another type, now that they may be known."""
+        """Raise MappingError for a topic that other nodes use with another type."""
         for topic in _topics(self._sensors):
             _type_of(self._node, topic, self._sensors)
 
 
 class Outputs:
-    """The topics that actuators are published on.
+    """The topics on which actuators are published.
 
     Args:
-        node: advertises the topics.
-        actuators: with resolved topics.
+        node: the node.
+        actuators: actuators with resolved topics.
 
-    Raises MappingError as `Inputs` does.
+    Raises MappingError like `Inputs`.
     """
 
     def __init__(self, node: Middleware, actuators: Sequence[ActuatorMapping]) -> None:
@@ -129,7 +129,7 @@ class Outputs:
             write = writers([actuator for actuator in self._actuators if actuator.place.topic == topic])
             publisher = node.publisher(topic, kind)
             self.publishers.append((topic, kind, publisher))
-            self._topics.append(self._sender(publisher, write, stamped(kind)))
+            self._topics.append(self._sender(publisher, write, has_stamp(kind)))
 
     def _sender(
         self,
@@ -158,7 +158,7 @@ class Outputs:
             send(None)
 
     def check_types(self) -> None:
-        """Raise MappingError for a topic that others use with another type, now that they may be known."""
+        """Raise MappingError for a topic that other nodes use with another type."""
         for topic in _topics(self._actuators):
             _type_of(self._node, topic, self._actuators)
 
@@ -174,19 +174,19 @@ def _recent(time: float | None, now: float, timeout: float) -> bool:
 
 def _type_of(node: Middleware, topic: str, entries: _Entries) -> str:
     """Return the type of a topic: all its entries have it, and no other node uses it with another one."""
-    places: list[Place] = [entry.place for entry in entries if entry.place.topic == topic]
+    places: list[TopicField] = [entry.place for entry in entries if entry.place.topic == topic]
     first = places[0]
-    for place in places:
-        if place.type != first.type:
+    for field in places:
+        if field.type != first.type:
             raise MappingError(
-                place.where,
-                f"{topic} has the type {first.type} at {first.where} and {place.type} here; "
+                field.where,
+                f"{topic} has the type {first.type} at {first.where} and {field.type} here; "
                 "a topic has one type",
                 "type",
             )
-    for other in node.types(topic):
-        if other != first.type:
+    for other_type in node.types(topic):
+        if other_type != first.type:
             raise MappingError(
-                first.where, f"{topic} has the type {other}, but the mapping says {first.type}", "type"
+                first.where, f"{topic} has the type {other_type}, but the mapping says {first.type}", "type"
             )
     return first.type

@@ -32,7 +32,7 @@ def test_no_such_program(traced: Traced) -> None:
     with pytest.raises(InputError, match=r"on the PATH or beside the experiment file$"):
         simulate(traced.experiment("mysimulator --x"))  # of those on the PATH, none is near enough
     (traced.folder / "mysim.py").write_text("")
-    with pytest.raises(InputError, match=r"; did you mean 'mysim\.py', which is there\?$"):
+    with pytest.raises(InputError, match=r"; did you mean 'mysim\.py'\?$"):
         simulate(traced.experiment("mysimulator --x"))
     with pytest.raises(InputError, match=r"sims/run: there is no such file"):
         simulate(traced.experiment("sims/run {parameters}"))
@@ -47,7 +47,7 @@ def test_program_that_cannot_be_executed(traced: Traced) -> None:
     ):
         simulate(traced.experiment("sim.py {parameters}"))
     script.chmod(0o755)
-    with pytest.raises(RunError, match=r"the program that its first line \(#!\) names does not exist"):
+    with pytest.raises(RunError, match=r"the program named in its first line \(#!\) does not exist"):
         simulate(traced.experiment("./sim.py {parameters}"))
 
 
@@ -116,7 +116,7 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
         ("", "log.csv: has no rows"),
         ("fitness\\nnan\\n", "log.csv:2: fitness is nan, expected a finite number"),
         ("fitness\\n-inf\\n", "log.csv:2: fitness is -inf, expected a finite number"),
-        ("fitness,fitness\\n1,2\\n", "log.csv: has several columns 'fitness'; each needs a name of its own"),
+        ("fitness,fitness\\n1,2\\n", "log.csv: has several columns 'fitness'; give each a different name"),
         (
             "Simulator 3\\ntime,fitness\\n1,2\\n",
             "2: has 2 values, expected 1 column; their names were read from this line: 'Simulator 3'",

@@ -53,7 +53,7 @@ def with_(**changes: Any) -> dict[str, Any]:
         ({"sensors__0__sektor": 1}, "simulation.sensors[0].sektor: unknown key; did you mean 'sector'?"),
         (
             {"sensors__0__type": "sensor_msgs/Imu"},
-            "simulation.sensors[0].type: 'sensor_msgs/Imu' is not known here; expected sensor_msgs/",
+            "simulation.sensors[0].type: 'sensor_msgs/Imu' is not supported; expected sensor_msgs/",
         ),
         ({"sensors__0__sector": [0, -60]}, "sensors[0].sector: the first number must be below the second"),
         (
@@ -62,7 +62,7 @@ def with_(**changes: Any) -> dict[str, Any]:
         ),
         (
             {"actuators__0__topic": "scan"},
-            "actuators[0].type: scan has the type sensor_msgs/LaserScan at sensors[0]; a topic has one type",
+            "actuators[0].type: scan has the type sensor_msgs/LaserScan at sensors[0]; a topic has a single",
         ),
         (
             {"actuators__0__topic": "cmd vel"},
@@ -86,10 +86,10 @@ def with_(**changes: Any) -> dict[str, Any]:
         ),
         ({"actuators": None}, "simulation.actuators: is missing: controllers need sensors and actuators"),
         ({"step": None}, "simulation.step: is missing"),
-        ({"step": {}}, "simulation.step.duration: give either the duration of a step or a service that"),
-        ({"step": {"service": "/go", "steps": 3}}, "step.steps: only simulation_interfaces/StepSimulation"),
+        ({"step": {}}, "simulation.step.duration: write either the duration of a step or a service that"),
+        ({"step": {"service": "/go", "steps": 3}}, "step.steps: only possible with simulation_interfaces/Step"),
         ({"step": -1}, "simulation.step.duration: must be greater than 0, not -1"),
-        ({"ros": 1}, "simulation.step.type: simulation_interfaces/StepSimulation is of ROS 2"),
+        ({"ros": 1}, "simulation.step.type: simulation_interfaces/StepSimulation requires ROS 2"),
         ({"reset__scope": "pose"}, "simulation.reset.scope: must be one of default, time, state, spawned"),
         ({"robots": ["a", "a"]}, "simulation.robots: a is repeated"),
         ({"robots": [""]}, "simulation.robots: '' is not a namespace; expected such as robot_1"),
@@ -109,7 +109,7 @@ def with_(**changes: Any) -> dict[str, Any]:
             {"spawn": {"uri": "rover", "poses": [{"x": 1}]}},
             "simulation.spawn.poses: must have a pose for each of the 2 robots, not 1",
         ),
-        ({"spawn": {"uri": "rover"}}, "simulation.spawn.poses: give either poses, one of each robot"),
+        ({"spawn": {"uri": "rover"}}, "simulation.spawn.poses: write either poses, with a pose"),
         ({"spawn": {"file": "no.sdf", "poses": [{}, {}]}}, "simulation.spawn.file: no.sdf: there is no"),
         ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is not a placeholder"),
     ],

@@ -15,7 +15,7 @@ from swarmwright.simulations.command.ros import RosSimulation
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.parameters import parse_parameters
-from swarmwright.simulations.ros.episodes import _filled
+from swarmwright.simulations.ros.episodes import _fill_word
 from tests.python.simulations.command.test_hostile_parameters import HOSTILE
 from tests.python.simulations.command.test_ros_definition import with_
 from tests.python.simulations.sumo.roads import ring, written
@@ -127,7 +127,7 @@ def test_the_words_of_a_reset_command_are_parsed_once(tmp_path: Path) -> None:
     simulation = made(ros(command, folder=str(tmp_path)))
     parts = [simulation._reset_parts(word) for word in simulation._reset_command]
     values = {"here": "/ours", "speed": 2.5, "seed": 3}
-    assert [_filled(word, values) for word in parts] == [
+    assert [_fill_word(word, values) for word in parts] == [
         os.fspath(tmp_path / "reset.sh"),
         "/ours/x",
         "--speed=2.5",

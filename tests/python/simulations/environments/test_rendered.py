@@ -100,7 +100,7 @@ def test_the_hint_to_watch_stands_where_there_is_something_to_see(
         assert (f"replay run-{seen}" in done.stdout) == seen
     nothing = program("replay", "run-False")
     assert nothing.returncode == 2
-    assert "Blind has nothing to show: give it a method scene()" in nothing.stderr
+    assert "Blind has nothing to display; add a method scene()" in nothing.stderr
 
 
 WALK = """

@@ -411,7 +411,7 @@ def test_thousands_of_variables(tmp_path: Path) -> None:
 def test_fmpy_is_missing(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("swarmwright.simulations.fmu.description.is_installed", lambda: False)
     shutil.copy(fmus / "Vehicle.fmu", fmus / "Unread.fmu")
-    with pytest.raises(InputError, match=r"FMUs are read by FMPy: pip install 'swarmwright\[fmi\]'"):
+    with pytest.raises(InputError, match=r"FMUs need FMPy, which is not installed; pip install"):
         Experiment.from_mapping({"simulation": str(fmus / "Unread.fmu"), "fitness": "0"})
 
 

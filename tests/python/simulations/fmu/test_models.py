@@ -106,7 +106,7 @@ def test_what_fails_in_a_solver_is_said(models: Path) -> None:
         actuators=[{"variable": "push", "range": [60, 70]}],
         metrics={"height": "last"},
     )
-    with pytest.raises(RunError, match=r"the integration from 0 s: the FMU reports an error withoutason"):
+    with pytest.raises(RunError, match=r"the integration from 0 s: the FMU reports an error without"):
         score(wrong)
 
 
@@ -235,7 +235,7 @@ def test_mistakes_with_arrays_and_solvers(models: Path) -> None:
             {"sensors": [{"terminal": "swarm.seen"}], "actuators": [{"terminal": "swarm.seen"}]},
             "has no input",
         ),
-        ({"start": {"speed[1,1]": 1.0}}, r"start.speed\[1,1\]: .* is one element of an array; .* speed as"),
+        ({"start": {"speed[1,1]": 1.0}}, r"start.speed\[1,1\]: .* is an element of an array; .* speed as"),
         ({"start": {"speed": 1.0}}, r"speed of .* has the shape 3 x 2; expected a list of 6 values, not 1"),
         ({"start": {"speed": [1.0] * 4}}, "has the shape 3 x 2; expected 6 values, row by row, not 4"),
         ({"start": {"speed": [[1, 2, 3], [4, 5, 6]]}}, "expected 3 rows of 2 values each"),

@@ -190,7 +190,7 @@ def test_transformations_of_connections(
         ),
         (
             connected("gear_out", "mode", table("Enumeration", back="of", park="park", drive="on")),
-            "has an entry with 'of', which is no value; mode has park, on, off",
+            "has an entry with 'of', which is not a value; mode has park, on, off",
         ),
         (
             connected("gear_out", "mode", table("Enumeration", park="park", drive="on")),

@@ -150,9 +150,9 @@ def test_services(node: Dds) -> None:
 
 @pytest.mark.slow
 def test_what_does_not_fit_is_said(node: Dds) -> None:
-    with pytest.raises(MiddlewareError, match="the type 'sensor_msgs/Imu' of messages is not known here"):
+    with pytest.raises(MiddlewareError, match="the message type 'sensor_msgs/Imu' is not supported"):
         node.subscribe("imu", "sensor_msgs/Imu", print)
-    with pytest.raises(MiddlewareError, match="the type 'std_msgs/String' of services is not known here"):
+    with pytest.raises(MiddlewareError, match="the service type 'std_msgs/String' is not supported"):
         node.client("imu", "std_msgs/String")
     with pytest.raises(ValueError, match="'so nar' is not valid in a name"):
         node.publisher("so nar", "std_msgs/String")

@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright.simulations.ros.dds import Dds
 from swarmwright.simulations.ros.feeds import Feeds, Value
-from swarmwright.simulations.ros.mapping import Place, SensorMapping
+from swarmwright.simulations.ros.mapping import SensorMapping, TopicField
 from tests.python.simulations.ros.conversation import until
 from tests.python.simulations.ros.network import environment
 
@@ -33,7 +33,7 @@ def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Dds, Dds]]:
 
 
 def number(scale: float = 1.0) -> SensorMapping:
-    return SensorMapping(Place("sensors[0]", "/load", TYPE, "data"), scale, 0.5, (0.0, 8.0), 1.0)
+    return SensorMapping(TopicField("sensors[0]", "/load", TYPE, "data"), scale, 0.5, (0.0, 8.0), 1.0)
 
 
 def test_messages_of_a_step_are_awaited_where_a_metric_may_be_older(nodes: tuple[Dds, Dds]) -> None:
@@ -63,7 +63,7 @@ def test_messages_of_a_step_are_awaited_where_a_metric_may_be_older(nodes: tuple
     assert metric.number == 2.7
     assert [feed.topic for feed in feeds.missing()] == ["/load"]
     assert not feeds.missing(messages=1)
-    said = feeds.all[0].lacking(2, time.monotonic(), 5.0)
+    said = feeds.all[0].explain_missing(2, time.monotonic(), 5.0)
     assert "1 messages came within 5 s, expected 2 (simulation.step.messages)" in said
     publish(7.8, 2)
     assert not feeds.missing()
@@ -82,7 +82,7 @@ def test_a_metric_that_may_be_older_is_not_awaited(nodes: tuple[Dds, Dds]) -> No
 def test_messages_without_a_value_are_told_from_silence(nodes: tuple[Dds, Dds]) -> None:
     node, robot = nodes
     feeds = Feeds(node, messages=1)
-    place = Place("sensors[0]", "/scan", "sensor_msgs/LaserScan", "")
+    place = TopicField("sensors[0]", "/scan", "sensor_msgs/LaserScan", "")
     behind = SensorMapping(place, 1.0, 0.0, None, 1.0, sector=(150.0, 210.0))
     feeds.add(Value("sensor behind", behind, single=True))
     publisher = robot.publisher("/scan", "sensor_msgs/LaserScan")
@@ -98,7 +98,7 @@ def test_messages_without_a_value_are_told_from_silence(nodes: tuple[Dds, Dds]) 
     message.ranges = [2.0, 2.0, 2.0, 0.0]
     publisher.publish(message)
     until(lambda: spun(lambda: feeds.all[0].count == 1))
-    assert feeds.all[0].lacking(1, time.monotonic(), 5.0) == (
+    assert feeds.all[0].explain_missing(1, time.monotonic(), 5.0) == (
         "/scan (sensor_msgs/LaserScan): sensor behind: messages came for 5 s, but none has a usable value "
         "within [150, 210] degrees"
     )

@@ -10,16 +10,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright.simulations.ros.fields import READERS, WRITERS, SameFieldError, binary32, reader, writers
-from swarmwright.simulations.ros.mapping import ActuatorMapping, Interval, MappingError, Place, SensorMapping
+from swarmwright.simulations.ros.mapping import (
+    ActuatorMapping,
+    Interval,
+    MappingError,
+    SensorMapping,
+    TopicField,
+)
 
 
 def sensor(kind: str, field: str = "", **values: Any) -> SensorMapping:
-    place = Place("sensors[0] (a)", "/topic", kind, field)
+    place = TopicField("sensors[0] (a)", "/topic", kind, field)
     return SensorMapping(**{"scale": 1.0, "offset": 0.0, "clip": None, "timeout": 1.0, **values}, place=place)
 
 
 def actuator(kind: str, field: str = "", **values: Any) -> ActuatorMapping:
-    place = Place("actuators[0] (a)", "/topic", kind, field)
+    place = TopicField("actuators[0] (a)", "/topic", kind, field)
     ready = {"scale": 1.0, "offset": 0.0, "limits": None, "terms": ((0, 1.0),), **values}
     return ActuatorMapping(**ready, place=place)
 

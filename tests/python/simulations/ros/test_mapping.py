@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright.simulations.ros.mapping import MappingError, read_mapping, resolved, shown
+from swarmwright.simulations.ros.mapping import MappingError, format_value, read_mapping, resolve_topics
 from swarmwright.simulations.ros.names import namespace_of, resolve
 from swarmwright.simulations.ros.topics import Generator, Inputs
 from tests.python.simulations.ros.conversation import on_wheels
@@ -59,13 +59,13 @@ def test_an_actuator_may_be_in_several_sums() -> None:
     ]
     assert mapping.actuators[0].place.where == "actuators[0] (actuator 0, actuator 1)"
     assert (mapping.sensors[5].random, mapping.sensors[5].seed) == (True, 7)
-    assert resolved(mapping, lambda name: f"/a/{name}").sensors[5].place.topic == ""
+    assert resolve_topics(mapping, lambda name: f"/a/{name}").sensors[5].place.topic == ""
 
 
 def test_a_sensor_that_the_robot_lacks_has_a_constant() -> None:
     entry = {"sensor": "sensor 6", "source": "constant", "value": "1e-1"}
     mapping = read_mapping(changed(lambda m: m["sensors"].__setitem__(5, entry)), SENSORS, ACTUATORS)
-    mapping = resolved(mapping, lambda name: f"/a/{name}")
+    mapping = resolve_topics(mapping, lambda name: f"/a/{name}")
     node = MagicMock()
     node.types.return_value = ()
     node.now.return_value = 1.0
@@ -111,7 +111,7 @@ def test_whatever_is_in_the_file_is_read_or_named(value: Any, key: str) -> None:
     for wrong in (value, changed(lambda mapping: mapping.update({key: value}))):
         with suppress(MappingError):
             assert read_mapping(wrong, SENSORS, ACTUATORS).rate > 0
-    assert isinstance(shown(value), str)
+    assert isinstance(format_value(value), str)
 
 
 def test_names_are_resolved_in_the_namespace_of_the_robot() -> None:
@@ -123,5 +123,5 @@ def test_names_are_resolved_in_the_namespace_of_the_robot() -> None:
     for wrong in ("", "so nar", "1st", "a//b", "a/", "~x", "a-b", "ä"):
         with pytest.raises(ValueError, match=r"name|//"):
             resolve(wrong, "/robot_1")
-    mapping = resolved(read_mapping(MAPPING, SENSORS, ACTUATORS), lambda name: resolve(name, "/a"))
+    mapping = resolve_topics(read_mapping(MAPPING, SENSORS, ACTUATORS), lambda name: resolve(name, "/a"))
     assert mapping.sensors[2].place.topic == "/a/sonar"

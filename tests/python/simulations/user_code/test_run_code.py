@@ -236,7 +236,7 @@ def test_a_copy_is_never_edited(run: Run, project: Path) -> None:
     edit(run.path / COPY / "helper.py", "0.1", "0.25")
     assert repeat(run).same  # what it was copied from is still the same
     (project / "gather.py").rename(project / "gone.py")
-    with pytest.raises(InputError, match=r"simulation/helper\.py: was edited, but copies of a run's code"):
+    with pytest.raises(InputError, match=r"simulation/helper\.py: this copy of the run's code was edited"):
         repeat(run)
     assert repeat(run, simulation="gone.py:Gather").same
     edit(run.path / "code/1/manifest.json", "helper.py", "helpers.py")
