@@ -43,7 +43,7 @@ def test_why_the_robot_stands_is_brought_up_to_date(monkeypatch: pytest.MonkeyPa
     node = MagicMock()
     node.say = lambda level, text: said.append(f"{level}: {text}")
     node.publisher.return_value.listeners.return_value = 0
-    node.ended.side_effect = [*[False] * len(reasons), True, True]
+    node.has_ended.side_effect = [*[False] * len(reasons), True, True]
     node.now.side_effect = range(1, 1 + len(reasons))
     mapping = SimpleNamespace(sensors=(), actuators=(), rate=1, reset_after_silence=False)
     Control(node, cast("Any", mapping), MagicMock()).run(lambda: False)
@@ -67,7 +67,7 @@ def test_the_robot_stops_when_a_step_is_refused(monkeypatch: pytest.MonkeyPatch)
     node = MagicMock()
     node.say = lambda level, text: said.append(f"{level}: {text}")
     node.publisher.return_value.listeners.return_value = 0
-    node.ended.side_effect = [*[False] * CYCLES, True, True]
+    node.has_ended.side_effect = [*[False] * CYCLES, True, True]
     node.now.side_effect = range(1, 1 + CYCLES)
     mapping = SimpleNamespace(sensors=(), actuators=(), rate=1, reset_after_silence=False)
     Control(node, cast("Any", mapping), Refusing()).run(lambda: False)
