@@ -1,15 +1,15 @@
-"""The controller of one robot, or of the supervisor, in Webots: started by `swarmwright.simulations.webots`.
+"""The controller of a robot, or of the supervisor, in Webots: started by `swarmwright.simulations.webots`.
 
-It needs the module `controller` of Webots and nothing else. Requests come over the standard input, a JSON
-object a line; answers go to the standard output.
+It needs only Webots' module `controller`. Requests are JSON objects in lines of the standard input; answers
+go to the standard output.
 
     {"devices": {"sensors": [..], "actuators": [..]}, "ticks": 2}   -> {"step": 32}
     {"find": ["e-puck", ..]}                                       -> {}
     {"reset": true}, {"poses": [[x, y, z, yaw], ..]}                -> {}
     {"step": [3.1, ..]}                                            -> {"read": [0.2, null, ..]}
-    {"where": true}                                                -> {"poses": [[x, y, z, yaw], ..]}
+    {"read_poses": true}                                           -> {"poses": [[x, y, z, yaw], ..]}
 
-A request that fails is answered with {"error": "why"}.
+A request that fails is answered with {"error": "reason"}.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ ACTUATORS: dict[str, Callable[[Any, float], object]] = {
 
 
 class RequestError(Exception):
-    """A request that cannot be fulfilled."""
+    """A request failed."""
 
 
 class Controller:
-    """A robot's controller: answers requests."""
+    """A robot's controller, which answers requests."""
 
     def __init__(self, *, supervisor: bool) -> None:
         import controller
@@ -54,7 +54,7 @@ class Controller:
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return the answer to a request."""
-        for name in ("devices", "find", "reset", "poses", "step", "where"):
+        for name in ("devices", "find", "reset", "poses", "step", "read_poses"):
             if name in request:
                 answer: dict[str, Any] = getattr(self, f"_{name}")(request)
                 return answer
@@ -76,7 +76,7 @@ class Controller:
         return device
 
     def _prepare(self) -> None:
-        """Enable sensors; let wheels turn, but not yet."""
+        """Enable sensors, and configure actuators at rest."""
         for device, _, _ in self._sensors:
             device.enable(self._step_ms)
         for device, kind in self._actuators:
@@ -114,14 +114,14 @@ class Controller:
         return {}
 
     def _step(self, request: dict[str, Any]) -> dict[str, Any]:
-        for (device, kind), value in zip(self._actuators, request["step"], strict=False):  # none: they stay
+        for (device, kind), value in zip(self._actuators, request["step"], strict=False):  # empty: unchanged
             ACTUATORS[kind](device, value)
         if self._robot.step(self._step_ms) == -1:
             raise RequestError("Webots has ended the simulation")
         read = [SENSORS[kind](device, index) for device, kind, index in self._sensors]
         return {"read": [value if math.isfinite(value) else None for value in read]}
 
-    def _where(self, _: dict[str, Any]) -> dict[str, Any]:
+    def _read_poses(self, _: dict[str, Any]) -> dict[str, Any]:
         poses = []
         for node in self._nodes:
             turned = node.getOrientation()  # a matrix, row by row
@@ -132,7 +132,7 @@ class Controller:
 def main() -> int:
     """Answer requests until the standard input ends; return the exit status."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what Webots prints does not get among answers
+    os.dup2(2, 1)  # keeps Webots' output apart from answers
     controller = None
     for line in sys.stdin:
         try:
@@ -140,10 +140,12 @@ def main() -> int:
                 controller = Controller(supervisor=sys.argv[1:] == ["supervisor"])
             answer = controller.answer(json.loads(line))
         except ModuleNotFoundError as error:
-            answer = {"error": f"Python finds no module {error.name!r}; set WEBOTS_HOME to where Webots is"}
+            answer = {
+                "error": f"Python has no module {error.name!r}; set WEBOTS_HOME to the folder of Webots"
+            }
         except RequestError as error:
             answer = {"error": str(error)}
-        except Exception as error:  # noqa: BLE001 - of Webots; told to who asked
+        except Exception as error:  # noqa: BLE001 - of Webots; reported in the answer
             answer = {"error": f"{type(error).__name__}: {error}"}
         answers.write(f"{json.dumps(answer)}\n")
         answers.flush()

@@ -1,11 +1,7 @@
-"""Episodes of robots in a simulator that is attached, as a command that is stepped.
+"""Runs robots in an attached simulator as a stepwise command, see `swarmwright.simulations.command.stepwise`.
 
-See `swarmwright.simulations.command.stepwise` for what is said over the standard input and output.
-
-What a file says of robots in a simulator that is attached: robots, sensors, actuators, steps, metrics.
-
-The words are those of `simulation: {ros: ..}`; a sensor or an actuator is a device of the robot's instead of
-a topic.
+A file describes robots, sensors, actuators, steps and metrics. Its keys are those of `simulation: {ros: ..}`,
+but sensors and actuators are devices of a robot instead of topics.
 """
 
 import json
@@ -36,60 +32,60 @@ from swarmwright.simulations.ros.reductions import FUNCTIONS
 
 
 class Device(Options):
-    """A device of a robot, and how its numbers are converted."""
+    """A device of a robot, and the conversion of its values."""
 
     device: str = Field(min_length=1)
-    """Its name, as the simulator has it."""
+    """The simulator's name of the device."""
     kind: str = ""
-    """What is read or set; the simulator's page lists them. Default: the first one there."""
+    """The value that is read or set; the simulator's page lists the kinds. Default: the first of the list."""
     scale: float = 1.0
-    """Factor."""
+    """Factor by which the value is multiplied."""
     offset: float = 0.0
     """Added after the scale."""
 
 
 class Sensor(Device):
-    """A number that controllers sense."""
+    """A sensor of a controller."""
 
     sensor: str = Field(min_length=1)
-    """Its name."""
+    """Name of the sensor."""
     index: int = Field(default=0, ge=0)
-    """Which number, of a device that measures several."""
+    """Index of the value, for a device with several."""
     clip: Interval | None = None
-    """[low, high]: where values end, after the scale."""
+    """Limits of the value after the scale, [low, high]."""
     infinite: float | None = None
-    """What is read, before the scale, where a sensor detects nothing."""
+    """Value before the scale if the device detects nothing."""
 
 
 class Actuator(Device):
-    """A number that controllers command, -1 to 1 before the scale."""
+    """An actuator of a controller, -1 to 1 before the scale."""
 
     actuator: str = Field(min_length=1)
-    """Its name."""
+    """Name of the actuator."""
     limits: Interval | None = None
-    """[low, high] of what is set."""
+    """Limits of the value that is set, [low, high]."""
 
 
 class Metric(Options):
-    """A number of an episode: sampled before the first step and after each one, and reduced."""
+    """A metric of an episode: read before the first step and after each step, and reduced."""
 
     sensor: str | None = Field(default=None, min_length=1)
-    """The name of a sensor, whose values are those that controllers get."""
+    """The name of a sensor, with the values that controllers receive."""
     pose: str | None = Field(default=None, pattern="^(x|y|z|yaw)$")
-    """Or where the robot is: x, y or z in metres, yaw in radians."""
+    """Instead of a sensor: a coordinate of the robot's pose, x, y or z in metres, yaw in radians."""
     scale: float = 1.0
-    """Factor."""
+    """Factor by which the value is multiplied."""
     offset: float = 0.0
     """Added after the scale."""
     time: Reduce = "last"
-    """What is made of the values of an episode."""
+    """How the values of an episode are reduced to a number."""
     robots: Reduce = "mean"
-    """What is made of the values of all robots."""
+    """How the values of all robots are reduced to a number."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if (self.sensor is None) == (self.pose is None):
-            raise FieldError("sensor", "give either a sensor, or pose: x, y, z or yaw")
+            raise FieldError("sensor", "write either a sensor, or pose: x, y, z or yaw")
         return self
 
 
@@ -97,32 +93,32 @@ class Attachment(Options):
     """Robots of a simulator."""
 
     robots: list[str] = Field(min_length=1)
-    """Their names, as the simulator has them."""
+    """The simulator's names of the robots."""
     sensors: list[Sensor] = Field(min_length=1)
-    """What a robot's controller senses."""
+    """Sensors of a robot."""
     actuators: list[Actuator] = Field(min_length=1)
-    """What it commands."""
+    """Actuators of a robot."""
     ticks: int = Field(default=1, ge=1, le=100_000)
-    """Steps of the simulator's from one action to the next."""
+    """Steps of the simulator between two actions."""
     steps: int = Field(default=100, ge=1, le=2**31)
     """Actions in an episode."""
     poses: list[Pose] = Field(default=[])
-    """Where robots start, one of each. Default: where the simulator's file has them."""
+    """Initial pose of each robot. Default: the poses in the simulator's file."""
     area: Area | None = None
-    """Or where they are put at random, by the episode's seed."""
+    """Instead of `poses`: an area in which robots are placed at random, by the episode's seed."""
     apart: float = Field(default=0.0, ge=0)
-    """Metres between two robots in the area, at least."""
+    """Smallest distance of two robots in the area, metres."""
     metrics: dict[str, Metric] = Field(default={})
     """Name -> {sensor or pose, time, robots}."""
     start: Command | None = None
     """A command that starts the simulator, which ends with the server. {port} in it is a free port. Default:
-    the simulator runs already."""
+    the simulator is already running."""
     startup: float = Field(default=60.0, gt=0, le=86_400)
-    """Seconds that the simulator has to start."""
+    """Seconds to wait for the simulator to start."""
     patience: float = Field(default=30.0, gt=0, le=86_400)
     """Seconds to wait for an answer."""
     host: str = Field(default="localhost", min_length=1)
-    """Where a simulator that runs already is."""
+    """Host of a simulator that is already running."""
     _folder: Path = PrivateAttr(default=Path())
 
     @field_validator("metrics")
@@ -135,24 +131,24 @@ class Attachment(Options):
     def _fits(self) -> Self:
         twice = next((robot for index, robot in enumerate(self.robots) if robot in self.robots[:index]), None)
         if twice is not None:
-            raise FieldError("robots", f"{twice} is there twice")
+            raise FieldError("robots", f"{twice} is repeated")
         if self.poses and self.area is not None:
-            raise FieldError("poses", "give either poses or area")
+            raise FieldError("poses", "write either poses or area")
         if self.poses and len(self.poses) != len(self.robots):
             raise FieldError(
-                "poses", f"{len(self.poses)} found, expected one of each of {len(self.robots)} robots"
+                "poses", f"{len(self.poses)} found, expected a pose for each of {len(self.robots)} robots"
             )
         names = [sensor.sensor for sensor in self.sensors]
         for name, metric in self.metrics.items():
             if metric.sensor is not None and metric.sensor not in names:
                 raise FieldError(
-                    "metrics", f"{name}: there is no sensor {metric.sensor!r}; {', '.join(names)} are"
+                    "metrics", f"{name}: there is no sensor {metric.sensor!r}; available: {', '.join(names)}"
                 )
         return self
 
     @property
     def folder(self) -> Path:
-        """Where the file lies; files that `start` names are relative to it."""
+        """Folder of the file, to which files named by `start` are relative."""
         return self._folder
 
     def check_kinds(self, sensors: Mapping[str, object], actuators: Mapping[str, object]) -> None:
@@ -161,11 +157,11 @@ class Attachment(Options):
             ("sensors", self.sensors, sensors),
             ("actuators", self.actuators, actuators),
         )
-        for section, devices, known in groups:
+        for section, devices, kinds in groups:
             for number, device in enumerate(devices):
-                if device.kind and device.kind not in known:
+                if device.kind and device.kind not in kinds:
                     raise InputError(
-                        f"{section}[{number}].kind: {device.kind!r} found, expected {', '.join(known)}"
+                        f"{section}[{number}].kind: {device.kind!r} found, expected {', '.join(kinds)}"
                     )
 
     @classmethod
@@ -177,124 +173,128 @@ class Attachment(Options):
         try:
             attachment = cls.model_validate(source.values)
         except ValidationError as error:
-            found = [f"{source.locate(at)}{text}" for at, text in problems_of(error, cls)]
-            raise InputError("; ".join(found)) from None
+            problems = [f"{source.place(at)}{text}" for at, text in problems_of(error, cls)]
+            raise InputError("; ".join(problems)) from None
         attachment._folder = path.absolute().parent  # type: ignore[misc] # a private attribute
         return attachment
 
 
 TRIES = 10_000
-"""Places that are tried for a robot before it is said that there is none."""
+"""Most positions that are tried for a robot."""
 
-Place = TypeVar("Place")
+Position = TypeVar("Position")
 
 
-def free_place(draw: Callable[[], Place], is_free: Callable[[Place], bool]) -> Place | None:
-    """Return the first place that is free of those that are drawn; None where none of `TRIES` is.
+def find_free_position(draw: Callable[[], Position], is_free: Callable[[Position], bool]) -> Position | None:
+    """Draw positions until one is free; return None after `TRIES` attempts.
 
     Args:
-        draw: returns another place each time.
-        is_free: whether a place can be taken.
+        draw: draws a position.
+        is_free: returns whether a position is free.
     """
     for _ in range(TRIES):
-        place = draw()
-        if is_free(place):
-            return place
+        position = draw()
+        if is_free(position):
+            return position
     return None
 
 
 _PATIENCE_S = 2.0
-"""Seconds that a simulator has to end when it is asked to."""
+"""Seconds that a simulator has to end after SIGTERM."""
 
 
 class AttachmentError(Exception):
-    """The simulator does not do what it should; the message says what and where."""
+    """A failure of the simulator."""
 
 
 class Simulator(ABC):
     """A simulator with robots.
 
-    Methods raise AttachmentError when it does not answer, or answers that something is not there.
+    Methods raise AttachmentError if it does not answer, or reports that something is missing.
     """
 
     @abstractmethod
     def reset(self, poses: Sequence[Pose]) -> None:
-        """Go to the start of an episode; put the robots there, one pose of each, or none where they are."""
+        """Start an episode with a pose for each robot; if empty, with the poses in the simulator's file."""
 
     @abstractmethod
     def step(self, commands: Sequence[Sequence[float]]) -> None:
-        """Set the actuators, (robots, actuators), and go on by `ticks` steps of the simulator."""
+        """Set the actuators, (robots, actuators), and advance by `ticks` steps of the simulator."""
 
     @abstractmethod
-    def sensed(self) -> list[list[float | None]]:
-        """Return what sensors read, (robots, sensors); None where nothing is detected."""
+    def read_sensors(self) -> list[list[float | None]]:
+        """Return the values of the sensors, (robots, sensors); None if nothing is detected."""
 
     @abstractmethod
     def poses(self) -> list[Pose]:
-        """Return where the robots are."""
+        """Return the poses of the robots."""
 
     @abstractmethod
     def close(self) -> None:
-        """Stop the simulation and leave."""
+        """Stop the simulation and disconnect."""
 
 
 class Episodes:
-    """Episodes of the robots that a file describes, in a simulator."""
+    """Episodes in a simulator, as described by a file."""
 
     def __init__(self, attachment: Attachment, simulator: Simulator) -> None:
         self._attachment, self._simulator = attachment, simulator
-        self._left = 0
+        self._remaining_steps = 0
         self._samples: dict[str, list[float]] = {}
 
     def reset(self, seed: int) -> dict[str, Any]:
-        """Begin an episode; return the answer."""
-        given = self._attachment
+        """Start an episode; return the answer."""
+        attachment = self._attachment
         poses = (
-            given.poses if given.area is None else _placed(given.area, len(given.robots), given.apart, seed)
+            attachment.poses
+            if attachment.area is None
+            else _draw_poses(attachment.area, len(attachment.robots), attachment.apart, seed)
         )
         self._simulator.reset(poses)
-        self._left = given.steps
-        self._samples = {name: [] for name in given.metrics}
+        self._remaining_steps = attachment.steps
+        self._samples = {name: [] for name in attachment.metrics}
         return self._answer()
 
     def step(self, actions: Sequence[Sequence[float]]) -> dict[str, Any]:
-        """Go on by one action; return the answer."""
+        """Advance by one action; return the answer."""
         actuators = self._attachment.actuators
         self._simulator.step(
             [
                 [
-                    _limited(_scaled(actuator, value), actuator.limits)
+                    _limit(_scale(actuator, value), actuator.limits)
                     for actuator, value in zip(actuators, row, strict=True)
                 ]
                 for row in actions
             ]
         )
-        self._left -= 1
+        self._remaining_steps -= 1
         return self._answer()
 
     def _answer(self) -> dict[str, Any]:
-        given = self._attachment
+        attachment = self._attachment
         sensed = [
             [
-                _limited(_scaled(sensor, sensor.infinite if value is None else value), sensor.clip)
-                for sensor, value in zip(given.sensors, row, strict=True)
+                _limit(_scale(sensor, sensor.infinite if value is None else value), sensor.clip)
+                for sensor, value in zip(attachment.sensors, row, strict=True)
             ]
-            for row in self._simulator.sensed()
+            for row in self._simulator.read_sensors()
         ]
-        for name, row in zip(given.robots, sensed, strict=True):
-            for sensor, value in zip(given.sensors, row, strict=True):
+        for name, row in zip(attachment.robots, sensed, strict=True):
+            for sensor, value in zip(attachment.sensors, row, strict=True):
                 if not math.isfinite(value):
                     raise AttachmentError(
-                        f"{name}: sensor {sensor.sensor}: {value} came, expected a finite number; `infinite` "
-                        "is what is read where nothing is detected"
+                        f"{name}: sensor {sensor.sensor} is {value}, expected a finite number; set "
+                        "`infinite` to the value for no detection"
                     )
-        poses = self._simulator.poses() if any(measured.pose for measured in given.metrics.values()) else []
-        for name, metric in given.metrics.items():
+        poses = (
+            self._simulator.poses() if any(measured.pose for measured in attachment.metrics.values()) else []
+        )
+        for name, metric in attachment.metrics.items():
             self._samples[name].append(FUNCTIONS[metric.robots](list(self._values(metric, sensed, poses))))
-        if self._left > 0:
+        if self._remaining_steps > 0:
             return {"sensors": sensed}
         results = {
-            name: FUNCTIONS[metric.time](self._samples[name]) for name, metric in given.metrics.items()
+            name: FUNCTIONS[metric.time](self._samples[name]) for name, metric in attachment.metrics.items()
         }
         return {"done": True, "metrics": results}
 
@@ -307,15 +307,15 @@ class Episodes:
         return (metric.scale * value + metric.offset for value in read)
 
 
-class Started:
+class SimulatorProcess:
     """The simulator's process.
 
     Args:
-        command: starts it; {port} is replaced.
-        port: for that.
-        folder: where files that it names are looked for.
+        command: command that starts it; {port} is replaced.
+        port: port of the simulator.
+        folder: folder of files that the command names.
 
-    Raises AttachmentError when it cannot be started.
+    Raises AttachmentError if it cannot be started.
     """
 
     def __init__(self, command: Sequence[str], port: int, folder: Path) -> None:
@@ -329,14 +329,14 @@ class Started:
             raise AttachmentError(f"start: {words[0]}: {error.strerror}") from None
 
     def check(self) -> None:
-        """Raise AttachmentError when it has ended."""
+        """Raise AttachmentError if it has ended."""
         status = self._process.poll()
         if status is not None:
             how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"status {status}"
             raise AttachmentError(f"start: {self._name} has ended ({how})")
 
     def end(self) -> None:
-        """End it with all that it has started: it is asked to, and after a while killed."""
+        """Ask the process group to end, and kill it after a while."""
         for number in (signal.SIGTERM, signal.SIGKILL):
             with suppress(OSError):
                 os.killpg(self._process.pid, number)
@@ -345,13 +345,13 @@ class Started:
                 return
 
 
-def kind_of(device: Device, known: Mapping[str, object]) -> str:
-    """Return the kind of a device; the first that is known where it is left out."""
-    return device.kind or next(iter(known))
+def get_kind(device: Device, kinds: Mapping[str, object]) -> str:
+    """Return the kind of a device, by default the first."""
+    return device.kind or next(iter(kinds))
 
 
 def free_port() -> int:
-    """Return a TCP port that nobody uses."""
+    """Return a free TCP port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -388,7 +388,7 @@ def run(attachment: Attachment, simulator: Simulator) -> None:
     """Run episodes until the standard input ends."""
     episodes = Episodes(attachment, simulator)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what others print does not get among answers
+    os.dup2(2, 1)  # keeps other output apart from answers
     try:
         for line in sys.stdin:
             message = json.loads(line)
@@ -408,7 +408,7 @@ def run(attachment: Attachment, simulator: Simulator) -> None:
 
 
 def exit_on_signals() -> None:
-    """Have SIGTERM and SIGINT end the program in an orderly way."""
+    """Let SIGTERM and SIGINT end the program cleanly."""
 
     def end(number: int, _: object) -> None:
         raise SystemExit(128 + number)
@@ -417,29 +417,29 @@ def exit_on_signals() -> None:
         signal.signal(number, end)
 
 
-def _placed(area: Area, count: int, apart: float, seed: int) -> list[Pose]:
-    """Return places in an area by chance. Raises AttachmentError where not so many fit."""
+def _draw_poses(area: Area, count: int, apart: float, seed: int) -> list[Pose]:
+    """Draw random poses in an area. Raises AttachmentError if the area is too small."""
     numbers = random.Random(seed)
     poses: list[Pose] = []
 
     def draw() -> tuple[float, ...]:
         return tuple(numbers.uniform(*part) for part in (area.x, area.y, area.yaw))
 
-    def is_free(place: tuple[float, ...]) -> bool:
-        return all(math.hypot(place[0] - pose.x, place[1] - pose.y) >= apart for pose in poses)
+    def is_free(position: tuple[float, ...]) -> bool:
+        return all(math.hypot(position[0] - pose.x, position[1] - pose.y) >= apart for pose in poses)
 
     for _ in range(count):
-        place = free_place(draw, is_free)
-        if place is None:
+        position = find_free_position(draw, is_free)
+        if position is None:
             raise AttachmentError(f"area: it is too small for {count} robots, {apart:g} m apart")
-        x, y, yaw = place
+        x, y, yaw = position
         poses.append(Pose(x=x, y=y, z=area.z, yaw=yaw))
     return poses
 
 
-def _scaled(device: Device, value: float | None) -> float:
+def _scale(device: Device, value: float | None) -> float:
     return math.nan if value is None else device.scale * float(value) + device.offset
 
 
-def _limited(value: float, limits: Sequence[float] | None) -> float:
+def _limit(value: float, limits: Sequence[float] | None) -> float:
     return value if limits is None else min(max(value, limits[0]), limits[1])

@@ -1,6 +1,6 @@
-"""Robots in CoppeliaSim, by its ZeroMQ remote API, stepped: `python -m swarmwright.simulations.coppeliasim`.
+"""Robots in CoppeliaSim, through its ZeroMQ remote API: `python -m swarmwright.simulations.coppeliasim`.
 
-The program is a command that an experiment attaches, see docs/how-to/simulators.md. It needs
+The program is a stepwise command of an experiment, see docs/how-to/simulators.md. It needs
 `pip install 'swarmwright[coppeliasim]'`, and CoppeliaSim 4.6 or later.
 
 Source: https://manual.coppeliarobotics.com/en/zmqRemoteApiOverview.htm.
@@ -18,15 +18,15 @@ from swarmwright.simulations.attachment import (
     Attachment,
     AttachmentError,
     Simulator,
-    Started,
-    kind_of,
+    SimulatorProcess,
+    get_kind,
 )
 from swarmwright.simulations.command.ros_definition import Pose
 
 PORT = 23000
-"""Of a CoppeliaSim that was started without an option for it."""
+"""Default port of CoppeliaSim."""
 _LONGEST_STOP = 1000
-"""Checks, `_CHECK_MS` apart, in which a simulation must have stopped."""
+"""Most checks, 10 ms apart, whether a simulation has stopped."""
 _CHECK_MS = 200
 
 
@@ -58,23 +58,23 @@ ACTUATORS: dict[str, Callable[[Any, int, float], object]] = {
 
 
 class CoppeliaSim(Simulator):
-    """CoppeliaSim, connected.
+    """A connection to CoppeliaSim.
 
-    Raises InputError when the client is not installed, AttachmentError when nothing answers, or a robot or a
-    device of the file is not in the scene.
+    Raises InputError if the client is not installed; AttachmentError if CoppeliaSim does not answer, or a
+    robot or device is not in the scene.
     """
 
     def __init__(self, attachment: Attachment) -> None:
         attachment.check_kinds(SENSORS, ACTUATORS)
         connect = _client()
-        self._given, self._seconds = attachment, attachment.startup
+        self._attachment, self._seconds = attachment, attachment.startup
         port = PORT if attachment.start is None else _attached.free_port()
         self._started = (
-            None if attachment.start is None else Started(attachment.start, port, attachment.folder)
+            None if attachment.start is None else SimulatorProcess(attachment.start, port, attachment.folder)
         )
-        self._where = f"{attachment.host if self._started is None else '127.0.0.1'}:{port}"
+        self._address = f"{attachment.host if self._started is None else '127.0.0.1'}:{port}"
         try:
-            host, _, _ = self._where.partition(":")
+            host, _, _ = self._address.partition(":")
             self._client = connect(host, port, self._await)
             self._call(self._connect)  # the first request waits for CoppeliaSim to start
             self._seconds = attachment.patience
@@ -83,21 +83,21 @@ class CoppeliaSim(Simulator):
             raise
 
     def reset(self, poses: Sequence[Pose]) -> None:
-        """Stop the simulation, which puts everything back, and start it."""
+        """Stop the simulation, which resets it, and start it again."""
         self._call(self._restart, poses)
 
     def step(self, commands: Sequence[Sequence[float]]) -> None:
         """Set joints, then step."""
         self._call(self._go, commands)
 
-    def sensed(self) -> list[list[float | None]]:
+    def read_sensors(self) -> list[list[float | None]]:
         """Read devices."""
-        kinds = [SENSORS[kind_of(sensor, SENSORS)] for sensor in self._given.sensors]
+        kinds = [SENSORS[get_kind(sensor, SENSORS)] for sensor in self._attachment.sensors]
         read: list[list[float | None]] = self._call(
             lambda: [
                 [
                     kind(self._sim, handle, sensor.index)
-                    for kind, handle, sensor in zip(kinds, row, self._given.sensors, strict=True)
+                    for kind, handle, sensor in zip(kinds, row, self._attachment.sensors, strict=True)
                 ]
                 for row in self._sensors
             ]
@@ -107,15 +107,15 @@ class CoppeliaSim(Simulator):
     def poses(self) -> list[Pose]:
         """Read positions and orientations of the robots' objects."""
 
-        def one(robot: int) -> Pose:
+        def read_pose(robot: int) -> Pose:
             x, y, z = self._sim.getObjectPosition(robot)
             return Pose(x=x, y=y, z=z, yaw=float(self._sim.getObjectOrientation(robot)[2]))
 
-        found: list[Pose] = self._call(lambda: [one(robot) for robot in self._robots])
-        return found
+        poses: list[Pose] = self._call(lambda: [read_pose(robot) for robot in self._robots])
+        return poses
 
     def close(self) -> None:
-        """Stop the simulation; end CoppeliaSim where it was started for this."""
+        """Stop the simulation, or end CoppeliaSim if this object has started it."""
         with suppress(Exception):
             if self._started is None:
                 self._sim.stopSimulation()
@@ -124,10 +124,13 @@ class CoppeliaSim(Simulator):
 
     def _connect(self) -> None:
         self._sim = self._client.require("sim")
-        self._robots = [self._object(name) for name in self._given.robots]
+        self._robots = [self._object(name) for name in self._attachment.robots]
         self._sensors, self._actuators = (
-            [[self._object(f"{robot}/{device.device}") for device in devices] for robot in self._given.robots]
-            for devices in (self._given.sensors, self._given.actuators)
+            [
+                [self._object(f"{robot}/{device.device}") for device in devices]
+                for robot in self._attachment.robots
+            ]
+            for devices in (self._attachment.sensors, self._attachment.actuators)
         )
 
     def _object(self, path: str) -> int:
@@ -151,42 +154,42 @@ class CoppeliaSim(Simulator):
             sim.setObjectPosition(robot, [pose.x, pose.y, pose.z])
             sim.setObjectOrientation(robot, [0.0, 0.0, pose.yaw])
         sim.startSimulation()
-        sim.step()  # sensors read nothing before
+        sim.step()  # sensors have no values before the first step
 
     def _go(self, commands: Sequence[Sequence[float]]) -> None:
-        kinds = [ACTUATORS[kind_of(actuator, ACTUATORS)] for actuator in self._given.actuators]
+        kinds = [ACTUATORS[get_kind(actuator, ACTUATORS)] for actuator in self._attachment.actuators]
         for handles, row in zip(self._actuators, commands, strict=True):
             for kind, handle, value in zip(kinds, handles, row, strict=True):
                 kind(self._sim, handle, value)
-        for _ in range(self._given.ticks):
+        for _ in range(self._attachment.ticks):
             self._sim.step()
 
     def _await(self, has_answer: Callable[[int], object]) -> None:
-        """Wait for an answer. Raises AttachmentError when CoppeliaSim has ended, or no time is left."""
+        """Wait for an answer. Raises AttachmentError if CoppeliaSim has ended, or on a time-out."""
         deadline = time.monotonic() + self._seconds
         while not has_answer(_CHECK_MS):
             if self._started is not None:
                 self._started.check()
             if time.monotonic() > deadline:
                 raise AttachmentError(
-                    f"CoppeliaSim does not answer at {self._where} for {self._seconds:g} s; is it running, "
+                    f"CoppeliaSim at {self._address} did not answer for {self._seconds:g} s; is it running "
                     "with the ZeroMQ remote API?"
                 )
 
     def _call(self, function: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 - what it returns
-        """Call something that calls CoppeliaSim. Raises AttachmentError for any failure."""
+        """Call a function that calls CoppeliaSim. Raises AttachmentError for any failure."""
         try:
             return function(*arguments)
         except AttachmentError:
             raise
-        except Exception as error:  # noqa: BLE001 - the client raises nothing else
+        except Exception as error:  # noqa: BLE001 - the client raises plain exceptions
             raise AttachmentError(f"CoppeliaSim reports: {' '.join(str(error).split())}") from None
 
 
 def _client() -> Callable[[str, int, Callable[[Callable[[int], object]], None]], Any]:
-    """Return what makes a client, given host, port, and what waits for answers.
+    """Return the class of the client, with the arguments host, port, and a function that waits for answers.
 
-    Raises InputError when the published client is not installed.
+    Raises InputError if the published client is not installed.
     """
     try:
         from coppeliasim_zmqremoteapi_client import RemoteAPIClient
@@ -194,7 +197,7 @@ def _client() -> Callable[[str, int, Callable[[Callable[[int], object]], None]],
         raise InputError(f"{error.name} is not installed; pip install 'swarmwright[coppeliasim]'") from None
 
     class Client(RemoteAPIClient):  # type: ignore[misc] # it has no types
-        """Waits for an answer for a limited time; the published client does so for ever."""
+        """Client with a time limit for answers, which the published client lacks."""
 
         def __init__(self, host: str, port: int, wait: Callable[[Callable[[int], object]], None]) -> None:
             super().__init__(host, port)

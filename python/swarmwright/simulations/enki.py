@@ -1,7 +1,7 @@
-"""E-pucks and Thymios in Enki, a fast simulator of robots on a plane, and the arena's missions.
+"""E-pucks and Thymios in Enki, a fast two-dimensional robot simulator, and the arena's missions in Enki.
 
 `swarmwright serve swarmwright.simulations.enki:EPucks`, or `simulation: swarmwright.simulations.enki:Thymios`
-in an experiment. Enki is Debian's package python3-enki2; it needs the version of Python that Debian has.
+in an experiment. Enki is Debian's package python3-enki2, which needs Debian's version of Python.
 
 Source: Magnenat, Waibel, Beyeler, Enki: The fast 2D robot simulator, https://github.com/enki-community/enki.
 """
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.common.errors import InputError
 from swarmwright.display import Body, Scene
-from swarmwright.simulations.attachment import free_place
+from swarmwright.simulations.attachment import find_free_position
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.parameters import Parameter
 from swarmwright.simulations.physics import Physics, PushedObject, World
@@ -27,22 +27,22 @@ _DEBIAN = Path("/usr/lib/python3/dist-packages")
 
 
 def _library() -> Any:  # noqa: ANN401 - it has no types
-    """Return Enki's module, Debian's where Python finds none itself; InputError where there is none."""
+    """Import Enki, if necessary from Debian's package. Raises InputError if it is missing."""
     try:
         import pyenki
     except ModuleNotFoundError:
         pass
     else:
         return pyenki
-    # Alone, since the folder holds packages that are others than those of a virtual environment.
+    # Only this file, because the folder's other packages may conflict with those of a virtual environment.
     file = _DEBIAN / f"pyenki{sysconfig.get_config_var('EXT_SUFFIX')}"
     if not file.is_file():
-        others = sorted(_DEBIAN.glob("pyenki.*.so"))
+        other_versions = sorted(_DEBIAN.glob("pyenki.*.so"))
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
         raise InputError(
-            f"Enki is there for Debian's Python, not for this one, {version}; serve the simulation from a "
-            "separate environment: /usr/bin/python3 -m venv enki"
-            if others
+            f"Enki is installed for Debian's Python, not for this Python {version}; serve the simulation "
+            "from a separate environment: /usr/bin/python3 -m venv enki"
+            if other_versions
             else "Enki is not installed; apt install python3-enki2"
         )
     spec = importlib.util.spec_from_file_location("pyenki", file)
@@ -62,18 +62,18 @@ class Robots(Simulation):
 
     Sensors: one for each of the robot's proximity sensors, 0 (nothing in range) to 1 (touching).
     Actuators (2): speed of the left and of the right wheel, 1 is full speed ahead.
-    Fitness: the mean over robots and steps of V (1 - sqrt(D)) (1 - S): V is the mean speed of the wheels, D
-    how much they differ, S the reading of the sensor that reads most, each from 0 to 1. Floreano, Mondada,
+    Fitness: the mean over robots and steps of V (1 - sqrt(D)) (1 - S), where V is the mean speed of the
+    wheels, D their difference, and S the largest sensor reading, each from 0 to 1. Floreano, Mondada,
     Automatic creation of an autonomous agent: genetic evolution of a neural-network driven robot, SAB 1994.
 
-    Wheels and sensors are noisy. The seed sets all positions and the noise; but Enki steps objects
-    in the order of their addresses in memory, so that two runs may differ.
+    Wheels and sensors are noisy. The seed sets all positions and the noise, but Enki steps objects in the
+    order of their memory addresses, so that two runs may differ.
     """
 
     actuators = 2
     determinism = "none"
     step_seconds = 0.1
-    copies = False  # one source of noise for the whole process
+    copies = False  # the process has a single random number generator for noise
     metrics = {"touching": "Share of robots with something within 1 cm, mean over the episode."}  # noqa: RUF012
     parameters = {  # noqa: RUF012 - as in the base class
         "agents": Parameter(4, "Robots.", minimum=1, maximum=200),
@@ -83,9 +83,9 @@ class Robots(Simulation):
     }
 
     reach: ClassVar[float]
-    """How far proximity sensors see, centimetres."""
+    """Range of proximity sensors, centimetres."""
     fastest: ClassVar[float]
-    """Of a wheel, centimetres per second."""
+    """Highest speed of a wheel, centimetres per second."""
     half: ClassVar[float]
     """Radius of a circle around the robot, centimetres."""
 
@@ -94,62 +94,62 @@ class Robots(Simulation):
         """Return a new robot."""
 
     def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
-        """Go to the start of an episode."""
+        """Start an episode."""
         random = np.random.default_rng(seed)
-        self.size, self.left = parameters["size"], parameters["steps"]
-        self.steps = self.left
+        self.size, self.remaining_steps = parameters["size"], parameters["steps"]
+        self.steps = self.remaining_steps
         self._sum = self._touched = 0.0
         self.world = enki.World(self.size, self.size)
         self.world.setRandomSeed((seed ^ seed >> 32) & 0x7FFF_FFFF)
-        taken: list[tuple[float, float, float]] = []
+        occupied: list[tuple[float, float, float]] = []
         self.pillars = []
         for _ in range(parameters["pillars"]):
             pillar = enki.CircularObject(5, 10, -1, enki.Color(0.4, 0.4, 0.4))
-            pillar.pos = _free(random, taken, self.size, 5, "pillars")
+            pillar.pos = _place_body(random, occupied, self.size, 5, "pillars")
             self.pillars.append(pillar)
         self.robots = []
         for _ in range(parameters["agents"]):
             robot = self.robot()
-            robot.pos = _free(random, taken, self.size, self.half + 1, "agents")
+            robot.pos = _place_body(random, occupied, self.size, self.half + 1, "agents")
             robot.angle = float(random.uniform(-np.pi, np.pi))
             self.robots.append(robot)
-        for thing in (*self.pillars, *self.robots):
-            self.world.addObject(thing)
-        self.world.step(0.001)  # sensors read something from here on
-        return self._look()
+        for body in (*self.pillars, *self.robots):
+            self.world.addObject(body)
+        self.world.step(0.001)  # sensors have no values before the first step
+        return self._read_sensors()
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
         """Advance by one step of control."""
         for robot, (left, right) in zip(self.robots, actions.tolist(), strict=True):
             robot.leftSpeed, robot.rightSpeed = self.fastest * left, self.fastest * right
         self.world.step(self.step_seconds, 3)
-        self.left -= 1
-        seen = self._look()
+        self.remaining_steps -= 1
+        readings = self._read_sensors()
         wheels = (actions.astype(float) + 1) / 2
         fast, differ = np.abs(actions).mean(axis=1), np.abs(wheels[:, 0] - wheels[:, 1])
-        self._sum += float((fast * (1 - np.sqrt(differ)) * (1 - seen.max(axis=1))).mean())
-        self._touched += float((seen.max(axis=1) > 1 - 1 / self.reach).mean())
-        return seen
+        self._sum += float((fast * (1 - np.sqrt(differ)) * (1 - readings.max(axis=1))).mean())
+        self._touched += float((readings.max(axis=1) > 1 - 1 / self.reach).mean())
+        return readings
 
     def done(self) -> bool:
         """Return whether the time is over."""
-        return bool(self.left == 0)
+        return bool(self.remaining_steps == 0)
 
     def fitness(self) -> float:
-        """Return how fast, straight and far from everything robots drove."""
-        return float(self._sum / max(self.steps - self.left, 1))
+        """Return the mean of V (1 - sqrt(D)) (1 - S)."""
+        return float(self._sum / max(self.steps - self.remaining_steps, 1))
 
     def measure(self) -> dict[str, float]:
         """Return the metrics."""
-        return {"touching": self._touched / max(self.steps - self.left, 1)}
+        return {"touching": self._touched / max(self.steps - self.remaining_steps, 1)}
 
     def scene(self) -> Scene:
-        """Return what the arena looks like from above, in centimetres."""
+        """Return the arena from above, in centimetres."""
         bodies = [Body("obstacle", x, y, "", 5.0) for x, y in (pillar.pos for pillar in self.pillars)]
         bodies += [Body("agent", x, y, "free", self.half) for x, y in (robot.pos for robot in self.robots)]
-        return Scene(self.size, self.size, self.steps - self.left, self.title, bodies)
+        return Scene(self.size, self.size, self.steps - self.remaining_steps, self.title, bodies)
 
-    def _look(self) -> NDArray[np.float64]:
+    def _read_sensors(self) -> NDArray[np.float64]:
         distances = np.array([list(robot.proximitySensorDistances) for robot in self.robots])
         return 1 - np.clip(distances / self.reach, 0, 1)
 
@@ -179,9 +179,9 @@ class Thymios(Robots):
 
 
 class Missions(Physics):
-    """The arena's missions with Enki's e-pucks: their motors, whose speed is 5 % off at random, and contacts.
+    """The arena's missions with Enki's e-pucks: with contacts, and motors with 5 % noise.
 
-    Enki steps objects in the order of their addresses in memory, so that two episodes may differ.
+    Enki steps objects in the order of their memory addresses, so that two episodes may differ.
     """
 
     title = "arena-enki"
@@ -196,7 +196,7 @@ class Missions(Physics):
         objects: NDArray[np.float32],
         seed: int,
     ) -> None:
-        """Go to the start of an episode. InputError for robots that are no e-pucks."""
+        """Start an episode. Raises InputError for robots that are not e-pucks."""
         if changed:
             self._check(world)
         self._world = enki.World()
@@ -205,7 +205,7 @@ class Missions(Physics):
             sides = (100 * box.length, 100 * box.thickness, 100 * box.height)
             self._add(enki.RectangularObject(*sides, -1, _GREY), box.x, box.y, box.angle)
         self._objects = [
-            self._add(_pushed_object(pushed_object), *pose)
+            self._add(_make_pushed_object(pushed_object), *pose)
             for pushed_object, pose in zip(world.objects, objects.tolist(), strict=True)
         ]
         self._robots = [self._add(enki.EPuck(), *pose) for pose in robots.tolist()]
@@ -213,28 +213,28 @@ class Missions(Physics):
         self._models = world.robots
 
     def step(self, motions: NDArray[np.float32]) -> None:
-        """Go on by a tick."""
+        """Advance by one tick."""
         for robot, model, (ahead, _, turn) in zip(self._robots, self._models, motions.tolist(), strict=True):
             half = turn * self._bases[model] / 2
             robot.leftSpeed, robot.rightSpeed = 100 * (ahead - half), 100 * (ahead + half)
         self._world.step(self._tick, _PARTS)
 
     def poses(self) -> tuple[ArrayLike, ArrayLike]:
-        """Return where robots and objects are."""
-        return _poses(self._robots), _poses(self._objects)
+        """Return the poses of robots and objects."""
+        return _read_poses(self._robots), _read_poses(self._objects)
 
-    def _add(self, thing: Any, x: float, y: float, angle: float) -> Any:  # noqa: ANN401 - Enki's
-        thing.pos, thing.angle = (100 * x, 100 * y), angle
-        self._world.addObject(thing)
-        return thing
+    def _add(self, body: Any, x: float, y: float, angle: float) -> Any:  # noqa: ANN401 - Enki's
+        body.pos, body.angle = (100 * x, 100 * y), angle
+        self._world.addObject(body)
+        return body
 
     @staticmethod
     def _check(world: World) -> None:
         for model in world.models:
             if not model.wheel_base or abs(model.radius - _EPUCK) > 0.005:
                 raise InputError(
-                    f"robot: one with a radius of {model.radius:.3g} m"
-                    f"{'' if model.wheel_base else ' and without wheels'} found; Enki has e-pucks here: "
+                    f"robot: a robot with a radius of {model.radius:.3g} m"
+                    f"{'' if model.wheel_base else ' and without wheels'} found, but Enki simulates e-pucks; "
                     "expected a robot with a differential drive and a radius of 0.035 m, such as e-puck-rm1.1"
                 )
 
@@ -244,45 +244,45 @@ _EPUCK = 0.035
 _WALL = 0.05
 """Thickness of walls, metres."""
 _PARTS = 10
-"""Steps of the physics in a tick."""
+"""Physics steps in a tick."""
 _GREY = enki.Color(0.4, 0.4, 0.4)
 
 
-def _pushed_object(pushed: PushedObject) -> Any:  # noqa: ANN401 - Enki's
+def _make_pushed_object(pushed: PushedObject) -> Any:  # noqa: ANN401 - Enki's
     """Return an object that robots push."""
     if pushed.radius:
-        made = enki.CircularObject(100 * pushed.radius, 100 * pushed.height, pushed.mass, _GREY)
+        body = enki.CircularObject(100 * pushed.radius, 100 * pushed.height, pushed.mass, _GREY)
     else:
-        made = enki.RectangularObject(
+        body = enki.RectangularObject(
             100 * pushed.width, 100 * pushed.depth, 100 * pushed.height, pushed.mass, _GREY
         )
-    made.dryFrictionCoefficient = pushed.friction
-    return made
+    body.dryFrictionCoefficient = pushed.friction
+    return body
 
 
-def _poses(things: list[Any]) -> ArrayLike:
-    return [(thing.pos[0] / 100, thing.pos[1] / 100, thing.angle) for thing in things]
+def _read_poses(bodies: list[Any]) -> ArrayLike:
+    return [(body.pos[0] / 100, body.pos[1] / 100, body.angle) for body in bodies]
 
 
-def _free(
+def _place_body(
     random: np.random.Generator,
-    taken: list[tuple[float, float, float]],
+    occupied: list[tuple[float, float, float]],
     size: float,
     clearance: float,
     name: str,
 ) -> tuple[float, float]:
-    """Return a place in the arena with clearance around it, and take it. InputError where there is none."""
+    """Draw a free position in the arena, and mark it as occupied. Raises InputError if there is none."""
 
     def draw() -> tuple[float, float]:
         x, y = random.uniform(clearance, size - clearance, 2).tolist()
         return x, y
 
-    def is_free(place: tuple[float, float]) -> bool:
-        x, y = place
-        return all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in taken)
+    def is_free(position: tuple[float, float]) -> bool:
+        x, y = position
+        return all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in occupied)
 
-    place = free_place(draw, is_free)
-    if place is None:
-        raise InputError(f"{name}: the arena is too small for them")
-    taken.append((*place, clearance))
-    return place
+    position = find_free_position(draw, is_free)
+    if position is None:
+        raise InputError(f"{name}: the arena is too small for all of them")
+    occupied.append((*position, clearance))
+    return position

@@ -211,7 +211,9 @@ def test_a_film_where_nothing_can_be_drawn(tmp_path: Path, drawn_by: str) -> Non
         cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=50, check=False,
     )  # fmt: skip
     assert (process.returncode, process.stdout) == (2, "")
-    assert process.stderr.startswith(f"swarmwright: MuJoCo cannot draw here (MUJOCO_GL={drawn_by}; ")
+    assert process.stderr.startswith(
+        f"swarmwright: MuJoCo cannot draw on this machine (MUJOCO_GL={drawn_by}; "
+    )
     assert "install OSMesa (Debian's package libosmesa6)" in process.stderr
     assert process.stderr.count("\n") == 1
 

@@ -9,7 +9,7 @@ Source: Todorov, Erez, Tassa, MuJoCo: A physics engine for model-based control, 
 from swarmwright.simulations.mujoco._library import load as _load
 
 undrawable = _load()
-"""Why MuJoCo cannot draw here, known from importing it; None where it can."""
+"""Exception because of which MuJoCo cannot draw on this machine; None if it can."""
 
 from swarmwright.simulations.mujoco._missions import Missions  # noqa: E402
 from swarmwright.simulations.mujoco._quadrotors import Quadrotors  # noqa: E402

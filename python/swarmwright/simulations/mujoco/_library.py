@@ -1,4 +1,4 @@
-"""Imports the library, without its renderer where that cannot be loaded."""
+"""Imports MuJoCo, without its renderer if that cannot be loaded."""
 
 import os
 
@@ -11,12 +11,12 @@ _DRAWING_ADVICE = (
 
 
 def load() -> Exception | None:
-    """Import mujoco; return why it cannot draw, None where it can.
+    """Import mujoco; return the exception because of which it cannot draw, None if it can.
 
-    What MUJOCO_GL names is loaded with the library. Where that fails the library is imported without it,
-    since only videos need it.
+    The renderer that MUJOCO_GL names is loaded with the library. If that fails, the library is imported
+    without it, as only videos need it.
 
-    Raises InputError when mujoco is not installed.
+    Raises InputError if mujoco is not installed.
     """
     try:
         import mujoco
@@ -36,8 +36,8 @@ def load() -> Exception | None:
 
 
 def cannot_draw(reason: Exception) -> InputError:
-    """Return an error that says how MuJoCo can be made to draw."""
+    """Return an error with advice on how to make MuJoCo draw."""
     named = os.environ.get("MUJOCO_GL")
     setting = f"MUJOCO_GL={named}" if named else "MUJOCO_GL is not set"
     words = f"{type(reason).__name__}: {reason}" if str(reason) else type(reason).__name__
-    return InputError(f"MuJoCo cannot draw here ({setting}; {words}): {_DRAWING_ADVICE}")
+    return InputError(f"MuJoCo cannot draw on this machine ({setting}; {words}); {_DRAWING_ADVICE}")

@@ -11,17 +11,17 @@ from swarmwright.simulations.physics import Physics, PushedObject, RobotModel, W
 _STEP = 0.005
 """Seconds of a step of MuJoCo."""
 _THICKNESS = 0.05
-"""Of walls, metres."""
+"""Thickness of walls, metres."""
 _SERVO = 0.01
-"""Seconds in which a drive reaches its speed where its largest force allows it."""
+"""Seconds in which a drive reaches its speed unless its largest force limits it."""
 
 
 class Missions(Physics):
     """Robots are cylinders that stay upright on the floor, and touch walls, objects and each other.
 
-    Drives are speed servos along the robot, across it and around its axis. The force of the first two is
-    limited so that they accelerate the robot as much as the drive of its model; the wheels of a differential
-    drive resist being pushed sideways as strongly. Objects lie on the floor, with gravity and friction.
+    Drives are speed servos along the robot, across it and around its axis. The forces of the first two are
+    limited to the acceleration of the model's drive; the wheels of a differential drive resist being pushed
+    sideways with the same force. Objects lie on the floor, with gravity and friction.
     """
 
     title = "arena-mujoco"
@@ -33,9 +33,9 @@ class Missions(Physics):
         changed: bool,
         robots: NDArray[np.float32],
         objects: NDArray[np.float32],
-        seed: int,  # noqa: ARG002 - nothing is drawn here
+        seed: int,  # noqa: ARG002 - there is no randomness
     ) -> None:
-        """Go to the start of an episode."""
+        """Start an episode."""
         if changed:
             self._model = mujoco.MjModel.from_xml_string(_xml(world))
             self._data = mujoco.MjData(self._model)
@@ -54,12 +54,12 @@ class Missions(Physics):
         mujoco.mj_forward(self._model, self._data)
 
     def step(self, motions: NDArray[np.float32]) -> None:
-        """Go on by a tick."""
+        """Advance by one tick."""
         self._data.ctrl[:] = motions.ravel()
         mujoco.mj_step(self._model, self._data, self._parts)
 
     def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where robots and objects are."""
+        """Return the poses of robots and objects."""
         at = 3 * self._robots
         objects = self._data.qpos[at:].reshape(-1, 7)
         w, x, y, z = objects[:, 3:].T
@@ -92,7 +92,7 @@ def _xml(world: World) -> str:
 
 
 def _robot(index: int, model: RobotModel) -> str:
-    """Of no weight on the floor: it does not fall."""
+    """Return the body of a robot, without gravity, so that it does not fall over."""
     half = model.height / 2
     return (
         f'<body name="robot{index}" gravcomp="1"><joint type="slide" axis="1 0 0"/>'

@@ -1,4 +1,4 @@
-"""Quadrotors that are to spread over an area."""
+"""Quadrotors that spread over an area."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ _ARM = 0.1  # rotors at (+-ARM, +-ARM), metres
 _DRAG = 0.02  # torque about the axis for a thrust of 1 N, N m
 _THRUST_N = 3.0  # thrust of a rotor, N
 _TOP_SPEED_M_S = 1.0  # m/s
-_HEIGHT = 1.0  # that is held, metres
+_HEIGHT = 1.0  # height of flight, metres
 
 _QUADROTOR = """
 <body name="robot{i}">
@@ -30,16 +30,16 @@ _QUADROTOR = """
 </body>
 """
 _ROTORS = ((1, 1, 1), (-1, 1, -1), (-1, -1, 1), (1, -1, -1))
-"""Place of each rotor in x and y, and the sense of its torque."""
+"""Position of each rotor in x and y, and the direction of its torque."""
 _MIXER = np.linalg.inv([[1, _ARM * y, -_ARM * x, _DRAG * turn] for x, y, turn in _ROTORS]).T
 """(thrust, torque about x, y, z) -> thrusts of the rotors."""
 
 
 class Quadrotors(Robots):
-    """Quadrotors spread: each sees a disc of the floor below it, and together they are to see all of it.
+    """Quadrotors spread to see as much of the floor as possible; each sees a disc of the floor below it.
 
-    Each carries an autopilot that keeps it upright, looking towards x, 1 m above the floor, and holds the
-    velocity it is told. One that touches anything falls down and is out.
+    An autopilot keeps a quadrotor upright, facing x, 1 m above the floor, at the commanded velocity. A
+    quadrotor that touches anything falls down and stays there.
 
     Sensors (10): 8 range sensors around, beginning at x, counterclockwise, 0 (nothing within `range`) to 1
     (touching); the velocity in x and y, 1 at full speed.
@@ -63,7 +63,7 @@ class Quadrotors(Robots):
     metrics = {  # noqa: RUF012 - as in the base class
         "covered": "Share of the floor that is seen at the end.",
         "crashed": "Quadrotors that touched something.",
-        "closest": "The least distance that there was between two quadrotors that flew, metres.",
+        "closest": "The smallest distance between two flying quadrotors in the episode, metres.",
     }
     physics_step, physics_steps = 0.01, 10
     radius, clearance = 0.18, 0.3
@@ -81,23 +81,23 @@ class Quadrotors(Robots):
         return _QUADROTOR.format(i=number, rotors=rotors)
 
     def motors(self, number: int) -> str:
-        """Return the rotors: a thrust, and the torque that comes with it."""
+        """Return the rotors, each with a thrust and a proportional torque."""
         return "".join(
             f'<motor site="rotor{number}{index}" gear="0 0 1 0 0 {turn * _DRAG}" ctrlrange="0 {_THRUST_N}"/>'
             for index, (_, _, turn) in enumerate(_ROTORS)
         )
 
     def start(self, places: Numbers, headings: Numbers) -> None:
-        """Let quadrotors hover, all looking towards x."""
+        """Place hovering quadrotors, all facing x."""
         super().start(places, 0 * headings)
         self._height = min(_HEIGHT, self.arena.height / 2)
         self.data.qpos[self._free[:, 2]] = self._height
 
     def prepare(self) -> None:
-        """Begin to count."""
+        """Reset the counters."""
         self._flies = np.full(self.agents, True)
         self._sum, self._counted, self._closest = 0.0, 0, np.inf
-        self._closest = self._least()
+        self._closest = self._find_closest_distance()
 
     def step(self, actions: NDArray[np.float32]) -> Numbers:
         """Advance by one step of control."""
@@ -105,10 +105,10 @@ class Quadrotors(Robots):
             self._steer(_TOP_SPEED_M_S * actions.astype(float))
             mujoco.mj_step(self.model, self.data)
             self._flies &= ~self._touches()
-        self.left -= 1
-        self._closest = min(self._closest, self._least())
+        self.remaining_steps -= 1
+        self._closest = min(self._closest, self._find_closest_distance())
         if self.late:
-            self._sum += self._covered()
+            self._sum += self._measure_coverage()
             self._counted += 1
         return self.look()
 
@@ -117,13 +117,13 @@ class Quadrotors(Robots):
         return self._flies
 
     def look(self) -> Numbers:
-        """Return what quadrotors sense."""
-        around = self.near(np.zeros(self.agents))
+        """Return the sensor values."""
+        around = self.read_ranges(np.zeros(self.agents))
         return np.hstack([around, self.data.qvel[self._speeds[:, :2]] / _TOP_SPEED_M_S])
 
     @property
-    def drawn(self) -> float:
-        """What is drawn is the disc that it sees."""
+    def drawn_radius(self) -> float:
+        """Radius of the disc that a quadrotor sees, metres."""
         return self._view
 
     def states(self) -> list[str]:
@@ -132,52 +132,52 @@ class Quadrotors(Robots):
 
     @property
     def message(self) -> str:
-        """The line above a picture."""
-        return f"{100 * self._covered():.0f} % of the floor is seen"
+        """Caption of a picture."""
+        return f"{100 * self._measure_coverage():.0f} % of the floor is seen"
 
     def fitness(self) -> float:
         """Return the share of the floor that is seen, the mean of the last quarter."""
-        return float(self._sum / self._counted) if self._counted else self._covered()
+        return float(self._sum / self._counted) if self._counted else self._measure_coverage()
 
     def measure(self) -> dict[str, float]:
         """Return the metrics."""
         closest = self._closest if np.isfinite(self._closest) else 0.0
         crashed = float((~self._flies).sum())
-        return {"covered": self._covered(), "crashed": crashed, "closest": closest}
+        return {"covered": self._measure_coverage(), "crashed": crashed, "closest": closest}
 
-    def _steer(self, wanted: Numbers) -> None:
-        """Let the autopilots set the rotors. wanted: velocities, (agents, 2), m/s.
+    def _steer(self, velocities: Numbers) -> None:
+        """Run the autopilots. velocities: commands, (agents, 2), m/s.
 
-        A cascade: velocity to acceleration, acceleration to the direction of thrust, that to torques. Lee,
-        Leok, McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010.
+        A cascade from velocity to acceleration, to the direction of thrust, to torques. Lee, Leok,
+        McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010.
         """
         motion, axes = self.data.qvel[self._speeds], self.frames()
         climb = np.clip(self._height - self.positions()[:, 2], -1, 1)
-        pull = np.clip(3.0 * (np.column_stack([wanted, climb]) - motion[:, :3]), -4, 4)
+        pull = np.clip(3.0 * (np.column_stack([velocities, climb]) - motion[:, :3]), -4, 4)
         pull[:, 2] += _GRAVITY
         up = axes[:, :, 2]
         thrust = _MASS * (pull * up).sum(axis=1)
         lean = np.cross(up, pull / np.linalg.norm(pull, axis=1, keepdims=True))
-        lean[:, 2] -= np.arctan2(axes[:, 1, 0], axes[:, 0, 0])  # look towards x
+        lean[:, 2] -= np.arctan2(axes[:, 1, 0], axes[:, 0, 0])  # face x
         turn = (axes * lean[:, :, None]).sum(axis=1)  # in the axes of the robot
         torque = _INERTIA * (120.0 * turn - 20.0 * motion[:, 3:])
         forces = (np.column_stack([thrust, torque])[:, :, None] * _MIXER.T[None]).sum(axis=1)
         self.data.ctrl[:] = np.where(self._flies[:, None], np.clip(forces, 0, _THRUST_N), 0.0).ravel()
 
     def _touches(self) -> NDArray[np.bool_]:
-        """Return which quadrotors touch anything, the floor and the ceiling, too, (agents,)."""
+        """Return which quadrotors touch anything, including floor and ceiling, (agents,)."""
         low = self.positions()[:, 2]
         touched: NDArray[np.bool_] = self.touching() | (low < 0.06) | (low > self.arena.height)
         return touched
 
-    def _covered(self) -> float:
-        """Return the share of the floor that is seen by those that fly."""
+    def _measure_coverage(self) -> float:
+        """Return the share of the floor that flying quadrotors see."""
         places = self.positions()[self._flies, None, :2]
-        seen = ((self._cells - places) ** 2).sum(axis=2) <= self._view**2
-        return float(seen.any(axis=0).mean())
+        is_visible = ((self._cells - places) ** 2).sum(axis=2) <= self._view**2
+        return float(is_visible.any(axis=0).mean())
 
-    def _least(self) -> float:
-        """Return the least distance between two that fly, infinite for fewer than two."""
+    def _find_closest_distance(self) -> float:
+        """Return the smallest distance between flying quadrotors, infinite for fewer than two."""
         places = self.positions()[self._flies]
         if len(places) < 2:
             return float("inf")

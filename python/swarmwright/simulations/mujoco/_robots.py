@@ -1,8 +1,6 @@
-"""What rovers and quadrotors have in common: a model made of parameters, range sensors, contacts.
+"""Shared code of rovers and quadrotors: the arena, the MuJoCo model, range sensors, contacts.
 
-The arena: a floor with walls around it and obstacles on it, and free places for robots.
-
-x and y are 0 in the middle of the arena; metres.
+The arena is a floor with walls and obstacles. Coordinates are metres; x and y are 0 in its middle.
 """
 
 import math
@@ -26,14 +24,14 @@ WALL = 0.05
 """Half the thickness of a wall."""
 _KEYS = {"width", "depth", "height", "pillars"}
 _TRIED_PLACES = 10_000
-"""Places that are tried for a body before it is said that there is none."""
+"""Most positions that are tried for bodies."""
 
 
 @dataclass(frozen=True)
 class Arena:
-    """A rectangle with round pillars in it.
+    """A rectangle with round pillars.
 
-    width, depth, height: in x, y and z. pillars: (x, y, radius) of each that is always at the same place.
+    width, depth, height: in x, y and z. pillars: (x, y, radius) of fixed pillars.
     """
 
     width: float
@@ -43,7 +41,7 @@ class Arena:
 
     @classmethod
     def read(cls, raw: Mapping[str, Any]) -> Self:
-        """Check the parameter `arena`. Raises InputError, "arena: why"."""
+        """Check and read the parameter `arena`. Raises InputError, "arena: reason"."""
         unknown = sorted(set(raw) - _KEYS)
         if unknown:
             raise InputError(f"arena: {unknown[0]!r} found, expected {', '.join(sorted(_KEYS))}")
@@ -59,7 +57,7 @@ class Arena:
     def xml(self, more: int, radius: float) -> str:
         """Return the static bodies of a MuJoCo model.
 
-        more: additional pillars, anywhere. radius: of these.
+        more: number of further pillars. radius: their radius.
         """
         x, y, z = self.width / 2, self.depth / 2, self.height / 2
         long = y + 2 * WALL
@@ -76,8 +74,8 @@ class Arena:
                 ),
                 *(
                     f'<body name="pillar{i}" mocap="true"><geom name="pillar{i}" type="cylinder" '
-                    f'size="{one} {z}" material="pillar"/></body>'
-                    for i, one in enumerate(radii)
+                    f'size="{pillar_radius} {z}" material="pillar"/></body>'
+                    for i, pillar_radius in enumerate(radii)
                 ),
             ]
         )
@@ -85,38 +83,38 @@ class Arena:
     def place(
         self, random: np.random.Generator, more: int, radius: float, robots: int, size: float, spread: float
     ) -> tuple[Points, Points]:
-        """Return places of all pillars and of robots that are free, at random.
+        """Return positions of all pillars, and free random positions of robots.
 
         Args:
             random: the random number generator.
-            more: additional pillars.
-            radius: of these.
-            robots: how many.
+            more: number of further pillars.
+            radius: their radius.
+            robots: number of robots.
             size: free radius around the middle of each robot.
             spread: robots are placed within this share of the arena's sides, around the middle.
 
-        Raises InputError where there is not enough space.
+        Raises InputError if there is not enough space.
         """
-        taken = [(x, y, r) for x, y, r in self.pillars]
+        occupied = [(x, y, r) for x, y, r in self.pillars]
         half = np.array([self.width, self.depth]) / 2
 
-        def found(count: int, clearance: float, share: float, name: str) -> Points:
+        def draw_positions(count: int, clearance: float, share: float, name: str) -> Points:
             places: list[tuple[float, float]] = []
             for _ in range(_TRIED_PLACES):
                 if len(places) == count:
                     break
                 x, y = random.uniform(-1, 1, 2) * (half * share - clearance)
-                if all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in taken):
+                if all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in occupied):
                     places.append((x, y))
-                    taken.append((x, y, clearance))
+                    occupied.append((x, y, clearance))
             if len(places) < count:
                 raise InputError(f"{name}: the arena is too small for {count} of them")
             return np.array(places).reshape(count, 2)
 
         if min(half) * spread <= size:
             raise InputError("arena: too small for robots")
-        pillars = found(more, radius, 1.0, "pillars")
-        robots_at = found(robots, size, spread, "agents")
+        pillars = draw_positions(more, radius, 1.0, "pillars")
+        robots_at = draw_positions(robots, size, spread, "agents")
         fixed = np.array([(x, y) for x, y, _ in self.pillars]).reshape(-1, 2)
         return np.vstack([fixed, pillars]), robots_at
 
@@ -142,11 +140,11 @@ Numbers = NDArray[np.float64]
 PILLAR = 0.25
 """Radius of pillars that are placed by the seed, metres."""
 SECTORS, RAYS = 8, 3
-"""Range sensors around a robot, and the rays of each, of which the nearest hit counts."""
+"""Number of range sensors around a robot, and of the rays of each, of which the nearest hit is used."""
 RANGES = tuple(f"range {360 * sector // SECTORS} degrees" for sector in range(SECTORS))
 """Names of range sensors: counterclockwise from straight ahead, or from x."""
-_SEEN = np.array([1, 0, 0, 1, 0, 0], np.uint8)
-"""Groups of geoms that range sensors see: all but the floor (1), and what hangs on robots (2)."""
+_VISIBLE_GROUPS = np.array([1, 0, 0, 1, 0, 0], np.uint8)
+"""Groups of geoms that range sensors detect: all but the floor (1) and parts of robots (2)."""
 
 _MODEL = """
 <mujoco model="swarm">
@@ -175,9 +173,10 @@ _MODEL = """
 
 
 class Robots(Simulation):
-    """Robots in an arena. Deterministic: the same parameters, seed and actions give the same bits.
+    """Robots in an arena.
 
-    That holds on machines with the same MuJoCo and the same kind of processor.
+    Deterministic: the same parameters, seed and actions give bit-identical results on machines with the same
+    MuJoCo and the same kind of processor.
     """
 
     dimensions = 3
@@ -195,27 +194,27 @@ class Robots(Simulation):
     frame_seconds = 0.1
 
     physics_step: ClassVar[float]
-    """Seconds of a step of the physics."""
+    """Seconds of a physics step."""
     physics_steps: ClassVar[int]
-    """Steps of the physics in a step of control."""
+    """Physics steps in a control step."""
     radius: ClassVar[float]
-    """Of a robot, metres."""
+    """Radius of a robot, metres."""
     clearance: ClassVar[float]
-    """Distance from a robot's middle that is free at the start, metres."""
+    """Free distance around a robot's middle at the start, metres."""
     spread: ClassVar[float] = 1.0
-    """Share of the arena's sides in which robots begin."""
+    """Share of the arena's sides within which robots start."""
     clear: ClassVar[float] = 1.0
     """Opacity of the walls in pictures."""
 
-    _made_of: dict[str, Any] | None = None
+    _made_for: dict[str, Any] | None = None
 
     def __init_subclass__(cls) -> None:
-        """Forget names, units and ranges of inherited sensors or actuators where a class has others."""
+        """Reset inherited names, units and ranges of sensors or actuators if a class redefines these."""
         super().__init_subclass__()
-        for which in ("sensor", "actuator"):
+        for kind in ("sensor", "actuator"):
             for about in ("names", "units", "ranges"):
-                if f"{which}s" in cls.__dict__ and f"{which}_{about}" not in cls.__dict__:
-                    setattr(cls, f"{which}_{about}", ())
+                if f"{kind}s" in cls.__dict__ and f"{kind}_{about}" not in cls.__dict__:
+                    setattr(cls, f"{kind}_{about}", ())
 
     @abstractmethod
     def robot(self, number: int) -> str:
@@ -227,17 +226,17 @@ class Robots(Simulation):
 
     @abstractmethod
     def prepare(self) -> None:
-        """Be ready for an episode, after robots have been placed."""
+        """Prepare an episode, after robots have been placed."""
 
     @abstractmethod
     def look(self) -> Numbers:
-        """Return what robots sense, (agents, sensors)."""
+        """Return the sensor values, (agents, sensors)."""
 
     def reset(self, parameters: dict[str, Any], seed: int) -> Numbers:
-        """Go to the start of an episode."""
-        if parameters != self._made_of:
+        """Start an episode."""
+        if parameters != self._made_for:
             self._make(parameters)
-            self._made_of = dict(parameters)
+            self._made_for = dict(parameters)
         mujoco.mj_resetData(self.model, self.data)
         random = np.random.default_rng(seed)
         pillars, robots = self.arena.place(
@@ -246,14 +245,14 @@ class Robots(Simulation):
         self.data.mocap_pos[:, :2] = pillars
         self.data.mocap_pos[:, 2] = self.arena.height / 2
         headings = random.uniform(-np.pi, np.pi, self.agents)
-        self.left, self.steps = parameters["steps"], parameters["steps"]
+        self.remaining_steps, self.steps = parameters["steps"], parameters["steps"]
         self.start(robots, headings)
         mujoco.mj_forward(self.model, self.data)
         self.prepare()
         return self.look()
 
     def start(self, places: Numbers, headings: Numbers) -> None:
-        """Put robots on their places, on the floor. places: (agents, 2); headings: radians."""
+        """Place robots on the floor. places: positions, (agents, 2); headings: radians."""
         state = self.data.qpos[self._free]
         state[:, :2] = places
         state[:, 3], state[:, 6] = np.cos(headings / 2), np.sin(headings / 2)
@@ -261,15 +260,15 @@ class Robots(Simulation):
 
     def done(self) -> bool:
         """Return whether the time is over."""
-        return bool(self.left == 0)
+        return bool(self.remaining_steps == 0)
 
     @property
     def late(self) -> bool:
-        """Whether the last quarter of the episode has begun, which is what counts."""
-        return bool(4 * self.left <= self.steps)
+        """Whether the last quarter of the episode has begun, which determines the fitness."""
+        return bool(4 * self.remaining_steps <= self.steps)
 
     def positions(self) -> Numbers:
-        """Return where robots are, (agents, 3)."""
+        """Return the positions of robots, (agents, 3)."""
         places: Numbers = self.data.xpos[self._bodies]
         return places
 
@@ -278,19 +277,19 @@ class Robots(Simulation):
         axes: Numbers = self.data.xmat[self._bodies].reshape(-1, 3, 3)
         return axes
 
-    def near(self, headings: Numbers) -> Numbers:
-        """Return what range sensors read, (agents, SECTORS): 0 for nothing in range, 1 for touching.
+    def read_ranges(self, headings: Numbers) -> Numbers:
+        """Return the values of range sensors, (agents, SECTORS): 0 for nothing in range, 1 for touching.
 
-        The first looks ahead, the others follow counterclockwise. headings: radians, (agents,).
+        The first sensor looks ahead, the others follow counterclockwise. headings: radians, (agents,).
         """
         hits = np.empty((self.agents, SECTORS * RAYS))
         geoms = np.empty(SECTORS * RAYS, np.int32)
         angles = headings[:, None] + self._angles
         rays = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=2)
-        for agent, place in enumerate(self.positions()):
+        for agent, position in enumerate(self.positions()):
             mujoco.mj_multiRay(
-                self.model, self.data, place, rays[agent].ravel(), _SEEN, 1, self._bodies[agent], geoms,
-                hits[agent], None, len(geoms), self._range + self.radius,
+                self.model, self.data, position, rays[agent].ravel(), _VISIBLE_GROUPS, 1, self._bodies[agent],
+                geoms, hits[agent], None, len(geoms), self._range + self.radius,
             )  # fmt: skip
         free = np.where(hits < 0, self._range, hits - self.radius)
         nearest = free.reshape(self.agents, SECTORS, RAYS).min(axis=2)
@@ -300,36 +299,36 @@ class Robots(Simulation):
     def touching(self) -> NDArray[np.bool_]:
         """Return which robots touch anything but the floor, (agents,)."""
         both = self._owner[self.data.contact.geom].reshape(-1, 2)
-        met = (both[:, 0] != both[:, 1]) & (both.min(axis=1) >= _THING)
+        met = (both[:, 0] != both[:, 1]) & (both.min(axis=1) >= _OTHER)
         touched = np.zeros(self.agents + 1, bool)
         touched[both[met].ravel()] = True  # other geoms have -1, the last
         return touched[:-1]
 
     def scene(self) -> Scene:
-        """Return what the arena looks like from above."""
+        """Return the arena from above."""
         half = np.array([self.arena.width, self.arena.depth]) / 2
         pillars = self.data.mocap_pos[:, :2] + half
         radii = self.model.geom_size[self.model.body_geomadr[self.model.body_mocapid >= 0], 0]
         bodies = [Body("obstacle", x, y, "", radius) for (x, y), radius in zip(pillars, radii, strict=True)]
         places = self.positions()[:, :2] + half
-        seen = zip(places, self.states(), strict=True)
-        bodies += [Body("agent", x, y, state, self.drawn) for (x, y), state in seen]
-        size, step = (self.arena.width, self.arena.depth), self.steps - self.left
+        robots = zip(places, self.states(), strict=True)
+        bodies += [Body("agent", x, y, state, self.drawn_radius) for (x, y), state in robots]
+        size, step = (self.arena.width, self.arena.depth), self.steps - self.remaining_steps
         return Scene(*size, step, self.message, bodies, origin=(-float(half[0]), -float(half[1])))
 
     @property
-    def drawn(self) -> float:
+    def drawn_radius(self) -> float:
         """Radius of the disc that is drawn for a robot, metres."""
         return self.radius
 
     def states(self) -> list[str]:
-        """Return how each robot fares: free, or crashed."""
+        """Return the state of each robot: free or crashed."""
         return ["free"] * self.agents
 
     @property
     @abstractmethod
     def message(self) -> str:
-        """The line above a picture."""
+        """Caption of a picture."""
 
     def _make(self, parameters: dict[str, Any]) -> None:
         """Build the model."""
@@ -352,12 +351,12 @@ class Robots(Simulation):
         self._free = first[:, None] + np.arange(7)
         offsets = (np.arange(SECTORS * RAYS) - (RAYS - 1) / 2) / RAYS
         self._angles = offsets * 2 * np.pi / SECTORS
-        # Which robot a geom belongs to: its root body is the robot's.
+        # The robot of a geom is that of its root body.
         roots = self.model.body_rootid[self.model.geom_bodyid]
         robot_of = {int(body): number for number, body in enumerate(self._bodies)}
-        self._owner = np.array([robot_of.get(int(root), _THING) for root in roots])
+        self._owner = np.array([robot_of.get(int(root), _OTHER) for root in roots])
         self._owner[self.model.geom("floor").id] = _FLOOR
 
 
-_THING, _FLOOR = -1, -2
+_OTHER, _FLOOR = -1, -2
 """The owner of geoms that are not part of a robot."""

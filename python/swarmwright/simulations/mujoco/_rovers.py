@@ -1,4 +1,4 @@
-"""Rovers with two driven wheels that are to gather."""
+"""Rovers with two driven wheels that gather."""
 
 from typing import Any
 
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from swarmwright.simulations.mujoco._robots import RANGES, SECTORS, Numbers, Robots
 
 _TOP_WHEEL_SPEED_RAD_S = 10.0
-"""Radians per second of a wheel: half a metre per second."""
+"""Highest speed of a wheel, radians per second."""
 _SPEED = 0.5
-"""Metres per second of a rover whose wheels do that."""
+"""Highest speed of a rover, metres per second."""
 _ROVER = """
 <body name="robot{i}" pos="0 0 0.051">
   <freejoint/>
@@ -22,7 +22,7 @@ _ROVER = """
   <body name="right{i}" pos="0 -0.085 0"><joint name="right{i}" axis="0 1 0" armature="0.001"/>{wheel}</body>
 </body>
 """
-# Contacts a little softer than by default, or a rover that accelerates hops.
+# With MuJoCo's harder default contacts, accelerating rovers hop.
 _CASTERS = "".join(
     f'<geom type="sphere" size="0.02" pos="{x} 0 -0.028" mass="0.02" material="dark" group="2" condim="1" '
     'solref="0.04 1"/>'
@@ -34,7 +34,7 @@ _WHEEL = (
 
 
 class Rovers(Robots):
-    """Rovers gather: they drive together, around pillars, from wherever they begin.
+    """Rovers gather from random positions, around pillars.
 
     Sensors (12): 8 range sensors around the rover, beginning ahead, counterclockwise, 0 (nothing within
     `range`) to 1 (touching); cosine and sine of the bearing to the middle of all rovers, 0 for straight
@@ -64,26 +64,26 @@ class Rovers(Robots):
         return _ROVER.format(i=number, wheel=_WHEEL, casters=_CASTERS)
 
     def motors(self, number: int) -> str:
-        """Return the motors of the wheels: they hold a speed, with 0.2 N m at most."""
+        """Return the motors of the wheels: speed servos with at most 0.2 N m."""
         limits = (
             f'kv="0.2" ctrlrange="-{_TOP_WHEEL_SPEED_RAD_S} {_TOP_WHEEL_SPEED_RAD_S}" forcerange="-0.2 0.2"'
         )
         return "".join(f'<velocity joint="{side}{number}" {limits}/>' for side in ("left", "right"))
 
     def start(self, places: Numbers, headings: Numbers) -> None:
-        """Put rovers on their wheels."""
+        """Place rovers on their wheels."""
         super().start(places, headings)
         self.data.qpos[self._free[:, 2]] = 0.05
 
     def prepare(self) -> None:
-        """Begin to count."""
+        """Reset the counters."""
         self._sum, self._counted, self._touched = 0.0, 0, 0.0
 
     def step(self, actions: NDArray[np.float32]) -> Numbers:
         """Advance by one step of control."""
         self.data.ctrl[:] = _TOP_WHEEL_SPEED_RAD_S * actions.ravel()
         mujoco.mj_step(self.model, self.data, self.physics_steps)
-        self.left -= 1
+        self.remaining_steps -= 1
         self._touched += float(self.touching().mean())
         if self.late:
             self._sum += self._distance()
@@ -91,7 +91,7 @@ class Rovers(Robots):
         return self.look()
 
     def look(self) -> Numbers:
-        """Return what rovers sense."""
+        """Return the sensor values."""
         places, ahead = self.positions()[:, :2], self.frames()[:, :2, 0]
         headings = np.arctan2(ahead[:, 1], ahead[:, 0])
         way = places.mean(axis=0) - places
@@ -99,20 +99,23 @@ class Rovers(Robots):
         speed = (self.data.qvel[self._speeds] * ahead).sum(axis=1)
         side = max(self.arena.width, self.arena.depth)
         rest = (np.cos(bearing), np.sin(bearing), np.hypot(way[:, 0], way[:, 1]) / side, speed / _SPEED)
-        return np.column_stack([self.near(headings), *rest])
+        return np.column_stack([self.read_ranges(headings), *rest])
 
     @property
     def message(self) -> str:
-        """The line above a picture."""
+        """Caption of a picture."""
         return f"{self._distance():.2f} m from the middle"
 
     def fitness(self) -> float:
-        """Return minus the mean distance from the middle, of the last quarter."""
+        """Return minus the mean distance from the middle in the last quarter."""
         return -self._sum / self._counted if self._counted else -self._distance()
 
     def measure(self) -> dict[str, float]:
         """Return the metrics."""
-        return {"distance": self._distance(), "touching": self._touched / max(self.steps - self.left, 1)}
+        return {
+            "distance": self._distance(),
+            "touching": self._touched / max(self.steps - self.remaining_steps, 1),
+        }
 
     def _distance(self) -> float:
         way = self.positions()[:, :2]

@@ -1,11 +1,11 @@
-"""Radio communication between the agents of a simulation in Python, as ns-3 computes it.
+"""Radio communication between the agents of a simulation in Python, simulated by ns-3.
 
 `Radios` takes the agents' positions and messages in each step and returns what arrives: with range, loss,
 delay and bandwidth. ns-3 runs in the same process, `pip install 'swarmwright[ns3]'`.
 
 Source: Riley and Henderson, The ns-3 Network Simulator, 2010, https://www.nsnam.org.
 
-Radios are of IEEE 802.11b in ad hoc mode, in lock-step with a simulation.
+Radios use IEEE 802.11b in ad hoc mode, in lock-step with a simulation.
 """
 
 import math
@@ -25,17 +25,17 @@ __all__ = ["Delivery", "Radios"]
 
 _LIBRARIES = ("core", "network", "mobility", "propagation", "wifi")
 _RATES = {1.0: "DsssRate1Mbps", 2.0: "DsssRate2Mbps", 5.5: "DsssRate5_5Mbps", 11.0: "DsssRate11Mbps"}
-"""Mbit/s, and what ns-3 calls them."""
+"""Mbit/s -> ns-3's name of the mode."""
 _LARGEST_MESSAGE = 2200
-"""Bytes: what a frame of 802.11 holds, less its headers."""
+"""Most bytes of a message: those of an 802.11 frame, less its headers."""
 _LARGEST_SEED = 4294944442
-"""Of ns-3's generator, MRG32k3a."""
+"""Largest seed of ns-3's generator, MRG32k3a."""
 _THRESHOLD_DBM = -82.0
 """Received power below which ns-3's radios detect no frame (ThresholdPreambleDetectionModel)."""
 _LOSS_AT_ONE_METRE_DB = 40.05
 """At 2.4 GHz in free space, as in radios.cpp."""
 _MOST_RADIOS = 10_000
-"""Of a simulation."""
+"""Most radios of a simulation."""
 
 
 class Delivery(NamedTuple):
@@ -47,34 +47,36 @@ class Delivery(NamedTuple):
     """Index of the radio that sent it."""
     payload: bytes
     delay: float
-    """Seconds from the call of `step` in which it was sent, so with the jitter, to its reception."""
+    """Seconds from the call of `step` in which it was sent to its reception, including the jitter."""
 
 
 class Radios:
-    """Radios of a swarm, which broadcast messages to one another: IEEE 802.11b in ad hoc mode.
+    """Radios of a swarm, which broadcast messages: IEEE 802.11b in ad hoc mode.
 
     The received power falls with the logarithm of the distance; frames that overlap at a receiver collide;
-    radios wait while they hear others (CSMA/CA), and frames queue up. Broadcast frames are neither
+    radios wait while they receive others (CSMA/CA), and frames are queued. Broadcast frames are neither
     acknowledged nor repeated. The same seed and calls give the same deliveries.
 
-    ns-3 has one simulation in a process: `close` radios before others are made, and set `copies = False` in
-    a simulation that has them.
+    ns-3 allows a single simulation in a process: `close` radios before creating others, and set
+    `copies = False` in a simulation with radios.
 
     Args:
         count: number of radios, 1 to 10,000.
-        seed: of all random numbers, 0 to 2^63 - 1.
+        seed: seed of all random numbers, 0 to 2^63 - 1.
         range: metres, above 0, at which the received power falls to the threshold of -82 dBm; `power` follows
             from it.
         exponent: of the path loss, 1 to 10: 2 in free space, 3 to 4 in buildings.
-        fading: shape m of Nakagami fading, 0.5 to 100: 1 is Rayleigh's, larger ones vary less; 0 for none.
+        fading: shape m of Nakagami fading, 0.5 to 100: 1 is Rayleigh fading, larger values vary less; 0 for
+        no
+            fading.
         rate: Mbit/s: 1, 2, 5.5 or 11.
-        jitter: seconds; a message is passed to the radio at a random time of 0 to this after the begin of a
-            step, since robots are not synchronized. With 0, all send at the same instant and collide.
+        jitter: largest random delay of a message after the beginning of a step, in seconds, as robots are not
+            synchronized. With 0, all radios send at the same instant and collide.
 
     Attributes:
-        power: of the transmitters, dBm.
+        power: power of the transmitters, dBm.
 
-    Raises InputError for values outside these ranges, where ns-3 is not installed, and where others are open.
+    Raises InputError for values outside these ranges, if ns-3 is not installed, and if other radios are open.
     """
 
     _open: ClassVar["Radios | None"] = None
@@ -100,7 +102,9 @@ class Radios:
         if rate not in _RATES:
             raise InputError(f"rate: {rate!r} found, expected 1, 2, 5.5 or 11 Mbit/s")
         if Radios._open is not None:
-            raise InputError("other radios are open, and ns-3 has one simulation in a process: close() them")
+            raise InputError(
+                "other radios are open, but ns-3 allows one simulation in a process; close() them"
+            )
         self.power = _THRESHOLD_DBM + _LOSS_AT_ONE_METRE_DB + 10 * exponent * math.log10(range)
         self._count = count
         self._jitter = float(jitter)
@@ -114,15 +118,15 @@ class Radios:
     def step(
         self, positions: ArrayLike, messages: Iterable[tuple[int, bytes]], seconds: float
     ) -> list[Delivery]:
-        """Go on in time; return the messages that arrived, in the order of their arrival.
+        """Advance in time; return the received messages, in the order of their arrival.
 
-        A message that is on its way at the end of a step arrives in a later one.
+        A message that is in transit at the end of a step arrives in a later step.
 
         Args:
-            positions: of all radios during this step, metres, (count, 2) or (count, 3).
-            messages: index of the sender and payload, at most 2200 bytes each; those of less than 4 bytes are
-                sent as 4. A radio may send several.
-            seconds: duration of the step, above 0, a whole number of nanoseconds.
+            positions: positions of all radios during this step, metres, (count, 2) or (count, 3).
+            messages: index of the sender and payload, at most 2200 bytes each; shorter payloads than 4 bytes
+                are sent as 4 bytes. A radio may send several messages.
+            seconds: duration of the step, above 0, an integer number of nanoseconds.
 
         Raises InputError for values outside these ranges, and after `close`.
         """
@@ -135,8 +139,8 @@ class Radios:
                 f"found the shape {places.shape}"
             )
         _check("seconds", seconds, 1e-9, 1e6)
-        for index, place in enumerate(places.tolist()):
-            self._radios.move(index, *(place if len(place) == 3 else [*place, 0.0]))
+        for index, position in enumerate(places.tolist()):
+            self._radios.move(index, *(position if len(position) == 3 else [*position, 0.0]))
         begin = int(self._radios.now())
         for sender, payload in messages:
             if not 0 <= sender < self._count:
@@ -144,14 +148,14 @@ class Radios:
             _check_payload(payload)
             self._radios.send(int(sender), len(self._sent), len(payload), self._jitter)
             self._sent.append((int(sender), payload, begin))
-        found = []
+        deliveries = []
         for message in self._radios.run(round(seconds * 1e9)):
             sender, payload, at = self._sent[message.message]
-            found.append(Delivery(int(message.receiver), sender, payload, (int(message.at) - at) * 1e-9))
-        return found
+            deliveries.append(Delivery(int(message.receiver), sender, payload, (int(message.at) - at) * 1e-9))
+        return deliveries
 
     def close(self) -> None:
-        """End the simulation of ns-3. Others can be made then."""
+        """End ns-3's simulation, so that other radios can be created."""
         if self._radios is not None:
             self._radios.close()
             self._radios = None
@@ -168,7 +172,7 @@ class Radios:
 
 def _check_payload(payload: object) -> None:
     if not isinstance(payload, bytes) or len(payload) > _LARGEST_MESSAGE:
-        raise InputError(f"messages: a payload is up to {_LARGEST_MESSAGE} bytes, found {payload!r:.80}")
+        raise InputError(f"messages: {payload!r:.80} found, expected at most {_LARGEST_MESSAGE} bytes")
 
 
 def _check(name: str, value: object, low: float, high: float) -> None:
@@ -178,7 +182,7 @@ def _check(name: str, value: object, low: float, high: float) -> None:
 
 @cache
 def _library() -> Any:  # noqa: ANN401 - a namespace of C++
-    """Load ns-3 and compile the radios, which takes seconds. Raises InputError where it is not installed."""
+    """Load ns-3 and compile the radios, which takes seconds. Raises InputError if it is not installed."""
     try:
         import cppyy
     except ModuleNotFoundError as error:

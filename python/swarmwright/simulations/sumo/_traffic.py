@@ -1,10 +1,6 @@
-"""What vehicles and traffic lights have in common: SUMO in this process, episodes, metrics, pictures.
+"""Traffic in SUMO: vehicles that controllers accelerate, or traffic lights that controllers change.
 
-Checks the files of a configuration: SUMO itself ends the process at a network that is not XML.
-
-Traffic lights that decide by themselves when to change.
-
-Vehicles that evolved controllers accelerate, among others that follow SUMO's models.
+The files of a configuration are checked first, because SUMO exits at a network that is not XML.
 """
 
 import contextlib
@@ -33,70 +29,68 @@ _SHORT = {"n": "net-file", "net": "net-file", "r": "route-files", "a": "addition
 _OUTPUT = re.compile(
     r".*-output|.*\.output|netstate-dump|log|message-log|error-log|pedestrian\.jupedsim\.(?:wkt|py)|save-.*"
 )
-"""Options that name files to be written, or times at which files are written."""
+"""Options that name output files, or times at which files are written."""
 _OUTPUT_OF_A_DEVICE = re.compile(r"device\.(?:ssm|toc)\.file")
 _SWITCHED_OFF = {
     "random": ("false", ("", "0", "false", "no", "off", "f", "n", "-")),
     "remote-port": ("0", ("", "0")),
     "gui-settings-file": ("", ("",)),
 }
-"""Options that take away repeatability or lock-step: what they are set to, and values that change nothing."""
+"""Options that prevent repeatability or lock-step -> the value they are set to, and harmless values."""
 _NOWHERE = "NUL"
-"""What SUMO, on every system, calls a file that keeps nothing."""
+"""SUMO's name, on every system, of a file that discards output."""
 _UP = "../" * 64
-"""To the root of the file system, from any folder."""
+"""Relative path to the root of the file system from any folder."""
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """A configuration of SUMO whose files can be read."""
+    """A SUMO configuration with readable files."""
 
     path: Path
     options: tuple[str, ...]
-    """What SUMO gets beside it, so that episodes are repeatable, isolated and in lock-step."""
+    """Further options that make episodes repeatable, isolated and in lock-step."""
     overridden: tuple[str, ...]
     """The options and the elements of additional files that therefore have no effect."""
 
     @property
     def notice(self) -> str | None:
-        """What the user is told of them; None where there are none."""
+        """Notice about overridden options; None if there are none."""
         if not self.overridden:
             return None
         return (
-            f"config: {self.path}: without effect here: {', '.join(self.overridden)}; episodes follow from "
-            "their seed alone, in lock-step, and SUMO writes no files"
+            f"config: {self.path}: these have no effect: {', '.join(self.overridden)}; episodes depend only "
+            "on their seed, run in lock-step, and write no files"
         )
 
 
-def checked(config: str) -> Configuration:
-    """Return a configuration whose network, routes and additional files can be read.
+def read_configuration(config: str) -> Configuration:
+    """Read a configuration, and check its network, routes and additional files.
 
-    Raises InputError, "config: why".
+    Raises InputError, "config: reason".
     """
     if not config:
-        raise InputError(
-            "config: missing; expected the path of a configuration of SUMO, such as town.sumocfg"
-        )
+        raise InputError("config: missing; expected the path of a SUMO configuration, such as town.sumocfg")
     path = Path(config).absolute()
-    given = {
+    options_by_name = {
         _SHORT.get(element.tag, element.tag): element.get("value") or element.get("v") or ""
         for element in _parse(path).iter()
     }
-    if "net-file" not in given:
-        raise InputError(f"config: {path}: it names no net-file")
+    if "net-file" not in options_by_name:
+        raise InputError(f"config: {path}: does not name a net-file")
     overridden, options = [], []
     for name, (value, harmless) in _SWITCHED_OFF.items():
         options += [f"--{name}", value]
-        if given.get(name, "").strip().lower() not in harmless:
+        if options_by_name.get(name, "").strip().lower() not in harmless:
             overridden.append(name)
-    for name, value in given.items():
+    for name, value in options_by_name.items():
         if value and _OUTPUT.fullmatch(name) and _names_a_file(name):
             options += [f"--{name}", "" if name.startswith("save-") else _NOWHERE]
             overridden.append(name)
         elif value and _OUTPUT_OF_A_DEVICE.fullmatch(name):
             overridden.append(name)
     for name in _INPUTS:
-        for file in given.get(name, "").replace(",", " ").split():
+        for file in options_by_name.get(name, "").replace(",", " ").split():
             root = _parse(path.parent / file)
             if name == "additional-files":
                 overridden += _detectors(root)
@@ -104,14 +98,14 @@ def checked(config: str) -> Configuration:
 
 
 def _names_a_file(name: str) -> bool:
-    """Return whether an option that is called as outputs are is one, rather than a detail of another."""
+    """Return whether an option with the name of an output names a file, rather than a detail."""
     return not name.startswith("save-") or name in {
         "save-state.times", "save-state.files", "save-configuration", "save-template", "save-schema",
     }  # fmt: skip
 
 
 def _detectors(root: ET.Element) -> Iterator[str]:
-    """Yield the elements of additional files that write files of their own."""
+    """Yield the elements of additional files that write files."""
     for element in root.iter():
         written = element.get("file") if element.tag not in _READ else None
         if (written or element.get("dest")) not in {None, "", _NOWHERE, "/dev/null"}:
@@ -123,17 +117,17 @@ _READ = frozenset({"variableSpeedSign", "calibrator", "include", "rerouter", "po
 
 
 class Outputs:
-    """A private folder for what SUMO writes nevertheless: detectors and devices with files of their own."""
+    """A private folder for remaining output of SUMO: that of detectors and devices."""
 
     def __init__(self) -> None:
         self._folder = TemporaryFolder("sumo")
         folder = str(self._folder.path)
-        # SUMO puts the prefix between the folder and the name of each file that it writes.
+        # SUMO inserts the prefix between the folder and the name of each output file.
         self.options = ("--output-prefix", f"{_UP}{folder.lstrip('/')}/")
 
 
 def _parse(path: Path) -> ET.Element:
-    """Return the root of an XML file; an empty one where it is compressed, which SUMO reads, too."""
+    """Return the root of an XML file; an empty element if it is compressed, which SUMO supports."""
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"config: {path}: is not a file")
@@ -141,10 +135,10 @@ def _parse(path: Path) -> ET.Element:
             if file.read(2) == b"\x1f\x8b":
                 return ET.Element("compressed")
             file.seek(0)
-            return ET.parse(file).getroot()  # noqa: S314 - the user has SUMO read it, too
+            return ET.parse(file).getroot()  # noqa: S314 - SUMO reads it, too
     except OSError as error:
         raise InputError(f"config: {path}: {error.strerror}") from None
-    except ValueError:  # no path at all
+    except ValueError:  # not a path
         raise InputError(f"config: {str(path)!r}: is not a path") from None
     except ET.ParseError as error:
         raise InputError(f"config: {path}: not valid XML: {error}") from None
@@ -152,14 +146,14 @@ def _parse(path: Path) -> ET.Element:
 
 _LARGEST_SEED = 0x7FFF_FFFF
 HALTING = 0.1
-"""Metres per second; slower vehicles wait, as in SUMO's own statistics."""
+"""Speed in metres per second below which vehicles are waiting, as in SUMO's own statistics."""
 
 
 def _library() -> ModuleType:
-    """Return SUMO; InputError where there is none."""
+    """Import SUMO. Raises InputError if it is not installed."""
     try:
-        # It prints a warning where pyarrow is not the version that it was built with, which only matters to
-        # those who use both to write files.
+        # It prints a warning about the version of pyarrow, which is only relevant for writing files with
+        # both.
         with contextlib.redirect_stdout(io.StringIO()):
             import libsumo
     except ModuleNotFoundError as error:
@@ -168,13 +162,13 @@ def _library() -> ModuleType:
 
 
 class Traffic(Simulation):
-    """Traffic of a SUMO configuration; who the agents are is left to subclasses.
+    """Traffic of a SUMO configuration; subclasses define the agents.
 
-    An agent acts every `interval` seconds, one or more steps of SUMO's. `libsumo.load` begins an episode,
-    with SUMO's random numbers set by the episode's seed.
+    An agent acts every `interval` seconds, one or more steps of SUMO. `libsumo.load` starts an episode, with
+    SUMO's random numbers seeded by the episode's seed.
     """
 
-    copies = False  # libsumo has one simulation in a process
+    copies = False  # libsumo allows a single simulation in a process
     determinism = "bitwise"
     metrics = {  # noqa: RUF012 - as in the base class
         "speed": "Mean speed of the vehicles, m/s, over vehicles and steps; 0 before they can enter.",
@@ -182,7 +176,7 @@ class Traffic(Simulation):
         "backlog": "Vehicles that were due but could not enter the network by the end.",
         "arrived": "Vehicles that have arrived.",
         "collisions": "Collisions, counted in each step of SUMO.",
-        "teleported": "Vehicles that SUMO moved on, since they waited too long or collided.",
+        "teleported": "Vehicles that SUMO moved because they waited too long or collided.",
     }
     parameters: Mapping[str, Any] = {
         "config": Parameter("", "Path of the configuration, such as town.sumocfg."),
@@ -197,7 +191,7 @@ class Traffic(Simulation):
 
     @abstractmethod
     def begin(self, parameters: dict[str, Any], lately: list[str]) -> NDArray[np.float64]:
-        """Find the agents of an episode that has been loaded; return what they sense.
+        """Find the agents of a loaded episode; return their sensor values.
 
         lately: vehicles that have departed before the first action, sorted.
         """
@@ -208,13 +202,13 @@ class Traffic(Simulation):
 
     @abstractmethod
     def look(self, lately: list[str]) -> NDArray[np.float64]:
-        """Return what agents sense, (agents, sensors).
+        """Return the sensor values, (agents, sensors).
 
         lately: vehicles that have departed in this step, sorted.
         """
 
     def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
-        """Go to the start of an episode."""
+        """Start an episode."""
         if parameters["config"] != self._config or not self._config:
             self._read(parameters["config"])
         options = ["-c", str(self._path), "--seed", str((seed ^ seed >> 32) & _LARGEST_SEED)]
@@ -230,37 +224,38 @@ class Traffic(Simulation):
             raise InputError(
                 f"interval: {self.interval:g} s found, expected a multiple of SUMO's step-length, {tick:g} s"
             )
-        self._taken = 0
-        self._speeds = self._seen = self._waited = self._departed = 0.0
+        self._steps_taken = 0
+        self._speeds = self._vehicle_samples = self._waited = self._departed = 0.0
         self._outside: set[str] = set()
         self._counts = dict.fromkeys(("arrived", "collisions", "teleported"), 0)
         self.vehicles: tuple[str, ...] = ()
         return self.begin(parameters, self._advance(1))  # vehicles depart in a step
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Go on by `interval` seconds."""
+        """Advance by `interval` seconds."""
         self.act(actions)
         lately = self._advance(self._ticks)
-        self._taken += 1
+        self._steps_taken += 1
         vehicle = self.sumo.vehicle
         speeds = [vehicle.getSpeed(vehicle_id) for vehicle_id in self.vehicles]
         self._speeds += sum(speeds)
-        self._seen += len(speeds)
+        self._vehicle_samples += len(speeds)
         self._waited += self.interval * sum(speed < HALTING for speed in speeds)
-        # Vehicles that cannot enter stand, too: blocking the entry must not pay.
+        # Vehicles that cannot enter are waiting, too, so that blocking the entry does not improve the
+        # fitness.
         self._outside |= set(self.sumo.simulation.getPendingVehicles())
-        self._seen += len(self._outside)
+        self._vehicle_samples += len(self._outside)
         self._waited += self.interval * len(self._outside)
         return self.look(lately)
 
     def done(self) -> bool:
         """Return whether the time is over, or no vehicle is left and none will come."""
-        return bool(self._taken == self.steps or self.sumo.simulation.getMinExpectedNumber() == 0)
+        return bool(self._steps_taken == self.steps or self.sumo.simulation.getMinExpectedNumber() == 0)
 
     def measure(self) -> dict[str, float]:
         """Return the metrics."""
         return {
-            "speed": self._speeds / max(self._seen, 1),
+            "speed": self._speeds / max(self._vehicle_samples, 1),
             "waiting": self._waited / max(self._departed + len(self._outside), 1),
             "backlog": len(self._outside),
             **self._counts,
@@ -273,18 +268,20 @@ class Traffic(Simulation):
         margin = 0.05 * max(right - left, high - low, 1.0)
         left, low = left - margin, low - margin
 
-        def place(point: tuple[float, float]) -> tuple[float, float]:
+        def to_picture(point: tuple[float, float]) -> tuple[float, float]:
             return point[0] - left, point[1] - low
 
-        roads = [Wall([place(point) for point in sumo.lane.getShape(lane)]) for lane in sumo.lane.getIDList()]
+        roads = [
+            Wall([to_picture(point) for point in sumo.lane.getShape(lane)]) for lane in sumo.lane.getIDList()
+        ]
         bodies = []
         for vehicle in self.vehicles:
-            x, y = place(sumo.vehicle.getPosition(vehicle))
+            x, y = to_picture(sumo.vehicle.getPosition(vehicle))
             bodies.append(Body("vehicle", x, y, self.state(vehicle)))
         return Scene(
             right - left + margin,
             high - low + margin,
-            self._taken,
+            self._steps_taken,
             f"{self.title}, {sumo.simulation.getTime():.0f} s",
             bodies,
             walls=roads,
@@ -292,25 +289,25 @@ class Traffic(Simulation):
         )
 
     def state(self, vehicle: str) -> str:
-        """Return what pictures call a vehicle: waiting or driving."""
+        """Return the state of a vehicle in pictures: waiting or driving."""
         return "waiting" if self.sumo.vehicle.getSpeed(vehicle) < HALTING else "driving"
 
     @classmethod
     def notice_before_run(cls, parameters: Mapping[str, Any]) -> str | None:
-        """Say which options of the configuration have no effect; one that cannot be read is refused later."""
+        """Return a notice about options without effect; an unreadable configuration is refused later."""
         with contextlib.suppress(InputError):
-            return checked(str(parameters.get("config", ""))).notice
+            return read_configuration(str(parameters.get("config", ""))).notice
         return None
 
     def _read(self, config: str) -> None:
-        """Check the files of a configuration; say which of its options have no effect here."""
-        self._files = checked(config)
+        """Check the files of a configuration, and warn about options without effect."""
+        self._files = read_configuration(config)
         self._path, self._config = self._files.path, config
         if self._files.notice is not None:
             warn_once(self._files.notice)
 
     def _advance(self, ticks: int) -> list[str]:
-        """Let SUMO go on; return the vehicles that have departed and are still there, sorted."""
+        """Advance SUMO; return the vehicles that have departed and are still present, sorted."""
         simulation, counts = self.sumo.simulation, self._counts
         departed: list[str] = []
         for _ in range(ticks):
@@ -325,8 +322,8 @@ class Traffic(Simulation):
         self._departed += len(departed)
         self._outside.difference_update(departed)
         self.vehicles = self.sumo.vehicle.getIDList()
-        there = set(self.vehicles)
-        return sorted(vehicle for vehicle in departed if vehicle in there)
+        present = set(self.vehicles)
+        return sorted(vehicle for vehicle in departed if vehicle in present)
 
 
 def _words(error: Exception) -> str:
@@ -334,16 +331,16 @@ def _words(error: Exception) -> str:
 
 
 _FOR_EVER_S = 1e6
-"""Seconds of a phase that ends only when it is changed."""
+"""Seconds of a phase that ends only by a change."""
 _VEHICLE_M = 7.5
-"""Metres of a lane that a waiting vehicle takes."""
+"""Metres of a lane that a waiting vehicle occupies."""
 _LONG_WAIT_S = 60.0
-"""Seconds that make the sensor of time 1."""
+"""Seconds of green at which the sensor of green time is 1."""
 
 
 @dataclass(frozen=True)
 class _Green:
-    """Lanes of a green phase: those that may drive, those that wait, and where the first lead to."""
+    """Lanes of a green phase: those with green, those with red, and the exits of the former."""
 
     driving: tuple[str, ...]
     waiting: tuple[str, ...]
@@ -351,16 +348,15 @@ class _Green:
 
 
 class TrafficLights(Traffic):
-    """Each traffic light of the network changes to its next green phase when its controller says so.
+    """Traffic lights that change to the next green phase when their controllers decide.
 
-    Phases, their order, and the times of yellow are those of the network's program; how long green lasts is
-    the controller's decision, but not less than `green`.
+    Phases, their order, and the yellow times are those of the network's program; the controller determines
+    the duration of green, at least `green`.
 
-    Sensors: share of the lanes with green on which vehicles wait; the same of lanes with red; share of the
-    lanes behind the crossing, of those with green, that is taken; how long it has been green, in minutes, 1
-    at most.
+    Sensors: occupancy of the lanes with green by waiting vehicles; the same for lanes with red; occupancy of
+    the exit lanes of those with green; time since the beginning of green, in minutes, at most 1.
     Actuators: above 0 change to the next green phase.
-    Fitness: minus the mean seconds that a vehicle waits.
+    Fitness: minus the mean waiting time of a vehicle in seconds.
 
     Source of the task: Gershenson, Self-organizing traffic lights, Complex Systems 16, 2005.
     """
@@ -383,7 +379,11 @@ class TrafficLights(Traffic):
         self._phases = {light: self._program(light) for light in self.lights}
         self._since: dict[str, float | None] = dict.fromkeys(self.lights)
         lanes = {
-            lane for phases in self._phases.values() for phase in phases if phase for lane in _all(phase)
+            lane
+            for phases in self._phases.values()
+            for phase in phases
+            if phase
+            for lane in _get_lanes(phase)
         }
         self._holds = {lane: max(self.sumo.lane.getLength(lane) / _VEHICLE_M, 1.0) for lane in sorted(lanes)}
         for light in self.lights:
@@ -391,7 +391,7 @@ class TrafficLights(Traffic):
         return self.look(lately)
 
     def act(self, actions: NDArray[np.float32]) -> None:
-        """Change those lights that are told to and have been green for long enough."""
+        """Change the lights whose action is above 0 and that have been green for long enough."""
         lights = self.sumo.trafficlight
         for light, (action,) in zip(self.lights, actions.tolist(), strict=True):
             since = self._since[light]
@@ -400,19 +400,22 @@ class TrafficLights(Traffic):
                 self._since[light] = None
                 self._hold(light)
 
-    def look(self, lately: list[str]) -> NDArray[np.float64]:  # noqa: ARG002 - lights wait for no vehicle in particular
-        """Return what the lights sense, (lights, 4)."""
-        seen = np.zeros((len(self.lights), 4))
-        for row, light in zip(seen, self.lights, strict=True):
+    def look(self, lately: list[str]) -> NDArray[np.float64]:  # noqa: ARG002 - for vehicles
+        """Return the sensor values, (lights, 4)."""
+        readings = np.zeros((len(self.lights), 4))
+        for row, light in zip(readings, self.lights, strict=True):
             green = self._hold(light)
             if green is None:
                 continue
-            halting, taken = self.sumo.lane.getLastStepHaltingNumber, self.sumo.lane.getLastStepVehicleNumber
+            halting, count_vehicles = (
+                self.sumo.lane.getLastStepHaltingNumber,
+                self.sumo.lane.getLastStepVehicleNumber,
+            )
             row[0] = self._share(green.driving, halting)
             row[1] = self._share(green.waiting, halting)
-            row[2] = self._share(green.exits, taken)
+            row[2] = self._share(green.exits, count_vehicles)
             row[3] = min((self._now() - (self._since[light] or 0.0)) / _LONG_WAIT_S, 1)
-        return seen
+        return readings
 
     def fitness(self) -> float:
         """Return minus the mean waiting time, seconds."""
@@ -432,11 +435,11 @@ class TrafficLights(Traffic):
         return float(self.sumo.simulation.getTime())
 
     def _share(self, lanes: tuple[str, ...], count: Any) -> float:  # noqa: ANN401 - a function of SUMO's
-        """Return which share of the lanes vehicles take."""
+        """Return the occupancy of lanes by vehicles."""
         return float(min(sum(map(count, lanes)) / max(sum(self._holds[lane] for lane in lanes), 1.0), 1.0))
 
     def _program(self, light: str) -> list[_Green | None]:
-        """Return the phases of a light; None for those that lead from one green phase to the next."""
+        """Return the phases of a light; None for transitions between green phases."""
         lights = self.sumo.trafficlight
         running = lights.getProgram(light)
         logic = next(
@@ -449,7 +452,7 @@ class TrafficLights(Traffic):
 
 
 def _green(state: str, links: Any) -> _Green | None:  # noqa: ANN401 - lists of SUMO's
-    """Return the lanes of a phase, given its signals and the links that each signal controls."""
+    """Return the lanes of a green phase from its signals and their links; None for other phases."""
     if "y" in state or "Y" in state or not ("g" in state or "G" in state):
         return None
     driving, waiting, exits = set(), set(), set()
@@ -463,7 +466,7 @@ def _green(state: str, links: Any) -> _Green | None:  # noqa: ANN401 - lists of 
     return _Green(tuple(sorted(driving)), tuple(sorted(waiting - driving)), tuple(sorted(exits)))
 
 
-def _all(green: _Green) -> tuple[str, ...]:
+def _get_lanes(green: _Green) -> tuple[str, ...]:
     return (*green.driving, *green.waiting, *green.exits)
 
 
@@ -472,18 +475,18 @@ _ALL_CHECKS, _NO_CHECKS = 31, 32
 
 
 class Vehicles(Traffic):
-    """Vehicles of one type are accelerated by controllers, the others by SUMO's models.
+    """Vehicles of one type that controllers accelerate, among others that follow SUMO's models.
 
-    Agents are the vehicles of the type `type`, in the order in which they depart; they act while they are on
+    Agents are the vehicles of the type `type`, in the order of their departure; they act while they are on
     the road.
 
-    Sensors: own speed; how near the vehicle ahead is, 0 (none within `range`) to 1 (bumper to bumper); how
-    much faster it is; the same two of the vehicle behind. Speeds are shares of `fastest`, 1 at most.
-    Actuators: acceleration, 1 and -1 are the most and the least of the vehicle's type.
+    Sensors: own speed; proximity of the vehicle ahead, 0 (none within `range`) to 1 (bumper to bumper); its
+    relative speed; the same two for the vehicle behind. Speeds are relative to `fastest`, at most 1.
+    Actuators: acceleration; 1 and -1 are the largest acceleration and deceleration of the vehicle's type.
     Fitness: the mean speed of all vehicles, m/s.
 
-    A task for one agent, 21 others on a ring: Stern et al., Dissipation of stop-and-go waves via control of
-    autonomous vehicles, Transportation Research Part C 89, 2018.
+    A task with a single agent among 21 other vehicles on a ring: Stern et al., Dissipation of stop-and-go
+    waves via control of autonomous vehicles, Transportation Research Part C 89, 2018.
     """
 
     title = "sumo vehicles"
@@ -492,7 +495,7 @@ class Vehicles(Traffic):
     actuator_names = ("acceleration",)
     parameters = {  # noqa: RUF012 - as in the base class
         **Traffic.parameters,
-        "agents": Parameter(1, "Vehicles that are agents, at most.", minimum=1, maximum=10_000),
+        "agents": Parameter(1, "Most vehicles that are agents.", minimum=1, maximum=10_000),
         "type": Parameter("agent", "The vType of vehicles that are agents."),
         "range": Parameter(50.0, "How far vehicles sense others, metres.", minimum=1.0, maximum=1000.0),
         "fastest": Parameter(15.0, "The speed that reads 1, m/s.", minimum=0.1, maximum=100.0),
@@ -500,13 +503,13 @@ class Vehicles(Traffic):
     }
 
     def begin(self, parameters: dict[str, Any], lately: list[str]) -> NDArray[np.float64]:
-        """Forget the vehicles of the episode before."""
+        """Reset the vehicles of the previous episode."""
         self._kind, self._safe = parameters["type"], parameters["safe"]
         self._range, self._fastest = parameters["range"], parameters["fastest"]
         kinds = self.sumo.vehicletype.getIDList()
         if self._kind not in kinds:
-            there = ", ".join(kind for kind in kinds if not kind.startswith("DEFAULT_")) or "none"
-            raise InputError(f"type: the configuration has no vType {self._kind!r}; available: {there}")
+            available = ", ".join(kind for kind in kinds if not kind.startswith("DEFAULT_")) or "none"
+            raise InputError(f"type: the configuration has no vType {self._kind!r}; available: {available}")
         self.agents: list[str] = []
         self._most = parameters["agents"]
         return self.look(lately)
@@ -520,31 +523,34 @@ class Vehicles(Traffic):
             vehicle.setAcceleration(agent, action * most, self.interval)
 
     def look(self, lately: list[str]) -> NDArray[np.float64]:
-        """Return what the agents sense; rows of those that are not on the road are 0."""
+        """Return the sensor values; rows of agents that are not on the road are 0."""
         vehicle = self.sumo.vehicle
-        for one in lately:
-            if len(self.agents) < self._most and vehicle.getTypeID(one) == self._kind:
-                vehicle.setSpeedMode(one, _ALL_CHECKS if self._safe else _NO_CHECKS)
-                self.agents.append(one)
-        there = set(self.vehicles)
-        self._acting = [index for index, agent in enumerate(self.agents) if agent in there]
-        seen = np.zeros((self._most, 5))
+        for vehicle_id in lately:
+            if len(self.agents) < self._most and vehicle.getTypeID(vehicle_id) == self._kind:
+                vehicle.setSpeedMode(vehicle_id, _ALL_CHECKS if self._safe else _NO_CHECKS)
+                self.agents.append(vehicle_id)
+        present = set(self.vehicles)
+        self._acting = [index for index, agent in enumerate(self.agents) if agent in present]
+        readings = np.zeros((self._most, 5))
         for index in self._acting:
-            one = self.agents[index]
-            speed = vehicle.getSpeed(one)
-            seen[index, 0] = min(speed / self._fastest, 1)
-            ahead, behind = vehicle.getLeader(one, self._range), vehicle.getFollower(one, self._range)
-            for column, other in ((1, ahead), (3, behind)):
-                if other is not None and other[0]:
-                    # SUMO leaves out the gap that the vehicle behind keeps when it stands.
-                    gap = other[1] + vehicle.getMinGap(one if column == 1 else other[0])
-                    seen[index, column] = 1 - min(max(gap / self._range, 0), 1)
-                    faster = (vehicle.getSpeed(other[0]) - speed) / self._fastest
-                    seen[index, column + 1] = min(max(faster, -1), 1)
-        return seen
+            vehicle_id = self.agents[index]
+            speed = vehicle.getSpeed(vehicle_id)
+            readings[index, 0] = min(speed / self._fastest, 1)
+            ahead, behind = (
+                vehicle.getLeader(vehicle_id, self._range),
+                vehicle.getFollower(vehicle_id, self._range),
+            )
+            for column, neighbour in ((1, ahead), (3, behind)):
+                if neighbour is not None and neighbour[0]:
+                    # SUMO subtracts the minimum gap of the vehicle behind.
+                    gap = neighbour[1] + vehicle.getMinGap(vehicle_id if column == 1 else neighbour[0])
+                    readings[index, column] = 1 - min(max(gap / self._range, 0), 1)
+                    faster = (vehicle.getSpeed(neighbour[0]) - speed) / self._fastest
+                    readings[index, column + 1] = min(max(faster, -1), 1)
+        return readings
 
     def acting(self) -> list[int]:
-        """Return which agents are on the road."""
+        """Return the agents on the road."""
         return self._acting
 
     def fitness(self) -> float:
@@ -552,5 +558,5 @@ class Vehicles(Traffic):
         return self.measure()["speed"]
 
     def state(self, vehicle: str) -> str:
-        """Return what pictures call a vehicle: agent, waiting or driving."""
+        """Return the state of a vehicle in pictures: agent, waiting or driving."""
         return "agent" if vehicle in self.agents else super().state(vehicle)

@@ -120,7 +120,7 @@ def test_one_record_on_one_server_and_on_two(tmp_path: Path) -> None:
         (("kind: proximity", "kind: sonar"), r"sensors\[0\].kind: 'sonar' found, expected proximity,"),
         (("infinite: 1, ", ""), r"/rover\[0\]: sensor wall: nan came, expected a finite number"),
         (("ticks: 2", "tocks: 2"), r"robots.yaml:8: tocks: "),
-        (("steps: 20", "poses: [{x: 1}]"), "poses: 1 found, expected one of each of 2 robots"),
+        (("steps: 20", "poses: [{x: 1}]"), "poses: 1 found, expected a pose for each of 2 robots"),
         (("{sensor: wall, time", "{sensor: wal, time"), "there is no sensor 'wal'; wall, left are"),
         (("steps: 20", "area: {x: [0, 1], y: [0, 1]}\napart: 2"), "area: it is too small for 2 robots"),
         (("steps: 20", "start: [no-such-program]"), "start: no-such-program: No such file or directory"),

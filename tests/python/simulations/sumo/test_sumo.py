@@ -274,7 +274,7 @@ def test_a_picture_has_roads_and_vehicles(tmp_path: Path) -> None:
         ({"config": "nowhere.sumocfg"}, "config: .*nowhere.sumocfg: No such file or directory"),
         ({"config": "."}, "config: .*: is not a file"),
         ({"config": "/dev/zero"}, "config: /dev/zero: is not a file"),
-        ({"config": "empty"}, "config: .*town.sumocfg: it names no net-file"),
+        ({"config": "empty"}, "config: .*town.sumocfg: does not name a net-file"),
         ({"config": "broken-net"}, "config: .*net.xml: not valid XML: unclosed token: line 1"),
         ({"config": "no-routes"}, "config: .*rou.xml: No such file or directory"),
         ({"config": "wrong-edge"}, "config: .*: SUMO reports: The edge 'e7' within the route"),

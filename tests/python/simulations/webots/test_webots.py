@@ -117,7 +117,7 @@ def test_one_record_on_one_server_and_on_two_and_nothing_left(tmp_path: Path) ->
             r"start: .*python.* has ended \(status 3\)",
         ),
         (("robots: [rover, rover(1)]", "robots: [rover]"), "does not answer for 4 s"),
-        (("rover(1)", "truck"), r'truck.*: Webots does not answer for 4 s; .* controller is "<extern>"'),
+        (("rover(1)", "truck"), r'truck.*: Webots did not answer for 4 s; .* controller is "<extern>"'),
     ],
 )
 def test_mistakes(change: tuple[str, str], words: str, tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_mistakes(change: tuple[str, str], words: str, tmp_path: Path) -> None:
 def test_where_webots_is_not_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("WEBOTS_HOME")
     with (
-        pytest.raises(AttachmentError, match="Python finds no module 'controller'; set WEBOTS_HOME"),
+        pytest.raises(AttachmentError, match="Python has no module 'controller'; set WEBOTS_HOME"),
         started(ROBOTS, tmp_path),
     ):
         pass
