@@ -146,7 +146,7 @@ class Definition(Options):
         except ValidationError as error:
             problems = problems_of(error, cls, (cls.prefix.removesuffix(":"),))
             raise InputError(
-                "\n".join(f"{dotted_path(path)}: {message}" for path, message in problems)
+                "\n".join(f"{format_path(path)}: {message}" for path, message in problems)
             ) from error
 
     @abstractmethod

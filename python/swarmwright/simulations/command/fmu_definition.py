@@ -116,7 +116,7 @@ def _check_start(
         if description.version == VERSION:
             return f"{about} is a structural parameter, which can be set for a single FMU, but not in an SSP"
         if type(value) is not int or value < 1:
-            return f"{about} is a structural parameter, expected an integer from 1, not {shown(value)}"
+            return f"{about} is a structural parameter, expected an integer from 1, not {format_value(value)}"
     return None if fits(variable, value) else _describe_type_mismatch(variable, value, about)
 
 
@@ -124,7 +124,7 @@ def _check_start_array(variable: Variable, value: Any, about: str) -> str | None
     count = math.prod(variable.shape)
     shape = f"{about} has the shape {' x '.join(map(str, variable.shape))}"
     if not isinstance(value, list):
-        return f"{shape}; expected a list of {count} values, not {shown(value)}"
+        return f"{shape}; expected a list of {count} values, not {format_value(value)}"
     values = flatten(value)
     if len(values) != count:
         return f"{shape}; expected {count} values, row by row, not {len(values)}"
@@ -142,7 +142,7 @@ def _describe_type_mismatch(variable: Variable, value: Any, about: str) -> str: 
     expected_value = describe_expected(variable)
     if expected_value is None:
         return f"{about} is of the type {variable.type}, which cannot be set"
-    return f"{about} is of the type {variable.type}, expected {expected_value}, not {shown(value)}"
+    return f"{about} is of the type {variable.type}, expected {expected_value}, not {format_value(value)}"
 
 
 def _check_channels(
@@ -226,7 +226,7 @@ def _check_convertible(options: "FmuOptions", description: Description, channel:
     if not variable.unit:
         return f"unit: {about} has no unit, so {channel.unit} cannot be converted"
     units = list(description.conversions.get(variable.unit, {}))
-    hint = meant_or_all(channel.unit, units)
+    hint = suggest_or_list(channel.unit, units)
     return (
         f"unit: {options.fmu} does not define a conversion from {variable.unit}, the unit of "
         f"{variable.name}, to {channel.unit!r}{hint}"
@@ -238,7 +238,7 @@ def _describe_empty_terminal(file: str, description: Description, terminal: str,
     if terminal in description.terminals:
         return f"the terminal {terminal} of {file} has no {causality}"
     names = list(description.terminals)
-    hint = meant_or_all(terminal, names)
+    hint = suggest_or_list(terminal, names)
     return f"{file} has no terminal {terminal!r}{hint}"
 
 

@@ -251,8 +251,8 @@ def _table(delimiter: str) -> Reader:
                     continue
                 if len(line) != len(header):
                     raise CommandFailure(
-                        f"{location}: has {counted(len(line), 'value')}, expected "
-                        f"{counted(len(header), 'column')}; "
+                        f"{location}: has {format_count(len(line), 'value')}, expected "
+                        f"{format_count(len(header), 'column')}; "
                         + ("was the log cut off?" if len(line) < len(header) else _quote_header(names or ""))
                     )
                 if row is not None and not (count == 1 and is_unit_row(row[1], line)):

@@ -221,7 +221,7 @@ class Template:
             if self.position is Position.FILE:
                 return f"{{{name}}}"
             names = [*values.built_in, *values.parameters]
-            hint = meant_or_all(name, names)
+            hint = suggest_or_list(name, names)
             raise InputError(
                 f"{self.where}: {{{name}}} is not a placeholder, and no parameter has this name{hint}"
             )

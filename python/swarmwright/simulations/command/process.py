@@ -396,7 +396,7 @@ class CapturedOutput:
         if self._omitted:
             last = list(self._last)[-self._omitted :]
             if len(last) < self._omitted:
-                count = counted(self._omitted - len(last), "line")
+                count = format_count(self._omitted - len(last), "line")
                 last.insert(0, f"[{count} omitted: more than {_LOGGED_LINES} in {_LOGGED_S:g} s]")
             sys.stderr.write("".join(f"{line}\n" for line in last))
             self._omitted = 0

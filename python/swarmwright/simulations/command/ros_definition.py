@@ -72,7 +72,7 @@ def _check_types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
             continue
         if "{robot}" in described.topic and "/" in options.robots:
             yield (*path, "topic"), "{robot} requires robots with names; write robots: [NAME, ..]"
-        type_name, where = types.setdefault(described.topic, (short_type(described.type), dotted_path(path)))
+        type_name, where = types.setdefault(described.topic, (short_type(described.type), format_path(path)))
         if type_name != short_type(described.type):
             yield (
                 (*path, "type"),

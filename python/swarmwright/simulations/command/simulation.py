@@ -506,7 +506,7 @@ class CommandSimulation(Simulation):
             self._put_away(str(failure))
             raise self._make_episode_error(failure, self._printed) from None
         except (Exception, SystemExit) as error:  # raised by a derived class
-            self._put_away(explained(error))
+            self._put_away(describe_exception(error))
             raise
         except BaseException:  # an interrupt is not a failure of the episode
             self._put_away()
@@ -628,7 +628,7 @@ class CommandSimulation(Simulation):
         """Return the instance and its processes, creating them if necessary."""
         if self._instance is None:
             root = (
-                private_place() if self.options.work is None else self._definition_folder / self.options.work
+                private_folder() if self.options.work is None else self._definition_folder / self.options.work
             )
             self._instance = work_files.Instance(root)
             if self.options.keep != "all":

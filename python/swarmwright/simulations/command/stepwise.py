@@ -109,7 +109,7 @@ class MessageIds:
         if is_error:
             return True
         raise CommandFailure(
-            f'answered with the "{ID}" {repr(number)[:40]}, expected {self._last}, the number of the message; '
+            f'answered with the "{ID}" {repr(number)[:40]}, expected {self._last}, the message\'s number; '
             "repeat it in all answers, or omit the key from all"
         )
 
@@ -451,7 +451,7 @@ class Dialogue:
         """Log a warning, the first one of each kind."""
         if text not in self._logged:
             self._logged.add(text)
-            _log.warning(text, one_line(str(detail)[:_LONGEST_WARNING]))
+            _log.warning(text, escape_line(str(detail)[:_LONGEST_WARNING]))
 
     def _parse_answer(self, line: bytes) -> dict[str, Any]:
         try:

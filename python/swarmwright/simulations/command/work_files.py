@@ -129,7 +129,7 @@ class Instance:
         self.root = root
         try:
             # Numbers, and thus ports and displays, are unique for the user, wherever the work folders are.
-            self.number = self._lock(private_place())
+            self.number = self._lock(private_folder())
             root.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.folder = root / f"instance-{self.number}"
             self._make_folder()

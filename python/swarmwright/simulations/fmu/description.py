@@ -244,7 +244,7 @@ def _describe(file: Path, _changed: int, parameters: tuple[tuple[str, int], ...]
     if not is_installed():
         raise InputError(NEEDS)
     try:
-        with archives.opened(file, "an FMU") as archive:
+        with archives.open_archive(file, "an FMU") as archive:
             paths = [Path(name).parts for name in archive.namelist()]
             text = read_xml(archive, file, _DESCRIPTION)
             model = _read_with_fmpy(text)
@@ -256,7 +256,7 @@ def _describe(file: Path, _changed: int, parameters: tuple[tuple[str, int], ...]
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
-        raise InputError(f"{file}: is not an FMU: {explained(error)[:_MOST_FAULTS]}") from None
+        raise InputError(f"{file}: is not an FMU: {describe_exception(error)[:_MOST_FAULTS]}") from None
     version = next((supported for supported in VERSIONS if str(model.fmiVersion).startswith(supported)), None)
     if version is None:
         raise InputError(

@@ -343,7 +343,7 @@ def read_system(file: Path) -> System:
 def _system(file: Path, _changed: int) -> System:
     if not fmus.is_installed():
         raise InputError(fmus.NEEDS)
-    with archives.opened(file, "an SSP") as archive:
+    with archives.open_archive(file, "an SSP") as archive:
         root = _read_root(file, archive, STRUCTURE, "SystemStructureDescription.xsd")
         top = root.find(f"{SSD}System")
         assert top is not None  # the schema requires it
@@ -381,8 +381,8 @@ def _components(file: Path, sources: Mapping[str, str]) -> dict[str, Description
         for source in dict.fromkeys(sources.values()):
             fmu = extract(file, source, folder)
             components[source] = fmus.describe_for_coupling(fmu)
-            with archives.opened(fmu, "an FMU") as archive:
-                sizes[source] = fmu.stat().st_size + archives.unpacked_bytes(archive)
+            with archives.open_archive(fmu, "an FMU") as archive:
+                sizes[source] = fmu.stat().st_size + archives.count_unpacked_bytes(archive)
     # Each component is unpacked separately.
     archives.check_size(
         file, sum(sizes[sizes_of] for sizes_of in sources.values()), "its components unpack to"
@@ -408,11 +408,11 @@ def _read_root(file: Path, archive: zipfile.ZipFile, name: str, schema: str) -> 
 
 def extract(file: Path, source: str, folder: Path) -> Path:
     """Extract the FMU of a component from an SSP. Raises InputError if it is missing."""
-    with archives.opened(file, "an SSP") as archive:
+    with archives.open_archive(file, "an SSP") as archive:
         try:
             return Path(archive.extract(source, folder))
         except (KeyError, OSError, *archives.DAMAGED) as error:
-            raise InputError(f"{file}: {source}: cannot be extracted: {explained(error)}") from None
+            raise InputError(f"{file}: {source}: cannot be extracted: {describe_exception(error)}") from None
 
 
 def _source(file: Path, component: ET.Element) -> str:
@@ -430,7 +430,7 @@ def find_variable(system: System, name: str) -> Variable:
     component, _, variable = name.partition(".")
     if component not in system.components:
         names = list(system.components)
-        hint = meant_or_all(component, names)
+        hint = suggest_or_list(component, names)
         raise InputError(f"{name}: there is no component {component!r}{hint}")
     variable_ = system.components[component].variables.get(variable)
     if variable_ is None:

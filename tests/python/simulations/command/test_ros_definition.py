@@ -87,7 +87,7 @@ def with_(**changes: Any) -> dict[str, Any]:
         ({"actuators": None}, "simulation.actuators: is missing: controllers need sensors and actuators"),
         ({"step": None}, "simulation.step: is missing"),
         ({"step": {}}, "simulation.step.duration: write either the duration of a step or a service that"),
-        ({"step": {"service": "/go", "steps": 3}}, "step.steps: only possible with simulation_interfaces/Step"),
+        ({"step": {"service": "/go", "steps": 3}}, "step.steps: only possible with simulation_interfaces"),
         ({"step": -1}, "simulation.step.duration: must be greater than 0, not -1"),
         ({"ros": 1}, "simulation.step.type: simulation_interfaces/StepSimulation requires ROS 2"),
         ({"reset__scope": "pose"}, "simulation.reset.scope: must be one of default, time, state, spawned"),

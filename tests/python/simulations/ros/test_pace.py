@@ -25,8 +25,8 @@ def test_a_slow_topic_is_named_with_the_time_that_steps_took() -> None:
     pace.wait("/d (metric d)", 0.5, "give slow metrics a value otherwise")
     assert pace.warning() == (
         "steps took 0.5 s on average instead of 0.1 s (simulation.step), over 3 steps; robots continued "
-        "with the last command while they waited, most of the time for /d (metric d); make steps longer, or give "
-        "slow metrics a value otherwise"
+        "with the last command while they waited, most of the time for /d (metric d); make steps longer, "
+        "or give slow metrics a value otherwise"
     )
     pace.begin()
     assert pace.warning() is None
