@@ -56,7 +56,7 @@ def test_a_rover_drives_and_turns() -> None:
     assert 0.7 < seen[0, 11] < 1.2
     put(rover, (0, 0, 0))
     go(rover, -1, 1, steps=3)
-    heading = np.arctan2(*rover.render_frames()[0, 1::-1, 0])
+    heading = np.arctan2(*rover.frames()[0, 1::-1, 0])
     assert 0.3 < heading < np.pi  # counterclockwise
     assert abs(rover.positions()[0, :2]).max() < 0.05
 

@@ -109,8 +109,8 @@ class MessageIds:
         if is_error:
             return True
         raise CommandFailure(
-            f'answered with the "{ID}" {repr(number)[:40]}, expected {self._last}, the message\'s number; '
-            "repeat it in all answers, or omit the key from all"
+            f'answered with the "{ID}" {repr(number)[:40]}, expected {self._last}, the number of the message'
+            "; repeat it in all answers, or omit the key from all"
         )
 
 

@@ -134,7 +134,7 @@ def test_a_declared_argument_is_no_option_and_no_path_elsewhere(value: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("commands", "place"), [(CODE, Position.CODE), (PROGRAMS, Position.PROGRAM), (PARTS, Position.PART)]
+    ("commands", "position"), [(CODE, Position.CODE), (PROGRAMS, Position.PROGRAM), (PARTS, Position.PART)]
 )
 def test_numbers_and_declared_choices(commands: list[list[str]], position: Position) -> None:
     choices = {"text": ["--fast", "a b"]}

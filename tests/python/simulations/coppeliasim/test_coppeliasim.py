@@ -141,7 +141,7 @@ def test_where_no_simulator_answers(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(coppeliasim, "PORT", _attached.free_port())
         with pytest.raises(
-            AttachmentError, match=r"does not answer at localhost:\d+ for 0.5 s; is it running"
+            AttachmentError, match=r"at localhost:\d+ did not answer for 0.5 s; is it running"
         ):
             coppeliasim.CoppeliaSim(Attachment.read(tmp_path / "robots.yaml"))
 
