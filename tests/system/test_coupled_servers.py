@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import Experiment
 from swarmwright.export.proxy_model import Address, proxy_model
-from swarmwright.export.simulation_fmu import LIBRARY, model_fmu
+from swarmwright.export.simulation_fmu import LIBRARY, build_model_fmu
 from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.instances import FmuError
 from swarmwright.simulations.fmu.program import Coupled

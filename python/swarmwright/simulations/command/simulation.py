@@ -187,7 +187,7 @@ def _main_file(form: str) -> str:
 
 def _make_weights_file(controller: Controller) -> bytes:
     """Return the content of the file {weights}."""
-    return c.loaded_weights(Subject(controller.specification)).encode()
+    return c.format_weights(Subject(controller.specification)).encode()
 
 
 def _make_controller_files(
@@ -198,7 +198,7 @@ def _make_controller_files(
     without_weights: C code that reads its weights from a separate file.
     """
     if without_weights:
-        sources = c.loaded_files(Subject(controller.specification), PREFIX)
+        sources = c.format_loadable_source(Subject(controller.specification), PREFIX)
         return {name: file_bytes(content) for name, content in sources.items()}
     if form == "json":
         return {_main_file(form): f"{controller.json}\n".encode()}
