@@ -173,7 +173,7 @@ class Attachment(Options):
         try:
             attachment = cls.model_validate(source.values)
         except ValidationError as error:
-            problems = [f"{source.place(at)}{text}" for at, text in problems_of(error, cls)]
+            problems = [f"{source.locate(at)}{text}" for at, text in problems_of(error, cls)]
             raise InputError("; ".join(problems)) from None
         attachment._folder = path.absolute().parent  # type: ignore[misc] # a private attribute
         return attachment
