@@ -577,7 +577,7 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
         exporter("fmu").files(made, "robot")
     monkeypatch.delenv("CC")
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(InputError, match="an FMU holds a library, which needs cc, which is not installed"):
+    with pytest.raises(InputError, match="the library of an FMU needs cc, which is not installed"):
         exporter("fmu").files(made, "robot")
     monkeypatch.setitem(sys.modules, "fmpy", None)
     with pytest.raises(InputError, match=r"needs FMPy: pip install 'swarmwright\[fmi\]'"):

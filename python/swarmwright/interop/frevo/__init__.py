@@ -1,4 +1,4 @@
-"""Migration from FREVO: its session files become experiments, its result files are scored again.
+"""Migration from FREVO: session files are converted to experiments, result files are evaluated again.
 
 FREVO (https://github.com/smartgrids-aau/Frevo, version 1.5) keeps experiments in session files (.zse) and
 evolved populations in result files (.zre), both XML.

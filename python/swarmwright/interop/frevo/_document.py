@@ -1,7 +1,4 @@
-"""What is in FREVO's files: sections of entries, each section with the class that is to be used.
-
-FREVO's components that have a counterpart here.
-"""
+"""Sections and entries of FREVO's files, and the FREVO classes that can be converted."""
 
 import math
 import re
@@ -22,38 +19,37 @@ from swarmwright.common.xml import Element, read, root_of
 SECTIONS = ("problem", "method", "representation", "ranking")
 """Sections of a session; each names the class of a component."""
 
-
 _TO_FILL_IN = re.compile("-[A-Z_]+-")
 """The placeholder of a value in the templates of FREVO's evaluation scripts."""
 _MOST_NODES = 10_000
 _DIGITS = len(str(_MOST_NODES))
-"""Of a number that may be small enough; Python refuses to read one with thousands."""
+"""Most digits of a count; Python refuses to parse numbers with thousands of digits."""
 _ROOT = "frevo"
-"""The outermost element."""
+"""The root element."""
 
 
 @dataclass
 class Section:
-    """Entries by key.
+    """A section with entries by key.
 
-    `take_*` reads one, FREVO's default where it is left out; what was not taken is left.
+    The methods `take_*` read an entry, or FREVO's default if it is missing, and mark it as used.
     """
 
     name: str
     element: Element
     entries: dict[str, Element] = field(default_factory=dict)
-    taken: set[str] = field(default_factory=set)
+    used_keys: set[str] = field(default_factory=set)
     unfilled: list[str] = field(default_factory=list)
-    """Entries of a template, such as `-SEED-`, for which the default was taken."""
+    """Keys with a placeholder of a template, such as `-SEED-`, whose default was used."""
 
     @property
     def class_name(self) -> str:
         """FREVO's class."""
         return self.element.attribute("class")
 
-    def shown(self, key: str, default: str = "") -> str:
-        """Return an entry's value as it is in the file; a template's place to fill in is left out."""
-        self.taken.add(key)
+    def take_raw(self, key: str, default: str = "") -> str:
+        """Return the value of an entry as written in the file, or the default instead of a placeholder."""
+        self.used_keys.add(key)
         if key not in self.entries:
             return default
         value = self.entries[key].attribute("value")
@@ -64,13 +60,13 @@ class Section:
         return value
 
     def error(self, key: str, message: str) -> InputError:
-        """Return an error about an entry, to be raised."""
+        """Return an error about an entry."""
         element = self.entries.get(key, self.element)
         return InputError(f"{element.file}:{element.line}: {self.name}.{key}: {message}")
 
     def take_text(self, key: str, default: str, choices: tuple[str, ...] = ()) -> str:
-        """Return text, one of the choices if there are any."""
-        text = self.shown(key, default).strip()
+        """Return a text, which must be one of the choices if there are any."""
+        text = self.take_raw(key, default).strip()
         if choices and text not in choices:
             raise self.error(
                 key, f"{text!r} found, expected one of {', '.join(choices)}{did_you_mean(text, choices)}"
@@ -78,8 +74,8 @@ class Section:
         return text
 
     def take_integer(self, key: str, default: int, least: int = -(2**63)) -> int:
-        """Return a whole number of at least `least`."""
-        text = self.shown(key, str(default)).strip()
+        """Return an integer of at least `least`."""
+        text = self.take_raw(key, str(default)).strip()
         try:
             value = int(text)
         except ValueError:
@@ -89,9 +85,9 @@ class Section:
         return value
 
     def take_number(self, key: str, default: float) -> float:
-        """Return a finite number, Java's `0.15f` as 0.15."""
-        text = self.shown(key, str(default)).strip()
-        value = java_number(text)
+        """Return a finite number; Java's `0.15f` is 0.15."""
+        text = self.take_raw(key, str(default)).strip()
+        value = parse_java_number(text)
         if value is None:
             raise self.error(key, f"{text!r} found, expected a number such as 0.15f")
         return value
@@ -101,16 +97,16 @@ class Section:
         return self.take_text(key, str(default).lower(), ("true", "false")) == "true"
 
     @property
-    def left(self) -> list[str]:
-        """Keys that were not taken, in the file's order."""
-        return [key for key in self.entries if key not in self.taken]
+    def unused_keys(self) -> list[str]:
+        """Keys that were not read, in the order of the file."""
+        return [key for key in self.entries if key not in self.used_keys]
 
 
 @dataclass(frozen=True)
 class Session:
-    """A FREVO file: what was to be done, and in a result file the populations that came out.
+    """A FREVO file: a session, and in a result file its populations.
 
-    A section is read when it is asked for; InputError when it is missing or malformed.
+    Sections are read on access, which raises InputError if a section is missing or malformed.
     """
 
     path: Path
@@ -118,34 +114,34 @@ class Session:
 
     @cached_property
     def config(self) -> Section:
-        """Name, seed, number of runs; without entries where the file has none."""
+        """Name, seed and number of runs; without entries if the file has no such section."""
         if not self.root.find_all("sessionconfig"):
             return Section("sessionconfig", self.root)
         return _section(self.root, "sessionconfig", "configentry")
 
     @cached_property
     def problem(self) -> Section:
-        """What candidates are evaluated on."""
+        """The problem on which candidates are evaluated."""
         return _section(self.root, "problem", "problementry")
 
     @cached_property
     def method(self) -> Section:
-        """How candidates are evolved."""
+        """The method that evolves candidates."""
         return _section(self.root, "method", "methodentry")
 
     @cached_property
     def representation(self) -> Section:
-        """What candidates are."""
+        """The representation of candidates."""
         return _section(self.root, "representation", "representationentry")
 
     @cached_property
     def ranking(self) -> Section:
-        """How candidates are ordered."""
+        """The ranking of candidates."""
         return _section(self.root, "ranking", "rankingentry")
 
 
-def java_number(text: str) -> float | None:
-    """Return what Java's Float.parseFloat makes of a text; None when that is not a finite number."""
+def parse_java_number(text: str) -> float | None:
+    """Parse a text as Java's Float.parseFloat does; None if the result is not a finite number."""
     text = text.strip()
     if text[-1:] in {"f", "F", "d", "D"}:
         text = text[:-1]
@@ -157,22 +153,22 @@ def java_number(text: str) -> float | None:
 
 
 def is_single(value: float) -> bool:
-    """Return whether a number is finite as a binary32, too."""
+    """Return whether a number is finite after rounding to binary32."""
     with np.errstate(over="ignore"):
         return bool(np.isfinite(np.float32(value)))
 
 
-def attribute_number(element: Element, name: str) -> float:
-    """Return an attribute that is a finite binary32 when it is rounded; raise InputError for others."""
+def read_number(element: Element, name: str) -> float:
+    """Return an attribute that is finite after rounding to binary32. Raises InputError for others."""
     text = element.attribute(name)
-    value = java_number(text)
+    value = parse_java_number(text)
     if value is None or not is_single(value):
         raise element.error(f"{name} {text[:40]!r} found, expected a finite number")
     return value
 
 
-def attribute_count(element: Element, name: str) -> int:
-    """Return an attribute that counts or numbers nodes; raise InputError for others."""
+def read_count(element: Element, name: str) -> int:
+    """Return an attribute that is a count or an index of nodes. Raises InputError for others."""
     text = element.attribute(name)
     digits = text.lstrip("0") if text.isascii() and text.isdigit() else "x"
     if digits == "x" or len(digits) > _DIGITS or int(digits or 0) > _MOST_NODES:
@@ -180,8 +176,8 @@ def attribute_count(element: Element, name: str) -> int:
     return int(digits or 0)
 
 
-def members(root: Element) -> Iterator[Element]:
-    """Yield what the populations of a result file hold, in the file's order; nothing for a session."""
+def iterate_members(root: Element) -> Iterator[Element]:
+    """Yield the members of the populations of a result file, in file order; nothing for a session."""
     for element in root.children:
         if element.tag == "population":
             yield from element.children
@@ -192,18 +188,16 @@ def members(root: Element) -> Iterator[Element]:
 
 @check_arguments
 def is_session(path: str | PathLike[str]) -> bool:
-    """Whether a file is a FREVO session or result. Raises InputError when it cannot be read."""
+    """Return whether a file is a FREVO session or result. Raises InputError if it cannot be read."""
     file = Path(path)
     return first_character(file) == "<" and root_of(file).tag == _ROOT
 
 
 def open_session(path: Path) -> Session:
-    """Read a session or result file. Raises InputError, with file and line, when it is not one."""
+    """Read a session or result file. Raises InputError, with file and line, for other files."""
     root = read(path)
     if root.tag != _ROOT:
-        raise root.error(
-            "found as the outermost element; expected <frevo>, a session (.zse) or result (.zre)"
-        )
+        raise root.error("unknown root element; expected <frevo> of a session (.zse) or result (.zre)")
     return Session(path, root)
 
 
@@ -232,13 +226,13 @@ NEAT = "neat.NEAT"
 NNGA, CEA2D, PSO = "nnga.NNGA", "CEA2D.CEA2D", "pso.PSO"
 RANDOM_SEARCH = "frevo.method.randomsearch.RandomSearch"
 
-KNOWN = {
+SUPPORTED = {
     "problem": (EMERGENCY_EXIT,),
     "method": (NNGA, CEA2D, PSO, RANDOM_SEARCH),
     "representation": (MESHED, COMPLETE, THREE_LAYERS, LAYERS, MACHINE, HEBBIAN, NEAT),
     "ranking": ("AbsoluteRanking.AbsoluteRanking",),
 }
-"""Classes of each section that have a counterpart here."""
+"""Classes of each section that have a counterpart in Swarmwright."""
 
 OPTIONS = {
     "problem": ("simulation", "a simulation"),
@@ -246,27 +240,27 @@ OPTIONS = {
     "representation": ("controller", "a controller"),
     "ranking": ("ranking", "a ranking"),
 }
-"""For each section the option that names something of this program in the component's place, and what."""
+"""For each section, the option that replaces the component, and what the option names."""
 
 
 def check(section: Section, *, replaceable: bool) -> None:
-    """Raise InputError when the component that a section names has no counterpart here.
+    """Raise InputError if the component of a section has no counterpart in Swarmwright.
 
-    replaceable: whether another component can replace it, which the message then says.
+    replaceable: whether an option can replace the component; the message then names the option.
     """
-    known = KNOWN[section.name]
-    if section.class_name in known:
+    supported = SUPPORTED[section.name]
+    if section.class_name in supported:
         return
-    option, what = OPTIONS[section.name]
-    instead = f"; --{option} names {what} to take in its place" if replaceable else ""
+    option, replacement = OPTIONS[section.name]
+    remedy = f", or replace it by {replacement} with --{option}" if replaceable else ""
     raise section.element.error(
-        f"the class {section.class_name!r} has no counterpart here"
-        f"{did_you_mean(section.class_name, known)}; what can be taken over is {_any_of(known)}{instead}"
+        f"the class {section.class_name!r} has no counterpart in Swarmwright"
+        f"{did_you_mean(section.class_name, supported)}; use {_join_names(supported)}{remedy}"
     )
 
 
-def all_of(*steps: Callable[[], None]) -> None:
-    """Take every step; raise one InputError with the problems of all, a line each."""
+def run_all(*steps: Callable[[], None]) -> None:
+    """Run all steps; raise a single InputError with the problems of all steps, a line each."""
     problems = []
     for step in steps:
         try:
@@ -277,6 +271,6 @@ def all_of(*steps: Callable[[], None]) -> None:
         raise InputError("\n".join(dict.fromkeys(problems)))
 
 
-def _any_of(names: Sequence[str]) -> str:
+def _join_names(names: Sequence[str]) -> str:
     *most, last = names
     return f"{', '.join(most)} or {last}" if most else last

@@ -1,10 +1,9 @@
-"""FREVO's fields: where agents, exits and blockades of Emergency Exit are.
+"""The field of FREVO's Emergency Exit: positions of agents, exits and blockades.
 
-Reads a field that FREVO's field editor saved: a serialized Java object.
-
-Grammar: Java Object Serialization Specification, version 6.0, chapter 6. Only what such a file consists of is
-known: objects of two classes without serialization methods, arrays of them, null and references. Nothing is
-executed.
+Reads a field that FREVO's field editor saved, a serialized Java object. The grammar is that of the Java
+Object Serialization Specification, version 6.0, chapter 6. The parser supports the parts that occur in such a
+file: objects of two classes without serialization methods, arrays of them, null and references. It executes
+nothing.
 """
 
 import json
@@ -26,7 +25,7 @@ _LARGEST_FILE_BYTES = 1 << 27  # bytes
 
 
 class _UnreadableError(Exception):
-    """What is wrong, and the byte where."""
+    """A problem in a serialized Java object."""
 
 
 @dataclass
@@ -45,7 +44,7 @@ class _Stream:
     def take(self, form: str) -> int:
         size = struct.calcsize(form)
         if self._at + size > len(self._data):
-            raise _UnreadableError("the file ends in the middle of something")
+            raise _UnreadableError("the file is truncated")
         (value,) = struct.unpack_from(form, self._data, self._at)
         self._at += size
         return cast("int", value)
@@ -63,7 +62,7 @@ class _Stream:
         if code == _REFERENCE:
             index = self.take(">I") - _FIRST_HANDLE
             if not 0 <= index < len(self._handles):
-                raise _UnreadableError("a reference leads nowhere")
+                raise _UnreadableError("a reference has no target")
             return self._handles[index]
         if code == _STRING:
             text = self.text()
@@ -75,45 +74,45 @@ class _Stream:
             return self._array()
         if code == _OBJECT:
             return self._object()
-        raise _UnreadableError(f"{code:#04x} found at byte {self._at - 1}, which has no place in a field")
+        raise _UnreadableError(f"{code:#04x} found at byte {self._at - 1}, which is not part of a field")
 
     def start(self) -> Any:  # noqa: ANN401 - the first content
         if (self.take(">H"), self.take(">H")) != (0xACED, 5):
-            raise _UnreadableError("it does not begin like a serialized Java object")
+            raise _UnreadableError("it does not begin with the header of a serialized Java object")
         return self.content()
 
     def _class(self) -> _Class:
-        made = _Class(self.text())
+        described = _Class(self.text())
         self.take(">q")
-        self._handles.append(made)
+        self._handles.append(described)
         if self.take(">B") != _SERIALIZABLE:
-            raise _UnreadableError(f"the class {made.name} has a custom serialization")
+            raise _UnreadableError(f"the class {described.name} has a custom serialization")
         for _ in range(self.take(">H")):
             code = chr(self.take(">B"))
-            made.fields.append((code, self.text()))
+            described.fields.append((code, self.text()))
             if code in "[L":
                 self.content()  # the name of the type
         if self.take(">B") != _END or self.content() is not None:
-            raise _UnreadableError(f"the class {made.name} is derived from another")
-        return made
+            raise _UnreadableError(f"the class {described.name} has a base class")
+        return described
 
-    def _described(self) -> _Class:
-        made = self.content()
-        if not isinstance(made, _Class):
+    def _read_class_description(self) -> _Class:
+        described = self.content()
+        if not isinstance(described, _Class):
             raise _UnreadableError("a class is missing")
-        return made
+        return described
 
     def _array(self) -> list[Any]:
-        described = self._described()
+        described = self._read_class_description()
         items: list[Any] = []
         self._handles.append(items)
         if not described.name.startswith("[L"):
-            raise _UnreadableError(f"an array of the type {described.name} has no place in a field")
+            raise _UnreadableError(f"a field has no arrays of type {described.name}")
         items.extend(self.content() for _ in range(self.take(">i")))
         return items
 
     def _object(self) -> dict[str, Any]:
-        described = self._described()
+        described = self._read_class_description()
         values: dict[str, Any] = {"": described.name}
         self._handles.append(values)
         for code, name in described.fields:
@@ -122,18 +121,18 @@ class _Stream:
             elif code in "[L":
                 values[name] = self.content()
             else:
-                raise _UnreadableError(f"{described.name}.{name} is of a type that has no place in a field")
+                raise _UnreadableError(f"{described.name}.{name} has a type that does not occur in a field")
         return values
 
 
 def read_field(path: Path) -> dict[str, Any]:
     """Return the field of a `.ser` file: width, height, exits, agents, blockades.
 
-    Raises InputError when the file holds something else.
+    Raises InputError for other contents.
     """
     try:
-        read = _Stream(read_bytes(path, _LARGEST_FILE_BYTES)).start()
-        return _field(read)
+        content = _Stream(read_bytes(path, _LARGEST_FILE_BYTES)).start()
+        return _field(content)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except (_UnreadableError, RecursionError) as error:
@@ -141,18 +140,18 @@ def read_field(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: is not a field of FREVO's Emergency Exit: {reason}") from None
 
 
-def _field(read: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file held
-    if not isinstance(read, dict) or read.get("") != "emergencyexit.Field":
-        found = read.get("") if isinstance(read, dict) else type(read).__name__
-        raise _UnreadableError(f"it holds {found}; expected emergencyexit.Field")
-    result: dict[str, Any] = {"width": read.get("width"), "height": read.get("height")}
+def _field(content: Any) -> dict[str, Any]:  # noqa: ANN401 - any content of the file
+    if not isinstance(content, dict) or content.get("") != "emergencyexit.Field":
+        actual = content.get("") if isinstance(content, dict) else type(content).__name__
+        raise _UnreadableError(f"it contains {actual}; expected emergencyexit.Field")
+    result: dict[str, Any] = {"width": content.get("width"), "height": content.get("height")}
     for key, name in (("exits", "EmergencyExits"), ("agents", "agents"), ("blockades", "blockades")):
-        points = read.get(name)
+        points = content.get(name)
         if not isinstance(points, list):
             raise _UnreadableError(f"{name} is missing")
         for point in points:
             if not isinstance(point, dict) or point.get("") != "java.awt.Point":
-                raise _UnreadableError(f"{name} holds an object that is not a point")
+                raise _UnreadableError(f"{name} contains an object that is not a point")
         result[key] = [[point.get("x"), point.get("y")] for point in points]
     return result
 
@@ -162,29 +161,29 @@ _SHAPE = '{"width": 20, "height": 20, "exits": [[x, y], ..], "agents": [..], "bl
 
 @dataclass(frozen=True)
 class FieldFile:
-    """A field, and the file it was read from."""
+    """A field and its file."""
 
     path: Path
     value: dict[str, Any]
 
     @property
     def is_json(self) -> bool:
-        """Whether an experiment can name the file; a Java object must be written out."""
+        """Whether an experiment can refer to the file; a Java object is written into the experiment."""
         return self.path.suffix.lower() != ".ser"
 
 
-def find_field(problem: Section, session: Path, given: Path | None) -> FieldFile:
-    """Return the field of a session: the given file, or the one beside the session that it names.
+def find_field(problem: Section, session: Path, field_file: Path | None) -> FieldFile:
+    """Return the field of a session: that of `field_file`, or of the file beside the session.
 
-    The session names a `.ser` file, a serialized Java object; beside the session a `.json` file of the same
-    name (in any case) comes first.
+    The session names a `.ser` file, a serialized Java object. A `.json` file of the same name (in any case)
+    beside the session takes precedence.
 
-    Raises InputError when there is none, saying where it was looked for.
+    Raises InputError, which names the expected files, if there is no field.
     """
-    named = problem.take_text("Filename", "Components/Problems/EmergencyExit/emergencyexit/Stadium.ser")
-    if given is not None:
-        return FieldFile(given, _read(given))
-    stem = PureWindowsPath(named).stem  # knows both kinds of slashes
+    name = problem.take_text("Filename", "Components/Problems/EmergencyExit/emergencyexit/Stadium.ser")
+    if field_file is not None:
+        return FieldFile(field_file, _read(field_file))
+    stem = PureWindowsPath(name).stem  # accepts slashes and backslashes
     neighbours = sorted(session.parent.iterdir())
     for ending in (".json", ".ser"):
         for path in neighbours:
@@ -192,8 +191,8 @@ def find_field(problem: Section, session: Path, given: Path | None) -> FieldFile
                 return FieldFile(path, _read(path))
     raise problem.error(
         "Filename",
-        f"the field {named!r} is not there: put {stem}.ser or {stem}.json beside {session.name}, or give the "
-        f"file with --field FILE; as JSON it is {_SHAPE}",
+        f"the field {name!r} is missing; put {stem}.ser or {stem}.json beside {session.name}, or name "
+        f"its file with --field FILE, in JSON {_SHAPE}",
     )
 
 
@@ -208,8 +207,8 @@ def _read(path: Path) -> dict[str, Any]:
     return value
 
 
-def as_yaml(value: dict[str, Any]) -> list[str]:
-    """Return a field as lines of YAML, to be put under its key."""
+def format_field(value: dict[str, Any]) -> list[str]:
+    """Return a field as lines of YAML below its key."""
     lines: list[str] = []
     for key, part in value.items():
         if not isinstance(part, list):

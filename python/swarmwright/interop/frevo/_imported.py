@@ -1,4 +1,4 @@
-"""From a FREVO session to an experiment, with a comment on every entry."""
+"""The conversion of a FREVO session to an experiment, with a comment on every entry."""
 
 import json
 import os
@@ -15,9 +15,9 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.importing import Imported
 from swarmwright.experiment.validation import check
 from swarmwright.interop.frevo._document import SECTIONS, Section, Session, open_session
-from swarmwright.interop.frevo._field import FieldFile, as_yaml
-from swarmwright.interop.frevo._mapped import EMERGENCY_EXIT, Line, Mapped, one_line
-from swarmwright.interop.frevo._mapping import Instead, map_session
+from swarmwright.interop.frevo._field import FieldFile, format_field
+from swarmwright.interop.frevo._mapped import EMERGENCY_EXIT, Line, Mapped, to_single_line
+from swarmwright.interop.frevo._mapping import Replacements, map_session
 from swarmwright.methods import METHODS
 from swarmwright.methods.rankings import RANKINGS
 from swarmwright.simulations import catalogue
@@ -35,111 +35,116 @@ def load(
     controller: str | None = None,
     ranking: str | None = None,
 ) -> Imported:
-    """Make an experiment of a FREVO session file (.zse) or of the session in a result file (.zre).
+    """Convert a FREVO session file (.zse), or the session in a result file (.zre), to an experiment.
 
     Args:
         path: the file.
-        field: the field of Emergency Exit as JSON or as FREVO's .ser; default: the one that the session
-            names, beside the session.
-        folder: where the experiment file is going to be; the path of a field in it is relative to that.
-        simulation: what is taken in the place of FREVO's problem, as an experiment names it: a title, a class
-            (the path of its file is relative to the current folder), an environment.
-        method: kind that is taken in the place of FREVO's method, with its defaults, and FREVO's numbers of
-            candidates and generations.
-        controller: kind that is taken in the place of FREVO's representation, with its defaults.
-        ranking: kind that is taken in the place of FREVO's ranking, with its defaults.
+        field: the field of Emergency Exit as JSON or as FREVO's .ser; default: the file beside the session
+            that the session names.
+        folder: folder of the experiment file; the path of a field in the experiment is relative to it.
+        simulation: replaces FREVO's problem; a title, a class (the path of its file is relative to the
+            current folder) or an environment, as in an experiment.
+        method: kind of the method that replaces FREVO's, with its defaults and FREVO's numbers of candidates
+            and generations.
+        controller: kind of the controller that replaces FREVO's representation, with its defaults.
+        ranking: kind of the ranking that replaces FREVO's, with its defaults.
 
     Raises:
-        InputError: the file is not a FREVO session, or holds components without counterpart here; the message
-            names file, line and component or entry, of all sections, a line each.
+        InputError: the file is not a FREVO session, or contains components without counterpart in
+            Swarmwright; the message lists the problems of all sections with file, line and component or
+            entry, a line each.
     """
     session = open_session(Path(path))
-    named = None if simulation is None else make_absolute(simulation)
+    absolute_name = None if simulation is None else make_absolute(simulation)
     METHODS.check("method", method)
     REPRESENTATIONS.check("controller", controller)
     RANKINGS.check("ranking", ranking)
     mapped = map_session(
         session,
         None if field is None else Path(field),
-        Instead(named, method, controller, ranking),
-        _sensors(named or EMERGENCY_EXIT),
+        Replacements(absolute_name, method, controller, ranking),
+        _count_sensors(absolute_name or EMERGENCY_EXIT),
     )
-    text = _yaml(session, mapped, Path(folder))
-    # The name says what the field's path is relative to; there is no such file.
+    text = _format_experiment(session, mapped, Path(folder))
+    # The path of the field is relative to the folder of this name; the file does not exist.
     name = str(Path(folder) / "imported.yaml")
     try:
         experiment = Experiment(**check(parse(text, name)))
     except InputError as error:
         problems = remove_locations(str(error), name)
-        raise InputError(f"{path}: does not make a valid experiment:\n{problems}") from error
+        raise InputError(f"{path}: does not result in a valid experiment:\n{problems}") from error
     return Imported(text, experiment, tuple(mapped.notes))
 
 
-def _sensors(simulation: str) -> int | None:
-    """Return what an agent of a simulation senses; None for one that is not here."""
+def _count_sensors(simulation: str) -> int | None:
+    """Return the number of sensors of an agent; None if the simulation is not on this computer."""
     if not catalogue.is_local(simulation):
         return None
     return int(catalogue.description(simulation)["sensors"])
 
 
-def _yaml(session: Session, mapped: Mapped, folder: Path) -> str:
+def _format_experiment(session: Session, mapped: Mapped, folder: Path) -> str:
     problem, method, representation, ranking = (getattr(session, name) for name in SECTIONS)
+    simulation = _format_simulation(mapped.simulation, folder)
     lines = [
-        f"# Made of FREVO's session {one_line(session.path.name)} by `swarmwright import`.",
-        "# After each line, FREVO's name of the entry.",
+        f"# Converted from the FREVO session {to_single_line(session.path.name)} by `swarmwright import`.",
+        "# The comment of a line is the name of its entry in FREVO.",
         "",
-        f"simulation: {_named(mapped.simulation, folder)}  # {one_line(problem.class_name)}",
+        f"simulation: {simulation}  # {to_single_line(problem.class_name)}",
         "",
         "parameters:",
-        *_block(mapped.parameters),
+        *_format_block(mapped.parameters),
     ]
     if mapped.field_file is not None:
-        lines += _field_lines(mapped.field_file, folder)
-    lines += _left_out(mapped.not_parameters)
-    lines += ["", "controller:", *_kind(mapped.controller_kind, representation)]
-    lines += [*_block(mapped.controller), *_left_out(mapped.not_controller)]
-    lines += ["", "method:", *_kind(mapped.method_kind, method)]
-    lines += [*_block(mapped.method), *_left_out(mapped.not_method)]
-    lines += ["", "ranking:", *_kind(mapped.ranking_kind, ranking)]
-    lines += [*_block(mapped.ranking), *_left_out(mapped.not_ranking)]
-    lines += ["", *_block([mapped.seed], ""), *_left_out(mapped.not_config, "")]
+        lines += _format_field_lines(mapped.field_file, folder)
+    lines += _format_omissions(mapped.not_parameters)
+    lines += ["", "controller:", *_format_kind(mapped.controller_kind, representation)]
+    lines += [*_format_block(mapped.controller), *_format_omissions(mapped.not_controller)]
+    lines += ["", "method:", *_format_kind(mapped.method_kind, method)]
+    lines += [*_format_block(mapped.method), *_format_omissions(mapped.not_method)]
+    lines += ["", "ranking:", *_format_kind(mapped.ranking_kind, ranking)]
+    lines += [*_format_block(mapped.ranking), *_format_omissions(mapped.not_ranking)]
+    lines += ["", *_format_block([mapped.seed], ""), *_format_omissions(mapped.not_config, "")]
     return "\n".join(line.rstrip() for line in lines) + "\n"
 
 
-def _kind(kind: str, section: Section) -> list[str]:
-    return _block([Line("kind", kind, one_line(section.class_name))])
+def _format_kind(kind: str, section: Section) -> list[str]:
+    return _format_block([Line("kind", kind, to_single_line(section.class_name))])
 
 
-def _named(simulation: str, folder: Path) -> str:
-    """Return a simulation's name as it is written in an experiment file in this folder."""
+def _format_simulation(simulation: str, folder: Path) -> str:
+    """Return the name of a simulation in an experiment file in this folder."""
     simulation = make_relative(simulation, folder)
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*(:\w[\w.-]*)?", simulation)
     return simulation if plain else json.dumps(simulation, ensure_ascii=False)
 
 
-def _relative(path: Path, folder: Path) -> str:
+def _relative_path(path: Path, folder: Path) -> str:
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:  # on another drive
         return path.absolute().as_posix()
 
 
-def _block(lines: list[Line], indent: str = "  ") -> list[str]:
-    return [f"{indent}{line.key}: {_scalar(line.value)}".ljust(30) + f"  # {line.comment}" for line in lines]
+def _format_block(lines: list[Line], indent: str = "  ") -> list[str]:
+    return [
+        f"{indent}{line.key}: {_format_scalar(line.value)}".ljust(30) + f"  # {line.comment}"
+        for line in lines
+    ]
 
 
-def _left_out(reasons: list[str], indent: str = "  ") -> list[str]:
-    return [f"{indent}# not taken over: {reason}" for reason in reasons]
+def _format_omissions(reasons: list[str], indent: str = "  ") -> list[str]:
+    return [f"{indent}# not imported: {reason}" for reason in reasons]
 
 
-def _field_lines(field: FieldFile, folder: Path) -> list[str]:
+def _format_field_lines(field: FieldFile, folder: Path) -> list[str]:
     if not field.is_json:
         return [
-            f"  field:  # Filename, read from {one_line(field.path.name)}",
-            *(f"    {x}" for x in as_yaml(field.value)),
+            f"  field:  # Filename, read from {to_single_line(field.path.name)}",
+            *(f"    {x}" for x in format_field(field.value)),
         ]
-    return [f"  field: {json.dumps(_relative(field.path, folder), ensure_ascii=False)}  # Filename"]
+    return [f"  field: {json.dumps(_relative_path(field.path, folder), ensure_ascii=False)}  # Filename"]
 
 
-def _scalar(value: Any) -> str:  # noqa: ANN401 - int, float or word
+def _format_scalar(value: Any) -> str:  # noqa: ANN401 - int, float or word
     return repr(value) if isinstance(value, float) else str(value)

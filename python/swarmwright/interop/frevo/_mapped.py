@@ -12,7 +12,7 @@ EMERGENCY_EXIT = "emergency_exit"
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the experiment file: key, value, and the name that FREVO has for it."""
+    """A line of the experiment file: key, value, and the name of the entry in FREVO as a comment."""
 
     key: str
     value: Any
@@ -21,12 +21,12 @@ class Line:
 
 @dataclass
 class Mapped:
-    """The lines of each section of an experiment, and what was left out of each.
+    """The lines of each section of an experiment, and the omitted entries.
 
-    simulation: as experiments name it. parameters, controller, method, ranking: lines of these sections.
-    not_parameters, not_controller, not_method, not_ranking, not_config: entries of FREVO's problem,
-    representation, method, ranking and sessionconfig that were left out, each with the reason. field_file: of
-    the field, where a session names one. notes: differences from FREVO, for the user.
+    simulation: its name in the experiment. parameters, controller, method, ranking: lines of these sections.
+    not_parameters, not_controller, not_method, not_ranking, not_config: omitted entries of FREVO's problem,
+    representation, method, ranking and sessionconfig, each with the reason. field_file: the field, if the
+    session has one. notes: differences from FREVO, for the user.
     """
 
     seed: Line
@@ -39,7 +39,7 @@ class Mapped:
     method: list[Line] = field(default_factory=list)
     ranking: list[Line] = field(default_factory=list)
     mutation: Line | None = None
-    """How the method changes genes, an option of the controller here; None when it does not."""
+    """How the method mutates genes, which is an option of the controller in Swarmwright; None: not at all."""
     field_file: FieldFile | None = None
     not_parameters: list[str] = field(default_factory=list)
     not_controller: list[str] = field(default_factory=list)
@@ -49,12 +49,12 @@ class Mapped:
     notes: list[str] = field(default_factory=list)
 
 
-def one_line(text: str) -> str:
-    """Return text from a file in a form that can be part of a comment."""
+def to_single_line(text: str) -> str:
+    """Return a text of a file as a single line for a comment."""
     line = " ".join(text.split())[:80]
     return "".join(letter if letter.isprintable() else "?" for letter in line)
 
 
-def not_used(section: Section, reason: str) -> list[str]:
-    """Return a reason for each entry that was not taken, and take it."""
-    return [f"{key} = {one_line(section.shown(key))}: {reason}" for key in section.left]
+def report_unused(section: Section, reason: str) -> list[str]:
+    """Return the reason for each unused entry, and mark the entries as used."""
+    return [f"{key} = {to_single_line(section.take_raw(key))}: {reason}" for key in section.unused_keys]

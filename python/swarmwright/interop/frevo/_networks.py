@@ -18,16 +18,16 @@ from swarmwright.interop.frevo._document import (
     THREE_LAYERS,
     Section,
     Session,
-    attribute_count,
-    attribute_number,
     is_single,
-    java_number,
-    members,
+    iterate_members,
+    parse_java_number,
+    read_count,
+    read_number,
 )
 from swarmwright.interop.frevo._representations import (
     TAG,
     check_deterministic,
-    neat_network,
+    read_neat,
     take_activation,
     take_passes,
 )
@@ -40,46 +40,46 @@ _TAGS = {
     HEBBIAN: "hebbnet",
     NEAT: TAG,
 }
-"""What FREVO calls the networks of each representation in a file."""
+"""Tag of the networks of each representation in a file."""
 
 
 @dataclass(frozen=True)
 class Network:
-    """A network, and the fitness that FREVO gave it.
+    """A network and its fitness in FREVO.
 
-    specification: as `swarmwright.Controller` takes it.
+    specification: see `swarmwright.Controller`.
     """
 
     fitness: float
     specification: dict[str, Any]
 
 
-def networks(session: Session) -> list[Network]:
-    """Return every network of every population, in the file's order.
+def read_networks(session: Session) -> list[Network]:
+    """Return the networks of all populations, in file order.
 
     Most of FREVO's methods write <populations> around each <population>; GASpecies, NoveltySearch and
-    NoveltySpecies write one <population> alone.
+    NoveltySpecies write a single <population>.
 
-    Raises InputError when the file holds none, or one that cannot be read.
+    Raises InputError if the file contains no network, or an invalid one.
     """
     root, representation = session.root, session.representation
     outer = [*root.find_all("populations"), *root.find_all("population")]
     if not outer:
         raise root.error(
             "no <populations> and no <population> inside: a session, no result; give the .zre file that "
-            "FREVO wrote when it ran"
+            "FREVO wrote during the run"
         )
     if representation.class_name == MACHINE:
         raise representation.element.error(
-            f"machines of {MACHINE} cannot be scored again: FREVO looks their rows up in another way"
+            f"machines of {MACHINE} cannot be scored again, because FREVO selects their rows differently"
         )
-    read = _reader(representation)
+    read = _select_reader(representation)
     tag = _TAGS[representation.class_name]
     result = []
-    for element in members(root):
+    for element in iterate_members(root):
         if element.tag != tag:
-            raise element.error(f"cannot be scored; what can be is <{tag}>, of {representation.class_name}")
-        fitness = java_number(element.attribute("fitness"))
+            raise element.error(f"cannot be scored; expected <{tag}> of {representation.class_name}")
+        fitness = parse_java_number(element.attribute("fitness"))
         if fitness is None:
             raise element.error(f"fitness {element.attribute('fitness')!r} found, expected a finite number")
         result.append(Network(fitness, read(element)))
@@ -88,35 +88,35 @@ def networks(session: Session) -> list[Network]:
     return result
 
 
-def _reader(section: Section) -> Callable[[Element], dict[str, Any]]:
-    """Return what makes a specification of a network of this representation."""
+def _select_reader(section: Section) -> Callable[[Element], dict[str, Any]]:
+    """Return a function that reads the specification of a network of this representation."""
     if section.class_name == THREE_LAYERS:
-        return _three_layers
+        return _read_three_layers
     if section.class_name == LAYERS:
-        return _layers
+        return _read_layers
     if section.class_name == NEAT:
-        return neat_network
+        return read_neat
     if section.class_name == HEBBIAN:
         passes = take_passes(section)
-        return lambda element: _hebbian(element, passes)
+        return lambda element: _read_hebbian(element, passes)
     check_deterministic(section)
     complete = section.class_name == COMPLETE
     iterations = section.take_integer("stepNumber" if complete else "iterations", 2, 1)
     activation = "clamp" if complete else take_activation(section)
-    return lambda element: _meshed(element, iterations, activation)
+    return lambda element: _read_meshed(element, iterations, activation)
 
 
-def _meshed(element: Element, iterations: int, activation: str) -> dict[str, Any]:
-    sensors, actuators, nodes = _sizes(element)
+def _read_meshed(element: Element, iterations: int, activation: str) -> dict[str, Any]:
+    sensors, actuators, nodes = _read_sizes(element)
     if element.attributes.get("random_source", "false") != "false":
-        raise element.error("random_source is true: controllers here draw no random numbers")
-    named = element.attributes.get("activation_function")
-    session_name = {"clamp": "LINEAR", "sigmoid": "SIGMOID", "relu": "RELU"}[activation]
-    if named is not None and named != session_name:
-        raise element.error(f"activation_function {named} found, where the session has {session_name}")
+        raise element.error("random_source is true, but controllers of Swarmwright draw no random numbers")
+    function = element.attributes.get("activation_function")
+    expected = {"clamp": "LINEAR", "sigmoid": "SIGMOID", "relu": "RELU"}[activation]
+    if function is not None and function != expected:
+        raise element.error(f"activation_function {function} found, but the session has {expected}")
     numbers = []
-    for node in _nodes(element, range(sensors, nodes), nodes):
-        numbers += _genes(node, nodes, range(nodes))
+    for node in _iterate_nodes(element, range(sensors, nodes), nodes):
+        numbers += _read_genes(node, nodes, range(nodes))
     return {
         "version": 1,
         "kind": "fully_meshed",
@@ -130,12 +130,12 @@ def _meshed(element: Element, iterations: int, activation: str) -> dict[str, Any
     }
 
 
-def _hebbian(element: Element, iterations: int) -> dict[str, Any]:
-    """Read a network that learns; the plasticity of its weights, which FREVO does not use, is left out."""
-    sensors, actuators, nodes = _sizes(element)
-    numbers = [attribute_number(element, "learningrate")]
-    for node in _nodes(element, range(sensors, nodes), nodes):
-        numbers += _genes(node, nodes, range(nodes))
+def _read_hebbian(element: Element, iterations: int) -> dict[str, Any]:
+    """Read a network that learns, without the plasticity of its weights, which FREVO does not use."""
+    sensors, actuators, nodes = _read_sizes(element)
+    numbers = [read_number(element, "learningrate")]
+    for node in _iterate_nodes(element, range(sensors, nodes), nodes):
+        numbers += _read_genes(node, nodes, range(nodes))
     return {
         "version": 1,
         "kind": "hebbian",
@@ -147,47 +147,47 @@ def _hebbian(element: Element, iterations: int) -> dict[str, Any]:
     }
 
 
-def _three_layers(element: Element) -> dict[str, Any]:
-    """Read a network whose nodes have a weight from every node, of which those of the layer before count."""
-    sensors, actuators, nodes = _sizes(element)
+def _read_three_layers(element: Element) -> dict[str, Any]:
+    """Read a network whose nodes store a weight from every node; only those from the previous layer count."""
+    sensors, actuators, nodes = _read_sizes(element)
     hidden = nodes - sensors - actuators
     if hidden < 1:
-        raise element.error("has no hidden nodes, and its outputs would be the same all the time")
+        raise element.error("has no hidden nodes, so its outputs would be constant")
     numbers = []
     layers = (
         (sensors, nodes - actuators, range(sensors)),
         (nodes - actuators, nodes, range(sensors, nodes - actuators)),
     )
-    for start, end, before in layers:
-        for node in _nodes(element, range(start, end), nodes):
-            numbers += _genes(node, nodes, before)
-    return _layered(sensors, [hidden], actuators, numbers)
+    for start, end, previous in layers:
+        for node in _iterate_nodes(element, range(start, end), nodes):
+            numbers += _read_genes(node, nodes, previous)
+    return _specify_layered(sensors, [hidden], actuators, numbers)
 
 
-def _layers(element: Element) -> dict[str, Any]:
-    sensors, actuators, nodes = _sizes(element)
-    layers, size = (attribute_count(element, key) for key in ("hidden_layers", "nodes_per_layer"))
+def _read_layers(element: Element) -> dict[str, Any]:
+    sensors, actuators, nodes = _read_sizes(element)
+    layers, size = (read_count(element, key) for key in ("hidden_layers", "nodes_per_layer"))
     if layers < 1 or size < 1 or nodes != sensors + layers * size + actuators:
         raise element.error(
             f"nodes {nodes} found, expected input_nodes + hidden_layers x nodes_per_layer + output_nodes, "
             f"{sensors} + {layers} x {size} + {actuators}, with at least one hidden node"
         )
-    by_layer = _by(element.find_one("hidden_nodes"), "layer", "lr")
+    by_layer = _index_by_attribute(element.find_one("hidden_nodes"), "layer", "lr")
     numbers = []
-    before = sensors
+    previous = sensors
     for layer in range(layers):
-        found = by_layer.get(str(layer))
-        if found is None:
+        elements = by_layer.get(str(layer))
+        if elements is None:
             raise element.error(f"the layer {layer} is missing; expected 0 to {layers - 1}")
-        for node in _numbered(found, range(size), size):
-            numbers += _genes(node, before, range(before))
-        before = size
-    for node in _numbered(element.find_one("output_nodes"), range(actuators), actuators):
-        numbers += _genes(node, before, range(before))
-    return _layered(sensors, [size] * layers, actuators, numbers)
+        for node in _find_nodes(elements, range(size), size):
+            numbers += _read_genes(node, previous, range(previous))
+        previous = size
+    for node in _find_nodes(element.find_one("output_nodes"), range(actuators), actuators):
+        numbers += _read_genes(node, previous, range(previous))
+    return _specify_layered(sensors, [size] * layers, actuators, numbers)
 
 
-def _layered(sensors: int, hidden: list[int], actuators: int, numbers: list[float]) -> dict[str, Any]:
+def _specify_layered(sensors: int, hidden: list[int], actuators: int, numbers: list[float]) -> dict[str, Any]:
     return {
         "version": 1,
         "kind": "layered",
@@ -200,49 +200,50 @@ def _layered(sensors: int, hidden: list[int], actuators: int, numbers: list[floa
     }
 
 
-def _sizes(element: Element) -> tuple[int, int, int]:
-    """Return inputs, outputs and all nodes."""
-    sensors, actuators, nodes = (
-        attribute_count(element, key) for key in ("input_nodes", "output_nodes", "nodes")
-    )
+def _read_sizes(element: Element) -> tuple[int, int, int]:
+    """Return the numbers of inputs, outputs and all nodes."""
+    sensors, actuators, nodes = (read_count(element, key) for key in ("input_nodes", "output_nodes", "nodes"))
     if sensors < 1 or actuators < 1 or nodes < sensors + actuators:
         raise element.error(
             f"input_nodes {sensors} and output_nodes {actuators} found among {nodes} nodes; expected at "
-            "least one of each, and no more than there are nodes"
+            "least one of each, and no more than all nodes"
         )
     return sensors, actuators, nodes
 
 
-def _nodes(element: Element, numbers: range, count: int) -> Iterator[Element]:
-    yield from _numbered(element.find_one("nodes"), numbers, count, element)
+def _iterate_nodes(element: Element, numbers: range, count: int) -> Iterator[Element]:
+    yield from _find_nodes(element.find_one("nodes"), numbers, count, element)
 
 
-def _numbered(
-    parent: Element, numbers: range, count: int, blamed: Element | None = None
+def _find_nodes(
+    parent: Element, numbers: range, count: int, error_element: Element | None = None
 ) -> Iterator[Element]:
     """Yield the nodes with these numbers."""
-    by_number = _by(parent, "node", "nr")
+    by_number = _index_by_attribute(parent, "node", "nr")
     for number in numbers:
         node = by_number.get(str(number))
         if node is None:
-            raise (blamed or parent).error(f"the node {number} is missing; expected 0 to {count - 1}")
+            raise (error_element or parent).error(f"the node {number} is missing; expected 0 to {count - 1}")
         yield node
 
 
-def _genes(node: Element, count: int, wanted: range) -> list[float]:
-    """Return a node's bias and its weights from the wanted ones of `count` nodes."""
+def _read_genes(node: Element, count: int, selection: range) -> list[float]:
+    """Return the bias of a node and its weights from a selection of `count` nodes."""
     weights = node.find_one("weights")
-    by_source = _by(weights, "weight", "from")
+    by_source = _index_by_attribute(weights, "weight", "from")
     if len(by_source) != count:
         raise weights.error(f"{len(by_source)} weights found, expected {count}, one from every node")
     for source in range(count):
         if str(source) not in by_source:
             raise weights.error(f"the weight from {source} is missing")
-    return [_number(node.find_one("bias")), *(_number(by_source[str(source)]) for source in wanted)]
+    return [
+        _parse_number(node.find_one("bias")),
+        *(_parse_number(by_source[str(source)]) for source in selection),
+    ]
 
 
-def _by(parent: Element, tag: str, name: str) -> dict[str, Element]:
-    """Return the elements of this name by one of their attributes."""
+def _index_by_attribute(parent: Element, tag: str, name: str) -> dict[str, Element]:
+    """Return the elements with this tag by the value of an attribute."""
     result: dict[str, Element] = {}
     for element in parent.find_all(tag):
         key = element.attribute(name)
@@ -252,8 +253,8 @@ def _by(parent: Element, tag: str, name: str) -> dict[str, Element]:
     return result
 
 
-def _number(element: Element) -> float:
-    value = java_number(element.text)
+def _parse_number(element: Element) -> float:
+    value = parse_java_number(element.text)
     if value is None or not is_single(value):
         raise element.error(f"{element.text.strip()[:40]!r} found, expected a finite number")
     return value

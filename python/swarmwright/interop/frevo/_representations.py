@@ -1,8 +1,6 @@
-"""FREVO's representations: their entries as options of Swarmwright's controllers.
+"""The conversion of FREVO's representations to Swarmwright's controllers.
 
-FREVO's MealyFSM as the controller mealy_fsm.
-
-Networks of FREVO's NEAT: genes for nodes and for connections.
+FREVO's MealyFSM becomes mealy_fsm. Networks of FREVO's NEAT consist of genes for nodes and for connections.
 """
 
 import math
@@ -23,46 +21,46 @@ from swarmwright.interop.frevo._document import (
     THREE_LAYERS,
     Section,
     Session,
-    attribute_count,
-    attribute_number,
-    members,
+    iterate_members,
+    read_count,
+    read_number,
 )
-from swarmwright.interop.frevo._mapped import Line, Mapped, one_line
+from swarmwright.interop.frevo._mapped import Line, Mapped, to_single_line
 
 TAG = "NEAT"
-"""Of a network in a file."""
+"""Tag of a network in a file."""
 ITERATIONS = 3
-"""How often FREVO computes all nodes in a step."""
+"""Number of times that FREVO computes all nodes in a step."""
 _HIDDEN, _OUTPUT, _INPUT = 0, 1, 2
 
 
-def neat_network(element: Element) -> dict[str, Any]:
+def read_neat(element: Element) -> dict[str, Any]:
     """Return the specification of a network.
 
-    FREVO subtracts biases, and multiplies sums by the sigmoid's factor where it falls: both get the other
-    sign. Weights are rounded from binary64 to binary32. Connections that are disabled are left out. A node
-    that is there twice has all its connections at the first one, and FREVO reads nothing from the second.
+    FREVO subtracts biases, and multiplies sums by the factor of a falling sigmoid: both change their sign.
+    Weights are rounded from binary64 to binary32. Disabled connections are omitted. Of nodes with the same
+    id, the first has all connections; FREVO ignores the others.
 
-    Raises InputError for genes that do not make a network.
+    Raises InputError for genes that are not a valid network.
     """
-    nodes, links = _genes(element)
-    sensors, hidden, outputs = _by_type(element, nodes)
+    nodes, links = _split_genes(element)
+    sensors, hidden, outputs = _classify_nodes(element, nodes)
     computed = hidden + outputs
-    places = {number: place for place, number in enumerate([*range(1, sensors + 1), *computed])}
+    positions = {number: position for position, number in enumerate([*range(1, sensors + 1), *computed])}
     sources: dict[int, list[int]] = {number: [] for number in computed}
     weights: dict[int, list[float]] = {number: [] for number in computed}
     for link in links:
         if link.attribute("enabled") != "true":
             continue
-        start, end = (_known(link, name, places) for name in ("fromID", "toID"))
-        if end in sources:  # what a sensor would see has no effect
-            sources[end].append(places[start])
-            weights[end].append(attribute_number(link, "weight"))
+        start, end = (_find_position(link, name, positions) for name in ("fromID", "toID"))
+        if end in sources:  # connections to sensors have no effect
+            sources[end].append(positions[start])
+            weights[end].append(read_number(link, "weight"))
     numbers: list[float] = []
     for number in computed:
-        numbers += [-attribute_number(nodes[number], "bias"), *weights[number]]
+        numbers += [-read_number(nodes[number], "bias"), *weights[number]]
         if number in outputs:
-            numbers.append(-attribute_number(nodes[number], "sigmoidfactor"))
+            numbers.append(-read_number(nodes[number], "sigmoidfactor"))
     return {
         "version": 1,
         "kind": "neat",
@@ -74,13 +72,13 @@ def neat_network(element: Element) -> dict[str, Any]:
     }
 
 
-def _genes(element: Element) -> tuple[dict[int, Element], list[Element]]:
+def _split_genes(element: Element) -> tuple[dict[int, Element], list[Element]]:
     """Return the nodes by id, and the connections."""
     nodes: dict[int, Element] = {}
     links: list[Element] = []
     for gene in element.find_one("genes").children:
         if gene.tag == "NEATNodeGene":
-            nodes.setdefault(attribute_count(gene, "id"), gene)
+            nodes.setdefault(read_count(gene, "id"), gene)
         elif gene.tag == "NEATlinkGene":
             links.append(gene)
         elif gene.tag != "NEATFeatureGene":
@@ -88,39 +86,39 @@ def _genes(element: Element) -> tuple[dict[int, Element], list[Element]]:
     return nodes, links
 
 
-def _by_type(element: Element, nodes: dict[int, Element]) -> tuple[int, list[int], list[int]]:
-    """Return how many sensors there are, and the ids of hidden nodes and of outputs."""
-    sensors, actuators = (attribute_count(element, name) for name in ("input_nodes", "output_nodes"))
+def _classify_nodes(element: Element, nodes: dict[int, Element]) -> tuple[int, list[int], list[int]]:
+    """Return the number of sensors, the ids of hidden nodes, and the ids of outputs."""
+    sensors, actuators = (read_count(element, name) for name in ("input_nodes", "output_nodes"))
     by_type: dict[int, list[int]] = {_HIDDEN: [], _OUTPUT: [], _INPUT: []}
     for number, gene in nodes.items():
-        by_type.get(attribute_count(gene, "type"), by_type[_HIDDEN]).append(number)
+        by_type.get(read_count(gene, "type"), by_type[_HIDDEN]).append(number)
     if sensors < 1 or sorted(by_type[_INPUT]) != list(range(1, sensors + 1)):
         raise element.error(
-            f"input_nodes {sensors}, whose ids must be 1 to {sensors}, are not so among the genes"
+            f"input_nodes {sensors} found, but the ids of the input genes are not 1 to {sensors}"
         )
     outputs = by_type[_OUTPUT]
     if actuators < 1 or len(outputs) != actuators:
         raise element.error(
-            f"output_nodes {actuators} found, but {len(outputs)} among the genes; expected as many, at "
-            "least one"
+            f"output_nodes {actuators} found, but {len(outputs)} output genes; expected equal numbers of at "
+            "least 1"
         )
     return sensors, by_type[_HIDDEN], outputs
 
 
-def best_sources(root: Element) -> list[list[int]] | None:
-    """Return what the nodes of the best network of a result file see; None for a session."""
-    found = [element for element in members(root) if element.tag == TAG]
-    if not found:
+def find_best_sources(root: Element) -> list[list[int]] | None:
+    """Return the sources of the nodes of the best network in a result file; None for a session."""
+    candidates = [element for element in iterate_members(root) if element.tag == TAG]
+    if not candidates:
         return None
-    best = max(found, key=lambda element: attribute_number(element, "fitness"))
-    sources: list[list[int]] = neat_network(best)["sources"]
+    best = max(candidates, key=lambda element: read_number(element, "fitness"))
+    sources: list[list[int]] = read_neat(best)["sources"]
     return sources
 
 
-def _known(link: Element, name: str, places: dict[int, int]) -> int:
-    number = attribute_count(link, name)
-    if number not in places:
-        raise link.error(f"{name} {number} found, but there is no node with this id")
+def _find_position(link: Element, name: str, positions: dict[int, int]) -> int:
+    number = read_count(link, name)
+    if number not in positions:
+        raise link.error(f"{name} {number}: no node has this id")
     return number
 
 
@@ -131,104 +129,104 @@ _DEFAULTS = {
     "unit_input_values": [70, 70],
     "nthresholds_for_inputs": [3, 3],
 }
-"""What FREVO has where an entry is left out: for two inputs, whatever the problem has."""
+"""FREVO's defaults, which are for two inputs in all problems."""
 _FALLBACK = (0, 100, 100, 1)
-"""Smallest and largest value, units and thresholds of each input where the lists do not fit their number."""
+"""Minimum, maximum, units and thresholds of each input if the lists do not match the number of inputs."""
 _COUNTED = 4
-"""Values of an input up to which it has no thresholds where `nthresholds_for_inputs` does not fit."""
+"""Most values of an input without thresholds, if `nthresholds_for_inputs` does not match the inputs."""
 
 
 @dataclass(frozen=True)
 class MachineOptions:
-    """Options of mealy_fsm, entries of FREVO's that are not taken over, and notes for the user."""
+    """Options of mealy_fsm, omitted entries of FREVO's, and notes for the user."""
 
     states: int
     levels: list[list[float]]
     output_levels: int
-    not_taken: list[str]
+    omitted: list[str]
     notes: list[str]
 
 
-def take_machine(section: Section, sensors: int | None) -> MachineOptions:
-    """Read every entry of a MealyFSM.
+def read_machine(section: Section, sensors: int | None) -> MachineOptions:
+    """Read all entries of a MealyFSM.
 
-    sensors: inputs of the problem; None where that is not known and the entries say it.
+    sensors: number of inputs of the problem; None: the number in the entries.
 
-    Raises InputError for one that cannot be read, or lists of another length than there are inputs.
+    Raises InputError for an invalid entry, or a list that does not match the number of inputs.
     """
     states = section.take_integer("num_of_states", 6, 1)
-    inputs, notes = _inputs(section, sensors)
+    inputs, notes = _read_inputs(section, sensors)
     for index, (low, high, _, _) in enumerate(inputs):
         if low >= high:
             raise section.error(
-                "max_input_values", f"{high} found for input {index}, expected more than the smallest, {low}"
+                "max_input_values", f"{high} found for input {index}, expected more than the minimum {low}"
             )
     output_units = section.take_integer("output_units", 100, 1)
     output_levels = output_units + 1 if output_units < _MOST_LEVELS else 0
-    fixed = "thresholds lie evenly between smallest and largest value, and do not evolve"
-    not_taken = [f"threshold_units = {section.shown('threshold_units', '100,100')}: {fixed}"]
-    own_rows = "FREVO looks rows up by a product of intervals, so that several inputs share one"
+    fixed = "thresholds are evenly spaced between minimum and maximum, and do not evolve"
+    omitted = [f"threshold_units = {section.take_raw('threshold_units', '100,100')}: {fixed}"]
+    own_rows = "FREVO selects rows by a product of intervals, so several inputs share a row"
     notes += [
         f"representation.nthresholds_for_inputs: {fixed}",
-        f"representation.class = fsm.MealyFSM: {own_rows}; here each has its own",
+        f"representation.class = fsm.MealyFSM: {own_rows}; here each has its own row",
     ]
     if section.take_flag("state_num_change_allowed", False):
         notes.append("representation.state_num_change_allowed = true: the number of states is fixed")
-    not_taken += [
-        f"{key} = {section.shown(key)}: machines begin and vary in one way"
+    omitted += [
+        f"{key} = {section.take_raw(key)}: Swarmwright has a single way to start and vary machines"
         for key in ("state_num_change_allowed", "generation_mode", "distance_calc_method")
         if key in section.entries
     ]
     rates = [key for key in section.entries if key.startswith("mutate_")]
     if rates:
-        shown = ", ".join(f"{key} = {section.shown(key)}" for key in rates)
-        not_taken.append(f"{shown}: the method's severity and probability say how much is changed")
-    levels = [_thresholds(*of_one) for of_one in inputs]
-    return MachineOptions(states, levels, output_levels, not_taken, notes)
+        shown = ", ".join(f"{key} = {section.take_raw(key)}" for key in rates)
+        omitted.append(f"{shown}: replaced by the severity and probability of the method")
+    levels = [_compute_thresholds(*values) for values in inputs]
+    return MachineOptions(states, levels, output_levels, omitted, notes)
 
 
-def _inputs(section: Section, sensors: int | None) -> tuple[list[tuple[int, int, int, int]], list[str]]:
-    """Return smallest and largest value, units and thresholds of each input, and what is to be known."""
-    given = {key: _numbers(section, key, sensors) for key in _DEFAULTS if key in section.entries}
-    lengths = {key: len(numbers) for key, numbers in given.items()}
+def _read_inputs(section: Section, sensors: int | None) -> tuple[list[tuple[int, int, int, int]], list[str]]:
+    """Return the minimum, maximum, units and thresholds of each input, and notes."""
+    specified = {key: _read_numbers(section, key, sensors) for key in _DEFAULTS if key in section.entries}
+    lengths = {key: len(numbers) for key, numbers in specified.items()}
     count = sensors if sensors is not None else max(lengths.values(), default=2)
     for key, length in lengths.items():
         if length != count:
-            raise section.error(key, f"{length} numbers found, where another list has {count}")
-    lists = {key: given.get(key, default) for key, default in _DEFAULTS.items()}
+            raise section.error(key, f"{length} numbers found, but another list has {count}")
+    lists = {key: specified.get(key, default) for key, default in _DEFAULTS.items()}
     values = [lists[key] for key in _DEFAULTS if key != "nthresholds_for_inputs"]
-    left_out = ", ".join(key for key in _DEFAULTS if key not in given)
+    missing = ", ".join(key for key in _DEFAULTS if key not in specified)
     if any(len(numbers) != count for numbers in values):
         low, high, _, thresholds = _FALLBACK
         note = (
-            f"representation.{left_out}: left out, and then FREVO takes every input for a number from {low} "
-            f"to {high} with {thresholds} threshold; what is sensed may not reach it: see controller.levels"
+            f"representation.{missing}: missing, so FREVO takes every input for a number from {low} "
+            f"to {high} with {thresholds} threshold, which sensors may never reach; see controller.levels"
         )
         return [_FALLBACK] * count, [note]
     counts = lists["nthresholds_for_inputs"]
-    if len(counts) != count:  # two numbers for another number of inputs
+    if len(counts) != count:  # the default, for another number of inputs
         counts = [0 if units + 1 <= _COUNTED else counts[-1] for units in lists["unit_input_values"]]
     return list(zip(*values, counts, strict=True)), []
 
 
-def _numbers(section: Section, key: str, expected: int | None) -> list[int]:
-    text = section.shown(key)
+def _read_numbers(section: Section, key: str, expected: int | None) -> list[int]:
+    text = section.take_raw(key)
     try:
         numbers = [int(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     least = 0 if key == "nthresholds_for_inputs" else -(2**24)
-    right = len(numbers) == expected if expected is not None else bool(numbers)
-    if not right or not all(least <= number <= 2**24 for number in numbers):
-        many = "" if expected is None else f"{expected} "
+    is_complete = len(numbers) == expected if expected is not None else bool(numbers)
+    if not is_complete or not all(least <= number <= 2**24 for number in numbers):
+        count = "" if expected is None else f"{expected} "
         raise section.error(
-            key, f"{text!r} found, expected {many}whole numbers with commas between, one for each input"
+            key, f"{text!r} found, expected {count}whole numbers separated by commas, one for each input"
         )
     return numbers
 
 
-def _thresholds(low: int, high: int, units: int, count: int) -> list[float]:
-    """Return where intervals end: half below FREVO's thresholds, as whole numbers at these are above them."""
+def _compute_thresholds(low: int, high: int, units: int, count: int) -> list[float]:
+    """Return the ends of intervals: 0.5 below FREVO's thresholds, which belong to the upper interval."""
     parts, last = (count + 1, count) if count else (max(units, 1), max(units, 1))
     return sorted({math.ceil(low + (high - low) * k / parts) - 0.5 for k in range(1, last + 1)})
 
@@ -236,16 +234,16 @@ def _thresholds(low: int, high: int, units: int, count: int) -> list[float]:
 ACTIVATIONS = {"LINEAR": "clamp", "SIGMOID": "sigmoid", "RELU": "relu"}
 """FREVO's activation functions -> Swarmwright's."""
 RELU = (
-    "RELU: outputs have no upper limit in FREVO, whose agents of Emergency Exit stand still where one is "
-    "above 1.25; actuators here end at 1"
+    "RELU: outputs have no upper limit in FREVO, and agents of Emergency Exit stand still if one exceeds "
+    "1.25; actuators in Swarmwright are limited to 1"
 )
 LEARNING_RATE = (
     "representation: the learning rate of a HebbNet is mutated and crossed over; in FREVO, which rounds the "
-    "range of its change to 0, it keeps what it was drawn as"
+    "range of its change to 0, it keeps its initial value"
 )
 _TOPOLOGY = (
-    "neither connections nor nodes are added. Weights, biases and slopes evolve; FREVO crosses them over, "
-    "and its mutations of them have no effect"
+    "neither connections nor nodes are added. Weights, biases and slopes evolve; in FREVO they are crossed "
+    "over, and their mutations have no effect"
 )
 _NEAT = (
     "disjoint_coeff", "excess_coeff", "weight_coeff", "recursive", "feature_selection", "max_perturbation",
@@ -254,15 +252,15 @@ _NEAT = (
     "mutate_link_weight_prob",
 )  # fmt: skip
 """Entries of FREVO's NEAT."""
-SIGMOID = "computed to 1e-7 here, so that single steps may differ"
+SIGMOID = "computed to 1e-7 here, so single steps may differ"
 
 
 def map_representation(session: Session, sensors: int | None, mapped: Mapped) -> None:
-    """Map every entry.
+    """Convert all entries.
 
-    sensors: what an agent senses, where that is known.
+    sensors: number of sensors of an agent, if known.
 
-    Raises InputError for an entry that cannot be read or has no counterpart.
+    Raises InputError for an invalid entry, or one without counterpart.
     """
     section = session.representation
     if section.class_name == MACHINE:
@@ -287,16 +285,20 @@ def map_representation(session: Session, sensors: int | None, mapped: Mapped) ->
 
 def _map_mutation(section: Section, line: Line, mapped: Mapped) -> None:
     if line.value == "proportional":
-        which = "biases move" if section.class_name == MESHED else "weights and biases move"
-        line = Line(line.key, line.value, f"{line.comment}; {which} by their size, not within +-10")
-        mapped.notes.append(f"method.mutationMethod = 2: {which} within a fifth of their size, not +-10")
+        change = "biases move" if section.class_name == MESHED else "weights and biases move"
+        line = Line(
+            line.key, line.value, f"{line.comment}; {change} in proportion to their size, not by +-10"
+        )
+        mapped.notes.append(
+            f"method.mutationMethod = 2: {change} by up to a fifth of their size, not by +-10"
+        )
     mapped.controller.append(line)
 
 
 def _map_meshed(section: Section, mapped: Mapped) -> None:
     complete = section.class_name == COMPLETE
     activation = "clamp" if complete else take_activation(section)
-    comment = f"{COMPLETE} has no other" if complete else "activationFunction"
+    comment = f"the only one of {COMPLETE}" if complete else "activationFunction"
     key = "stepNumber" if complete else "iterations"
     mapped.controller += [
         Line("hidden", section.take_integer("hiddenNodes", 2, 0), "hiddenNodes"),
@@ -304,24 +306,24 @@ def _map_meshed(section: Section, mapped: Mapped) -> None:
         Line("iterations", section.take_integer(key, 2, 1), key),
     ]
     if activation == "relu":
-        mapped.controller.append(Line("output_range", [0, 1], "what FREVO's problem makes -1 to 1"))
+        mapped.controller.append(Line("output_range", [0, 1], "FREVO's problem scales it to -1 to 1"))
         mapped.notes.append(f"representation.activationFunction = {RELU}")
     if not complete:
-        _leave_out(section, mapped)
+        _omit_mutation_options(section, mapped)
 
 
-def _leave_out(section: Section, mapped: Mapped) -> None:
+def _omit_mutation_options(section: Section, mapped: Mapped) -> None:
     check_deterministic(section)
     rate = section.take_number("mutation_rate", 0.2)
     random_range = section.take_number("random_bias_range", 0.2)
     variable = section.take_flag("variable_mutation_rate", False)
-    reason = f"variable_mutation_rate = {str(variable).lower()}: mutations keep their severity"
+    reason = f"variable_mutation_rate = {str(variable).lower()}: the severity of mutations is constant"
     mapped.not_controller.append(reason)
     if variable:
         mapped.notes.append(f"representation.{reason}")
-    mapped.not_controller.append(f"mutation_rate = {rate!r}: with variable_mutation_rate only")
+    mapped.not_controller.append(f"mutation_rate = {rate!r}: used with variable_mutation_rate only")
     mapped.not_controller.append(
-        f"random_source = false, random_bias_range = {random_range!r}: nothing is drawn between steps"
+        f"random_source = false, random_bias_range = {random_range!r}: controllers draw no random numbers"
     )
 
 
@@ -337,10 +339,12 @@ def _map_layers(section: Section, mapped: Mapped) -> None:
         comment = "hiddenNodes"
     mapped.controller += [
         Line("hidden", sizes, comment),
-        Line("activation", "sigmoid", f"{section.class_name} has no other; {SIGMOID}"),
+        Line("activation", "sigmoid", f"the only one of {section.class_name}; {SIGMOID}"),
     ]
     steps = section.take_integer("stepNumber", steps)
-    mapped.not_controller.append(f"stepNumber = {steps}: without feedback every pass gives the same")
+    mapped.not_controller.append(
+        f"stepNumber = {steps}: without feedback all passes compute the same outputs"
+    )
 
 
 def _map_hebbian(section: Section, mapped: Mapped) -> None:
@@ -349,42 +353,42 @@ def _map_hebbian(section: Section, mapped: Mapped) -> None:
         Line("hidden", section.take_integer("hiddenNodes", 2, 0), "hiddenNodes"),
         Line("iterations", take_passes(section), "stepNumber"),
     ]
-    mapped.not_controller.append("plasticity of weights: FREVO evolves it, and does not use it")
+    mapped.not_controller.append("plasticity of weights: FREVO evolves it, but does not use it")
     mapped.notes.append(LEARNING_RATE)
 
 
 def _map_neat(session: Session, mapped: Mapped) -> None:
     section = session.representation
     mapped.controller_kind = "neat"
-    sources = best_sources(session.root)
+    sources = find_best_sources(session.root)
     if sources is not None:
         mapped.controller.append(Line("sources", sources, "connections of the best network in the file"))
-    mapped.controller.append(Line("iterations", ITERATIONS, "NEAT has no other"))
+    mapped.controller.append(Line("iterations", ITERATIONS, "the only value of NEAT"))
     if mapped.mutation is not None:
         _map_mutation(section, mapped.mutation, mapped)
     for key in _NEAT:
         if key in section.entries:
             reason = "connections, nodes and species do not evolve"
-            mapped.not_controller.append(f"{key} = {one_line(section.shown(key))}: {reason}")
-    which = "those of the file's best network" if sources else "from every sensor to every actuator"
-    mapped.notes.append(f"representation: NEAT's connections are {which}, and stay: {_TOPOLOGY}")
+            mapped.not_controller.append(f"{key} = {to_single_line(section.take_raw(key))}: {reason}")
+    origin = "those of the file's best network" if sources else "from every sensor to every actuator"
+    mapped.notes.append(f"representation: NEAT's connections are {origin}, and are constant: {_TOPOLOGY}")
 
 
 def _map_machine(section: Section, sensors: int | None, mapped: Mapped) -> None:
-    machine = take_machine(section, sensors)
+    machine = read_machine(section, sensors)
     mapped.controller_kind = "mealy_fsm"
-    leave_mutation_out(mapped)
+    omit_mutation(mapped)
     mapped.controller = [
         Line("states", machine.states, "num_of_states"),
         Line("levels", machine.levels, "min_input_values, max_input_values, nthresholds_for_inputs"),
-        Line("output_levels", machine.output_levels, "output_units, and both ends count"),
+        Line("output_levels", machine.output_levels, "output_units, and both limits are levels"),
     ]
-    mapped.not_controller += machine.not_taken
+    mapped.not_controller += machine.omitted
     mapped.notes += machine.notes
 
 
-def leave_mutation_out(mapped: Mapped) -> None:
-    """Say that the way in which FREVO's method mutates networks is not taken over."""
+def omit_mutation(mapped: Mapped) -> None:
+    """List the mutation of FREVO's method as omitted."""
     if mapped.mutation is not None and mapped.mutation.comment.startswith("mutationMethod"):
         mapped.not_method.append(
             f"{mapped.mutation.comment}: {mapped.controller_kind} mutates in a different way"
@@ -392,15 +396,16 @@ def leave_mutation_out(mapped: Mapped) -> None:
 
 
 def check_deterministic(section: Section) -> None:
-    """Raise InputError when networks draw random numbers, which no controller here does."""
+    """Raise InputError if networks draw random numbers, unlike controllers of Swarmwright."""
     if section.class_name == MESHED and section.take_flag("random_source", False):
         raise section.error(
-            "random_source", "true found: controllers here draw no random numbers; set it to false in FREVO"
+            "random_source",
+            "true found, but controllers of Swarmwright draw no random numbers; set it to false in FREVO",
         )
 
 
 def take_passes(section: Section) -> int:
-    """Return how often the nodes of a HebbNet are computed in a step; FREVO takes less than 1 for 1."""
+    """Return the number of passes of a HebbNet in a step; FREVO treats numbers below 1 as 1."""
     return max(1, section.take_integer("stepNumber", 2))
 
 

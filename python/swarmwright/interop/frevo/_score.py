@@ -1,4 +1,4 @@
-"""FREVO's networks, evaluated again."""
+"""The evaluation of the networks of FREVO's result files."""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,27 +18,27 @@ from swarmwright.interop.frevo._document import (
     NEAT,
     THREE_LAYERS,
     Section,
-    all_of,
     check,
     open_session,
+    run_all,
 )
-from swarmwright.interop.frevo._mapping import problem_parameters
-from swarmwright.interop.frevo._networks import Network, networks
+from swarmwright.interop.frevo._mapping import convert_problem
+from swarmwright.interop.frevo._networks import Network, read_networks
 from swarmwright.interop.frevo._representations import RELU, SIGMOID
 
 _MOST_EPISODES = 100_000
-"""As in experiments."""
+"""Most episodes, as in experiments."""
 _NEAT = (
-    "NEAT: children share their genes with their parents in FREVO, whose mutations change both: a network in "
-    "the file may be another one than that which got the fitness. Weights are rounded to 32 bits"
+    "NEAT: in FREVO, children share their genes with their parents, and mutations change both: a network in "
+    "the file may differ from the network with this fitness. Weights are rounded to 32 bits"
 )
 
 
 @dataclass(frozen=True)
 class Score:
-    """A candidate: its place in the file, its fitness here, and the one that FREVO gave it.
+    """A candidate: its index in the file, its fitness in Swarmwright, and its fitness in FREVO.
 
-    specification: its network, as `swarmwright.Controller` takes it.
+    specification: its network, see `swarmwright.Controller`.
     """
 
     index: int
@@ -48,13 +48,13 @@ class Score:
 
     @property
     def difference(self) -> float:
-        """How far the two are apart."""
+        """The absolute difference between both fitness values."""
         return abs(self.fitness - self.frevo)
 
 
 @dataclass(frozen=True)
 class Scores:
-    """All candidates of a result file, in its order. notes: why they may differ from FREVO's."""
+    """All candidates of a result file, in file order. notes: why they may differ from FREVO's."""
 
     candidates: tuple[Score, ...]
     notes: tuple[str, ...]
@@ -67,7 +67,7 @@ class Scores:
 
     @property
     def best(self) -> Score:
-        """The candidate with the highest fitness here, the first of them."""
+        """The candidate with the highest fitness in Swarmwright; the first of several."""
         return max(self.candidates, key=lambda candidate: candidate.fitness)
 
     @property
@@ -78,55 +78,55 @@ class Scores:
 
 @check_arguments
 def score(path: str | PathLike[str], *, field: str | PathLike[str] | None = None) -> Scores:
-    """Evaluate every candidate of a FREVO result file (.zre) again, in this process.
+    """Evaluate all candidates of a FREVO result file (.zre) again, in this process.
+
+    Method and ranking of the file are not used and need no counterpart.
 
     Args:
         path: the file.
-        field: as in `load`.
-
-    Method and ranking do not matter, and need no counterpart here.
+        field: see `load`.
 
     Raises:
-        InputError: the file is not a FREVO result, or its problem or representation has no counterpart
-            here; the message names file, line and element.
+        InputError: the file is not a FREVO result, or its problem or representation has no counterpart in
+            Swarmwright; the message names file, line and element.
     """
     if first_character(Path(path)) not in ("<", ""):
         raise InputError(
-            f"{path}: is not a result of FREVO (.zre), which is XML; a controller is evaluated with "
+            f"{path}: is not a result of FREVO (.zre), which is XML; evaluate a controller with "
             "`swarmwright evaluate EXPERIMENT --controller FILE --episodes N`"
         )
     session = open_session(Path(path))
-    all_of(
+    run_all(
         lambda: check(session.problem, replaceable=False),
         lambda: check(session.representation, replaceable=False),
     )
-    found = networks(session)
-    lines, field_file, ranking, notes = problem_parameters(session, None if field is None else Path(field))
+    networks = read_networks(session)
+    lines, field_file, ranking, notes = convert_problem(session, None if field is None else Path(field))
     parameters = {line.key: line.value for line in lines}
     if field_file is not None:
         parameters["field"] = field_file.value
-    notes += _notes(session.representation)
+    notes += _describe_differences(session.representation)
     first: int = parameters.pop("seed", 0)
     episodes = next(line.value for line in ranking if line.key == "episodes")
     if episodes > _MOST_EPISODES:
         raise session.problem.error(
             "NumberofEvaluations", f"{episodes} found, expected a whole number of at most {_MOST_EPISODES}"
         )
-    results = np.empty((len(found), episodes))
+    results = np.empty((len(networks), episodes))
     try:
         with engine_errors():
             seeds = range(first, first + episodes)
-            for architecture, indices in _by_architecture(found):
-                weights = [found[index].specification["weights"] for index in indices]
+            for architecture, indices in _group_by_architecture(networks):
+                weights = [networks[index].specification["weights"] for index in indices]
                 genomes = np.array(weights, dtype=np.float32)
                 results[indices], _ = _engine.evaluate(
                     "emergency_exit", parameters, architecture, genomes, seeds
                 )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    # One after another, as FREVO adds them; sum() would round otherwise.
+    # Add in sequence, like FREVO: sum() rounds differently.
     totals = np.add.accumulate(results, axis=1)[:, -1] + 0.0
-    pairs = zip(totals.tolist(), found, strict=True)
+    pairs = zip(totals.tolist(), networks, strict=True)
     scores = tuple(
         Score(index, total, network.fitness, network.specification)
         for index, (total, network) in enumerate(pairs)
@@ -134,8 +134,8 @@ def score(path: str | PathLike[str], *, field: str | PathLike[str] | None = None
     return Scores(scores, tuple(notes))
 
 
-def _notes(representation: Section) -> list[str]:
-    """Return why networks may behave in another way than in FREVO."""
+def _describe_differences(representation: Section) -> list[str]:
+    """Return reasons for which networks may behave differently than in FREVO."""
     if representation.class_name in (THREE_LAYERS, LAYERS):
         return [f"{representation.class_name}: its sigmoid is {SIGMOID}"]
     if representation.class_name == NEAT:
@@ -147,10 +147,10 @@ def _notes(representation: Section) -> list[str]:
     }.get(activation, [])
 
 
-def _by_architecture(networks: Sequence[Network]) -> Iterable[tuple[dict[str, Any], list[int]]]:
-    """Return specifications without weights, each with the indices of its networks."""
-    found: dict[str, tuple[dict[str, Any], list[int]]] = {}
+def _group_by_architecture(networks: Sequence[Network]) -> Iterable[tuple[dict[str, Any], list[int]]]:
+    """Return the specifications without weights, each with the indices of its networks."""
+    groups: dict[str, tuple[dict[str, Any], list[int]]] = {}
     for index, network in enumerate(networks):
         common = {key: value for key, value in network.specification.items() if key != "weights"}
-        found.setdefault(json.dumps(common), (common, []))[1].append(index)
-    return found.values()
+        groups.setdefault(json.dumps(common), (common, []))[1].append(index)
+    return groups.values()

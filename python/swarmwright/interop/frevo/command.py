@@ -1,4 +1,4 @@
-"""`swarmwright score`: FREVO's networks, evaluated again."""
+"""`swarmwright score`: evaluate the candidates of a FREVO result."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ def command(
     file names. The method that evolved them, and the ranking, do not matter.
     """
     if candidate is not None and target is None:
-        raise click.UsageError("--candidate says which one --save writes; give both.")
+        raise click.UsageError("--candidate selects the controller for --save; use both.")
     from swarmwright import Controller
     from swarmwright.interop import frevo
 

@@ -1,4 +1,4 @@
-"""Sessions of FREVO for `swarmwright import`, and wherever commands read an experiment."""
+"""The importer of FREVO sessions, for `swarmwright import` and other commands that read an experiment."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,20 +10,20 @@ from swarmwright.interop.frevo._imported import load
 
 
 class FrevoImporter(Importer):
-    """Reads a session (.zse), or that in a result (.zre)."""
+    """Importer of sessions (.zse), or of the session in a result (.zre)."""
 
     words = "a FREVO session"
 
     def recognises(self, files: Sequence[Path]) -> bool:
-        """Whether this is a single session; several files cannot be."""
+        """Return whether this is a single session."""
         return len(files) == 1 and files[0].is_file() and is_session(files[0])
 
     def is_experiment(self, file: Path) -> bool:
-        """Whether this is a session."""
+        """Return whether this is a session."""
         return is_session(file)
 
     def load(self, files: Sequence[Path], options: ImportOptions) -> Imported:
-        """Make an experiment of the session, as `swarmwright.frevo.load`."""
+        """Convert the session to an experiment, see `swarmwright.frevo.load`."""
         imported = load(
             files[0],
             field=options.field,

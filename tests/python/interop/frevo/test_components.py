@@ -100,7 +100,7 @@ COMPLETE = "completeNetwork.CompleteNetwork"
 def test_networks(session: Session, representation: str, given: Entries, expected: Any) -> None:
     imported = frevo.load(session(representation=representation, given={"representation": given}))
     assert imported.experiment.controller == expected
-    assert not any("no such entry" in note for note in imported.notes)
+    assert not any("unknown to FREVO" in note for note in imported.notes)
     assert imported.experiment.representation().architecture()["output_range"] == [0, 1]
 
 
@@ -120,7 +120,7 @@ def test_networks_that_learn(session: Session) -> None:
         hidden=3, iterations=1, weight_range=1.5, bias_range=3.0
     )
     assert any("the learning rate of a HebbNet is mutated" in note for note in imported.notes)
-    assert "plasticity of weights: FREVO evolves it, and does not use it" in imported.yaml
+    assert "plasticity of weights: FREVO evolves it, but does not use it" in imported.yaml
     default = frevo.load(session(representation=HEBBIAN)).experiment.controller
     assert default == HebbianOptions()
 
@@ -129,16 +129,16 @@ def test_a_session_with_neat_says_what_is_not_taken_over(session: Session) -> No
     given = {"recursive": "true", "add_node_prob": "0.01f", "weight_range": "2f"}
     imported = frevo.load(session(representation=NEAT, given={"representation": given}))
     assert imported.experiment.controller == NeatOptions()
-    assert any("from every sensor to every actuator, and stay" in note for note in imported.notes)
+    assert any("from every sensor to every actuator, and are constant" in note for note in imported.notes)
     for entry in ("recursive = true", "add_node_prob = 0.01f"):
         assert f"{entry}: connections, nodes and species do not evolve" in imported.yaml
-    assert any("weight_range = 2f: FREVO 1.5 has no such entry" in note for note in imported.notes)
+    assert any("weight_range = 2f: unknown to FREVO 1.5" in note for note in imported.notes)
 
 
 def test_mutation_of_layers_in_proportion_is_said_to_differ(session: Session) -> None:
     imported = frevo.load(session(representation=LAYERS, given={"method": {"mutationMethod": 2}}))
     assert vars(imported.experiment.controller)["mutation"] == "proportional"
-    assert any("weights and biases move within a fifth of their size" in note for note in imported.notes)
+    assert any("weights and biases move by up to a fifth of their size" in note for note in imported.notes)
 
 
 def test_a_machine_of_which_everything_is_left_out(session: Session, tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_particle_swarms(session: Session) -> None:
         reach=1.0,
         fastest=0.5,
     )
-    assert any("C1 pulls nothing" in note for note in imported.notes)
+    assert any("C1 has no effect" in note for note in imported.notes)
     given: dict[str, Entries] = {
         "method": {"W": "0.5", "C1": "1.5f", "C2": "1", "populationsize": 30, "generations": 4},
         "representation": {"weight_range": "0.5f"},
@@ -204,7 +204,7 @@ def test_shares_in_percent_of_early_versions(session: Session) -> None:
     assert [method[key] for key in ("elite", "random", "mutate", "crossover", "renew")] == [
         0.15, 0.1, 0.4, 0.3, 0.05,
     ]  # fmt: skip
-    assert any("whole numbers are percentages" in note for note in imported.notes)
+    assert any("whole numbers are read as percentages" in note for note in imported.notes)
 
 
 def test_templates_have_the_defaults_where_something_is_to_be_filled_in(session: Session) -> None:
@@ -214,7 +214,7 @@ def test_templates_have_the_defaults_where_something_is_to_be_filled_in(session:
     }
     imported = frevo.load(session(given=given))
     assert imported.experiment.method.model_dump()["population"] == 50
-    assert "method.populationsize = -POPSIZE-: to be filled in; FREVO's default is taken" in imported.notes
+    assert "method.populationsize = -POPSIZE-: a placeholder; FREVO's default is used" in imported.notes
 
 
 @pytest.mark.slow
@@ -228,14 +228,14 @@ def test_everything_without_a_counterpart_is_named_at_once(session: Session, pro
     shown = program("import", path)
     assert (shown.returncode, shown.stdout) == (2, "")
     lines = shown.stderr.removeprefix("swarmwright: ").splitlines()
-    assert [line.strip().split(" has no counterpart here")[0] for line in lines] == [
+    assert [line.strip().split(" has no counterpart in Swarmwright")[0] for line in lines] == [
         f"{path}:2: <problem>: the class 'cam.Cam'",
         f"{path}:4: <method>: the class 'gaspecies.GASpecies'",
         f"{path}:6: <representation>: the class 'bulk.Bulk'",
         f"{path}:8: <ranking>: the class 'swissSystem.SwissSystem'",
     ]
     for line, option in zip(lines, ("simulation", "method", "controller", "ranking"), strict=True):
-        assert f"--{option} names" in line
+        assert f"with --{option}" in line
 
 
 def test_entries_of_all_sections_are_complained_about_at_once(session: Session) -> None:
@@ -268,7 +268,7 @@ def test_another_simulation_is_taken_in_the_place_of_the_problem(
     assert "problem.class = light.Light: " in made.stderr
     text = (tmp_path / "deep" / "two.yaml").read_text()
     assert 'simulation: "../two.py:Two"  # light.Light' in text
-    assert "# not taken over: evalnumber = 20: an entry of light.Light" in text
+    assert "# not imported: evalnumber = 20: an entry of light.Light" in text
     experiment = Experiment.load(tmp_path / "deep" / "two.yaml")
     assert (experiment.sensors, experiment.parameters) == (2, {})
     assert experiment.genome_size == 2 * 3 + 3
@@ -295,9 +295,9 @@ def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> 
     experiment = imported.experiment
     assert (experiment.simulation, experiment.controller.kind) == ("minisim", "fully_meshed")
     assert (experiment.method.kind, experiment.method.generations) == ("cea2d", 3)
-    assert "# not taken over: survival_threshold = 0.4: an entry of gaspecies.GASpecies" in imported.yaml
+    assert "# not imported: survival_threshold = 0.4: an entry of gaspecies.GASpecies" in imported.yaml
     for part in ("cam.Cam", "gaspecies.GASpecies", "bulk.Bulk", "swissSystem.SwissSystem"):
-        assert any(f"class = {part}" in note and "in its place" in note for note in imported.notes), part
+        assert any(f"class = {part}" in note and "replaces it" in note for note in imported.notes), part
 
 
 @pytest.mark.parametrize(

@@ -35,11 +35,11 @@ def test_frevos_field_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "answer"),
     [
-        (b"", "ends in the middle"),
-        (b"PK\x03\x04....", "does not begin like a serialized Java object"),
-        (SER[:-1], "ends in the middle"),
+        (b"", "is truncated"),
+        (b"PK\x03\x04....", "does not begin with the header of a serialized Java object"),
+        (SER[:-1], "is truncated"),
         (LIST, "the class java.util.ArrayList has a custom serialization"),
-        (SER.replace(b"emergencyexit.Field", b"emergencyexit.Other"), "it holds emergencyexit.Other"),
+        (SER.replace(b"emergencyexit.Field", b"emergencyexit.Other"), "it contains emergencyexit.Other"),
         (SER.replace(b"java.awt.Point\xb6", b"java.awt.Paint\xb6"), "an object that is not a point"),
     ],
 )

@@ -10,7 +10,7 @@ import pytest
 
 from swarmwright import Controller, InputError, frevo
 from swarmwright.interop.frevo._document import open_session
-from swarmwright.interop.frevo._networks import networks
+from swarmwright.interop.frevo._networks import read_networks
 
 Edited = Callable[..., Path]
 
@@ -53,7 +53,7 @@ def test_fitness_needs_the_learning(data: Path, edited: Edited) -> None:
 
 
 def test_networks_become_controllers(data: Path) -> None:
-    found = networks(open_session(data / "hebbian.zre"))
+    found = read_networks(open_session(data / "hebbian.zre"))
     assert len(found) == 10
     for network in found:
         assert network.specification["kind"] == "hebbian"

@@ -114,7 +114,7 @@ def test_too_many_agents_are_as_many_as_frevo_takes(edited: Edited) -> None:
     path = edited("emergency_exit_random.zse", (ENTRY, '<problementry key="NumberofAgents" value="100"/>'))
     imported = frevo.load(path)
     assert imported.experiment.parameters["numAgents"] == 20
-    assert "NumberofAgents = 100, of which FREVO takes the larger of width and height" in imported.yaml
+    assert "NumberofAgents = 100, limited by FREVO to the larger of width and height" in imported.yaml
 
 
 def test_what_differs_is_said(edited: Edited, data: Path) -> None:
@@ -130,8 +130,8 @@ def test_what_differs_is_said(edited: Edited, data: Path) -> None:
     )
     imported = frevo.load(path, field=data / "stadium.json")
     for start in (
-        "problem.width, problem.height: FREVO walls the field in at 30 x 20",
-        "problem.wallColour = #fff: FREVO 1.5 has no such entry",
+        "problem.width, problem.height: FREVO puts a wall around 30 x 20",
+        "problem.wallColour = #fff: unknown to FREVO 1.5",
         "method.mutationMethod = 2",
         "representation.variable_mutation_rate = true",
         "sessionconfig.NumberofRuns = 10",
@@ -198,7 +198,7 @@ def test_shares_of_cea2d_above_a_hundred_are_cut_as_in_frevo(edited: Edited) -> 
     imported = frevo.load(cea2d(edited, ("percentmutateelite", 80), ("percentxoverelite", 30)))
     shares = imported.experiment.method.model_dump()
     assert [shares[name] for name in ("elite", "mutate", "crossover", "renew")] == [0.11, 0.8, 0.09, 0.0]
-    assert "percentxoverelite = 30, of which FREVO takes what is left of 100" in imported.yaml
+    assert "percentxoverelite = 30, limited by FREVO to the remainder of 100" in imported.yaml
 
 
 def test_fixed_obstacles_of_cea2d_are_refused_where_frevo_has_them(edited: Edited) -> None:
@@ -231,10 +231,10 @@ def test_import_command_writes_an_experiment_that_loads(program: Any, data: Path
     before = target.read_text()
     again = program("import", data / "emergency_exit_random.zse", "-o", target)
     assert again.returncode == 2
-    assert "exists and is not written over" in again.stderr
+    assert "already exists; choose another file" in again.stderr
     assert target.read_text() == before
     printed = program("import", data / "emergency_exit_random.zse")
-    assert printed.stdout.startswith("# Made of FREVO's session emergency_exit_random.zse")
+    assert printed.stdout.startswith("# Converted from the FREVO session emergency_exit_random.zse")
 
 
 @pytest.mark.slow
@@ -256,8 +256,8 @@ def test_a_session_that_is_taken_for_an_experiment(edited: Edited, program: Any,
     other = edited("emergency_exit_random.zse", ('class="emergencyexit.EmergencyExit"', 'class="XOR.XOR"'))
     refused = program("optimize", other)
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert "taken over is emergencyexit.EmergencyExit" in refused.stderr
-    assert "'swarmwright import' has options for the field and for components" in refused.stderr
+    assert "use emergencyexit.EmergencyExit" in refused.stderr
+    assert "'swarmwright import' has options for the field and for unsupported components" in refused.stderr
     shutil.copy(other, tmp_path / "session.yaml")
     again = program("optimize", tmp_path / "session.yaml")
     assert again.stderr == refused.stderr.replace(other.name, "session.yaml")
@@ -290,11 +290,11 @@ def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_p
     [
         (
             ('class="nnga.NNGA"', 'class="PSO.PSO"'),
-            "the class 'PSO.PSO' has no counterpart here; did you mean 'pso.PSO'?",
+            "the class 'PSO.PSO' has no counterpart in Swarmwright; did you mean 'pso.PSO'?",
         ),
         (
             ('class="emergencyexit.EmergencyExit"', 'class="XOR.XOR"'),
-            "taken over is emergencyexit.EmergencyExit",
+            "use emergencyexit.EmergencyExit",
         ),
         (('class="nnga.NNGA"', ""), ":16: <method>: the attribute class is missing"),
         (('key="steps"', 'kee="steps"'), ":11: <problementry>: the attribute key is missing"),
@@ -351,7 +351,7 @@ def test_mistakes_on_the_command_line(program: Any, data: Path, tmp_path: Path, 
     shutil.copy(data / name, tmp_path)
     for arguments, answer in [
         (["emergency_exit_stadium.z"], "does not exist; did you mean 'emergency_exit_stadium"),
-        (["page.html"], "page.html:1: <html>: found as the outermost element; expected"),
+        (["page.html"], "page.html:1: <html>: unknown root element; expected"),
         ([name, "--field", "list.json"], "list.json: holds a list; expected an object"),
         ([name, "--field", "page.html"], "page.html:1: is not valid JSON"),
         ([name], "problem.Filename: the field"),
@@ -391,7 +391,7 @@ def test_a_mealy_machine(edited: Edited, tmp_path: Path) -> None:
     assert experiment.genome_size == 3 * 2 * 4 * 2**8 * 3
     assert len(imported.notes) == 4
     assert "state_num_change_allowed = true: the number of states is fixed" in imported.notes[3]
-    assert "# not taken over: mutate_del_tr_prob = 0.01f:" in imported.yaml
+    assert "# not imported: mutate_del_tr_prob = 0.01f:" in imported.yaml
     short = experiment.replace(method={"population": 10, "generations": 1}, servers="local")
     assert optimize(short, out=tmp_path / "run").evaluations == 10
 
@@ -404,7 +404,7 @@ def test_a_mealy_machine(edited: Edited, tmp_path: Path) -> None:
         (
             '"20,20,1,',
             '"20,-20,1,',
-            "max_input_values: -20 found for input 1, expected more than the smallest",
+            "max_input_values: -20 found for input 1, expected more than the minimum",
         ),
         ('value="3"', 'value="0"', "num_of_states: 0 found, expected a whole number of at least 1"),
         ('"20,20,1,', '"x,20,1,', "max_input_values: 'x,20,.* found"),

@@ -12,8 +12,8 @@ import pytest
 from swarmwright import Controller, InputError, frevo, optimize
 from swarmwright.common.xml import read
 from swarmwright.interop.frevo._document import open_session
-from swarmwright.interop.frevo._networks import networks
-from swarmwright.interop.frevo._representations import neat_network
+from swarmwright.interop.frevo._networks import read_networks
+from swarmwright.interop.frevo._representations import read_neat
 
 Edited = Callable[..., Path]
 READ_AGAIN = {0: -81.19803115654246, 1: -81.19803115654246, 6: -81.19803115654246}
@@ -41,7 +41,7 @@ def written(case: dict[str, Any], path: Path) -> Path:
 def test_outputs_are_those_of_frevos_class_to_the_bit(data: Path, tmp_path: Path) -> None:
     loops, moved = 0, 0
     for case in json.loads((data / "neat.json").read_text(encoding="utf-8")):
-        specification = neat_network(read(written(case, tmp_path / "neat.xml")))
+        specification = read_neat(read(written(case, tmp_path / "neat.xml")))
         first = specification["sensors"]
         loops += sum(first + node <= one for node, row in enumerate(specification["sources"]) for one in row)
         controller, forgetful = Controller(specification), Controller(specification)
@@ -70,9 +70,9 @@ def test_fitness_is_what_frevo_gives_the_file(data: Path, edited: Edited) -> Non
 
 def test_the_best_networks_connections_become_an_experiment(data: Path, tmp_path: Path) -> None:
     imported = frevo.load(data / "neat.zre")
-    best = networks(open_session(data / "neat.zre"))[0].specification
+    best = read_networks(open_session(data / "neat.zre"))[0].specification
     assert imported.experiment.representation().architecture() | {"weights": best["weights"]} == best
-    assert any("those of the file's best network, and stay" in note for note in imported.notes)
+    assert any("those of the file's best network, and are constant" in note for note in imported.notes)
     assert "add_node_prob = 0.3f: connections, nodes and species do not evolve" in imported.yaml
     Controller(frevo.score(data / "neat.zre").candidates[0].specification).save(tmp_path / "best.json")
     start = {"start_from": str(tmp_path / "best.json")}
@@ -84,13 +84,13 @@ def test_the_best_networks_connections_become_an_experiment(data: Path, tmp_path
 def test_genes_that_do_not_count_are_left_out(data: Path, tmp_path: Path) -> None:
     """Disabled connections, nodes that are there twice, and genes that stand for features."""
     case = json.loads((data / "neat.json").read_text(encoding="utf-8"))[0]
-    found = neat_network(read(written(case, tmp_path / "neat.xml")))
+    found = read_neat(read(written(case, tmp_path / "neat.xml")))
     assert sum(map(len, found["sources"])) == sum(enabled for *_, enabled in case["links"])
     text = (tmp_path / "neat.xml").read_text(encoding="utf-8")
     again = '<NEATNodeGene id="6" innovationnumber="9" sigmoidfactor="3" type="0" bias="3"/>'
     feature = '<NEATFeatureGene innovationnumber="9" featureValue="3"/>'
     (tmp_path / "neat.xml").write_text(text.replace("</genes>", f"{again}{feature}</genes>"))
-    assert neat_network(read(tmp_path / "neat.xml")) == found
+    assert read_neat(read(tmp_path / "neat.xml")) == found
 
 
 @pytest.mark.parametrize(
@@ -99,10 +99,14 @@ def test_genes_that_do_not_count_are_left_out(data: Path, tmp_path: Path) -> Non
         (
             'fromID="2" toID="5"',
             'fromID="22" toID="5"',
-            "<NEATlinkGene>: fromID 22 found, but there is no node",
+            "<NEATlinkGene>: fromID 22: no node has this id",
         ),
-        ('output_nodes="2"', 'output_nodes="3"', "output_nodes 3 found, but 2 among the genes"),
-        ('input_nodes="3"', 'input_nodes="4"', "input_nodes 4, whose ids must be 1 to 4, are not so"),
+        ('output_nodes="2"', 'output_nodes="3"', "output_nodes 3 found, but 2 output genes"),
+        (
+            'input_nodes="3"',
+            'input_nodes="4"',
+            "input_nodes 4 found, but the ids of the input genes are not 1 to 4",
+        ),
         ('id="2"', 'id="-2"', "<NEATNodeGene>: id '-2' found, expected a whole number"),
         ('weight="2.0"', 'weight="1e39"', "weight '1e39' found, expected a finite number"),
         ("<NEATlinkGene", "<NEATLinkGene", "<NEATLinkGene>: found among the genes; expected"),
@@ -117,4 +121,4 @@ def test_malformed_genes_are_refused(
     assert before in text
     path.write_text(text.replace(before, after, 1))
     with pytest.raises(InputError, match=re.escape(answer)):
-        neat_network(read(path))
+        read_neat(read(path))

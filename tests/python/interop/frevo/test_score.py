@@ -37,7 +37,7 @@ def test_relu_is_scored_and_said_to_differ(data: Path) -> None:
     scores = frevo.score(data / "relu.zre")
     assert len(scores) == 5
     assert scores.max_difference > 1
-    assert "agents of Emergency Exit stand still where one is above 1.25" in scores.notes[0]
+    assert "agents of Emergency Exit stand still if one exceeds 1.25" in scores.notes[0]
 
 
 def test_method_and_ranking_do_not_matter(edited: Edited) -> None:
@@ -61,8 +61,8 @@ def test_problem_and_representation_matter(edited: Edited) -> None:
     with pytest.raises(InputError) as caught:
         frevo.score(path)
     first, second = str(caught.value).splitlines()
-    assert "<problem>: the class 'cam.Cam' has no counterpart here" in first
-    assert "<representation>: the class 'bulk.Bulk' has no counterpart here" in second
+    assert "<problem>: the class 'cam.Cam' has no counterpart in Swarmwright" in first
+    assert "<representation>: the class 'bulk.Bulk' has no counterpart in Swarmwright" in second
     assert "--" not in first + second  # nothing can stand in their place
 
 
@@ -128,7 +128,7 @@ WEIGHT = '<weight from="3">-1.7659435</weight>'
         (('input_nodes="10"', ""), "<FullyMeshedNet>: the attribute input_nodes is missing"),
         ((' fitness="0.44"', ""), "the attribute fitness is missing"),
         ((' fitness="0.44"', ' fitness="NaN"'), "fitness 'NaN' found, expected a finite number"),
-        (('activation_function="LINEAR"', 'activation_function="RELU"'), "where the session has LINEAR"),
+        (('activation_function="LINEAR"', 'activation_function="RELU"'), "but the session has LINEAR"),
         (
             ('key="random_source" type="BOOLEAN" value="false"', 'key="random_source" value="true"'),
             "random numbers",
@@ -176,7 +176,7 @@ def test_a_candidate_is_saved_as_a_controller(data: Path, program: Any, tmp_path
     assert scores.best.index != 7
     refusals: tuple[tuple[list[str | Path], str], ...] = (
         (["--save", tmp_path / "x.json", "--candidate", "10"], "the file has the candidates 0 to 9"),
-        (["--candidate", "1"], "--candidate says which one --save writes; give both"),
+        (["--candidate", "1"], "--candidate selects the controller for --save; use both"),
         (["--save", tmp_path / "none" / "x.json"], "none"),
     )
     for wrong, answer in refusals:

@@ -7,14 +7,14 @@ import pytest
 
 from swarmwright import _engine, evaluate, frevo
 from swarmwright.interop.frevo._document import open_session
-from swarmwright.interop.frevo._networks import networks
+from swarmwright.interop.frevo._networks import read_networks
 
 NAMES = ["emergency_exit_stadium", "emergency_exit_random"]
 
 
 def reference(path: Path) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.float32]], list[float]]:
     """The weights of all networks of a result file, and FREVO's fitness of each."""
-    found = networks(open_session(path))
+    found = read_networks(open_session(path))
     weights = [network.specification["weights"] for network in found]
     return np.array(weights, dtype=np.float32), [network.fitness for network in found]
 
