@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
     from rich.table import Table
 
-    from swarmwright.analysis.sweep.remaining import Status, UnderWay
+    from swarmwright.analysis.sweep.remaining import ActiveRun, Status
 
 
 LINE_INTERVAL_S = 30.0
@@ -43,14 +43,14 @@ class PlainStatus:
     def tick(self) -> None:
         """Print a line if it is due."""
         now = time.monotonic()
-        if now - self._last_line >= LINE_INTERVAL_S and self._status.under_way:
+        if now - self._last_line >= LINE_INTERVAL_S and self._status.active_runs:
             self._last_line = now
             self._output.text(format_status(self._status))
 
 
 def format_status(status: "Status") -> str:
     """Return a line on the progress of a sweep."""
-    running = list(status.under_way.values())
+    running = list(status.active_runs.values())
     named = "; ".join(_format_run(run) for run in running[:_NAMED])
     more = f"; and {len(running) - _NAMED} more" if len(running) > _NAMED else ""
     return f"{_format_totals(status)}; under way: {named}{more}"
@@ -64,7 +64,7 @@ def _format_totals(status: "Status") -> str:
     return f"{status.finished} of {status.total} runs done{failed}{elsewhere}{time_left}"
 
 
-def _format_run(run: "UnderWay") -> str:
+def _format_run(run: "ActiveRun") -> str:
     if run.generation is None:
         return run.words
     failed = run.generation.failed_so_far
@@ -88,12 +88,12 @@ class BarStatus:
         from swarmwright.cli._console import text
 
         status = self._status
-        running = list(status.under_way.values())
+        running = list(status.active_runs.values())
         whole = status.finished + status.failures + status.elsewhere + sum(run.share for run in running)
         yield _bar(Text(_format_totals(status), style="bold"), whole / max(status.total, 1))
         for run in running[:_SHOWN]:
             yield _bar(text(f"  {_format_run(run)}"), run.share)
-            if run.waiting_for and time.monotonic() - max(run.heard, run.begun) >= PATIENCE_S:
+            if run.waiting_for and time.monotonic() - max(run.report_time, run.start) >= PATIENCE_S:
                 waiting = text(f"    {run.waiting_for}", "yellow")
                 waiting.no_wrap, waiting.overflow = True, "ellipsis"
                 yield waiting
@@ -161,19 +161,19 @@ class Report(Status):
             for task in list(self._writers):
                 self._close(task)
 
-    def found(self, task: Task, run: Run) -> None:
+    def on_already_finished(self, task: Task, run: Run) -> None:
         """Report that a run was finished before."""
-        super().found(task, run)
+        super().on_already_finished(task, run)
         self._say(task, lambda: self._print_end(task, run, "was finished before"))
 
-    def finished_elsewhere(self, task: Task, run: Run) -> None:
+    def on_finished_elsewhere(self, task: Task, run: Run) -> None:
         """Report that another process finished a run."""
-        super().finished_elsewhere(task, run)
+        super().on_finished_elsewhere(task, run)
         self._say(task, lambda: self._print_end(task, run, "finished by another process"))
 
-    def begun(self, task: Task) -> None:
+    def on_begin(self, task: Task) -> None:
         """Log the start of a run."""
-        super().begun(task)
+        super().on_begin(task)
         self._observer.log_start(task.experiment)
         if self._tensorboard is not None:
             self._writers[task] = TensorBoard(self._tensorboard / task.folder.name, task.experiment)
@@ -192,18 +192,18 @@ class Report(Status):
         super().evaluating(task, done, total, waiting_for)
         self._tick()
 
-    def ended(self, task: Task, run: Run) -> None:
+    def on_end(self, task: Task, run: Run) -> None:
         """Log and report the results of a run."""
-        super().ended(task, run)
+        super().on_end(task, run)
         self._observer.log_end(run)
         if task in self._writers:
             self._writers[task].conclude(run)
             self._close(task)
         self._say(task, lambda: self._print_end(task, run, f"{run.seconds:.1f} s"))
 
-    def failed(self, task: Task, message: str) -> None:
+    def on_failure(self, task: Task, message: str) -> None:
         """Log and report the failure of a run."""
-        super().failed(task, message)
+        super().on_failure(task, message)
         self._close(task)
         self._observer.log.write("error", "run_failed", seed=task.seed, message=message)
         self._say(task, lambda: self._print_failure(task, message))

@@ -101,7 +101,7 @@ def command(
     FILE can be a sweep.json. With --out, the sweep is repeated in that folder with the recorded experiments
     and code, and `runs diff` compares both; without --out, missing runs are run.
     """
-    from swarmwright.analysis.sweep import Sweep, conduct, tasks
+    from swarmwright.analysis.sweep import Sweep, conduct, list_tasks
     from swarmwright.analysis.sweep.run import UnreadableRunError
     from swarmwright.cli._sweep_report import Report
 
@@ -110,11 +110,11 @@ def command(
     sweep = Sweep.load(file, out=out, settings=(*settings, *prefix_settings(prefix)))
     first = sweep.variants[0].experiment
     broker = experiment_broker(broker, first.broker, servers if servers is not None else first.servers)
-    todo = tasks(sweep)
+    todo = list_tasks(sweep)
     longer = 0
     for task in todo:
         with suppress(UnreadableRunError):  # reported among the runs
-            existing = task.found()  # report errors before anything is printed
+            existing = task.open_run()  # report errors before anything is printed
             longer += existing is not None and bool(task.budget_settings(existing))
     if tensorboard is not None:
         from swarmwright.runs.callbacks._tensorboard import require_writer
@@ -149,7 +149,7 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
     from swarmwright.analysis.indicators import quick_indicators, shared_indicators
 
     runs = outcome.finished
-    comparisons = compare_all(*outcome.compared())
+    comparisons = compare_all(*outcome.open_runs())
     for comparison in comparisons:
         output.text()
         output.block(str(comparison))

@@ -14,7 +14,7 @@ import pytest
 import swarmwright
 from swarmwright import InputError, Run, SweepResult
 from swarmwright.analysis.comparison import compare_opened
-from swarmwright.analysis.sweep import Outcome, Sweep, tasks
+from swarmwright.analysis.sweep import Outcome, Sweep, list_tasks
 from swarmwright.analysis.sweep_folders import runs_of
 from swarmwright.runs.store import FILE as STORE
 from swarmwright.runs.store.folder import SWEEP as FILE
@@ -96,7 +96,7 @@ def test_what_is_left_out_is_named(results: Path, caplog: pytest.LogCaptureFixtu
 
 def test_a_sweep_and_a_comparison_of_its_folder_leave_out_the_same_runs(results: Path) -> None:
     sweep = Sweep.load(results / FILE)
-    todo = tasks(sweep)
+    todo = list_tasks(sweep)
     failed, gone, damaged, *others = todo
     with closing(sqlite3.connect(failed.folder / STORE)) as store, store:
         store.execute("UPDATE session SET outcome = 'failed'")
@@ -104,7 +104,7 @@ def test_a_sweep_and_a_comparison_of_its_folder_leave_out_the_same_runs(results:
     outcome = Outcome(
         todo, {task: Run.open(task.folder) for task in (damaged, *others)}, {failed: "it broke"}
     )
-    read, unreadable = outcome.compared()
+    read, unreadable = outcome.open_runs()
     assert [(one.path, one.label, one.seed) for one in unreadable] == [
         (gone.folder, gone.variant.label, gone.seed)
     ]

@@ -126,7 +126,7 @@ def test_results_of_another_experiment_are_left_alone(program: Any, tmp_path: Pa
     assert result.returncode == 2
     assert (
         "results/nnga-1: holds a run of another experiment: parameters.maxSteps is 6 in the file, 5 in the "
-        "run; name another folder" in result.stderr
+        "run; choose another folder" in result.stderr
     )
     assert records(tmp_path / "results") == before
 

@@ -29,14 +29,14 @@ def test_a_run_that_goes_on_after_another(
     finished: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shorter = optimize(EXPERIMENT, lambda now: now.generation < 1, out=tmp_path / "shorter")
-    words = f"{shorter.path} ends after {shorter.evaluations} evaluations, but but {finished.path} continues"
+    words = f"{shorter.path} ends after {shorter.evaluations} evaluations, but {finished.path} continues"
     read = list(csv_lines(finished._store))
     assert len(read) > shorter.evaluations + 1
     monkeypatch.setattr(differences, "csv_lines", refused)
     for one, other in ((shorter, finished), (finished, shorter)):
         assert find_first_difference(one, other) == words
     monkeypatch.undo()
-    monkeypatch.setattr(differences, "_begin_alike", lambda *_: False)
+    monkeypatch.setattr(differences, "_begin_equally", lambda *_: False)
     assert find_first_difference(shorter, finished) == words
 
 

@@ -2,7 +2,7 @@
 
 from swarmwright.analysis.sweep.execution import Outcome, conduct
 from swarmwright.analysis.sweep.file import Sweep
-from swarmwright.analysis.sweep.run import Executor, Listener, Task, tasks
+from swarmwright.analysis.sweep.run import Executor, Listener, Task, list_tasks
 from swarmwright.analysis.sweep.variants import Variant
 
-__all__ = ["Executor", "Listener", "Outcome", "Sweep", "Task", "Variant", "conduct", "tasks"]
+__all__ = ["Executor", "Listener", "Outcome", "Sweep", "Task", "Variant", "conduct", "list_tasks"]

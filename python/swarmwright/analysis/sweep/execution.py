@@ -18,12 +18,12 @@ from swarmwright.analysis.sweep.run import (
     Listener,
     Task,
     UnreadableRunError,
-    finished,
-    finished_run,
+    open_finished,
+    open_if_finished,
     reason,
 )
 from swarmwright.analysis.sweep.variants import Variant
-from swarmwright.analysis.sweep.workers import SideBySide
+from swarmwright.analysis.sweep.workers import WorkerPool
 from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
 from swarmwright.common.errors import InputError, PlugInError
 from swarmwright.common.files import write_whole
@@ -42,13 +42,13 @@ from swarmwright.servers.evaluation.base import BROKERLESS, Servers, resolve_ser
 from swarmwright.servers.supervision.local_servers import automatic_count, count_processors
 from swarmwright.simulations import catalogue
 
-_LISTEN = 1.0
-"""Seconds for servers on a broker to say that they are there."""
+_DISCOVERY_S = 1.0
+"""Seconds to wait for the presence of servers on a broker."""
 _ASSUMED_POPULATION = 50
-"""Candidates of a generation where their number depends on what only a server knows."""
+"""Candidates per generation, if their number depends on sizes that only a server knows."""
 
 
-def shares(
+def choose_servers(
     experiments: Sequence[Experiment],
     runs: int,
     jobs: int | None,
@@ -56,77 +56,77 @@ def shares(
     broker: str | None,
     servers: Servers | None,
 ) -> list[Servers | None]:
-    """Return for each run that goes on at a time which servers it starts; None: none, it uses the broker's.
+    """Return the servers that each parallel run starts; None if it uses those on the broker.
 
-    Without `jobs`, there are as many as can work in parallel without sharing a resource:
+    By default, there are as many parallel runs as can work without sharing a resource:
 
     - evaluated in this process: a run for each processor;
-    - servers that are started: a run for each of them, with a separate broker;
-    - servers on a broker: as many runs as they can serve, where each takes as many as its generation has
+    - on servers that are started: a run for each server, with a separate broker;
+    - on servers on a broker: as many runs as they can serve, if each uses as many as its generation has
       evaluations.
 
     Args:
         experiments: of the variants.
-        runs: that are to be done.
-        jobs: how many at a time.
-        broker: whose servers are used.
-        servers: which are started, instead of the first experiment's.
+        runs: number of runs to do.
+        jobs: number of parallel runs.
+        broker: of existing servers.
+        servers: to start, in place of the first experiment's.
 
     Raises:
-        InputError: fewer servers are to be started than runs go on at a time.
+        InputError: there are fewer servers than parallel runs.
     """
     first = experiments[0]
-    wanted = resolve_servers(first, servers)
-    if broker is None and wanted == "auto" and here.prefers_local(first):
-        wanted = "local"
+    choice = resolve_servers(first, servers)
+    if broker is None and choice == "auto" and here.prefers_local(first):
+        choice = "local"
     if any(experiment.simulation.startswith("__main__:") for experiment in experiments):
-        jobs = 1  # a class of this session, which no other process finds
+        jobs = 1  # a class of this session, which no other process has
     most = max(runs, 1)
-    if broker is None and wanted in BROKERLESS:
+    if broker is None and choice in BROKERLESS:
         jobs = min(jobs or count_processors(), most)
-        if wanted == "in-process" or not all(
+        if choice == "in-process" or not all(
             here.has_workers(experiment.simulation) for experiment in experiments
         ):
-            return [wanted] * jobs
-        wanted = max(count_processors(), jobs)  # all runs together, not each of them
-    if isinstance(wanted, tuple):  # one run after the other has all of them
-        return [written(wanted)]
+            return [choice] * jobs
+        choice = max(count_processors(), jobs)  # for all runs together
+    if isinstance(choice, tuple):  # sequential runs, each with all servers
+        return [written(choice)]
     if broker is not None and not isinstance(servers, int):
-        return [None] * min(jobs or _served(experiments, broker), most)
-    count = wanted if isinstance(wanted, int) else max(automatic_count(), jobs or 1)
+        return [None] * min(jobs or _count_parallel_runs(experiments, broker), most)
+    count = choice if isinstance(choice, int) else max(automatic_count(), jobs or 1)
     if jobs is None:
         jobs = count if broker is None else 1
     if jobs > count:
         raise InputError(
-            f"jobs: {jobs} runs at a time need as many servers, and {count} are to be started; give a larger "
-            "number of servers, or fewer jobs"
+            f"jobs: {jobs} parallel runs need at least {jobs} servers, but only {count} would be started; "
+            "use more servers or fewer jobs"
         )
     jobs = min(jobs, most)
-    return [count // jobs + (place < count % jobs) for place in range(jobs)]
+    return [count // jobs + (index < count % jobs) for index in range(jobs)]
 
 
-def _served(experiments: Sequence[Experiment], broker: str) -> int:
-    """Return how many runs the servers on a broker can serve at a time."""
+def _count_parallel_runs(experiments: Sequence[Experiment], broker: str) -> int:
+    """Return how many runs the servers on a broker can serve in parallel."""
     load_from_keyring(broker)
     first = experiments[0]
-    found = _engine.servers(broker, prefix=with_environment(first).prefix, wait=_LISTEN)
+    presences = _engine.servers(broker, prefix=with_environment(first).prefix, wait=_DISCOVERY_S)
     titles = {catalogue.title(experiment.simulation) for experiment in experiments}
-    able = [
+    suitable = [
         presence
-        for presence in found
+        for presence in presences
         if presence.get("state") != "lost" and titles <= set(presence.get("simulations") or ())
     ]
-    return max(1, len(able) // max(_at_a_time(experiment) for experiment in experiments))
+    return max(1, len(suitable) // max(_count_parallel_evaluations(experiment) for experiment in experiments))
 
 
-def _at_a_time(experiment: Experiment) -> int:
-    """Return how many evaluations of a run can be made at a time, each on another server."""
+def _count_parallel_evaluations(experiment: Experiment) -> int:
+    """Return how many evaluations of a run can be made in parallel, each on another server."""
     options = experiment.method
     if options.operation == "steady_state":
         return int(options.in_flight) * experiment.ranking.episodes
     representation = candidates = None
-    # InputError: where only a server knows the numbers of sensors and actuators. What fails in a plug-in is
-    # reported by the runs that use it.
+    # InputError: only a server knows the numbers of sensors and actuators. Failures of plug-ins are reported
+    # by the runs that use them.
     with suppress(InputError, PlugInError), report_failures():
         representation = experiment.representation()
     with suppress(InputError, PlugInError), report_failures():
@@ -138,9 +138,9 @@ _LEFT_OUT = (ELSEWHERE - {"validate"}) | {"seed"}
 
 
 def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
-    """Write the record, instead of that of an earlier sweep; nothing where it is there already.
+    """Write the record of a sweep, unless it exists already.
 
-    Raises InputError where it cannot be written.
+    Raises InputError when it cannot be written.
     """
     file = sweep.out / SWEEP
     data = f"{json.dumps(_plain(sweep, tasks), default=str, ensure_ascii=False, indent=1)}\n".encode()
@@ -182,10 +182,10 @@ def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
 
 
 def _recorded_variant(variant: Variant) -> dict[str, Any]:
-    """Return what the record has of a variant: a sweep that is repeated by it keeps the names of code."""
+    """Return the recorded values of a variant, with the original names of its code."""
     experiment = variant.experiment
-    kept = {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}
-    return with_names(kept, variant.names)
+    values = {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}
+    return with_names(values, variant.names)
 
 
 @dataclass
@@ -194,11 +194,11 @@ class Outcome:
 
     tasks: Sequence[Task]
     runs: dict[Task, Run] = field(default_factory=dict)
-    """Finished ones."""
+    """Finished runs."""
     failures: dict[Task, str] = field(default_factory=dict)
-    """Why runs failed."""
+    """Reasons of failed runs."""
     busy: list[Task] = field(default_factory=list)
-    """Those that another process works on, and had not finished at the end."""
+    """Runs that another process works on and had not finished at the end."""
     interrupted: bool = False
     """Whether Ctrl-C ended it before all runs were done."""
 
@@ -207,21 +207,21 @@ class Outcome:
         """Finished runs, in the order of the tasks."""
         return [self.runs[task] for task in self.tasks if task in self.runs]
 
-    def compared(self) -> tuple[list[Run], list[LeftOut]]:
-        """Return all runs that can be read, finished or not, and the others, as for `compare_opened`."""
-        found: list[Run] = []
+    def open_runs(self) -> tuple[list[Run], list[LeftOut]]:
+        """Return all readable runs, finished or not, and the others, as for `compare_opened`."""
+        runs: list[Run] = []
         unreadable: list[LeftOut] = []
         for task in self.tasks:
             if task in self.runs:
-                found.append(self.runs[task])
+                runs.append(self.runs[task])
             elif not (task.folder / STORE).exists():
                 unreadable += as_missing([task.folder])
             else:
                 try:
-                    found.append(Run.open(task.folder))
+                    runs.append(Run.open(task.folder))
                 except InputError as error:
                     unreadable.append(as_unreadable(task.folder, error))
-        return found, [
+        return runs, [
             replace(left_out_run, label=task.variant.label, seed=task.seed)
             for left_out_run in unreadable
             for task in self.tasks
@@ -229,33 +229,33 @@ class Outcome:
         ]
 
 
-class _Noting(Listener):
+class _OutcomeListener(Listener):
     """Records the outcome, and forwards everything to another listener."""
 
     def __init__(self, outcome: Outcome, listener: Listener) -> None:
         self._outcome = outcome
         self._listener = listener
-        self.begun = listener.begun  # type: ignore[method-assign] # passed on as it is
+        self.on_begin = listener.on_begin  # type: ignore[method-assign] # forwarded unchanged
         self.generation = listener.generation  # type: ignore[method-assign]
         self.evaluating = listener.evaluating  # type: ignore[method-assign]
-        self.planned = listener.planned  # type: ignore[method-assign]
+        self.on_plan = listener.on_plan  # type: ignore[method-assign]
         self.tick = listener.tick  # type: ignore[method-assign]
 
-    def found(self, task: Task, run: Run) -> None:
+    def on_already_finished(self, task: Task, run: Run) -> None:
         self._outcome.runs[task] = run
-        self._listener.found(task, run)
+        self._listener.on_already_finished(task, run)
 
-    def finished_elsewhere(self, task: Task, run: Run) -> None:
+    def on_finished_elsewhere(self, task: Task, run: Run) -> None:
         self._outcome.runs[task] = run
-        self._listener.finished_elsewhere(task, run)
+        self._listener.on_finished_elsewhere(task, run)
 
-    def ended(self, task: Task, run: Run) -> None:
+    def on_end(self, task: Task, run: Run) -> None:
         self._outcome.runs[task] = run
-        self._listener.ended(task, run)
+        self._listener.on_end(task, run)
 
-    def failed(self, task: Task, message: str) -> None:
+    def on_failure(self, task: Task, message: str) -> None:
         self._outcome.failures[task] = message
-        self._listener.failed(task, message)
+        self._listener.on_failure(task, message)
 
     def busy(self, task: Task) -> None:
         self._outcome.busy.append(task)
@@ -271,16 +271,16 @@ def conduct(
     broker: str | None = None,
     servers: Servers | None = None,
 ) -> Outcome:
-    """Do all runs of a sweep that are not finished; return the outcome.
+    """Do all unfinished runs of a sweep; return the outcome.
 
-    A run that fails does not stop the others. Ctrl-C does; then `interrupted` is set, and what was finished
-    is kept. A run that another process works on is left to it, and counts if it is finished at the end.
+    A failed run does not stop the others. Ctrl-C does: then `interrupted` is set, and finished runs are kept.
+    Runs that another process works on are left to it, and count if they are finished at the end.
 
     Args:
-        sweep: whose runs.
-        tasks: the runs, in the order in which they are begun.
+        sweep: the sweep.
+        tasks: the runs, in the order in which they start.
         listener: receives the progress.
-        jobs: runs at a time; default: see `shares`.
+        jobs: number of parallel runs; default: see `choose_servers`.
         broker: as in `optimize`.
         servers: as in `optimize`, for all runs together.
 
@@ -289,59 +289,58 @@ def conduct(
         RunError: no broker, or servers do not start.
     """
     outcome = Outcome(tasks)
-    noting = _Noting(outcome, listener)
-    before = [finished_run(task) for task in tasks]  # report errors before anything is started
+    listener = _OutcomeListener(outcome, listener)
+    before = [open_if_finished(task) for task in tasks]  # report errors before anything is started
     try:
         write(sweep, tasks)
-    except InputError as error:  # a folder that may be read alone: finished runs are compared nevertheless
+    except InputError as error:  # a read-only folder: its finished runs can still be compared
         logging.getLogger("swarmwright").warning("%s", error)
-    left = []
+    remaining = []
     for task, run in zip(tasks, before, strict=True):
         if isinstance(run, BusyRunError):
-            noting.busy(task)
+            listener.busy(task)
         elif isinstance(run, UnreadableRunError):
-            noting.failed(task, str(run))
+            listener.on_failure(task, str(run))
         elif run is not None:
-            noting.found(task, run)
+            listener.on_already_finished(task, run)
             picture.draw_missing(task.folder)
         else:
-            left.append(task)
+            remaining.append(task)
     experiments = [variant.experiment for variant in sweep.variants]
     if broker is None and servers not in BROKERLESS and experiments[0].servers not in BROKERLESS:
         broker = experiments[0].broker
     try:
-        parts = shares(experiments, len(left), jobs, broker=broker, servers=servers) if left else []
-        noting.planned(len(left), len(parts))
+        parts = (
+            choose_servers(experiments, len(remaining), jobs, broker=broker, servers=servers)
+            if remaining
+            else []
+        )
+        listener.on_plan(len(remaining), len(parts))
         if len(parts) > 1:
-            SideBySide(sweep.variants, broker=broker, servers=parts, listener=noting).run(left)
-        elif left:
-            outcome.interrupted = not _one_after_another(sweep, left, noting, broker, parts[0])
+            WorkerPool(sweep.variants, broker=broker, servers=parts, listener=listener).run(remaining)
+        elif remaining:
+            outcome.interrupted = not _run_sequentially(sweep, remaining, listener, broker, parts[0])
     except KeyboardInterrupt:
         outcome.interrupted = True
-    _look_again(outcome)
-    return outcome
-
-
-def _look_again(outcome: Outcome) -> None:
-    """Take over the runs that other processes have finished meanwhile."""
-    for task in list(outcome.busy):
-        run = finished(task)
+    for task in list(outcome.busy):  # other processes may have finished them meanwhile
+        run = open_finished(task)
         if run is not None:
             outcome.busy.remove(task)
             outcome.runs[task] = run
+    return outcome
 
 
-def _one_after_another(
+def _run_sequentially(
     sweep: Sweep, tasks: Sequence[Task], listener: Listener, broker: str | None, servers: Servers | None
 ) -> bool:
     """Do tasks in this process; return whether all were done."""
     with Executor(sweep, broker=broker, servers=servers) as executor:
         for task in tasks:
-            found = finished(task)
-            if found is not None:
-                listener.finished_elsewhere(task, found)
+            finished_run = open_finished(task)
+            if finished_run is not None:
+                listener.on_finished_elsewhere(task, finished_run)
                 continue
-            listener.begun(task)
+            listener.on_begin(task)
             try:
                 run = executor.run(
                     task,
@@ -353,16 +352,16 @@ def _one_after_another(
             except BusyRunError:
                 listener.busy(task)
                 continue
-            except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on
-                listener.failed(task, reason(error))
+            except Exception as error:  # noqa: BLE001 - errors of plug-ins do not stop the other runs
+                listener.on_failure(task, reason(error))
                 continue
             if run.interrupted:
                 return False
-            listener.ended(task, run)
+            listener.on_end(task, run)
             listener.tick()
     return True
 
 
 def _callback_of_task(tell: Callable[..., None], task: Task) -> Callable[..., None]:
-    """Return a callback of `optimize` that says which task it is of."""
+    """Return a callback for `optimize` that adds the task."""
     return lambda *values: tell(task, *values)

@@ -1,4 +1,4 @@
-"""Sweep files: which variants of an experiment, with which seeds, where the results go."""
+"""Sweep files, which define the variants of an experiment, their seeds and the folder of the results."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -8,16 +8,16 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.analysis.sweep.recorded import is_record, sweep_of
+from swarmwright.analysis.sweep.recorded import is_record, load_recorded_sweep
 from swarmwright.analysis.sweep.variants import (
     MOST_RUNS,
     Variant,
+    apply_changes,
     are_seeds,
-    changed,
+    create_variants,
     is_whole,
     leaves,
     value_at,
-    variants_of,
 )
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import suggest_file
@@ -36,49 +36,49 @@ def require_effect(
     base: Experiment,
     variants: Iterable[Variant],
 ) -> None:
-    """Raise InputError for a setting that no variant would have, since each has a value of the grid.
+    """Raise InputError for a setting that the grid overrides in all variants.
 
     Args:
-        settings: what is set.
-        grid: whose keys take the place of settings.
+        settings: to check.
+        grid: whose keys override settings.
         base: the experiment with the settings.
-        variants: of it.
+        variants: its variants.
     """
     grids = [entry for entry in (grid if isinstance(grid, list) else [grid]) if isinstance(entry, Mapping)]
     named = [{_path(str(key)): key for key in grid_of_list} for grid_of_list in grids]
     for setting in parse_settings(settings):
         path = setting.path
         # A section of the grid, such as `method`, keeps the options that it does not name.
-        replaced = [path[:length] for length in range(2, len(path) + 1)] or [path]
-        keys = [next((one[part] for part in replaced if part in one), None) for one in named]
+        prefixes = [path[:length] for length in range(2, len(path) + 1)] or [path]
+        keys = [next((paths[prefix] for prefix in prefixes if prefix in paths), None) for paths in named]
         if keys and None not in keys:
             raise InputError(
                 f"{setting.text}: every variant has another value, of '{keys[0]}' in the grid; leave it out, "
                 "or take the key out of the grid"
             )
-        # Other keys can replace it as well: a limit all other limits, another kind the options of a kind.
+        # Other keys can override it as well: a limit overrides other limits, a kind the options of a kind.
         for leaf in leaves(path, setting.value) if grids else ():
             value = value_at(base, leaf)
             if all(value_at(variant.experiment, leaf) != value for variant in variants):
                 raise InputError(
                     f"{setting.text}: no variant has this value of {format_path(leaf)}, because of "
-                    f"'{_replacing(base, leaf, grids)}' in the grid; leave it out, or take the key out of "
-                    "the grid"
+                    f"'{_find_overriding_key(base, leaf, grids)}' in the grid; remove the setting, or the "
+                    "key from the grid"
                 )
 
 
-def _replacing(base: Experiment, path: tuple[str, ...], grids: Iterable[Mapping[Any, Any]]) -> str:
-    """Return the key of the grid by which an experiment has another value at a path."""
+def _find_overriding_key(base: Experiment, path: tuple[str, ...], grids: Iterable[Mapping[Any, Any]]) -> str:
+    """Return the key of the grid that changes an experiment's value at a path."""
     keys = [(str(key), values) for grid in grids for key, values in grid.items()]
     for key, values in keys:
-        with suppress(InputError):  # it may be possible only together with other keys
-            if value_at(changed(base, {key: values[0]}), path) != value_at(base, path):
+        with suppress(InputError):  # it may be valid only together with other keys
+            if value_at(apply_changes(base, {key: values[0]}), path) != value_at(base, path):
                 return key
     return next((key for key, _ in keys if _path(key)[0] == path[0]), keys[0][0])
 
 
 def _path(key: str) -> tuple[str, ...]:
-    """Return the parts of a key of the grid, whose names need no quotes there."""
+    """Split a key of the grid, in which names need no quotes."""
     try:
         return key_path(f"{key}=")[0]
     except InputError:
@@ -91,14 +91,14 @@ _SEEDS = 5
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a sweep file says, checked: every variant can be run."""
+    """The checked content of a sweep file: every variant can be run."""
 
     variants: tuple[Variant, ...]
     seeds: tuple[int, ...]
     out: Path
     file: Path | None = None
     settings: tuple[str, ...] = ()
-    """What was set for all variants."""
+    """Settings of all variants."""
 
     @classmethod
     def load(
@@ -108,52 +108,54 @@ class Sweep:
 
         Keys: `experiment`, the path of an experiment file, relative to the sweep file; `grid`, a mapping from
         keys of the experiment, as for `--set` (`method.population`, `method.measures.speed.bins`), to lists
-        of values, of which every combination is a variant, or a list of such mappings, default: the
-        experiment alone; `seeds`, how many (1, 2, ..), or a list, default 5; `out`, a folder, relative to
-        where the program is started, default runs/<name of the file>.
+        of values, whose combinations are the variants, or a list of such mappings, by default only the
+        experiment itself; `seeds`, their number (1, 2, ..), or a list, by default 5; `out`, a folder relative
+        to the working directory, by default runs/<name of the file>.
 
-        A variant with another kind of method, controller or ranking than the experiment is what the settings
-        of `Experiment.load` would make of it: it has that kind's defaults; a method keeps the experiment's
-        target and limits (generations, not for racing; evaluations; seconds), a ranking what all rankings
-        have. A limit of a variant takes the place of all limits of the experiment.
+        A variant with another kind of method, controller or ranking is derived as with the settings of
+        `Experiment.load`: it has that kind's defaults; a method keeps the experiment's target and limits
+        (generations, except for racing; evaluations; seconds), and a ranking the options of all rankings. A
+        limit of a variant replaces all limits of the experiment.
 
-        The record means the same variants and seeds, with the experiment and the code of the runs beside it;
-        `out` is its folder by default, so that the runs that are missing there are run.
+        The record of a sweep has the same variants and seeds, with the experiment and the code of the runs
+        beside it. Its `out` is by default its own folder, so that missing runs are added there.
 
         Args:
             path: of the file.
-            out: instead of the file's.
+            out: overrides the file's.
             settings: as in `Experiment.load`, for all variants.
 
         Raises:
-            InputError: the file or a variant is wrong, or code is not trusted; the message says where.
+            InputError: the file or a variant is wrong, or code is not trusted.
         """
         file = Path(path)
         source = read(file)
         if source.problems:
-            raise InputError("\n".join(f"{file}:{line}: {what}" for _, line, what in source.problems))
+            raise InputError("\n".join(f"{file}:{line}: {message}" for _, line, message in source.problems))
         if not isinstance(source.values, Mapping):
             raise InputError(
-                f"{file}: is not a sweep file; a sweep file begins like 'experiment: minisim.yaml'"
+                f"{file}: is not a sweep file, which has a line such as 'experiment: minisim.yaml'"
             )
         settings = tuple(settings)
         for setting in parse_settings(settings):
             if setting.path == ("seed",):
                 raise InputError(
-                    f"{setting.text}: each run has a seed of the sweep; see the key 'seeds' of {file}"
+                    f"{setting.text}: the sweep sets the seed of each run; use the key 'seeds' of {file}"
                 )
         if is_record(source.values):
-            return cls(**sweep_of(file, source.values, out, settings))
+            return cls(**load_recorded_sweep(file, source.values, out, settings))
         return cls._checked(source, file, out, settings)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], *, out: Path | None = None) -> Self:
-        """Make a sweep of plain values with the keys of a file, see `load`.
+        """Create a sweep from plain values with the keys of a file, see `load`.
 
         The experiment can be an `Experiment`, a mapping with its keys, or the path of its file. Without `out`
         the folder is runs/<simulation>-sweep.
         """
-        plain = {key: value if key == "experiment" else _listed(value) for key, value in values.items()}
+        plain = {
+            key: value if key == "experiment" else _convert_to_lists(value) for key, value in values.items()
+        }
         return cls._checked(Source("", values=plain), None, out, ())
 
     @classmethod
@@ -161,9 +163,8 @@ class Sweep:
         values = source.values
         if "simulation" in values and "experiment" not in values:
             raise InputError(
-                f"{source.locate(())}is an experiment, which 'swarmwright optimize' runs; a sweep file "
-                "begins "
-                "like 'experiment: minisim.yaml'"
+                f"{source.locate(())}is an experiment, not a sweep; run it with 'swarmwright optimize', or "
+                "write a sweep file with a line such as 'experiment: minisim.yaml'"
             )
         for key in values:
             if key not in _KEYS:
@@ -171,13 +172,12 @@ class Sweep:
         settings = tuple(settings)
         experiment = _experiment(source, file, settings)
         seeds = _seeds(source)
-        variants = variants_of(source, experiment)
+        variants = create_variants(source, experiment)
         require_effect(settings, values.get("grid"), experiment, variants)
         if len(variants) * len(seeds) > MOST_RUNS:
             raise InputError(
                 f"{source.locate(())}{len(variants)} variants with {len(seeds)} seeds each are too many "
-                "runs, "
-                f"at most {MOST_RUNS} are possible"
+                f"runs; the maximum is {MOST_RUNS}"
             )
         stem = f"{experiment.label}-sweep" if file is None else file.stem
         folder = out or _out(source, stem)
@@ -185,13 +185,13 @@ class Sweep:
         return cls(variants, seeds, folder, file, settings)
 
 
-def _listed(value: Any) -> Any:  # noqa: ANN401 - any value
-    """Return a value in which whatever is a sequence or an array is a list, as in a file."""
+def _convert_to_lists(value: Any) -> Any:  # noqa: ANN401 - any value
+    """Convert all sequences and arrays in a value to lists, as in a file."""
     if isinstance(value, Mapping):
-        return {key: _listed(inner) for key, inner in value.items()}
+        return {key: _convert_to_lists(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple | range):
-        return [_listed(inner) for inner in value]
-    return _listed(value.tolist()) if hasattr(value, "tolist") else value
+        return [_convert_to_lists(inner) for inner in value]
+    return _convert_to_lists(value.tolist()) if hasattr(value, "tolist") else value
 
 
 def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> Experiment:
@@ -210,7 +210,7 @@ def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> E
         raise InputError(f"{source.locate(('experiment',))}must be the path of an experiment file")
     path = file.parent / name
     if not path.is_file():
-        raise InputError(f"{source.locate(('experiment',))}{path}: there is no such file{suggest_file(path)}")
+        raise InputError(f"{source.locate(('experiment',))}{path}: does not exist{suggest_file(path)}")
     return Experiment.load(path, settings)
 
 
@@ -221,16 +221,15 @@ def _seeds(source: Source) -> tuple[int, ...]:
     if are_seeds(seeds):
         counts = Counter(seeds)
         if len(counts) < len(seeds):
-            twice = next(seed for seed, count in counts.items() if count > 1)
+            duplicate = next(seed for seed, count in counts.items() if count > 1)
             raise InputError(
-                f"{source.locate(('seeds',))}the seed {twice} is there twice; runs with the same seed are "
-                "the "
-                "same, so name each seed once"
+                f"{source.locate(('seeds',))}the seed {duplicate} occurs twice; list each seed once, since "
+                "runs with the same seed are identical"
             )
         return tuple(seeds)
     raise InputError(
-        f"{source.locate(('seeds',))}must be a number of seeds, from 1 on, or a list of seeds, which are "
-        f"whole numbers from 0 on, not {format_value(seeds)}"
+        f"{source.locate(('seeds',))}must be a number of seeds (1, 2, ..), or a list of seeds (integers from "
+        f"0), not {format_value(seeds)}"
     )
 
 

@@ -10,32 +10,33 @@ from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.runs.optimization.generation import Generation, format_progress
 from swarmwright.runs.run import Run
 
-_ASSUMED_GENERATIONS = 1000  # generations, where their number is not known
+_ASSUMED_GENERATIONS = 1000
+"""Number of generations if it is unknown."""
 
 
 @dataclass
-class UnderWay:
-    """An active run."""
+class ActiveRun:
+    """A run in progress."""
 
     task: Task
-    begun: float
-    """By the clock, when it was begun or gone on with."""
+    start: float
+    """Time of the clock when it started or resumed."""
     generation: Generation | None = None
-    """The last one."""
-    heard: float = 0.0
-    """By the clock, when that was told."""
+    """The last finished generation."""
+    report_time: float = 0.0
+    """Time of the clock when that generation was reported."""
     part: float = 0.0
-    """How much of the generation under way is evaluated, 0 to 1."""
+    """Evaluated share of the present generation, 0 to 1."""
     waiting_for: str = ""
 
     @property
     def done(self) -> int:
-        """Generations that are done."""
+        """Number of finished generations."""
         return 0 if self.generation is None else self.generation.generation + 1
 
     @property
     def share(self) -> float:
-        """How much of the run is done, 0 to 1."""
+        """Finished share of the run, 0 to 1."""
         if self.generation is None:
             return self.part / (self.task.variant.experiment.budget.generations or _ASSUMED_GENERATIONS)
         share = self.generation.share
@@ -43,21 +44,21 @@ class UnderWay:
 
     @property
     def words(self) -> str:
-        """Which run it is, and how far: "nnga, seed 2: 7 of 20 generations"."""
-        far = format_progress(self.task.variant.experiment.budget, self.generation)
-        return f"{self.task.variant.label}, seed {self.task.seed}: {far}"
+        """Label and progress: "nnga, seed 2: 7 of 20 generations"."""
+        progress = format_progress(self.task.variant.experiment.budget, self.generation)
+        return f"{self.task.variant.label}, seed {self.task.seed}: {progress}"
 
-    def left(self, now: float) -> float | None:
-        """Return seconds that it still takes; None before anything is known."""
+    def estimate_seconds_left(self, now: float) -> float | None:
+        """Return the estimated remaining seconds; None before the first generation."""
         if self.generation is None:
             return None
-        return max(self.generation.seconds_left - (now - self.heard), 0.0)
+        return max(self.generation.seconds_left - (now - self.report_time), 0.0)
 
 
 class Status(Listener):
     """The progress of a sweep, for display.
 
-    total: runs of the sweep. clock: returns seconds, from any origin.
+    total: number of runs. clock: returns seconds, from any origin.
     """
 
     def __init__(self, total: int, clock: Callable[[], float] = time.monotonic) -> None:
@@ -65,84 +66,85 @@ class Status(Listener):
         self.total = total
         self.jobs = 1
         self.finished = self.failures = self.elsewhere = 0
-        self.under_way: dict[Task, UnderWay] = {}
-        self._took: dict[Variant, list[float]] = {}
+        self.active_runs: dict[Task, ActiveRun] = {}
+        self._durations: dict[Variant, list[float]] = {}
         self._waiting: list[Variant] = []
 
     def begin(self, tasks: Sequence[Task]) -> None:
-        """Take note of all runs."""
+        """Set the runs of the sweep."""
         self._waiting = [task.variant for task in tasks]
 
-    def found(self, task: Task, run: Run) -> None:
-        """A run was finished before: it tells how long others of its variant will take."""
+    def on_already_finished(self, task: Task, run: Run) -> None:
+        """Count a run that was finished before; its duration is the estimate for its variant."""
         self._end(task, run.seconds)
         self.finished += 1
 
-    def finished_elsewhere(self, task: Task, run: Run) -> None:
-        """Another process has done a run: it tells as much."""
-        Status.found(self, task, run)
+    def on_finished_elsewhere(self, task: Task, run: Run) -> None:
+        """Count a run that another process has finished."""
+        Status.on_already_finished(self, task, run)
 
-    def planned(self, runs: int, jobs: int) -> None:  # noqa: ARG002 - `begin` was told
-        """Note how many there are at a time."""
+    def on_plan(self, runs: int, jobs: int) -> None:  # noqa: ARG002 - `begin` has the runs
+        """Set the number of parallel runs."""
         self.jobs = max(jobs, 1)
 
-    def begun(self, task: Task) -> None:
-        """Note when."""
-        self.under_way[task] = UnderWay(task, self._clock())
+    def on_begin(self, task: Task) -> None:
+        """Add an active run."""
+        self.active_runs[task] = ActiveRun(task, self._clock())
 
     def generation(self, task: Task, generation: Generation) -> None:
-        """Note how far it is."""
-        run = self.under_way[task]
-        run.generation, run.heard, run.part, run.waiting_for = generation, self._clock(), 0.0, ""
+        """Set the last generation of a run."""
+        run = self.active_runs[task]
+        run.generation, run.report_time, run.part, run.waiting_for = generation, self._clock(), 0.0, ""
 
     def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
-        """Note how far the generation is."""
-        run = self.under_way[task]
+        """Set the progress of a generation."""
+        run = self.active_runs[task]
         run.part, run.waiting_for = (done / total if total else 0.0), waiting_for
 
-    def ended(self, task: Task, run: Run) -> None:
-        """Note how long it took."""
+    def on_end(self, task: Task, run: Run) -> None:
+        """Count a finished run and its duration."""
         self._end(task, run.seconds)
         self.finished += 1
 
-    def failed(self, task: Task, message: str) -> None:  # noqa: ARG002 - who shows it has it
-        """Count it."""
+    def on_failure(self, task: Task, message: str) -> None:  # noqa: ARG002 - displayed by subclasses
+        """Count a failed run."""
         self._end(task, None)
         self.failures += 1
 
     def busy(self, task: Task) -> None:
-        """Count it."""
+        """Count a run of another process."""
         self._end(task, None)
         self.elsewhere += 1
 
     def _end(self, task: Task, seconds: float | None) -> None:
-        self.under_way.pop(task, None)
+        self.active_runs.pop(task, None)
         self._waiting.remove(task.variant)
         if seconds is not None:
-            self._took.setdefault(task.variant, []).append(seconds)
+            self._durations.setdefault(task.variant, []).append(seconds)
 
     def seconds_left(self) -> float | None:
-        """Return an estimate of the time to the end; None before anything is known.
+        """Return the estimated remaining time of the sweep; None before the first generation.
 
-        A run that waits takes as long as others of its variant, finished or under way, or else as the mean of
-        all variants of which something is known.
+        A waiting run is estimated by the mean of its variant, from finished and active runs, or else by the
+        mean of all variants with an estimate.
         """
         now = self._clock()
-        known = {variant: list(seconds) for variant, seconds in self._took.items()}
-        left = []
-        for progress in self.under_way.values():
-            rest = progress.left(now)
-            if rest is not None:
-                left.append(rest)
-                if progress.task.variant not in self._took and progress.generation is not None:
-                    known.setdefault(progress.task.variant, []).append(progress.generation.seconds + rest)
-        if not known:
+        durations = {variant: list(seconds) for variant, seconds in self._durations.items()}
+        remaining = []
+        for run in self.active_runs.values():
+            seconds_left = run.estimate_seconds_left(now)
+            if seconds_left is not None:
+                remaining.append(seconds_left)
+                if run.task.variant not in self._durations and run.generation is not None:
+                    total = run.generation.seconds + seconds_left
+                    durations.setdefault(run.task.variant, []).append(total)
+        if not durations:
             return None
-        means = {variant: fmean(seconds) for variant, seconds in known.items()}
-        others = fmean(means.values())
-        unknown = [run.task.variant for run in self.under_way.values() if run.left(now) is None]
+        means = {variant: fmean(seconds) for variant, seconds in durations.items()}
+        overall_mean = fmean(means.values())
+        unknown = [run.task.variant for run in self.active_runs.values() if run.generation is None]
         waiting = list(self._waiting)
-        for progress in self.under_way.values():
-            waiting.remove(progress.task.variant)
-        left += [means.get(variant, others) for variant in unknown + waiting]
-        return max(sum(left) / self.jobs, max(left, default=0.0))
+        for run in self.active_runs.values():
+            waiting.remove(run.task.variant)
+        remaining += [means.get(variant, overall_mean) for variant in unknown + waiting]
+        return max(sum(remaining) / self.jobs, max(remaining, default=0.0))

@@ -1,4 +1,4 @@
-"""Sweeps in Python."""
+"""The Python interface of sweeps."""
 
 import logging
 import math
@@ -22,7 +22,7 @@ from swarmwright.analysis.indicators import By, measure, quick_indicators
 from swarmwright.analysis.sweep.execution import conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
-from swarmwright.analysis.sweep.run import Listener, Task, tasks
+from swarmwright.analysis.sweep.run import Listener, Task, list_tasks
 from swarmwright.analysis.sweep_folders import variant_of
 from swarmwright.analysis.table import option_columns
 from swarmwright.common.arguments import check_arguments, path_of
@@ -45,64 +45,63 @@ _MOST_JOBS = 1024
 
 @dataclass(frozen=True)
 class Failure:
-    """A run that failed."""
+    """A failed run."""
 
     variant: str
-    """The label of its variant."""
+    """Label of its variant."""
     seed: int
     message: str
 
 
 @dataclass(frozen=True)
 class SweepResult:
-    """The result of a sweep; made by `swarmwright.sweep`."""
+    """The result of a sweep, from `swarmwright.sweep`."""
 
     path: Path
-    """The folder of the runs."""
+    """Folder of the runs."""
     runs: tuple[Run, ...]
-    """Finished runs: every variant with the first seed, then with the next one."""
+    """Finished runs: all variants with the first seed, then with the next seed."""
     labels: tuple[str, ...]
-    """The label of each run's variant."""
+    """Label of each run's variant."""
     failures: tuple[Failure, ...]
-    """Runs that failed, and why."""
+    """Failed runs with their reasons."""
     interrupted: bool
-    """Whether Ctrl-C ended it before all runs were done; the same call goes on."""
+    """Whether Ctrl-C ended the sweep early; the same call continues it."""
     busy: tuple[Path, ...] = ()
-    """Folders of runs that another process works on; they are not among `runs`."""
+    """Folders of runs that another process works on; they are not in `runs`."""
     unfinished: tuple[Run, ...] = ()
-    """Runs that have begun and not finished: they failed or were interrupted, for example."""
+    """Runs that have begun but not finished, for example because they failed or were interrupted."""
     unreadable: tuple[LeftOut, ...] = ()
     """Runs that are missing or cannot be read."""
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
-        """Runs that do not count in tables and comparisons, and why: the unfinished and unreadable ones."""
-        found = []
+        """Excluded runs with their reasons: the unfinished and unreadable runs."""
+        excluded = []
         for run in self.unfinished:
             variant = variant_of(run.path)
             label = "" if variant is None else variant[0]
-            found.append(left_out(run, label, None, None, unfinished=False))
-        return (*(candidate for candidate in found if candidate is not None), *self.unreadable)
+            excluded.append(left_out(run, label, None, None, unfinished=False))
+        return (*(entry for entry in excluded if entry is not None), *self.unreadable)
 
     def table(self) -> list[dict[str, Any]]:
-        """Return a row for each run, for `pandas.DataFrame(result.table())` and the like.
+        """Return a row for each run, for example for `pandas.DataFrame(result.table())`.
 
-        Keys: variant, seed, left_out (why the run does not count, else empty), fitness (the best of the run;
-        NaN for runs that do not count, which come last), held_out (its fitness on held-out seeds; NaN where
-        it was not validated, or where fitness does not depend on the seed), held_out_failed (held-out
-        episodes of the best that failed, which held_out leaves out unless `ranking.failed` is a number),
-        evaluations, failed (of these evaluations), episodes, failed_episodes, generations, seconds, run (its
-        folder), then what the experiments differ in, such as
-        method.population; with several methods, each has keys for its options, such as method.cma_es.step.
-        Where all runs can be compared by them, before these: hypervolume (where it takes little time: fronts
-        of at most 1,000 candidates with three objectives, fitness included, or 300 with four), or qd_score
-        and coverage, as `compare` has them.
+        Keys: variant, seed, left_out (the reason of an excluded run, otherwise empty), fitness (the best of
+        the run; NaN for excluded runs, which come last), held_out (its fitness on held-out seeds; NaN without
+        a validation, or if fitness does not depend on the seed), held_out_failed (failed held-out episodes of
+        the best, which held_out excludes unless `ranking.failed` is a number), evaluations, failed (failed
+        evaluations), episodes, failed_episodes, generations, seconds, run (its folder), then the keys in
+        which the experiments differ, such as method.population; with several methods, each has keys for its
+        options, such as method.cma_es.step. If all runs have them, these are preceded by hypervolume (if it
+        is computed quickly: fronts of at most 1,000 candidates with three objectives, including fitness, or
+        300 with four), or by qd_score and coverage, as in `compare`.
         """
         missions = written_missions(self.runs)
         experiments = [as_written(flattened_of(run), run, missions) for run in self.runs]
         differing = option_columns(list(zip(experiments, differing_keys(experiments), strict=True)))
-        of_runs = {by: measure(by, self.runs)[1] for by in quick_indicators(self.runs)}
-        without = dict.fromkeys(["fitness", "held_out", *of_runs], math.nan)
+        indicators = {by: measure(by, self.runs)[1] for by in quick_indicators(self.runs)}
+        missing = dict.fromkeys(["fitness", "held_out", *indicators], math.nan)
         return [
             {
                 "variant": label,
@@ -118,7 +117,7 @@ class SweepResult:
                 "generations": run.generations,
                 "seconds": run.seconds,
                 "run": str(run.path),
-                **{by: values[index] for by, values in of_runs.items()},
+                **{by: values[index] for by, values in indicators.items()},
                 **keys,
             }
             for index, (run, label, keys) in enumerate(zip(self.runs, self.labels, differing, strict=True))
@@ -127,7 +126,7 @@ class SweepResult:
                 "variant": missing_run.label,
                 "seed": missing_run.seed,
                 "left_out": missing_run.reason,
-                **without,
+                **missing,
                 "evaluations": missing_run.evaluations,
                 "run": str(missing_run.path),
             }
@@ -175,13 +174,13 @@ class SweepResult:
         width: str | float | None = None,
         title: str | None = None,
     ) -> "Figure":
-        """Return the figure of the comparison; write it as well where a path is given (.png, .svg, .pdf).
+        """Draw the comparison; return the figure, and write it to a path if given (.png, .svg, .pdf).
 
-        Beside the curves of recorded fitness, it has fitness on held-out seeds where all runs were validated
-        and fitness depends on the seed. Caveats of the comparison, which a figure does not show, are logged
+        Besides the curves of recorded fitness, it shows fitness on held-out seeds if all runs were validated
+        and fitness depends on the seed. The notes of the comparison, which a figure does not show, are logged
         as warnings of the logger "swarmwright".
 
-        The arguments are those of `Comparison.figure`.
+        The other arguments are those of `Comparison.figure`.
         """
         from swarmwright.display.figures.style import save
 
@@ -194,7 +193,7 @@ class SweepResult:
         return figure
 
     def __str__(self) -> str:
-        """Return what the command `sweep` prints at the end: comparisons with their caveats, and failures."""
+        """Return the report of the command `sweep`: comparisons with their notes, and failures."""
         failed = (
             f"Failed: {failure.variant}, seed {failure.seed}: {failure.message}" for failure in self.failures
         )
@@ -202,7 +201,7 @@ class SweepResult:
         return "\n\n".join([repr(self), *map(str, comparisons), *failed])
 
     def __repr__(self) -> str:
-        """Name the folder and how many runs there are."""
+        """Return the folder and the numbers of runs."""
         failed = f", {len(self.failures)} failed" if self.failures else ""
         failed += f", {len(self.left_out)} left out" if self.left_out else ""
         busy = f", {len(self.busy)} left to other processes" if self.busy else ""
@@ -217,9 +216,9 @@ class SweepResult:
         failed = [
             (f"failed: {failure.variant}, seed {failure.seed}", failure.message) for failure in self.failures
         ]
-        state = [("interrupted", "the same call goes on")] if self.interrupted else []
-        without = f", {len(self.left_out)} left out" if self.left_out else ""
-        title = f"Sweep in {self.path}: {len(self.runs)} runs{without}"
+        state = [("interrupted", "the same call continues")] if self.interrupted else []
+        excluded = f", {len(self.left_out)} left out" if self.left_out else ""
+        title = f"Sweep in {self.path}: {len(self.runs)} runs{excluded}"
         return facts(title, [*failed, *state]) + table(
             ("variant", "seed", "best fitness", "evaluations"), rows
         )
@@ -237,29 +236,27 @@ def sweep(
     out: str | PathLike[str] | None = None,
     progress: bool | None = None,
 ) -> SweepResult:
-    """Run an experiment in every variant and with every seed; return what came out.
+    """Run all variants of an experiment with all seeds.
 
-    A run that is finished is not run again, one that was interrupted goes on: after Ctrl-C, the same call
-    continues. More seeds, values or larger limits extend a sweep: finished runs go on to the larger limits. A
-    run that fails does not stop the others; one that another process works on is left to it.
+    Finished runs are not repeated and interrupted runs are resumed, so after Ctrl-C the same call continues.
+    More seeds, more values or larger limits extend a sweep: finished runs are prolonged to the larger limits.
+    A failed run does not stop the others; runs that another process works on are left to it.
 
     Args:
-        source: path of a sweep file; of the sweep.json of a sweep, which is repeated, or completed in its
-            folder without `out`; or a mapping with a file's keys: `experiment` (an `Experiment`, a mapping,
-            or the path of a file), `grid` (a mapping from keys such as "method.population" to lists of
-            values, or a list of such mappings), `seeds` (how many, or a list; default 5), `out`. An
-            `Experiment`, or with `grid` or `seeds` also its mapping or the path of its file, is the
-            experiment.
-        grid: of an experiment: from keys such as "method.population" to lists of values, of which every
-            combination is a variant, or a list of such mappings; default: the experiment alone.
-        seeds: of an experiment: how many, or a list; default 5.
-        jobs: runs at a time, in separate processes. Default: one for each processor with servers
-            "local", one for each server that is started; on a broker as many as its servers can serve. The
-            records do not depend on it. Simulations of a notebook are run one after the other.
+        source: an `Experiment`; the path of a sweep file; the path of a sweep.json, to repeat its sweep, or
+            to complete it in its folder without `out`; or a mapping with the keys of a sweep file:
+            `experiment` (an `Experiment`, a mapping, or the path of a file), `grid`, `seeds`, `out`. With
+            `grid` or `seeds`, it can also be the mapping of an experiment or the path of its file.
+        grid: for an experiment: a mapping from keys such as "method.population" to lists of values, whose
+            combinations are the variants, or a list of such mappings; by default only the experiment itself.
+        seeds: for an experiment: their number, or a list; by default 5.
+        jobs: number of parallel runs, in separate processes. By default, one per processor with servers
+            "local", one per server that is started, or on a broker as many as its servers can serve. It does
+            not affect the records. Simulations defined in a notebook run sequentially.
         broker: as in `optimize`.
         servers: as in `optimize`, for all runs together.
-        out: folder for the runs; default: the source's, else runs/ and the name of the file.
-        progress: show how far it is; default: in a notebook.
+        out: folder for the runs; by default the source's, or else runs/ and the name of the file.
+        progress: show the progress; by default only in a notebook.
 
     Raises:
         InputError: the source or a variant is wrong, or a folder holds something else.
@@ -287,14 +284,14 @@ def sweep(
         if isinstance(source, Mapping)
         else Sweep.load(path_of("source", source, "a file of a sweep"), out=folder)
     )
-    todo = tasks(loaded)
-    wanted = is_notebook() if progress is None else progress
-    listener = _Shown(todo) if wanted else Listener()
+    todo = list_tasks(loaded)
+    shows_progress = is_notebook() if progress is None else progress
+    listener = _ProgressText(todo) if shows_progress else Listener()
     outcome = conduct(loaded, todo, listener, jobs=jobs, broker=broker, servers=servers)
-    if isinstance(listener, _Shown):
+    if isinstance(listener, _ProgressText):
         listener.close()
     finished = [task for task in todo if task in outcome.runs]
-    read, unreadable = outcome.compared()
+    runs, unreadable = outcome.open_runs()
     return SweepResult(
         loaded.out,
         tuple(outcome.runs[task] for task in finished),
@@ -302,7 +299,7 @@ def sweep(
         tuple(Failure(task.variant.label, task.seed, message) for task, message in outcome.failures.items()),
         outcome.interrupted,
         tuple(task.folder for task in outcome.busy),
-        tuple(run for run in read if run not in outcome.finished),
+        tuple(run for run in runs if run not in outcome.finished),
         tuple(unreadable),
     )
 
@@ -312,21 +309,21 @@ def _with_grid(
     grid: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None,
     seeds: int | Sequence[int] | None,
 ) -> str | PathLike[str] | Mapping[str, Any]:
-    """Return the source of a sweep; an experiment with its grid and seeds as a mapping."""
-    given = {key: value for key, value in (("grid", grid), ("seeds", seeds)) if value is not None}
+    """Return the source of a sweep; an experiment as a mapping with its grid and seeds."""
+    options = {key: value for key, value in (("grid", grid), ("seeds", seeds)) if value is not None}
     if not isinstance(source, Experiment):
-        if not given:
+        if not options:
             return source
         if isinstance(source, Mapping) and "experiment" in source:
             raise InputError(
-                f"{next(iter(given))}: belongs to an experiment, and this source is a sweep, which has a key "
-                "of that name itself"
+                f"{next(iter(options))}: is only for an experiment; the source is a sweep, so set its key of "
+                "the same name"
             )
-    return {"experiment": source, **given}
+    return {"experiment": source, **options}
 
 
-class _Shown(Status):
-    """Shows how far a sweep is, as a text that is replaced."""
+class _ProgressText(Status):
+    """Shows the progress of a sweep as a text that is replaced."""
 
     def __init__(self, todo: list[Task]) -> None:
         super().__init__(len(todo))
@@ -334,12 +331,12 @@ class _Shown(Status):
         self._text = Text()
 
     def generation(self, task: Task, generation: "Generation") -> None:
-        """Show it."""
+        """Update the text."""
         super().generation(task, generation)
         self.tick()
 
     def tick(self) -> None:
-        """Show it."""
+        """Update the text."""
         self._text.show(self._line())
 
     def close(self) -> None:
@@ -349,9 +346,9 @@ class _Shown(Status):
 
     def _line(self) -> str:
         failed = f", {self.failures} failed" if self.failures else ""
-        left = self.seconds_left()
-        rest = f", {format_duration(left)} left" if left is not None and self.under_way else ""
-        running = "; ".join(run.words for run in list(self.under_way.values())[:4])
-        return f"{self.finished} of {self.total} runs done{failed}{rest}" + (
+        seconds = self.seconds_left()
+        time_left = f", {format_duration(seconds)} left" if seconds is not None and self.active_runs else ""
+        running = "; ".join(run.words for run in list(self.active_runs.values())[:4])
+        return f"{self.finished} of {self.total} runs done{failed}{time_left}" + (
             f"; {running}" if running else ""
         )

@@ -1,4 +1,4 @@
-"""Runs of a sweep: which are left to do, and the brokers and servers that they share."""
+"""Runs of a sweep: the remaining work, and the brokers and servers that they share."""
 
 import dataclasses
 import json
@@ -36,7 +36,7 @@ from swarmwright.simulations import catalogue
 
 
 class UnreadableRunError(InputError):
-    """A run of a sweep that is there and cannot be read or used: it is damaged, or lacks a plug-in here."""
+    """A run of a sweep cannot be read or used: it is damaged, or a plug-in is not installed."""
 
 
 class BusyRunError(UnreadableRunError):
@@ -48,31 +48,31 @@ class BusyRunError(UnreadableRunError):
 
 @contextmanager
 def readable(folder: Path) -> Iterator[None]:
-    """Within the block, a run is read: what is wrong with it concerns no other run."""
+    """Raise UnreadableRunError for problems of a run within the block, which do not affect other runs."""
     try:
         yield
     except InputError as error:
         raise UnreadableRunError(
-            f"{error}; when the folder {folder} is deleted, the same sweep repeats this run alone"
+            f"{error}; delete the folder {folder} to repeat only this run in the same sweep"
         ) from error
 
 
 def _check_new(folder: Path) -> None:
-    """Raise unless a run can be begun in a folder without a store, as `Task.found` says."""
+    """Raise unless a run can begin in a folder without a store, as `Task.open_run` documents."""
     try:
         check_folder(folder)
     except InputError:
         if is_locked(folder):
             raise BusyRunError(folder) from None
         if not folder.is_dir() or not any(folder.iterdir()):
-            raise  # no right to write, or the path is too long: other runs fail as well
+            raise  # not writable, or the path is too long: other runs would fail as well
         with readable(folder):
             raise build_missing_store_error(folder) from None
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One run of a sweep."""
+    """A run of a sweep."""
 
     variant: Variant
     seed: int
@@ -80,15 +80,15 @@ class Task:
 
     @property
     def experiment(self) -> Experiment:
-        """As it is run."""
+        """The experiment with the seed of the run."""
         return self.variant.experiment.replace(seed=self.seed)
 
-    def found(self) -> Run | None:
-        """Return the run that is there already, finished or not; None when there is none.
+    def open_run(self) -> Run | None:
+        """Return the existing run, finished or not; None if there is none.
 
-        Raises UnreadableRunError when the run is damaged or the folder is not that of a run, BusyRunError
-        when another process works on it, InputError when it is a run of another experiment, or the folder
-        cannot be made.
+        Raises UnreadableRunError when the run is damaged or the folder is not a run folder, BusyRunError when
+        another process works on it, InputError when it is a run of another experiment, or the folder cannot
+        be created.
         """
         if not (self.folder / FILE).exists():
             _check_new(self.folder)
@@ -99,13 +99,13 @@ class Task:
         differing = differences(comparable(run.experiment), comparable(self.experiment))
         if differing:
             raise InputError(
-                f"{self.folder}: holds a run of another experiment: {', '.join(map(str, differing))}; name "
+                f"{self.folder}: holds a run of another experiment: {', '.join(map(str, differing))}; choose "
                 "another folder for the results (out)"
             )
         changed = describe_code_changes(run, self.experiment)
         if changed is not None:
             raise InputError(
-                f"{changed}\nRuns of different code cannot be compared. Restore what was edited, or name "
+                f"{changed}\nRuns of different code cannot be compared. Restore the original code, or choose "
                 "another folder for the results (out)"
             )
         if run.state == "running":
@@ -116,96 +116,90 @@ class Task:
                 extend_experiment(run, run.experiment, budget, {})
             except InputError as error:
                 raise InputError(
-                    f"{self.folder}: {error}; name another folder for the results (out)"
+                    f"{self.folder}: {error}; choose another folder for the results (out)"
                 ) from error
         if run.state != "done" or self.settings(run):
-            check_trusted(run)  # workers, which continue it, cannot ask
+            check_trusted(run)  # the workers that continue it cannot ask the user
         return run
 
     def is_finished(self, run: Run) -> bool:
-        """Return whether nothing is left to do of the run that is there, its validation included.
+        """Return whether nothing is left to do for an existing run, including its validation.
 
-        Raises InputError where a plug-in that it needs is not installed.
+        Raises InputError when a plug-in that it needs is not installed.
         """
         if run.interrupted or run.validation_is_due or run.transfer_is_due:
             return False
         return not self.settings(run)
 
     def settings(self, run: Run) -> list[str]:
-        """Return the settings with which the run that is there goes on to be what the sweep asks for."""
+        """Return the settings for resuming an existing run as the sweep requires it."""
         return [*self.budget_settings(run), *self.validation_settings(run)]
 
     def budget_settings(self, run: Run) -> list[str]:
-        """Return the settings with which the run that is there goes on to the limits of the sweep.
-
-        Empty where it has these.
-        """
-        wanted, has = vars(self.experiment.budget), vars(run.experiment.budget)
-        return [
-            f"method.{limit}={json.dumps(wanted[limit])}" for limit in LIMITS if wanted[limit] != has[limit]
-        ]
+        """Return the settings for resuming a run to the limits of the sweep; empty if it has them."""
+        new, old = vars(self.experiment.budget), vars(run.experiment.budget)
+        return [f"method.{limit}={json.dumps(new[limit])}" for limit in LIMITS if new[limit] != old[limit]]
 
     def validation_settings(self, run: Run) -> list[str]:
-        """Return the settings with which the run that is there goes on to have the sweep's `validate`.
+        """Return the settings for resuming an existing run with the sweep's `validate`.
 
-        Empty where that is the same, or the run is finished and has as many held-out episodes and candidates:
-        a validation is not replaced by one with fewer episodes or candidates: the larger numbers are taken.
+        Empty if it is the same, or if a finished run has as many held-out episodes and candidates. The larger
+        numbers of episodes and candidates are used, since a validation is not replaced by a smaller one.
         """
-        wanted, has = self.experiment.validate, run.experiment.validate
-        goes_on = bool(self.budget_settings(run))
-        if wanted == has or (run.state == "stopped" and not goes_on):
+        options, old = self.experiment.validate, run.experiment.validate
+        is_prolonged = bool(self.budget_settings(run))
+        if options == old or (run.state == "stopped" and not is_prolonged):
             return []
-        if goes_on:
-            wanted = _no_smaller(wanted, run)
+        if is_prolonged:
+            options = _enlarge_validation(options, run)
         elif not run.interrupted:
-            more = _asks_for_more(wanted, run)
-            wanted = _no_smaller(wanted, run)
-            asked = dataclasses.replace(run.experiment, validate=wanted)
-            transfers = wanted.transfers and at_end.is_due(asked, run._store)
-            if not transfers and not (more and is_due(asked, run._store, changed=True)):
+            is_larger = _is_larger_validation(options, run)
+            options = _enlarge_validation(options, run)
+            changed = dataclasses.replace(run.experiment, validate=options)
+            transfers = options.transfers and at_end.is_due(changed, run._store)
+            if not transfers and not (is_larger and is_due(changed, run._store, changed=True)):
                 return []
-        experiment = dataclasses.replace(self.experiment, validate=wanted)
+        experiment = dataclasses.replace(self.experiment, validate=options)
         return [f"validate={json.dumps(experiment.to_mapping()['validate'])}"]
 
 
-def _asks_for_more(wanted: Validate, run: Run) -> bool:
-    """Return whether a validation has more episodes or candidates than that of a run, or other seeds."""
-    if wanted.episodes == 0:
+def _is_larger_validation(options: Validate, run: Run) -> bool:
+    """Return whether options have more episodes or candidates than a run's validation, or other seeds."""
+    if options.episodes == 0:
         return False
-    asks, has = run.validation, run.experiment.validate
-    if asks is None:
+    validation, old = run.validation, run.experiment.validate
+    if validation is None:
         return True
-    if wanted.episodes == AUTO:
+    if options.episodes == AUTO:
         return False
     return (
-        wanted.episodes > len(asks.best.seeds)
-        or wanted.candidates > has.candidates
-        or (wanted.seed is not None and wanted.seed != has.seed)
+        options.episodes > len(validation.best.seeds)
+        or options.candidates > old.candidates
+        or (options.seed is not None and options.seed != old.seed)
     )
 
 
-def _no_smaller(wanted: Validate, run: Run) -> Validate:
-    """Return a validation with at least as many episodes and candidates as a run has been validated with."""
-    found, has = run.validation, run.experiment.validate
-    if found is None:
-        return wanted
-    if wanted.episodes in {0, AUTO}:
-        return wanted.model_copy(
-            update={"episodes": has.episodes, "candidates": has.candidates, "seed": has.seed}
+def _enlarge_validation(options: Validate, run: Run) -> Validate:
+    """Return options with at least as many episodes and candidates as a run's validation."""
+    validation, old = run.validation, run.experiment.validate
+    if validation is None:
+        return options
+    if options.episodes in {0, AUTO}:
+        return options.model_copy(
+            update={"episodes": old.episodes, "candidates": old.candidates, "seed": old.seed}
         )
-    return wanted.model_copy(
+    return options.model_copy(
         update={
-            "episodes": max(wanted.episodes, len(found.best.seeds)),
-            "candidates": max(wanted.candidates, len(found.candidates)),
+            "episodes": max(options.episodes, len(validation.best.seeds)),
+            "candidates": max(options.candidates, len(validation.candidates)),
         }
     )
 
 
-def _with_longer_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
-    """Return folders of variants, with those of runs that a variant without any goes on with.
+def _reuse_shorter_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
+    """Return the folders of variants; those of shorter runs for variants that can continue them.
 
-    Where the sweep file was edited to have larger limits, the folders of its runs are named after the smaller
-    ones.
+    If the limits in a sweep file are raised, the folders of its runs have the names of the smaller limits.
 
     folders: of each variant, without the seed.
     """
@@ -213,10 +207,10 @@ def _with_longer_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
         not any((sweep.out / f"{folder}-{seed}" / FILE).exists() for seed in sweep.seeds)
         for folder in folders
     ]
-    found = _shorter_runs(sweep, set(folders)) if any(new) else []
+    shorter_runs = _find_shorter_runs(sweep, set(folders)) if any(new) else []
     chosen = list(folders)
-    for place, variant in enumerate(sweep.variants):
-        for earlier in found if new[place] else ():
+    for index, variant in enumerate(sweep.variants):
+        for earlier in shorter_runs if new[index] else ():
             name, experiment = earlier
             if comparable(experiment) == {**comparable(variant.experiment), "seed": experiment.seed} and all(
                 limit is None or (before is not None and limit >= before)
@@ -224,20 +218,20 @@ def _with_longer_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
                     vars(variant.experiment.budget).values(), vars(experiment.budget).values(), strict=True
                 )
             ):
-                chosen[place] = name
-                found.remove(earlier)
+                chosen[index] = name
+                shorter_runs.remove(earlier)
                 break
     return chosen
 
 
-def _shorter_runs(sweep: Sweep, taken: Collection[str]) -> list[tuple[str, Experiment]]:
-    """Return folders, without the seed, that an earlier version of the sweep file made, and what they hold.
+def _find_shorter_runs(sweep: Sweep, excluded: Collection[str]) -> list[tuple[str, Experiment]]:
+    """Return folders of an earlier version of the sweep file, without the seed, and their experiments.
 
-    taken: folders of variants, which are left out.
+    excluded: folders of present variants.
     """
     file = sweep.out / SWEEP
     shorter_runs = []
-    # Without a file or record, or with a damaged one, nothing says that the runs are of the same sweep.
+    # Without a valid record, the runs may be of another sweep.
     with suppress(InputError, ValueError, KeyError, TypeError):
         if sweep.file is None or not file.is_file():
             return []
@@ -248,20 +242,20 @@ def _shorter_runs(sweep: Sweep, taken: Collection[str]) -> list[tuple[str, Exper
             seeds = zip(names_of(variant["runs"]), recorded["seeds"], strict=True)
             for folder, seed in seeds:
                 name = folder.removesuffix(f"-{seed}")
-                if name not in taken and (sweep.out / folder / FILE).exists():
+                if name not in excluded and (sweep.out / folder / FILE).exists():
                     shorter_runs.append((name, Run.open(sweep.out / folder).experiment))
                     break
     return shorter_runs
 
 
-def tasks(sweep: Sweep) -> list[Task]:
-    """Return all runs: every variant with the first seed, then with the next one.
+def list_tasks(sweep: Sweep) -> list[Task]:
+    """Return all runs: every variant with the first seed, then with the next seed.
 
-    A stopped sweep then has about equally many runs of each variant.
+    So an interrupted sweep has about the same number of runs of each variant.
     """
-    alike = {_identity(member.experiment): member.alike for member in sweep.variants if member.alike}
-    there = {name: _existing(sweep, name, alike) for name in set(alike.values())}
-    folders = _with_longer_runs(sweep, [_folder(variant, there) for variant in sweep.variants])
+    alike = {_identify(member.experiment): member.alike for member in sweep.variants if member.alike}
+    existing = {name: _find_existing(sweep, name, alike) for name in set(alike.values())}
+    folders = _reuse_shorter_runs(sweep, [_choose_folder(variant, existing) for variant in sweep.variants])
     return [
         Task(variant, seed, sweep.out / f"{folder}-{seed}")
         for seed in sweep.seeds
@@ -269,67 +263,66 @@ def tasks(sweep: Sweep) -> list[Task]:
     ]
 
 
-def _folder(variant: Variant, there: Mapping[str, str | None]) -> str:
+def _choose_folder(variant: Variant, existing: Mapping[str, str | None]) -> str:
     """Return the name of a variant's folders, without the seed.
 
-    Where several variants would have one name, it is that of the variant whose runs are there: variants of
-    other grids may have come before this one.
+    If several variants would have the same name, the variant with existing runs keeps it, since variants may
+    have been inserted before it.
 
-    there: what `_existing` returns, for each of these names.
+    existing: the results of `_find_existing` for these names.
     """
     if not variant.alike:
         return variant.folder
-    existing = there[variant.alike]
-    if existing == _identity(variant.experiment):
+    owner = existing[variant.alike]
+    if owner == _identify(variant.experiment):
         return variant.alike
-    return variant.folder if existing is None else variant.apart
+    return variant.folder if owner is None else variant.apart
 
 
-def _existing(sweep: Sweep, name: str, identities: Collection[str]) -> str | None:
-    """Return which of these variants has runs in the folders of a name; None where none has."""
+def _find_existing(sweep: Sweep, name: str, identities: Collection[str]) -> str | None:
+    """Return the identity of the variant that has runs in the folders of a name; None if there is none."""
     folders = (sweep.out / f"{name}-{seed}" for seed in sweep.seeds)
     folder = next((path for path in folders if (path / FILE).exists()), None)
     if folder is not None:
-        with suppress(InputError):  # of a run that is damaged
-            identity = _identity(Run.open(folder).experiment)
+        with suppress(InputError):  # a damaged run
+            identity = _identify(Run.open(folder).experiment)
             return identity if identity in identities else None
     return None
 
 
-def _identity(experiment: Experiment) -> str:
-    """Return what tells the runs of a variant from those of others, as text."""
+def _identify(experiment: Experiment) -> str:
+    """Return a text that identifies the variant of an experiment."""
     values = {**comparable(experiment), "seed": None, "budget": vars(experiment.budget)}
     return json.dumps(values, sort_keys=True)
 
 
 def reason(error: Exception) -> str:
-    """Return why a run failed, in words; with the name of the error if it has no message for users."""
+    """Describe why a run failed, with the class of an error that is not for users."""
     return str(error) if isinstance(error, SwarmwrightError) else f"{type(error).__name__}: {error}"
 
 
 def _check_titles(sweep: Sweep) -> None:
-    """Raise InputError where servers on one broker could not be told apart by their simulations' titles."""
-    found: dict[str, str] = {}
+    """Raise InputError if simulations have the same title, so that their servers are indistinguishable."""
+    titles: dict[str, str] = {}
     for simulation in dict.fromkeys(variant.experiment.simulation for variant in sweep.variants):
         title = catalogue.title(simulation)
-        other = found.setdefault(title, simulation)
-        if other != simulation:
+        first = titles.setdefault(title, simulation)
+        if first != simulation:
             raise InputError(
-                f"the simulations {other} and {simulation} are both called {title!r} on the broker, so that "
-                "their servers cannot be told apart; give the classes different titles, or leave out the "
-                "broker"
+                f"the simulations {first} and {simulation} have the same title {title!r} on the broker, so "
+                "their servers cannot be distinguished; give the classes different titles, or omit the broker"
             )
 
 
 class Executor:
-    """Brokers and servers for runs of a sweep, one after the other.
+    """Brokers and servers for sequential runs of a sweep.
 
-    A context manager: what it started ends with it.
+    A context manager, which stops them at its end.
 
     Args:
-        sweep: whose runs.
+        sweep: the sweep.
         broker: use the servers on this broker.
-        servers: as in `optimize`, instead of the experiments'.
+        servers: as in `optimize`; overrides the experiments'.
 
     Raises:
         InputError, RunError: on entry, as `optimize`.
@@ -341,35 +334,35 @@ class Executor:
         self._servers = servers
         self._started: list[LocalServers] = []
         self._addresses: dict[str, str] = {}
-        self._here: Servers = "local"
+        self._local_servers: Servers = "local"
         self._launched: Entries | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         first = self._sweep.variants[0].experiment
-        wanted = resolve_servers(first, self._servers)
-        if self._broker is None and wanted not in BROKERLESS:
+        servers = resolve_servers(first, self._servers)
+        if self._broker is None and servers not in BROKERLESS:
             self._broker = first.broker
-        if wanted in BROKERLESS and self._broker is None:
-            self._here = wanted
+        if servers in BROKERLESS and self._broker is None:
+            self._local_servers = servers
             return self
         if self._broker is not None:
             _check_titles(self._sweep)
-        if isinstance(wanted, tuple):
-            self._launched = wanted  # each run starts them, on this broker
+        if isinstance(servers, tuple):
+            self._launched = servers  # each run starts them, on this broker
             return self
         try:
-            self._start(wanted)
+            self._start(servers)
         except BaseException:
             self._stack.close()
             raise
         return self
 
-    def _start(self, wanted: ServerChoice) -> None:
-        """Start servers for every simulation that there is among the variants.
+    def _start(self, servers: ServerChoice) -> None:
+        """Start servers for each simulation of the variants.
 
-        Each has a broker of its own, unless one is given: a run finds servers by the title of their
-        simulation, which is that of other versions of its code as well.
+        Without a broker, each simulation gets its own: a run finds servers by the title of their simulation,
+        which other versions of its code share.
         """
         experiments = {variant.experiment.simulation: variant.experiment for variant in self._sweep.variants}
         for experiment in experiments.values():
@@ -378,7 +371,7 @@ class Executor:
                 [similar for similar in same if similar.simulation == experiment.simulation]
             )
             address, local = opening.open_servers(
-                self._stack, experiment, self._broker, wanted, started=self._servers, modules=modules
+                self._stack, experiment, self._broker, servers, started=self._servers, modules=modules
             )
             self._addresses[experiment.simulation] = address
             if local is not None:
@@ -390,7 +383,7 @@ class Executor:
     def run(
         self, task: Task, on_generation: OnGeneration | None = None, on_progress: Progress | None = None
     ) -> Run:
-        """Do a task, or what is left of it; return the run.
+        """Do a task, or the remaining part of it; return the run.
 
         Raises InputError and RunError as `optimize` and `resume`; BusyRunError when another process works on
         it; KeyboardInterrupt before the first generation.
@@ -398,84 +391,84 @@ class Executor:
         for local in self._started:
             local.check()
         broker = self._addresses.get(task.experiment.simulation, self._broker)
-        where: dict[str, Any] = {"broker": broker, "on_progress": on_progress, "progress": False}
+        options: dict[str, Any] = {"broker": broker, "on_progress": on_progress, "progress": False}
         if self._launched is not None:
-            where = {**where, "servers": self._launched}
+            options = {**options, "servers": self._launched}
         elif broker is None:
-            where = {"servers": self._here, "on_progress": on_progress, "progress": False}
+            options = {"servers": self._local_servers, "on_progress": on_progress, "progress": False}
         try:
-            found = task.found()
+            run = task.open_run()
             with leave_reports_to_caller():
-                if found is not None:
-                    return _go_on(task, found, on_generation, where)
-                return optimize(task.experiment, on_generation, out=task.folder, **where)
+                if run is not None:
+                    return _resume(task, run, on_generation, options)
+                return optimize(task.experiment, on_generation, out=task.folder, **options)
         except InputError as error:
-            if is_locked(task.folder):  # another process began it in the meantime
+            if is_locked(task.folder):  # another process has begun it meanwhile
                 raise BusyRunError(task.folder) from error
             raise
 
 
-def _go_on(task: Task, run: Run, on_generation: OnGeneration | None, where: Mapping[str, Any]) -> Run:
-    """Do what is left of a run; see `Executor.run`. A larger budget may leave nothing but what it is."""
+def _resume(task: Task, run: Run, on_generation: OnGeneration | None, options: Mapping[str, Any]) -> Run:
+    """Do the remaining part of a run, or only store a larger budget that allows no evaluation."""
     try:
-        return resume(task.folder, on_generation, settings=task.settings(run), **where)
+        return resume(task.folder, on_generation, settings=task.settings(run), **options)
     except NothingLeftError:
         adopt_budget(task.folder, task.budget_settings(run))
-    now = Run.open(task.folder)
-    return resume(task.folder, on_generation, settings=task.settings(now), **where)
+    settings = task.settings(Run.open(task.folder))
+    return resume(task.folder, on_generation, settings=settings, **options)
 
 
 class Listener:
     """Receives the progress of a sweep; the base class ignores it."""
 
-    def found(self, task: Task, run: Run) -> None:
-        """A run was finished before."""
+    def on_already_finished(self, task: Task, run: Run) -> None:
+        """Handle a run that was finished before the sweep."""
 
-    def finished_elsewhere(self, task: Task, run: Run) -> None:
-        """Another process has finished a run since the sweep was started, before its turn here."""
+    def on_finished_elsewhere(self, task: Task, run: Run) -> None:
+        """Handle a run that another process has finished since the sweep began."""
 
-    def planned(self, runs: int, jobs: int) -> None:
-        """So many runs are to be done, so many at a time."""
+    def on_plan(self, runs: int, jobs: int) -> None:
+        """Handle the plan: the number of runs to do, and of parallel runs."""
 
-    def begun(self, task: Task) -> None:
-        """A run begins, or goes on."""
+    def on_begin(self, task: Task) -> None:
+        """Handle a run that begins or resumes."""
 
     def generation(self, task: Task, generation: Generation) -> None:
-        """A run has evaluated a generation."""
+        """Handle an evaluated generation of a run."""
 
     def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
-        """Within a generation; see `swarmwright.optimize`."""
+        """Handle the progress within a generation; see `swarmwright.optimize`."""
 
-    def ended(self, task: Task, run: Run) -> None:
-        """A run is finished."""
+    def on_end(self, task: Task, run: Run) -> None:
+        """Handle a finished run."""
 
-    def failed(self, task: Task, message: str) -> None:
-        """A run failed; the others go on."""
+    def on_failure(self, task: Task, message: str) -> None:
+        """Handle a failed run; the others continue."""
 
     def busy(self, task: Task) -> None:
-        """Another process works on a run, which is left to it."""
+        """Handle a run that is left to another process."""
 
     def tick(self) -> None:
-        """Some time has passed, a quarter of a second or less."""
+        """Handle the passing of time, called at least every quarter of a second."""
 
 
-def finished(task: Task) -> Run | None:
-    """Return a run that another process has finished meanwhile; None for one that it has not."""
-    with suppress(InputError):  # reported when it is done here, or it remains what it was
-        run = finished_run(task)
+def open_finished(task: Task) -> Run | None:
+    """Return a run that another process has finished meanwhile; None if it has not."""
+    with suppress(InputError):  # reported later, when the run itself is done
+        run = open_if_finished(task)
         return run if isinstance(run, Run) else None
     return None
 
 
-def finished_run(task: Task) -> Run | UnreadableRunError | None:
-    """Return a run that is finished, or why it cannot be read; None for what is left to do."""
+def open_if_finished(task: Task) -> Run | UnreadableRunError | None:
+    """Return a finished run, or the error of an unreadable run; None for a run to do."""
     try:
-        run = task.found()
+        run = task.open_run()
         if run is None:
             return None
     except UnreadableRunError as error:
         return error
     try:
         return run if task.is_finished(run) else None
-    except InputError as error:  # such as a plug-in that is not installed: the run itself is whole
+    except InputError as error:  # for example, a plug-in is not installed; the run itself is intact
         return UnreadableRunError(str(error))

@@ -27,33 +27,33 @@ MOST_RUNS = 100_000
 _CLASSES = ("simulation", "method", "method.kind", "ranking", "ranking.kind")
 """Keys whose value may be a class in a file, relative to the sweep file."""
 _DIGITS = 6
-"""Hexadecimal digits of a variant's digest in the name of its folder."""
+"""Number of hexadecimal digits of a variant's digest in the name of its folder."""
 
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One variant of the experiment."""
+    """A variant of the experiment."""
 
     label: str
-    """What distinguishes it, in words."""
+    """Description of its differences."""
     folder: str
-    """Its values as part of a file name, no other variant's."""
+    """Unique part of a file name, from its values."""
     experiment: Experiment
-    """With the seed of the file; the seeds of runs differ."""
+    """The experiment with the seed of the file; runs have other seeds."""
     alike: str = ""
-    """The name that its folder and those of other variants would have; empty where no other would."""
+    """Folder name that it would share with other variants; empty if its name is unique."""
     apart: str = ""
-    """A name instead of that, with a digest of its values."""
+    """Unique name instead, with a digest of its values."""
     keys: tuple[str, ...] = ()
-    """Those that the grid sets."""
+    """Keys that the grid sets."""
     names: Mapping[str, str] = field(default_factory=dict)
-    """What the record of the sweep calls the code that is used, where that is the copy of a run."""
+    """Names in the record for code that is used from the copy of a run."""
 
 
-def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
-    """Return the variants that a sweep file names, of its experiment.
+def create_variants(source: Source, base: Experiment) -> tuple[Variant, ...]:
+    """Create the variants of a sweep file's experiment.
 
-    Raises InputError where the grid is wrong, or a variant is.
+    Raises InputError when the grid or a variant is wrong.
     """
     if "grid" not in source.values:
         label = name_of(base)
@@ -62,32 +62,32 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     grids = grid if isinstance(grid, list) and grid else [grid]
     combinations = []
     for index, entry in enumerate(grids):
-        at = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
-        combinations += [(at, changes) for changes in _combinations(source, entry, at)]
+        path = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
+        combinations += [(path, changes) for changes in _combine_values(source, entry, path)]
     kinds = {f"{section}.kind": getattr(base, section).kind for section in REGISTRIES}
     every = [changes for _, changes in combinations]
     labels = labels_of(every, [{**kinds, **changes} for changes in every])
     variants: dict[Experiment, tuple[str, dict[str, Any], Experiment]] = {}  # grids may overlap
-    for (at, changes), label in zip(combinations, labels, strict=True):
+    for (path, changes), label in zip(combinations, labels, strict=True):
         try:
-            experiment = changed(base, _placed(changes, source.folder(at)))
+            experiment = apply_changes(base, _resolve_files(changes, source.folder(path)))
         except InputError as error:
-            raise InputError(f"{source.locate(at)}with {label}: {error}") from error
+            raise InputError(f"{source.locate(path)}with {label}: {error}") from error
         if experiment not in variants:
             variants[experiment] = (label, changes, experiment)
     return _with_folders(variants.values())
 
 
-def _placed(changes: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return values of a grid in which classes that are named by their files are looked for in a folder."""
+def _resolve_files(changes: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Resolve classes in files among the values of a grid relative to a folder."""
     return {
         key: make_absolute(value, folder) if key in _CLASSES and isinstance(value, str) else value
         for key, value in changes.items()
     }
 
 
-def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[str, Any]]:  # noqa: ANN401
-    """Return every combination of a grid's values."""
+def _combine_values(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[str, Any]]:  # noqa: ANN401
+    """Return all combinations of a grid's values."""
     if not isinstance(grid, Mapping) or not grid:
         raise InputError(
             f"{source.locate(at)}must be a mapping from keys of the experiment to lists of values, such as "
@@ -99,30 +99,27 @@ def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[s
                 f"{source.locate((*at, key))}must be a list of values, not {format_value(values)}"
             )
         if key == "seed":
-            raise InputError(
-                f"{source.locate((*at, key))}seeds do not belong to the grid; see the key 'seeds'"
-            )
+            raise InputError(f"{source.locate((*at, key))}seeds cannot be in the grid; use the key 'seeds'")
         section, _, option = str(key).partition(".")
         if option and section in grid:
             raise InputError(
-                f"{source.locate((*at, key))}the grid names the whole of '{section}', too; name one of the "
-                "two"
+                f"{source.locate((*at, key))}the grid also sets all of '{section}'; remove one of the two"
             )
         whole = next(
             (prefix for prefix in map(str, grid) if "." in prefix and str(key).startswith(f"{prefix}.")), None
         )
         if whole is not None:
             raise InputError(
-                f"{source.locate((*at, key))}the grid names the whole of '{whole}', too; name one of the two"
+                f"{source.locate((*at, key))}the grid also sets all of '{whole}'; remove one of the two"
             )
     count = math.prod(map(len, grid.values()))
     if count > MOST_RUNS:
-        raise InputError(f"{source.locate(at)}makes {count} variants; at most {MOST_RUNS} are possible")
+        raise InputError(f"{source.locate(at)}has {count} variants; the maximum is {MOST_RUNS}")
     return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
 
 
-def changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
-    """Return the experiment with changed keys: kinds first, others may be theirs; parts of options last."""
+def apply_changes(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
+    """Apply changes to an experiment: kinds first, since options depend on them; parts of options last."""
     merged: dict[str, Any] = {}
     for key in sorted(changes, key=lambda key: (not key.endswith(".kind"), _part_of_option(base, key) or ())):
         value = changes[key]
@@ -133,7 +130,7 @@ def changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
         if section not in merged:
             merged[section] = {}
         if option == "kind" and section in REGISTRIES:
-            merged[section].update(_kept_options(base, section, value, changes))
+            merged[section].update(_select_kept_options(base, section, value, changes))
         path = _part_of_option(base, key)
         if path is None:
             merged[section][option] = value
@@ -143,7 +140,7 @@ def changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
 
 
 def _part_of_option(base: Experiment, key: str) -> tuple[str, ...] | None:
-    """Return the path of a key that names a part of an option, `method.measures.steps.bins`; else None."""
+    """Return the path of a key for a part of an option, such as `method.measures.steps.bins`; else None."""
     section, _, option = key.partition(".")
     if not ("." in option or "[" in option) or (section == "parameters" and option in base.parameters):
         return None
@@ -152,27 +149,32 @@ def _part_of_option(base: Experiment, key: str) -> tuple[str, ...] | None:
 
 
 def _set_part(base: Experiment, merged: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  # noqa: ANN401
-    """Set a part of an option, the rest of which is kept unless the variant has another kind."""
+    """Set a part of an option; its other parts are kept unless the variant has another kind."""
     section, option = path[:2]
     values = base.to_mapping()
     options = values.get(section)
     same_kind = isinstance(options, dict) and merged.get("kind", options.get("kind")) == options.get("kind")
-    kept = options.get(option) if isinstance(options, dict) and same_kind else None
-    values[section] = {option: copy.deepcopy(merged.get(option, kept))}
+    old_value = options.get(option) if isinstance(options, dict) and same_kind else None
+    values[section] = {option: copy.deepcopy(merged.get(option, old_value))}
     assign(values, path, value)
     merged[option] = values[section][option]
 
 
-def _kept_options(base: Experiment, section: str, kind: Any, changes: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401
-    """Return the options of the experiment's file that a variant with another kind keeps, as with --set."""
+def _select_kept_options(
+    base: Experiment,
+    section: str,
+    kind: Any,  # noqa: ANN401
+    changes: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return the options in the experiment's file that a variant of another kind keeps, as with --set."""
     options = getattr(base, section)
     if kind == options.kind:
         return {}
     names = set(kept_options(section, kind))
-    given = {key.removeprefix("method."): change for key, change in changes.items()}
-    if section == "method" and sets_limit(given):
+    options_set = {key.removeprefix("method."): change for key, change in changes.items()}
+    if section == "method" and sets_limit(options_set):
         names -= set(LIMITS)
-    # Defaults are not kept: another kind has other ones.
+    # Defaults are not kept, since another kind has other defaults.
     old = options.model_dump(exclude_none=True, exclude_unset=True)
     return {name: value for name, value in old.items() if name in names}
 
@@ -184,45 +186,45 @@ def _file_name(label: str) -> str:
     return safe.strip("_.")[:80] or "variant"
 
 
-def _with_folders(found: Iterable[tuple[str, Mapping[str, Any], Experiment]]) -> tuple[Variant, ...]:
-    """Return variants with the names of their folders, of which no two are the same.
+def _with_folders(entries: Iterable[tuple[str, Mapping[str, Any], Experiment]]) -> tuple[Variant, ...]:
+    """Return variants with unique names of their folders.
 
-    A name depends on the variant's own values alone, so that it stays when values are added to the grid. Of
-    variants that would have one name, since long values are cut, all but the first have a digest of their
-    values in it.
+    A name depends only on the variant's own values, so that it stays when values are added to the grid. If
+    several variants would have the same name, since long values are truncated, all except the first have a
+    digest of their values in it.
 
     Args:
-        found: label, values and experiment of each.
+        entries: label, values and experiment of each.
     """
     named = [
-        (_file_name(label_alone(values)), label, values, experiment) for label, values, experiment in found
+        (_file_name(label_alone(values)), label, values, experiment) for label, values, experiment in entries
     ]
     counts = Counter(name for name, *_ in named)
-    taken = set(counts)
+    used_names = set(counts)
     variants = []
     first = set(counts)
     for name, label, values, experiment in named:
         if counts[name] == 1:
             variants.append(Variant(label, name, experiment, keys=tuple(values)))
             continue
-        apart = _with_digest(name, values, taken)
-        taken.add(apart)
+        apart = _with_digest(name, values, used_names)
+        used_names.add(apart)
         folder = name if name in first else apart
         variants.append(Variant(label, folder, experiment, name, apart, tuple(values)))
         first.discard(name)
     return tuple(variants)
 
 
-def _with_digest(name: str, values: Mapping[str, Any], taken: Collection[str]) -> str:
-    """Return a name with a digest of the values, of six digits unless that is taken."""
+def _with_digest(name: str, values: Mapping[str, Any], used_names: Collection[str]) -> str:
+    """Return a name with a digest of the values, of six digits or more if that is already used."""
     text = json.dumps(values, default=str, ensure_ascii=False)
     digest = hashlib.sha256(text.encode()).hexdigest()
     lengths = range(_DIGITS, len(digest) + 1)
-    return next(free for length in lengths if (free := f"{name}-{digest[:length]}") not in taken)
+    return next(free for length in lengths if (free := f"{name}-{digest[:length]}") not in used_names)
 
 
 def leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[str, ...]]:  # noqa: ANN401 - as in a file
-    """Yield the paths of what a setting sets: of all parts of a mapping."""
+    """Yield the paths that a setting sets, one for each part of a mapping."""
     if not isinstance(value, Mapping) or not value:
         yield path
         return
@@ -231,7 +233,7 @@ def leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[str, ...]]:  # n
 
 
 def value_at(experiment: Experiment, path: tuple[str, ...]) -> str | None:
-    """Return what an experiment has at a path, as text; None where there is nothing."""
+    """Return an experiment's value at a path as text; None if there is none."""
     value: Any = experiment.to_mapping()
     for part in path:
         if isinstance(value, Mapping) and part in value:
@@ -244,7 +246,7 @@ def value_at(experiment: Experiment, path: tuple[str, ...]) -> str | None:
 
 
 def are_seeds(value: Any) -> TypeGuard[list[int]]:  # noqa: ANN401 - whatever a file says
-    """Return whether a value is a list of seeds, of which some may be the same."""
+    """Return whether a value is a list of seeds, possibly with duplicates."""
     return isinstance(value, list) and bool(value) and all(is_whole(seed) and seed >= 0 for seed in value)
 
 
@@ -254,11 +256,11 @@ def is_whole(value: Any) -> bool:  # noqa: ANN401 - whatever the file says
 
 
 _IRRELEVANT_KEYS = ELSEWHERE | {"sensors", "actuators"}
-"""Keys that say where it is computed, or that a server may have announced."""
+"""Keys that say where to compute, or that a server may have announced."""
 
 
 def comparable(experiment: Experiment) -> dict[str, Any]:
-    """Return the keys of an experiment that have to be the same in a run of it: all but the limits."""
+    """Return the keys of an experiment that must be equal in its runs: all except the limits."""
     values: dict[str, Any] = {
         key: value for key, value in experiment.to_mapping().items() if key not in _IRRELEVANT_KEYS
     }
@@ -266,7 +268,7 @@ def comparable(experiment: Experiment) -> dict[str, Any]:
     if parsed.is_command:
         values["simulation"] = parsed.with_file(SimulationName.DEFINITION)
     else:
-        # A copy of a module is a file; `display_name` is what the experiment calls it: package.module:Class.
+        # A copied module is a file; `display_name` is its name in the experiment: package.module:Class.
         named = SimulationName.parse(display_name(experiment.simulation))
         # The same file in any folder: `describe_code_changes` compares its content.
         values["simulation"] = named.text if named.file is None else named.with_file(named.file.name)
@@ -275,5 +277,5 @@ def comparable(experiment: Experiment) -> dict[str, Any]:
         if kind.file is not None:  # likewise
             values[key] = {**values[key], "kind": kind.with_file(kind.file.name)}
     values["method"] = {key: value for key, value in values["method"].items() if key not in LIMITS}
-    found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
-    return found
+    plain: dict[str, Any] = json.loads(json.dumps(values, default=str))  # with lists in place of tuples
+    return plain

@@ -1,8 +1,8 @@
-"""A worker process, which does runs of a sweep one after the other.
+"""A worker process, which does runs of a sweep sequentially.
 
-Argument: a file descriptor, to which events go as JSON lines. Standard input gives the settings as a JSON
-line, then a line for each task. When it closes, the parent is done or gone, however it ended: the run under
-way is interrupted, its results are kept, and the process ends.
+Its argument is a file descriptor for events as JSON lines. Standard input has the settings as a JSON line,
+then a line for each task. When it closes, the parent is done or has died: the run in progress is interrupted,
+its results are kept, and the process ends.
 """
 
 import dataclasses
@@ -30,9 +30,9 @@ from swarmwright.runs.optimization.memory import progress
 from swarmwright.servers.evaluation import reports as incidents
 
 REPORT_INTERVAL_S = 0.25
-"""Seconds between two reports of how far a generation is."""
+"""Seconds between reports of the progress of a generation."""
 GRACE_S = 30.0
-"""Seconds that the run under way has to end after the parent."""
+"""Seconds for the run in progress to end after the parent."""
 
 Json = dict[str, Any]
 
@@ -48,10 +48,10 @@ class Worker:
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._changing = threading.Lock()
         self._busy = self._over = False
-        self._told = 0.0
+        self._last_report = 0.0
 
     def listen(self) -> None:
-        """Take tasks from standard input, then end what is under way; for a separate thread."""
+        """Read tasks from standard input, then end the run in progress; for a separate thread."""
         for line in sys.stdin:
             self._lines.put(line)
         with self._changing:
@@ -91,7 +91,7 @@ class Worker:
             self._tell("interrupted" if run.interrupted else "done")
         except BusyRunError:
             self._tell("busy")
-        except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on
+        except Exception as error:  # noqa: BLE001 - errors of plug-ins do not stop the other runs
             self._tell("failed", message=reason(error))
         finally:
             with self._changing:
@@ -104,18 +104,18 @@ class Worker:
     def _evaluating(self, done: int, total: int, waiting_for: str) -> None:
         self._check()
         now = time.monotonic()
-        if now - self._told >= REPORT_INTERVAL_S:
-            self._told = now
+        if now - self._last_report >= REPORT_INTERVAL_S:
+            self._last_report = now
             self._tell("evaluating", done=done, total=total, waiting_for=waiting_for)
 
     def _check(self) -> None:
-        """End the run when the parent has ended, also where the signal was swallowed."""
+        """End the run when the parent has ended, even if the signal was swallowed."""
         if self._over:
             raise KeyboardInterrupt
 
     @contextmanager
     def _forwarding(self, reports: str) -> Iterator[None]:
-        """Within the block, what is logged and reported goes to the parent."""
+        """Forward logs and reports to the parent within the block."""
         tell = self._tell
 
         class Handler(logging.Handler):
@@ -147,8 +147,8 @@ def _variant(values: Json) -> Variant:
 
 
 def main() -> int:
-    """Work until the parent has nothing more to do; return the exit status."""
-    # The parent may have been started with SIGINT ignored, as shells do in the background.
+    """Work until the parent has no more tasks; return the exit status."""
+    # The parent may ignore SIGINT, as background jobs of shells do.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     worker = Worker(int(sys.argv[1]))
     threading.Thread(target=worker.listen, daemon=True).start()
@@ -159,4 +159,4 @@ if __name__ == "__main__":
     status = main()
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(status)  # another thread may be within the code of a simulation
+    os._exit(status)  # another thread may still run code of a simulation

@@ -1,4 +1,4 @@
-"""Parallel runs of a sweep: worker processes, to which this one gives tasks."""
+"""Parallel runs of a sweep in worker processes."""
 
 import json
 import logging
@@ -13,7 +13,7 @@ from contextlib import suppress
 from tempfile import TemporaryFile
 from typing import IO, Any
 
-from swarmwright.analysis.sweep.run import Listener, Task, finished
+from swarmwright.analysis.sweep.run import Listener, Task, open_finished
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.common import processes
 from swarmwright.common.errors import InputError, RunError
@@ -24,22 +24,22 @@ from swarmwright.servers.evaluation.base import Servers
 from swarmwright.servers.supervision.local_servers import count_processors
 
 GRACE_S = 20.0
-"""Seconds that interrupted runs have to end and be stored."""
+"""Seconds for interrupted runs to end and be stored."""
 _POLL_S = 0.2
-"""Seconds between two checks of the processes."""
+"""Seconds between checks of the processes."""
 _LAST_BYTES = 2000
-"""Of what a process printed that are shown."""
+"""Bytes of a process's output in an error message."""
 
 Json = dict[str, Any]
 
 
 class _Process:
-    """One worker, and its current task."""
+    """A worker process and its current task."""
 
     def __init__(self, settings: Json, threads: int) -> None:
         self.task: Task | None = None
         self.ready = False
-        self._rest = b""
+        self._incomplete_line = b""
         self._stderr: IO[bytes] = TemporaryFile()  # noqa: SIM115 - closed in `close`
         self.events, writing = os.pipe()
         environment = {"RAYON_NUM_THREADS": str(threads), **os.environ, **processes.hash_seed_variables()}
@@ -51,7 +51,7 @@ class _Process:
                 stderr=self._stderr,
                 pass_fds=[writing],
                 env=environment,
-                process_group=0,  # Ctrl-C reaches the parent alone, which then ends its workers in order
+                process_group=0,  # Ctrl-C reaches only the parent, which then ends its workers
             )
         except BaseException:
             os.close(self.events)
@@ -62,41 +62,41 @@ class _Process:
         self._send(settings)
 
     def give(self, task: Task, message: Json) -> None:
-        """Let it do a task."""
+        """Send it a task."""
         self.task = task
         self._send(message)
 
     def _send(self, message: Json) -> None:
         assert self.process.stdin is not None
-        with suppress(BrokenPipeError):  # it has ended, which is noticed by its events
+        with suppress(BrokenPipeError):  # it has ended, as its events show
             self.process.stdin.write(f"{json.dumps(message)}\n".encode())
             self.process.stdin.flush()
 
     def read_reports(self) -> list[Json] | None:
-        """Return its reports since the last call; None when it has ended."""
+        """Return its reports since the last call; None if it has ended."""
         data = os.read(self.events, 1 << 16)
         if not data:
             return None
-        *lines, self._rest = (self._rest + data).split(b"\n")
+        *lines, self._incomplete_line = (self._incomplete_line + data).split(b"\n")
         return [json.loads(line) for line in lines]
 
     def dismiss(self) -> None:
-        """Ask it to end; a run under way is interrupted."""
+        """Request its end, which interrupts a run in progress."""
         if self.process.stdin is not None and not self.process.stdin.closed:
             with suppress(BrokenPipeError):
                 self.process.stdin.close()
 
     def exit_report(self) -> str:
-        """Say how it ended."""
+        """Describe how it ended."""
         status = self.process.wait()
-        how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
+        outcome = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
         end = self._stderr.seek(0, os.SEEK_END)
         self._stderr.seek(max(0, end - _LAST_BYTES))
-        words = self._stderr.read().decode(errors="replace").strip()
-        return f"the process that did this run {how}" + (f": {words}" if words else "")
+        output = self._stderr.read().decode(errors="replace").strip()
+        return f"the worker process of this run {outcome}" + (f": {output}" if output else "")
 
     def close(self, deadline: float) -> None:
-        """Wait for its end; kill it at the deadline."""
+        """Wait for its end, and kill it at the deadline."""
         self.dismiss()
         try:
             self.process.wait(max(0.0, deadline - time.monotonic()))
@@ -107,13 +107,13 @@ class _Process:
         self._stderr.close()
 
 
-class SideBySide:
-    """Does tasks, several at a time.
+class WorkerPool:
+    """Does tasks in parallel.
 
     Args:
-        variants: those of the sweep.
-        broker: whose servers are used.
-        servers: for each run that goes on at a time what its process starts, see `shares`.
+        variants: of the sweep.
+        broker: of existing servers.
+        servers: the servers that each process starts, see `choose_servers`.
         listener: receives the progress.
     """
 
@@ -136,8 +136,8 @@ class SideBySide:
     def run(self, tasks: Sequence[Task]) -> None:
         """Do all tasks.
 
-        Raises InputError or RunError when a process cannot begin with any, KeyboardInterrupt when this
-        process was interrupted: then all runs under way have ended, with what they had stored.
+        Raises InputError or RunError when a process cannot begin with any task, KeyboardInterrupt when this
+        process is interrupted; then all runs in progress have ended, and their results are stored.
         """
         waiting = deque(tasks)
         try:
@@ -151,7 +151,7 @@ class SideBySide:
             self._close()
 
     def _start(self, place: int) -> None:
-        """Start a process; it gets its first task when it is ready."""
+        """Start a process, which gets its first task when it is ready."""
         settings = {
             "variants": [_plain(variant) for variant in self._variants],
             "broker": self._broker,
@@ -176,7 +176,7 @@ class SideBySide:
                 self._give(process, waiting)
 
     def _take(self, process: _Process, message: Json) -> bool:
-        """Pass on what a process told; return whether it has nothing to do now."""
+        """Handle a message of a process; return whether it is idle now."""
         task = process.task
         match message["event"]:
             case "ready":
@@ -195,7 +195,7 @@ class SideBySide:
         return False
 
     def _report(self, task: Task, event: str, message: Json) -> Task | None:
-        """Report on a task; return it, or None when it has ended."""
+        """Forward the progress of a task; return the task, or None if it has ended."""
         match event:
             case "generation":
                 self._listener.generation(task, Generation(**message["generation"]))
@@ -204,42 +204,42 @@ class SideBySide:
                 self._listener.evaluating(task, message["done"], message["total"], message["waiting_for"])
                 return task
             case "failed":
-                self._listener.failed(task, message["message"])
+                self._listener.on_failure(task, message["message"])
             case "busy":
                 self._listener.busy(task)
             case "done":
-                self._listener.ended(task, Run.open(task.folder))
+                self._listener.on_end(task, Run.open(task.folder))
         return None  # interrupted: this worker, or all of them, received a signal
 
     def _give(self, process: _Process, waiting: deque[Task]) -> None:
-        while waiting and (run := finished(waiting[0])) is not None:
-            self._listener.finished_elsewhere(waiting.popleft(), run)
+        while waiting and (run := open_finished(waiting[0])) is not None:
+            self._listener.on_finished_elsewhere(waiting.popleft(), run)
         if not waiting:
             process.dismiss()
             return
         task = waiting.popleft()
-        self._listener.begun(task)
+        self._listener.on_begin(task)
         place = next(index for index, variant in enumerate(self._variants) if variant is task.variant)
         process.give(task, {"variant": place, "seed": task.seed, "folder": str(task.folder)})
 
     def _replace(self, place: int, waiting: deque[Task]) -> None:
-        """A process has ended; start another one when there is still work for it."""
+        """Replace a process that has ended, if there is still work."""
         process = self._processes[place]
         assert process is not None
         self._selector.unregister(process.events)
         self._processes[place] = None
         task, ready = process.task, process.ready
-        words = process.exit_report()
+        message = process.exit_report()
         process.close(time.monotonic())
         if task is not None:
-            self._listener.failed(task, words)
+            self._listener.on_failure(task, message)
         elif not ready:
-            raise RunError(words)
+            raise RunError(message)
         if waiting:
             self._start(place)
 
     def _close(self) -> None:
-        """End all processes and read their last reports: how interrupted runs ended."""
+        """End all processes and handle their last reports, on how interrupted runs ended."""
         deadline = time.monotonic() + GRACE_S
         for process in self._processes:
             if process is not None:

@@ -82,7 +82,7 @@ def test_what_is_no_larger_budget_is_refused(
     (run,) = sweep(with_method(**before), seeds=1, out=tmp_path / "out").runs
     with pytest.raises(InputError, match=words) as caught:
         sweep(with_method(**after), seeds=1, out=tmp_path / "out")
-    assert str(caught.value).endswith("name another folder for the results (out)")
+    assert str(caught.value).endswith("choose another folder for the results (out)")
     assert Run.open(run.path).experiment == run.experiment
 
 
@@ -155,8 +155,8 @@ def test_an_experiment_and_a_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     ("source", "given", "words"),
     [
-        ({"experiment": BASE}, {"grid": {"method.population": [4]}}, "grid: belongs to an experiment"),
-        ({"experiment": BASE}, {"seeds": 3}, "seeds: belongs to an experiment"),
+        ({"experiment": BASE}, {"grid": {"method.population": [4]}}, "grid: is only for an experiment"),
+        ({"experiment": BASE}, {"seeds": 3}, "seeds: is only for an experiment"),
         (BASE, {"grid": {"method.populatoin": [4]}}, "did you mean 'population'"),
         (BASE, {"grid": 3}, "grid"),
         (BASE, {"seeds": 0}, "seeds: must be a number of seeds"),

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError
-from swarmwright.analysis.sweep import Sweep, tasks
+from swarmwright.analysis.sweep import Sweep, list_tasks
 from swarmwright.analysis.sweep.file import _seeds
 from swarmwright.common.yaml import Source
 from swarmwright.experiment.budget import Budget
@@ -38,7 +38,7 @@ def test_every_combination_is_a_variant(tmp_path: Path) -> None:
     assert (vars(third.method)["population"], third.parameters["maxSteps"]) == (8, 5)
     assert found.seeds == (1, 2)
     assert found.out == Path("runs/methods")
-    todo = tasks(found)
+    todo = list_tasks(found)
     assert [task.seed for task in todo] == [1] * 4 + [2] * 4
     assert [task.experiment.seed for task in todo] == [1] * 4 + [2] * 4
     assert len({task.folder for task in todo}) == 8
@@ -112,7 +112,7 @@ def test_without_a_grid_the_experiment_is_the_only_variant(tmp_path: Path) -> No
     (variant,) = found.variants
     assert (variant.label, variant.folder) == ("minisim, nnga", "minisim_nnga")
     assert variant.experiment.generations == 3
-    assert [task.folder.name for task in tasks(found)] == [
+    assert [task.folder.name for task in list_tasks(found)] == [
         "minisim_nnga-1",
         "minisim_nnga-2",
         "minisim_nnga-3",
@@ -160,9 +160,9 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
         ("grid: {method.severity: [0.1]}", "experiment: must be the path of an experiment file"),
         (
             "experiment: base.yml\ngrid: {method.severity: [0.1]}",
-            "base.yml: there is no such file; did you mean 'base.yaml'?",
+            "base.yml: does not exist; did you mean 'base.yaml'?",
         ),
-        ("experiment: nothing.yaml\ngrid: {method.severity: [0.1]}", "nothing.yaml: there is no such file"),
+        ("experiment: nothing.yaml\ngrid: {method.severity: [0.1]}", "nothing.yaml: does not exist"),
         ("experiment: base.yaml\ngrid:", "grid: must be a mapping"),
         ("experiment: base.yaml\ngrid: []", "grid: must be a mapping"),
         ("experiment: base.yaml\ngrid: {}", "grid: must be a mapping"),
@@ -171,8 +171,8 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
             "methods.yaml:2: grid.method.severity: must be a list",
         ),
         ("experiment: base.yaml\ngrid: {method.severity: []}", "must be a list"),
-        ("experiment: base.yaml\ngrid: {seed: [1]}", "see the key 'seeds'"),
-        ("experiment: base.yaml\nseeds: [1, 2, 1]", "methods.yaml:2: seeds: the seed 1 is there twice"),
+        ("experiment: base.yaml\ngrid: {seed: [1]}", "use the key 'seeds'"),
+        ("experiment: base.yaml\nseeds: [1, 2, 1]", "methods.yaml:2: seeds: the seed 1 occurs twice"),
         ("experiment: base.yaml\ngrid: {method.severit: [1]}", "with severit 1: method.severit: unknown key"),
         ("experiment: base.yaml\ngrid: {method.kind: [magic]}", "magic"),
         (
@@ -182,7 +182,7 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
         ("experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: 0", "methods.yaml:3: seeds: must be"),
         (
             "experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: [1, -1]",
-            "which are whole numbers from 0 on",
+            "or a list of seeds (integers from 0)",
         ),
         ("experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: []", "seeds: must be"),
         (
@@ -333,7 +333,7 @@ def test_a_part_of_an_option_of_another_kind(tmp_path: Path) -> None:
 def test_a_part_of_what_has_none_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"with .*method\.population is 6, which has no part 'x'"):
         sweep(tmp_path, "experiment: base.yaml\ngrid: {method.population.x: [1]}\n")
-    with pytest.raises(InputError, match=r"names the whole of 'parameters\.a', too"):
+    with pytest.raises(InputError, match=r"also sets all of 'parameters\.a'"):
         sweep(tmp_path, "experiment: base.yaml\ngrid: {parameters.a: [1], parameters.a.b: [1]}\n")
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run
-from swarmwright.analysis.sweep import Sweep, tasks
+from swarmwright.analysis.sweep import Sweep, list_tasks
 
 BASE = {
     "simulation": "minisim",
@@ -132,16 +132,14 @@ def test_settings_apply_to_all_variants(results: Path, tmp_path: Path) -> None:
     sweep = Sweep.load(file, out=tmp_path / "again", settings=["parameters.maxSteps=4"])
     assert {one.experiment.parameters["maxSteps"] for one in sweep.variants} == {4}
     assert sweep.settings == ("parameters.maxSteps=4",)
-    with pytest.raises(
-        InputError, match=r"the variants of this sweep differ in method\.population; leave it"
-    ):
+    with pytest.raises(InputError, match=r"the variants of this sweep differ in method\.population; omit"):
         Sweep.load(file, settings=["method.population=5"])
     with pytest.raises(
-        InputError, match=r"--set seed=5: each run has a seed of the sweep; see the key 'seeds'"
+        InputError, match=r"--set seed=5: the sweep sets the seed of each run; use the key 'seeds'"
     ):
         Sweep.load(file, settings=["seed=5"])
     with pytest.raises(InputError, match=r"run of another experiment: parameters\.maxSteps is 4 in"):
-        tasks(Sweep.load(file, settings=["parameters.maxSteps=4"]))[0].found()
+        list_tasks(Sweep.load(file, settings=["parameters.maxSteps=4"]))[0].open_run()
 
 
 def test_another_run_in_the_place_of_one_is_refused(results: Path) -> None:
@@ -176,7 +174,7 @@ def test_what_is_no_record_is_refused(results: Path, change: dict[str, Any]) -> 
     file = results / "sweep.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
     with pytest.raises(
-        InputError, match=r"sweep\.json: is not a record of a sweep .* start the sweep with its"
+        InputError, match=r"sweep\.json: is not a valid record of a sweep .* start the sweep with its"
     ):
         Sweep.load(file)
 
@@ -288,5 +286,5 @@ def test_simulations_of_one_title_cannot_share_a_broker(
     grid = {"simulation": [f"{folder}/line.py:Line" for folder in "ab"]}
     base = {**BASE_OF_LINE, "simulation": "a/line.py:Line"}
     sweep = {"experiment": {**base, "servers": "auto"}, "grid": grid, "seeds": 1}
-    with pytest.raises(InputError, match=r"both called 'line' on the broker"):
+    with pytest.raises(InputError, match=r"have the same title 'line' on the broker"):
         swarmwright.sweep(sweep, out="results", broker="mqtt://127.0.0.1:1", jobs=1)

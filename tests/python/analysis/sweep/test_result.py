@@ -63,7 +63,7 @@ def test_a_damaged_run_does_not_stop_the_others(tmp_path: Path) -> None:
     ((_, seed, message),) = [(one.variant, one.seed, one.message) for one in result.failures]
     assert seed == 1
     assert f"{first.path}/run.sqlite: is damaged" in message
-    assert f"when the folder {first.path} is deleted, the same sweep repeats this run alone" in message
+    assert f"delete the folder {first.path} to repeat only this run in the same sweep" in message
 
 
 def test_a_run_that_is_whole_is_not_to_be_deleted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 import swarmwright
 from swarmwright import Run, sweep
-from swarmwright.analysis.sweep import Listener, Sweep, Task, conduct, tasks
+from swarmwright.analysis.sweep import Listener, Sweep, Task, conduct, list_tasks
 from swarmwright.runs.store.lock import Lock
 
 BASE: dict[str, Any] = {
@@ -67,17 +67,17 @@ def test_a_folder_belongs_to_the_variant_whose_runs_are_there(tmp_path: Path) ->
     formulas = [f"arrived - 0.1 * distance - {weight} * steps" for weight in (0.1, 0.2, 0.3)]
     source = {"experiment": BASE, "grid": {"fitness": formulas}, "seeds": 1}
     out = tmp_path / "out"
-    new = tasks(Sweep.from_mapping(source, out=out))
+    new = list_tasks(Sweep.from_mapping(source, out=out))
     for task in new:
         swarmwright.optimize(task.experiment, out=task.folder)
-    again = tasks(Sweep.from_mapping({**source, "seeds": [2, 1]}, out=out))
+    again = list_tasks(Sweep.from_mapping({**source, "seeds": [2, 1]}, out=out))
     assert [task.folder for task in again[3:]] == [task.folder for task in new]
-    assert all(task.found() for task in again[3:])
+    assert all(task.open_run() for task in again[3:])
     # A variant that comes to be the first leaves the name to the one whose runs are there.
     before = [{"fitness": [f"{formulas[0]} + 1"]}, source["grid"]]
-    todo = tasks(Sweep.from_mapping({**source, "grid": before}, out=out))
+    todo = list_tasks(Sweep.from_mapping({**source, "grid": before}, out=out))
     assert [task.folder for task in todo[1:]] == [task.folder for task in new]
-    assert todo[0].found() is None
+    assert todo[0].open_run() is None
 
 
 def test_a_folder_without_a_run_does_not_stop_the_others(tmp_path: Path) -> None:
@@ -88,8 +88,8 @@ def test_a_folder_without_a_run_does_not_stop_the_others(tmp_path: Path) -> None
     assert [run.path.name for run in result.runs] == ["minisim_nnga-2"]
     (failure,) = result.failures
     assert failure.message == (
-        f"{other}: is not a run folder: run.sqlite is missing; when the folder {other} is deleted, the same "
-        "sweep repeats this run alone"
+        f"{other}: is not a run folder: run.sqlite is missing; delete the folder {other} to "
+        "repeat only this run in the same sweep"
     )
 
 
@@ -115,7 +115,7 @@ def test_a_run_that_another_process_finishes_meanwhile_counts(
 ) -> None:
     source = {"experiment": BASE, "seeds": 2}
     out = tmp_path / "out"
-    first = tasks(Sweep.from_mapping(source, out=out))[0]
+    first = list_tasks(Sweep.from_mapping(source, out=out))[0]
     first.folder.mkdir(parents=True)
     lock = Lock(first.folder)
     optimize = swarmwright.optimize
@@ -137,22 +137,22 @@ def test_a_run_that_another_process_did_before_its_turn_is_said_to_be_its(tmp_pa
     said: list[tuple[str, int]] = []
 
     class Told(Listener):
-        def planned(self, runs: int, jobs: int) -> None:  # noqa: ARG002 - of the base class
+        def on_plan(self, runs: int, jobs: int) -> None:  # noqa: ARG002 - of the base class
             optimize(todo[1].experiment, out=todo[1].folder, servers="local")
 
-        def begun(self, task: Task) -> None:
+        def on_begin(self, task: Task) -> None:
             said.append(("begun", task.seed))
 
-        def ended(self, task: Task, run: Run) -> None:  # noqa: ARG002 - of the base class
+        def on_end(self, task: Task, run: Run) -> None:  # noqa: ARG002 - of the base class
             said.append(("ended", task.seed))
 
-        def finished_elsewhere(self, task: Task, run: Run) -> None:
+        def on_finished_elsewhere(self, task: Task, run: Run) -> None:
             assert run.path == task.folder
             said.append(("elsewhere", task.seed))
 
     optimize = swarmwright.optimize
     loaded = Sweep.from_mapping({"experiment": BASE, "seeds": 3}, out=tmp_path / "out")
-    todo = tasks(loaded)
+    todo = list_tasks(loaded)
     outcome = conduct(loaded, todo, Told(), jobs=jobs)
     assert [run.experiment.seed for run in outcome.finished] == [1, 2, 3]
     assert sorted(said) == [("begun", 1), ("begun", 3), ("elsewhere", 2), ("ended", 1), ("ended", 3)]

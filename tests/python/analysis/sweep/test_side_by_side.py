@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, _engine
-from swarmwright.analysis.sweep import Sweep, Variant, tasks
-from swarmwright.analysis.sweep.execution import shares
+from swarmwright.analysis.sweep import Sweep, Variant, list_tasks
+from swarmwright.analysis.sweep.execution import choose_servers
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.common.errors import PlugInError
 from swarmwright.methods import METHODS
@@ -121,7 +121,7 @@ def test_when_a_process_is_killed_the_others_go_on_and_when_all_are_no_process_s
     assert len(workers) == 2
     at_first = next(pid for pid in workers if has_open(pid, first))
     os.kill(at_first, signal.SIGKILL)
-    assert '"error": "the process that did this run was killed by signal 9"' in process.stdout.readline()
+    assert '"error": "the worker process of this run was killed by signal 9"' in process.stdout.readline()
     until(third)
     assert {Run.open(run).state for run in (first, second)} == {"killed", "running"}
     process.kill()
@@ -136,15 +136,17 @@ def test_when_a_process_is_killed_the_others_go_on_and_when_all_are_no_process_s
 
 def test_how_many_at_a_time() -> None:
     local, auto = experiment(servers="local"), experiment(servers=3)
-    assert shares([local], 100, None, broker=None, servers=None) == ["local"] * count_processors()
-    assert shares([local], 1, None, broker=None, servers=None) == ["local"]
-    assert shares([auto], 100, None, broker=None, servers=None) == [1, 1, 1]
-    assert shares([auto], 2, None, broker=None, servers=None) == [2, 1]
-    assert shares([auto], 9, 2, broker=None, servers=8) == [4, 4]
-    assert shares([auto], 9, 3, broker="mqtt://nobody:1", servers=None) == [None] * 3
-    with pytest.raises(InputError, match="4 runs at a time need as many servers, and 3 are to be started"):
-        shares([auto], 9, 4, broker=None, servers=None)
-    assert shares([experiment()], 99, 16, broker=None, servers="auto") == [1] * 16
+    assert choose_servers([local], 100, None, broker=None, servers=None) == ["local"] * count_processors()
+    assert choose_servers([local], 1, None, broker=None, servers=None) == ["local"]
+    assert choose_servers([auto], 100, None, broker=None, servers=None) == [1, 1, 1]
+    assert choose_servers([auto], 2, None, broker=None, servers=None) == [2, 1]
+    assert choose_servers([auto], 9, 2, broker=None, servers=8) == [4, 4]
+    assert choose_servers([auto], 9, 3, broker="mqtt://nobody:1", servers=None) == [None] * 3
+    with pytest.raises(
+        InputError, match="4 parallel runs need at least 4 servers, but only 3 would be started"
+    ):
+        choose_servers([auto], 9, 4, broker=None, servers=None)
+    assert choose_servers([experiment()], 99, 16, broker=None, servers="auto") == [1] * 16
 
 
 @pytest.mark.slow
@@ -156,8 +158,8 @@ def test_servers_on_a_broker_are_shared_where_one_run_has_no_use_for_all(
     for _ in range(4):
         server.stdout.readline()
     small, large = (experiment(method={"kind": "random_search", "population": size}) for size in (2, 3))
-    assert shares([small], 9, None, broker=embedded_broker, servers=None) == [None] * 2
-    assert shares([small, large], 9, None, broker=embedded_broker, servers=None) == [None]
+    assert choose_servers([small], 9, None, broker=embedded_broker, servers=None) == [None] * 2
+    assert choose_servers([small, large], 9, None, broker=embedded_broker, servers=None) == [None]
 
 
 def test_the_generations_of_a_run_are_as_large_as_the_method_says(
@@ -168,7 +170,7 @@ def test_the_generations_of_a_run_are_as_large_as_the_method_says(
     for kind, candidates in (("cma_es", 11), ("snes", 20), ("cea2d", 100)):
         run = experiment(method={"kind": kind}, controller={"kind": "layered", "hidden": [2]})
         assert len(run.new_method(run.representation()).ask()) == candidates
-        jobs = shares([run], 9, None, broker=embedded_broker, servers=None)
+        jobs = choose_servers([run], 9, None, broker=embedded_broker, servers=None)
         assert jobs == [None] * max(1, 44 // candidates), kind
 
 
@@ -183,9 +185,9 @@ def test_a_plug_in_that_fails_does_not_end_the_sweep(
     monkeypatch.setattr("swarmwright.common.plug_in_code.find_failure", lambda error: PlugInError(str(error)))
     run = experiment()
     monkeypatch.setattr(Experiment, "representation", fail)
-    assert shares([run], 2, None, broker=embedded_broker, servers=None) == [None]
+    assert choose_servers([run], 2, None, broker=embedded_broker, servers=None) == [None]
     monkeypatch.setattr(METHODS.get("nnga"), "first_generation", fail)
-    assert shares([run], 2, None, broker=embedded_broker, servers=None) == [None]
+    assert choose_servers([run], 2, None, broker=embedded_broker, servers=None) == [None]
 
 
 def test_the_time_left_is_estimated_from_within_runs(tmp_path: Path) -> None:
@@ -194,24 +196,24 @@ def test_the_time_left_is_estimated_from_within_runs(tmp_path: Path) -> None:
         Variant(kind, kind, experiment(method={"kind": kind, "generations": 10}))
         for kind in ("nnga", "random_search")
     )
-    todo = tasks(Sweep(variants, (1, 2), tmp_path))
+    todo = list_tasks(Sweep(variants, (1, 2), tmp_path))
     status = Status(len(todo), lambda: now)
     status.begin(todo)
-    status.planned(4, 2)
+    status.on_plan(4, 2)
     assert status.seconds_left() is None
-    status.begun(todo[0])
-    status.begun(todo[1])
+    status.on_begin(todo[0])
+    status.on_begin(todo[1])
     status.generation(todo[0], generation(4, seconds=20.0, left=30.0))
     now += 5.0
     # 25 of the first; the three others take 20 + 25 + 5 as well, as far as is known; two at a time.
     assert status.seconds_left() == pytest.approx((25 + 3 * 45) / 2)
     status.generation(todo[1], generation(0, seconds=5.0, left=95.0))
     assert status.seconds_left() == pytest.approx((25 + 95 + 45 + 100) / 2)
-    assert status.under_way[todo[0]].share == 0.5
+    assert status.active_runs[todo[0]].share == 0.5
     status.evaluating(todo[0], 3, 6, "")
-    assert status.under_way[todo[0]].share == pytest.approx(0.55)
-    status.failed(todo[1], "broken")
-    status.begun(todo[2])
+    assert status.active_runs[todo[0]].share == pytest.approx(0.55)
+    status.on_failure(todo[1], "broken")
+    status.on_begin(todo[2])
     assert (status.failures, status.finished) == (1, 0)
     assert status.seconds_left() == pytest.approx((25 + 45 + 45) / 2)
 
@@ -225,12 +227,12 @@ def test_how_far_a_run_is_counts_what_limits_it(tmp_path: Path) -> None:
     for words, limit in limits.items():
         variant = Variant("nnga", "nnga", experiment(method={"kind": "nnga", **limit}))
         status = Status(1)
-        (task,) = tasks(Sweep((variant,), (1,), tmp_path))
+        (task,) = list_tasks(Sweep((variant,), (1,), tmp_path))
         status.begin([task])
-        status.begun(task)
-        assert status.under_way[task].words == f"nnga, seed 1: {words}"
+        status.on_begin(task)
+        assert status.active_runs[task].words == f"nnga, seed 1: {words}"
     status.generation(task, replace(generation(4, seconds=20.0, left=30.0), budget="seconds"))
-    assert status.under_way[task].words == "nnga, seed 1: 5 generations, 30 s of 1 min 00 s"
+    assert status.active_runs[task].words == "nnga, seed 1: 5 generations, 30 s of 1 min 00 s"
 
 
 def generation(number: int, *, seconds: float, left: float) -> Generation:

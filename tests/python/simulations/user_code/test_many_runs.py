@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError, Run, RunError, compare, optimize
-from swarmwright.analysis.sweep import Executor, Sweep, tasks
+from swarmwright.analysis.sweep import Executor, Sweep, list_tasks
 from swarmwright.servers.supervision.local_servers import LocalServers
 from swarmwright.simulations.user_code.changes import list_files
 from tests.python.simulations.user_code.conftest import edit
@@ -18,10 +18,10 @@ def test_a_sweep_is_of_one_code(project: Path) -> None:
         "experiment: gather.yaml\ngrid: {method.population: [4]}\nseeds: 2\nout: out\n"
     )
     sweep = Sweep.load("sweep.yaml")
-    first, second = tasks(sweep)
+    first, second = list_tasks(sweep)
     with Executor(sweep) as executor:
         executor.run(first)
-        assert first.found() is not None
+        assert first.open_run() is not None
         edit(project / "helper.py", "0.1", "0.25")
         with pytest.raises(InputError, match=r"helper\.py was edited(.|\n)*Runs of different code"):
             executor.run(first)
