@@ -32,6 +32,8 @@ from swarmwright.ui.jobs import Jobs
 STATIC = Path(__file__).parent / "static"
 REFRESH_S = 0.5
 """Between two looks at the stores."""
+FIRST_S = 0.4
+"""After which the rows that have been read are shown, where there are many."""
 HEARTBEAT_S = 15.0
 """After which a silent stream of events says that it is there: proxies close silent ones."""
 REPLAY_BYTES = 64 << 20
@@ -73,10 +75,10 @@ class Window:
         while True:
             if not self._read_only:
                 await run_in_threadpool(self.jobs.advance)
-            if await run_in_threadpool(self.index.refresh):
+            if await run_in_threadpool(self.index.refresh, FIRST_S):
                 async with self._changed:
                     self._changed.notify_all()
-            await asyncio.sleep(REFRESH_S)
+            await asyncio.sleep(REFRESH_S if self.index.is_complete else 0)
 
     async def events(self, version: int) -> AsyncIterator[bytes]:
         """Yield changes of the list since a version, as server-sent events.

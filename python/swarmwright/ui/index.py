@@ -69,28 +69,42 @@ class RunIndex:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.version = 0
-        """It grows with every change of a row; from 1 on, the list is complete."""
+        """It grows with every change of a row; at 0, nothing has been read yet."""
+        self.is_complete = False
+        """Whether the last `refresh` looked at all runs."""
         self._lock = threading.Lock()
         self._rows: dict[str, Row] = {}
         self._changed: dict[str, int] = {}
         """The version at which a row, or its absence, came."""
         self._signatures: dict[str, Signature] = {}
+        self._read_at: dict[str, float] = {}
         self._seen: dict[str, tuple[float, int]] = {}
         """Time and evaluations when a run that goes on was read last."""
         self._deltas: dict[int, bytes] = {}
 
-    def refresh(self) -> bool:
-        """Read what has changed; return whether anything has."""
+    def refresh(self, seconds: float = math.inf) -> bool:
+        """Read what has changed; return whether anything has.
+
+        seconds: after which it stops, so that the first rows of many are shown soon, see `is_complete`; the
+        next call begins with those that were not read for longest.
+        """
         before = self.version
+        end = time.monotonic() + seconds
         present = dict(self._stores())
         for name in self._rows.keys() - present.keys():
             self._update(name, None)
-        for name, signature in present.items():
+        for name in sorted(present, key=lambda name: self._read_at.get(name, 0.0)):
+            signature = present[name]
             row = self._rows.get(name)
             # A run that is killed changes its state without a change of its files.
             if row is None or signature != self._signatures.get(name) or row.state == "running":
                 self._signatures[name] = signature
+                self._read_at[name] = time.monotonic()
                 self._update(name, self._read(name))
+                if time.monotonic() > end:
+                    self.is_complete = False
+                    return True
+        self.is_complete = True
         if self.version == 0:  # there is none, which is news, too
             self.version = 1
         return self.version > before
@@ -133,6 +147,7 @@ class RunIndex:
             if row is None:
                 del self._rows[name]
                 self._signatures.pop(name, None)
+                self._read_at.pop(name, None)
             else:
                 self._rows[name] = row
             self.version += 1

@@ -65,6 +65,17 @@ def test_a_run_that_goes_on_is_read_again(index: RunIndex) -> None:
     assert row["generations"] == 9
 
 
+def test_many_runs_are_shown_before_all_are_read(index: RunIndex) -> None:
+    for number in range(5):
+        shutil.copytree(index.folder / "first", index.folder / f"more-{number}")
+    assert index.refresh(0)
+    assert not index.is_complete
+    assert len(delta(index)["rows"]) == 2
+    while not index.is_complete:
+        index.refresh(0)
+    assert len(delta(index)["rows"]) == 6
+
+
 def test_a_run_that_is_deleted_goes(index: RunIndex) -> None:
     before = delta(index)
     shutil.rmtree(index.folder / "first")
