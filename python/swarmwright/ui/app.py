@@ -183,7 +183,7 @@ class Window:
             self._replays[(name,)] = page
         return {"id": name}
 
-    def tried(self, request: Request) -> str:
+    def find_try(self, request: Request) -> str:
         """Return the page of an episode that the drawing board asked for."""
         with self._lock:
             page = self._replays.get((request.query_params.get("id", ""),))
@@ -327,7 +327,7 @@ def create_app(
         },
         "templates": window.templates,
         "experiment": window.experiment,
-        "jobs": lambda _request: {"jobs": [asdict(job) for job in window.jobs.all()]},
+        "jobs": lambda _request: {"jobs": [asdict(job) for job in window.jobs.list_jobs()]},
         "journal": lambda request: details.journal(window.run(request)),
     }
     return Starlette(
@@ -337,7 +337,7 @@ def create_app(
             *(Route(f"/api/{name}", endpoint(compute)) for name, compute in answers.items()),
             *(Route(f"/api/{name}", changing(window, name), methods=["POST"]) for name in (*CHANGES, *ASKED)),
             Route("/replay", player(window.replay)),
-            Route("/try", player(window.tried)),
+            Route("/try", player(window.find_try)),
             Mount("/static", StaticFiles(directory=STATIC)),
         ],
         middleware=[

@@ -37,7 +37,7 @@ def describe(run: Run) -> dict[str, Any]:
         "failed_episodes": run.failed_episodes if run.failed_evaluations else 0,
         "episodes": experiment.ranking.episodes,
         "first_seed": experiment.first_seed,
-        "held_out": held_out(run),
+        "held_out": describe_held_out(run),
         "sessions": [as_values(asdict(session)) for session in run.sessions],
         "experiment": as_values(experiment.to_mapping()),
         "metrics": run.metrics,
@@ -48,7 +48,7 @@ def curve(run: Run) -> dict[str, list[Any]]:
     """Return the columns of the learning curve, at most `CURVE_POINTS` generations of it."""
     history = run.history
     if len(history) > CURVE_POINTS:
-        history = [history[round(place)] for place in np.linspace(0, len(history) - 1, CURVE_POINTS)]
+        history = [history[round(position)] for position in np.linspace(0, len(history) - 1, CURVE_POINTS)]
     columns: dict[str, list[Any]] = {
         "evaluations": [summary.evaluations for summary in history],
         "generation": [summary.generation for summary in history],
@@ -58,7 +58,7 @@ def curve(run: Run) -> dict[str, list[Any]]:
     return columns
 
 
-def held_out(run: Run) -> dict[str, Any] | None:
+def describe_held_out(run: Run) -> dict[str, Any] | None:
     """Return the best candidate's fitness on held-out seeds; None where it was not evaluated there."""
     unseen = run.unseen
     if unseen is None:
@@ -98,17 +98,19 @@ def nearest(run: Run, number: float, fitness: float, width: float, height: float
     """Return the evaluation next to a point of the grid."""
     if not all(map(np.isfinite, (number, fitness, width, height))):
         raise InputError("number, fitness, width, height: must be finite")
-    found = nearest_evaluation(run, number, fitness, width, height)
+    evaluation = nearest_evaluation(run, number, fitness, width, height)
     return {
-        "number": found.number,
-        "generation": found.generation,
-        "candidate": found.candidate,
-        "fitness": finite(found.fitness),
-        "episodes": as_values(found.episodes),
-        "seeds": found.seeds,
-        "genome": as_values(found.genome[:200]),
-        "genes": len(found.genome),
-        "metrics": {name: as_values(found.metrics[:, column]) for column, name in enumerate(run.metrics)},
+        "number": evaluation.number,
+        "generation": evaluation.generation,
+        "candidate": evaluation.candidate,
+        "fitness": finite(evaluation.fitness),
+        "episodes": as_values(evaluation.episodes),
+        "seeds": evaluation.seeds,
+        "genome": as_values(evaluation.genome[:200]),
+        "genes": len(evaluation.genome),
+        "metrics": {
+            name: as_values(evaluation.metrics[:, column]) for column, name in enumerate(run.metrics)
+        },
     }
 
 

@@ -128,8 +128,8 @@ class RunIndex:
         with self._lock:
             if version > self.version:
                 version = 0  # of an earlier server
-            found = self._deltas.get(version)
-            if found is None:
+            message_bytes = self._deltas.get(version)
+            if message_bytes is None:
                 names = [name for name, changed in self._changed.items() if changed > version]
                 message = {
                     "version": self.version,
@@ -137,8 +137,8 @@ class RunIndex:
                     "rows": [asdict(self._rows[name]) for name in names if name in self._rows],
                     "gone": [name for name in names if name not in self._rows],
                 }
-                found = self._deltas[version] = json.dumps(message, allow_nan=False).encode()
-            return found
+                message_bytes = self._deltas[version] = json.dumps(message, allow_nan=False).encode()
+            return message_bytes
 
     def _update(self, name: str, row: Row | None) -> None:
         with self._lock:
@@ -212,7 +212,7 @@ def summarize(run: Run, name: str) -> Row:
     experiment, unseen, history = run.experiment, run.unseen, run.history
     picked = history
     if len(history) > SPARK_POINTS:
-        picked = [history[round(place)] for place in np.linspace(0, len(history) - 1, SPARK_POINTS)]
+        picked = [history[round(position)] for position in np.linspace(0, len(history) - 1, SPARK_POINTS)]
     return Row(
         id=name,
         state=run.state,

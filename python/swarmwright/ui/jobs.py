@@ -2,7 +2,7 @@
 
 Each is a command that a person could type. Its session is its own, so that it survives the window; SIGINT
 ends it as Ctrl-C does; what it prints is in a file. `.swarmwright/jobs` below the folder has all that is
-known of it, so that a window that starts later goes on with the queue.
+current of it, so that a window that starts later goes on with the queue.
 """
 
 import contextlib
@@ -76,7 +76,7 @@ class Jobs:
         self._children: list[subprocess.Popen[bytes]] = []
         """Those that this window started, to be reaped."""
 
-    def all(self) -> list[Job]:
+    def list_jobs(self) -> list[Job]:
         """Return the jobs, the newest first."""
         with contextlib.suppress(OSError):
             names = sorted((path.name for path in self._jobs.iterdir() if path.is_dir()), reverse=True)
@@ -107,8 +107,8 @@ class Jobs:
             return [{"line": None, "message": f"cannot be checked: {error}"}]
         finally:
             file.unlink(missing_ok=True)
-        said = loaded.stdout.strip() or ("" if loaded.returncode == 0 else loaded.stderr.strip()[-2000:])
-        return list(problems(said, file.name))
+        output = loaded.stdout.strip() or ("" if loaded.returncode == 0 else loaded.stderr.strip()[-2000:])
+        return list(problems(output, file.name))
 
     def start(self, text: str, name: str, seeds: list[int]) -> list[Job]:
         """Write an experiment into the folder, and put a run of each seed into the queue.
@@ -127,9 +127,9 @@ class Jobs:
         if len(seeds) > MOST_SEEDS or any(not 0 <= seed < 2**63 for seed in seeds):
             raise InputError(f"seeds: at most {MOST_SEEDS}, each from 0 to {2**63 - 1}")
         runs = {f"{name}-{seed}": ["--seed", str(seed)] for seed in seeds} or {name: []}
-        taken = [run for run in runs if (self.folder / run).exists()]
-        if taken:
-            raise InputError(f"name: {taken[0]} exists already in {self.folder}; choose another name")
+        existing = [run for run in runs if (self.folder / run).exists()]
+        if existing:
+            raise InputError(f"name: {existing[0]} exists already in {self.folder}; choose another name")
         file = self.folder / f"{name}.yaml"
         try:
             with file.open("x", encoding="utf-8") as stream:
@@ -157,28 +157,28 @@ class Jobs:
 
         Raises InputError when there is no such job.
         """
-        known = self._read(job)
-        if known is None:
+        current = self._read(job)
+        if current is None:
             raise InputError(f"{job[:100]}: there is no such job")
-        with self._locked():
-            known = self._read(job) or known
+        with self._lock():
+            current = self._read(job) or current
             process = self._process(job)
-            if known.state == "running" and process is not None:
+            if current.state == "running" and process is not None:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process, signal.SIGINT)
                 (self._jobs / job / "stopped").touch()
-            elif known.state == "waiting":
+            elif current.state == "waiting":
                 (self._jobs / job / "stopped").touch()
                 (self._jobs / job / "status").write_text("130\n")
-        return self._read(job) or known
+        return self._read(job) or current
 
     def advance(self) -> None:
         """Start jobs that wait, as many as there are free slots."""
         if not self._jobs.is_dir():
             return
-        with self._locked():
+        with self._lock():
             self._children = [child for child in self._children if child.poll() is None]
-            jobs = self.all()
+            jobs = self.list_jobs()
             free = self._slots - sum(job.state == "running" for job in jobs)
             for job in [job for job in reversed(jobs) if job.state == "waiting"][: max(free, 0)]:
                 self._run(job)
@@ -208,7 +208,7 @@ class Jobs:
                 stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
             )  # fmt: skip
         self._children.append(process)
-        (folder / "process").write_text(f"{process.pid} {started(process.pid)}\n")
+        (folder / "process").write_text(f"{process.pid} {start_time(process.pid)}\n")
 
     def _read(self, name: str) -> Job | None:
         folder = self._jobs / name
@@ -245,17 +245,17 @@ class Jobs:
             process, _, moment = (self._jobs / name / "process").read_text().strip().partition(" ")
         except OSError:
             return None
-        return int(process) if process.isdecimal() and started(int(process)) == moment else None
+        return int(process) if process.isdecimal() and start_time(int(process)) == moment else None
 
     @contextlib.contextmanager
-    def _locked(self) -> Iterator[None]:
+    def _lock(self) -> Iterator[None]:
         self._jobs.mkdir(parents=True, exist_ok=True)
         with (self._jobs / "lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
 
 
-def started(process: int) -> str:
+def start_time(process: int) -> str:
     """Return when a process was started, in ticks since the computer was; empty where it has ended."""
     try:
         fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
@@ -274,11 +274,11 @@ def tail(file: Path) -> str:
         return ""
 
 
-def problems(said: str, file: str) -> Iterator[dict[str, Any]]:
+def problems(output: str, file: str) -> Iterator[dict[str, Any]]:
     """Yield the lines of an error of `Experiment.load`, each with its line in the file if it has one."""
-    for line in said.splitlines():
-        found = re.match(rf"\s*(?:\S*/)?{re.escape(file)}:(\d+): (.*)", line)
-        if found:
-            yield {"line": int(found[1]), "message": found[2]}
+    for line in output.splitlines():
+        match = re.match(rf"\s*(?:\S*/)?{re.escape(file)}:(\d+): (.*)", line)
+        if match:
+            yield {"line": int(match[1]), "message": match[2]}
         elif line.strip():
             yield {"line": None, "message": line.strip().replace(f"{file}: ", "").replace(file, "the file")}

@@ -29,7 +29,7 @@ def missing_library() -> str | None:
     return None if CHARTS.is_file() else f"{CHARTS}: is missing; `make ui` fetches it"
 
 
-def stored_token() -> str:
+def read_token() -> str:
     """Return this user's token: the same at each start, so that an address stays what it is.
 
     It is in `ui-token` below XDG_STATE_HOME, by default ~/.local/state/swarmwright. A file that others can
@@ -72,8 +72,8 @@ def listen(host: str, port: int | None) -> socket.socket:
             reason = error.strerror or str(error)
         else:
             return listener
-    which = f"ports {ports[0]} to {ports[-1]}" if len(ports) > 1 else f"--port {ports[0]}"
-    raise InputError(f"{which}: the window cannot listen on {host}: {reason}")
+    ports_text = f"ports {ports[0]} to {ports[-1]}" if len(ports) > 1 else f"--port {ports[0]}"
+    raise InputError(f"{ports_text}: the window cannot listen on {host}: {reason}")
 
 
 def serve(
@@ -106,7 +106,7 @@ def serve(
 
     from swarmwright.ui.app import create_app
 
-    token = token or stored_token()
+    token = token or read_token()
     with listen(host, port) as listener:
         actual = listener.getsockname()[1]
         app = create_app(folder, token=token, port=actual, hosts=hosts, read_only=read_only)

@@ -36,11 +36,11 @@ def until(jobs: Jobs, holds: Callable[[list[Job]], bool], seconds: float = 50) -
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         jobs.advance()
-        now = jobs.all()
+        now = jobs.list_jobs()
         if holds(now):
             return now
         time.sleep(0.1)
-    pytest.fail(f"still so: {[(job.state, job.output) for job in jobs.all()]}")
+    pytest.fail(f"still so: {[(job.state, job.output) for job in jobs.list_jobs()]}")
 
 
 @pytest.mark.slow
@@ -71,7 +71,7 @@ def test_a_job_is_interrupted_keeps_its_results_and_survives_its_window(jobs: Jo
     later = Jobs(jobs.folder, slots=1)  # of a window that was started after the first one had gone
     [waiting] = later.start(SMALL, "small", [])
     later.advance()
-    assert [other.state for other in later.all()] == ["waiting", "running"]
+    assert [other.state for other in later.list_jobs()] == ["waiting", "running"]
     assert later.stop(waiting.id).state == "stopped"
     time.sleep(1.0)  # a generation is finished, so that there is something to keep
     later.stop(job.id)
@@ -154,7 +154,7 @@ def test_damaged_files_of_a_job_harm_nothing(jobs: Jobs, file: str, content: str
     [job] = jobs.start(SMALL, "small", [])
     (jobs.folder / ".swarmwright" / "jobs" / job.id / "process").write_text(f"{os.getpid()} 0\n")
     (jobs.folder / ".swarmwright" / "jobs" / job.id / file).write_text(content)
-    states = [known.state for known in jobs.all()]
+    states = [known.state for known in jobs.list_jobs()]
     assert states in ([], ["failed"]), "a process that has the number of another one is not taken for it"
 
 
