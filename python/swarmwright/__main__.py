@@ -14,7 +14,7 @@ from swarmwright.common import installation
 INTERRUPTED = 130
 
 
-def _terminated(_number: int, _frame: FrameType | None) -> None:
+def _handle_signal(_number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
@@ -24,7 +24,7 @@ def main() -> None:
     if problem is not None:
         sys.exit(f"swarmwright: {problem}")
     # As Ctrl-C, also while the rest of the program is loaded, which then handles it itself.
-    signal.signal(signal.SIGTERM, _terminated)
+    signal.signal(signal.SIGTERM, _handle_signal)
     # Imported objects live until the end: collect less often, so that they are not scanned repeatedly.
     gc.set_threshold(100_000, 50, 50)
     # pydantic would look through all installed packages for plug-ins of pydantic.

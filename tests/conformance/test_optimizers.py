@@ -9,7 +9,7 @@ import pytest
 from swarmwright.conformance import Report, check_optimizer
 from swarmwright.conformance.optimizer._stage import Record
 from swarmwright.conformance.optimizer._tool import Tool, ToolSettings
-from swarmwright.conformance.optimizer.episodes import only_those_who_answered
+from swarmwright.conformance.optimizer.episodes import uses_answering_servers
 from swarmwright.conformance.rules import Profile, Skip
 from swarmwright.servers.broker.client import Failure
 from tests.conformance.broken.tools import (
@@ -98,12 +98,12 @@ class Recalled(Tool):
 def test_a_tool_that_ends_with_an_error_at_stepwise_servers_is_doubted() -> None:
     """It may have found no server of its mode; a signal that killed it is a mistake."""
     with pytest.raises(Skip, match=r"only offloaded; with stepwise servers: ended with 1") as skipped:
-        only_those_who_answered(Recalled("ended with 1", 1))
+        uses_answering_servers(Recalled("ended with 1", 1))
     assert skipped.value.doubt
     with pytest.raises(Failure, match="SIGSEGV"):
-        only_those_who_answered(Recalled("killed by SIGSEGV", -11))
+        uses_answering_servers(Recalled("killed by SIGSEGV", -11))
 
 
 def test_a_tool_that_others_start_is_to_be_started_by_the_kit_for_another_mode() -> None:
     with pytest.raises(Failure, match=r"let the kit start the tool \(--exec\) if it only offloads"):
-        only_those_who_answered(Recalled("", None, started=False))
+        uses_answering_servers(Recalled("", None, started=False))

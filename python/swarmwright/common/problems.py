@@ -145,11 +145,13 @@ def _message(details: dict[str, Any], model: type[BaseModel]) -> str:
     if kind in {"value_error", "assertion_error"}:
         return str(context["error"])
     return (
-        _not_utf8(value) if kind == "string_unicode" else f"{details['msg']} (given: {format_value(value)})"
+        _explain_not_utf8(value)
+        if kind == "string_unicode"
+        else f"{details['msg']} (given: {format_value(value)})"
     )
 
 
-def _not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
+def _explain_not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
     """Return a message on text with bytes of a file name that are not characters."""
     try:
         check_utf8(str(value))

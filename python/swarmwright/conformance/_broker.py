@@ -58,23 +58,23 @@ class Door:
     def _listen(self) -> None:
         while True:
             try:
-                near, _ = self._listener.accept()
+                client, _ = self._listener.accept()
             except OSError:
                 return
             with self._lock:
                 if not self._open:
-                    near.close()
+                    client.close()
                     continue
                 try:
                     far = socket.create_connection(self._broker, 5)
                 except OSError:
-                    near.close()
+                    client.close()
                     continue
                 far.settimeout(None)
-                self._links.append((near, far))
-            for end in (near, far):
+                self._links.append((client, far))
+            for end in (client, far):
                 end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            for pair in ((near, far), (far, near)):
+            for pair in ((client, far), (far, client)):
                 threading.Thread(target=_pass_on, args=pair, daemon=True).start()
 
 

@@ -55,7 +55,7 @@ def run(peer: Peer, rules: Sequence[Rule], tell: Callable[[Result], None]) -> li
         elif unmet:
             result = _result(rule, "not run", f"needs {unmet}")
         else:
-            result = _tried(peer, rule)
+            result = _try_rule(peer, rule)
             if result.status == "died" and not peer.revive():
                 lost = f"the peer was gone after {rule.id}"
         results[rule.id] = result
@@ -67,20 +67,20 @@ def _result(rule: Rule, status: str, detail: str = "", **more: object) -> Result
     return Result(rule.id, rule.sentence, rule.source, rule.where, status, detail, **more)  # type: ignore[arg-type]
 
 
-def _tried(peer: Peer, rule: Rule) -> Result:
+def _try_rule(peer: Peer, rule: Rule) -> Result:
     start = time.monotonic()
     status, detail, advice, doubt, failure = "passed", "", "", "", None
     try:
         peer.ready(rule)
-        said = rule.check(peer)
-        note = said if isinstance(said, Note) else Note(said or "")
+        result = rule.check(peer)
+        note = result if isinstance(result, Note) else Note(result or "")
         detail, doubt = note.text, note.doubt
     except Skip as skip:
         status, detail, advice, doubt = "skipped", str(skip), skip.advice, skip.doubt
     except NotTried as unknown:
         status, detail = "not run", str(unknown)
-    except Failure as one:
-        status, failure = "failed", one
+    except Failure as error:
+        status, failure = "failed", error
     except Overdue:
         status = "failed"
         failure = Failure(f"it was not over after {time.monotonic() - start:.0f} s", "an end in time")
@@ -184,10 +184,10 @@ def check_server(
             step_timeout=step_timeout,
             vary=dict(vary or {}),
         )
-        client = stack.enter_context(_connected(address, prefix, own_presence))
+        client = stack.enter_context(_connect(address, prefix, own_presence))
         peer = ServerPeer(client, probe, door=door, process=process, own_broker=direct, prefix=prefix)
         client.close()
-        client = stack.enter_context(_connected(address, prefix, own_presence, peer.token))
+        client = stack.enter_context(_connect(address, prefix, own_presence, peer.token))
         peer.client = client
         if process is not None:
             process.start()
@@ -200,21 +200,21 @@ def check_server(
                 f"Waiting {wait:g} s for it."
             )
         peer.settings.title = simulation or _title(peer, own_presence, wait)
-        known = _dimensions(peer, dimensions, wait)
-        peer.settings.dimensions = known
+        measured = _dimensions(peer, dimensions, wait)
+        peer.settings.dimensions = measured
         report = Report(f"server {server} ({peer.settings.title})")
         # Their results are not in the report: they were not asked for.
-        run(peer, _informing(chosen, rules), _nothing)
+        run(peer, _add_informing_rules(chosen, rules), _nothing)
         report.results = run(peer, chosen, tell)
         return report
 
 
-def _informing(chosen: Sequence[Rule], wanted: Sequence[str]) -> list[Rule]:
+def _add_informing_rules(chosen: Sequence[Rule], requested: Sequence[str]) -> list[Rule]:
     """Rules that find out what the chosen ones need to know, and that are not left out."""
-    names = [name.strip() for text in wanted for name in text.split(",")]
+    names = [name.strip() for text in requested for name in text.split(",")]
     left = {name.removeprefix("-") for name in names if name.startswith("-")}
-    needed, known = servers.RULES.needed(chosen), {rule.id for rule in chosen}
-    missing = [number for number in INFORMING if number in needed and number not in known]
+    needed, chosen_ids = servers.RULES.needed(chosen), {rule.id for rule in chosen}
+    missing = [number for number in INFORMING if number in needed and number not in chosen_ids]
     # They come before all that is chosen, and each needs what those before it find out.
     last = INFORMING.index(missing[-1]) if missing else -1
     rules = [servers.RULES[number] for number in INFORMING[: last + 1]]
@@ -225,7 +225,7 @@ def _nothing(_: object) -> None:
     pass
 
 
-def _connected(address: str, prefix: str, presence: str, token: str = "") -> Client:
+def _connect(address: str, prefix: str, presence: str, token: str = "") -> Client:
     topics = ["server", "sensor", "fitness", "swarmwright/v1/failed", presence]
     if token:
         topics += [TO_TOOL + token, f"conformance/{token}"]
@@ -248,9 +248,9 @@ def _title(peer: ServerPeer, topic: str, wait: float) -> str:
     )
 
 
-def _dimensions(peer: ServerPeer, given: float | None, wait: float) -> float:
+def _dimensions(peer: ServerPeer, requested: float | None, wait: float) -> float:
     """Wait until the server answers discovery; its dimensions. Without an answer the first guess."""
-    guesses = GUESSES if given is None else (given,)
+    guesses = GUESSES if requested is None else (requested,)
     limit = time.monotonic() + wait
     while time.monotonic() < limit:
         for guess in guesses:
@@ -258,8 +258,8 @@ def _dimensions(peer: ServerPeer, given: float | None, wait: float) -> float:
             answer = found(peer, 0.15)
             if answer is not None:
                 capabilities = answer.get("capabilities")
-                known = capabilities.get("dimensions") if isinstance(capabilities, dict) else None
-                return float(known) if isinstance(known, int | float) else guess
+                announced = capabilities.get("dimensions") if isinstance(capabilities, dict) else None
+                return float(announced) if isinstance(announced, int | float) else guess
         if peer.gone():
             raise RunError(f"--exec: {peer.gone()}")
     return guesses[0]

@@ -118,10 +118,10 @@ class Episode:
         if message.topic == "fitness":
             self._finish(message)
             return False
-        self._sensed(message)
+        self._take_sensors(message)
         return True
 
-    def _sensed(self, message: Message) -> None:
+    def _take_sensors(self, message: Message) -> None:
         content = message.json
         named, sensors = content.get("agent"), content.get("sensor")
         if not is_number(named) or named != int(named):
@@ -134,7 +134,7 @@ class Episode:
         turn = len(self.trajectory.readings[agent])
         self.trajectory.readings[agent].append(numbers)
         self.trajectory.messages += 1
-        if any(asked == agent for asked, _, _ in self.pending):
+        if any(pending_agent == agent for pending_agent, _, _ in self.pending):
             self.repeated.append(message)
             self.pending = [entry for entry in self.pending if entry[0] != agent]
         self.pending.append((agent, turn, numbers))
@@ -147,10 +147,12 @@ class Episode:
             raise Failure(f"{message} came", '"fitness" is a finite number')
         self.trajectory.fitness = float(fitness)
         if isinstance(metrics, dict):
-            found = {name: float(value) for name, value in metrics.items() if is_number(value)}
-            self.trajectory.metrics = found
-            self.server.seen_metrics |= found.keys()
-            self.server.wrong_metrics |= {name: value for name, value in metrics.items() if name not in found}
+            values = {name: float(value) for name, value in metrics.items() if is_number(value)}
+            self.trajectory.metrics = values
+            self.server.seen_metrics |= values.keys()
+            self.server.wrong_metrics |= {
+                name: value for name, value in metrics.items() if name not in values
+            }
 
     def answer(self, agent: int, actuators: Iterable[float], **changes: Any) -> str:  # noqa: ANN401 - JSON
         """Send an agent's actuators; what was sent."""
@@ -170,13 +172,13 @@ class Episode:
 
     def pass_over_late(self) -> None:
         """Forget what has come by now of agents that had not been asked before: it was merely late."""
-        asked = {agent for agent, _, _ in self.pending}
+        agents = {agent for agent, _, _ in self.pending}
 
         def is_late(message: Message) -> bool:
             return (
                 message.topic == "sensor"
                 and self.is_mine(message)
-                and message.maybe.get("agent") not in asked
+                and message.maybe.get("agent") not in agents
             )
 
         client = self.server.client
@@ -187,11 +189,11 @@ class Episode:
 
         Agents that had not been asked before are merely late.
         """
-        asked = {*agents, *(agent for agent, _, _ in self.pending)}
+        expected_agents = {*agents, *(agent for agent, _, _ in self.pending)}
         for message in self.server.client.drain(self.server.quiet):
             if not self.is_mine(message):
                 continue
-            if message.topic == "fitness" or message.maybe.get("agent") in asked:
+            if message.topic == "fitness" or message.maybe.get("agent") in expected_agents:
                 raise WentOn(f"{message} came", f"silence: {why}", sent)
             self.take(message)
 

@@ -68,17 +68,19 @@ def controller_set(
     changes: options of the representation, other than `OPTIONS` has.
     """
     component = REPRESENTATIONS.get(kind)
-    wanted = {**OPTIONS[kind], **changes}
+    values = {**OPTIONS[kind], **changes}
     if kind == "neat":
         nodes = 1 + server.actuators
-        wanted = {"sources": [list(range(server.sensors + nodes))] * nodes, **wanted}
-    options = component.options_model.model_validate(wanted)
+        values = {"sources": [list(range(server.sensors + nodes))] * nodes, **values}
+    options = component.options_model.model_validate(values)
     try:
-        made = component(options, sensors=server.sensors, actuators=server.actuators)
-        genomes = made.initials(Streams(1, "conformance", 0, range(candidates)))
+        instance = component(options, sensors=server.sensors, actuators=server.actuators)
+        genomes = instance.initials(Streams(1, "conformance", 0, range(candidates)))
     except InputError as error:
         raise Skip(f"there are no such controllers here: {error}") from None
-    return ControllerSet(made.architecture(), np.ascontiguousarray(made.weights(genomes), dtype=np.float32))
+    return ControllerSet(
+        instance.architecture(), np.ascontiguousarray(instance.weights(genomes), dtype=np.float32)
+    )
 
 
 def evaluation(server: Server, controllers: ControllerSet, seeds: Sequence[int], /, **changes: Any) -> Json:  # noqa: ANN401
@@ -147,9 +149,9 @@ def next_answer(server: Server, request: Mapping[str, Any], sent: str, seconds: 
     if message is None:
         return None
     answer = decoded(message)
-    for key, wanted in (("version", 1), ("server", server.id)):
-        if answer.get(key) != wanted:
-            raise Failure(f'"{key}" is {answer.get(key)!r}', f"{wanted!r}", sent)
+    for key, expected in (("version", 1), ("server", server.id)):
+        if answer.get(key) != expected:
+            raise Failure(f'"{key}" is {answer.get(key)!r}', f"{expected!r}", sent)
     wanted_kind = "evaluated" if request["kind"] == "evaluate" else "sensors"
     if answer.get("kind") != wanted_kind:
         raise Failure(f'"kind" is {answer.get("kind")!r}', f'"{wanted_kind}"', sent)
@@ -189,7 +191,7 @@ def must_be_refused(
     """
     sent = server.request(dict(request))
     if field:
-        sent = f"{_shown_field(request, field)}, in {sent}"
+        sent = f"{_format_field(request, field)}, in {sent}"
     kind, reason = error_of(answer_to(server, request, sent))
     if kind not in kinds:
         came = f'the error "{kind}" came: {reason}' if kind else "it was served"
@@ -199,7 +201,7 @@ def must_be_refused(
     return reason
 
 
-def _shown_field(request: Mapping[str, Any], path: str) -> str:
+def _format_field(request: Mapping[str, Any], path: str) -> str:
     """A field of a request, for people."""
     value: Any = request
     for key in path.split("."):

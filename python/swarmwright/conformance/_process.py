@@ -52,10 +52,10 @@ class Process:
     def _check_placeholders(self, values: Mapping[str, object]) -> None:
         for name in _PLACEHOLDER.findall(self.command):
             if name not in values:
-                known = ", ".join(f"{{{value}}}" for value in values)
-                meant = did_you_mean(name, list(values))
+                placeholders = ", ".join(f"{{{value}}}" for value in values)
+                hint = did_you_mean(name, list(values))
                 raise InputError(
-                    f"--exec: {{{name}}} is not one of the placeholders {known}{meant or ';'} "
+                    f"--exec: {{{name}}} is not one of the placeholders {placeholders}{hint or ';'} "
                     "what needs braces itself goes into a script"
                 )
 
@@ -94,18 +94,18 @@ class Process:
 
     def mark(self) -> None:
         """Have `new_words` begin here."""
-        self._marked = self._printed_bytes()
+        self._marked = self._count_printed_bytes()
 
     @property
     def new_words(self) -> str:
         """The end of its output since `mark`, as `words`."""
         return self._last_words(self._marked)
 
-    def _printed_bytes(self) -> int:
+    def _count_printed_bytes(self) -> int:
         return os.fstat(self._said.fileno()).st_size
 
     def _last_words(self, start: int) -> str:
-        start = max(start, self._printed_bytes() - 2000)
+        start = max(start, self._count_printed_bytes() - 2000)
         text = os.pread(self._said.fileno(), 2000, start).decode("utf-8", "replace").strip()
         lines = [f"\n    {line}" for line in text.splitlines()[-5:]]
         return f"; it said last:{''.join(lines)}" if lines else ""

@@ -68,7 +68,7 @@ class ServerPeer(Server):
     def _is_free(self, seconds: float) -> bool:
         """Any answer with its ID will do: that the hash is echoed is another rule."""
 
-        def heard(message: Message) -> bool:
+        def is_answer(message: Message) -> bool:
             for episode in self.episodes:
                 if message.topic == "sensor" and message.maybe.get("simulation_hash") == episode.hash:
                     with suppress(Failure):
@@ -76,7 +76,7 @@ class ServerPeer(Server):
             return self.is_answer(message)
 
         self.client.send("discovery", **self.discovery())
-        free = self.client.next(heard, seconds) is not None
+        free = self.client.next(is_answer, seconds) is not None
         self.client.waiting.clear()
         return free
 

@@ -85,20 +85,20 @@ class Server:
 
     def note_capabilities(self, answer: Mapping[str, Any]) -> None:
         """Keep what an answer to a discovery announces; nothing where that is no object."""
-        found = answer.get("capabilities")
-        self.capabilities = found if isinstance(found, dict) else {}
+        capabilities = answer.get("capabilities")
+        self.capabilities = capabilities if isinstance(capabilities, dict) else {}
 
     @property
     def announced(self) -> Json:
         """`capabilities.swarmwright`, empty where there is none."""
-        found = self.capabilities.get("swarmwright")
-        return found if isinstance(found, dict) else {}
+        extension = self.capabilities.get("swarmwright")
+        return extension if isinstance(extension, dict) else {}
 
     @property
     def instance(self) -> str:
         """Which start of the server this is, empty where it does not announce it."""
-        found = self.announced.get("instance")
-        return found if isinstance(found, str) else ""
+        instance = self.announced.get("instance")
+        return instance if isinstance(instance, str) else ""
 
     def announces(self, *, mode: str | None = None) -> None:
         """Skip the rule unless extensions, or this mode, are announced."""
@@ -112,15 +112,15 @@ class Server:
     @property
     def max_agents(self) -> float | None:
         """The most agents, None for no limit."""
-        found = self.capabilities.get("max_agents", self.capabilities.get("max agents"))
-        return found if isinstance(found, int | float) else None
+        limit = self.capabilities.get("max_agents", self.capabilities.get("max agents"))
+        return limit if isinstance(limit, int | float) else None
 
     @property
     def sensors(self) -> int:
         """Numbers in a sensor message."""
-        known = self.settings.sensors or self.announced.get("sensors")
-        if isinstance(known, int):
-            return known
+        count = self.settings.sensors or self.announced.get("sensors")
+        if isinstance(count, int):
+            return count
         for readings in (self.trajectory or Trajectory()).readings.values():
             return len(readings[0])
         raise Skip("no agent is asked: the simulation steers its agents itself")
@@ -128,9 +128,9 @@ class Server:
     @property
     def actuators(self) -> int:
         """Numbers in an actuator message."""
-        known = self.settings.actuators or self.announced.get("actuators")
-        if isinstance(known, int):
-            return known
+        count = self.settings.actuators or self.announced.get("actuators")
+        if isinstance(count, int):
+            return count
         raise Skip(
             "the server does not announce how many actuators an agent has; give --actuators",
             "Many rules were skipped because the number of actuators is not known: give --actuators N.",
@@ -248,32 +248,32 @@ class Server:
 
         For a server that is free.
         """
-        asked = list(questions)
-        for question in asked:
+        discoveries = list(questions)
+        for question in discoveries:
             self.client.send("discovery", **question)
         last = self.discovery()
         self.client.send("discovery", **last)
         wrong: list[Message] = []
-        hashes = [question["simulation_hash"] for question in asked]
+        hashes = [question["simulation_hash"] for question in discoveries]
 
-        def heard(message: Message) -> bool:
+        def is_answer(message: Message) -> bool:
             if any(self.is_answer(message, hash_) for hash_ in hashes):
                 wrong.append(message)
             return self.is_answer(message, last["simulation_hash"])
 
-        answer = self.client.next(heard, self.settings.timeout)
+        answer = self.client.next(is_answer, self.settings.timeout)
         if wrong:
             index = hashes.index(wrong[0].json["simulation_hash"])
             raise Failure(
                 f"it answered: {wrong[0]}",
                 f"silence: {why}",
-                f"discovery {format_payload(json.dumps(asked[index]))}",
+                f"discovery {format_payload(json.dumps(discoveries[index]))}",
             )
         if answer is None:
             raise Failure(
                 f"nothing came within {self.settings.timeout:g} s",
                 "silence at first, then an answer to a discovery that fits",
-                f"discovery {format_payload(json.dumps(asked[-1]))}",
+                f"discovery {format_payload(json.dumps(discoveries[-1]))}",
             )
 
     def must_be_silent(
@@ -283,14 +283,14 @@ class Server:
 
         but: an episode that is under way; its messages are kept for it. seconds: how long to listen.
         """
-        known = {episode.hash for episode in self.episodes if episode is not but}
+        hashes = {episode.hash for episode in self.episodes if episode is not but}
         for message in self.client.drain(self.quiet if seconds is None else seconds):
             if but is not None and but.is_mine(message):
                 but.take(message)
                 continue
             content = message.maybe
             if message.topic in {"sensor", "fitness"} and (
-                content.get("simulation_hash") in known or not content
+                content.get("simulation_hash") in hashes or not content
             ):
                 raise Failure(f"{message} came", f"silence: {why}", sent)
             if self.is_answer(message):
@@ -300,11 +300,13 @@ class Server:
 
     def episode(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> Episode:  # noqa: ANN401
         """A new episode, with the parameters of the settings when not told otherwise; nothing is sent yet."""
-        made = Episode(self, self.settings.parameters if parameters is None else dict(parameters), **options)
-        self.episodes.append(made)
-        if made.tool:
-            self.tools.add(made.tool)
-        return made
+        episode = Episode(
+            self, self.settings.parameters if parameters is None else dict(parameters), **options
+        )
+        self.episodes.append(episode)
+        if episode.tool:
+            self.tools.add(episode.tool)
+        return episode
 
     def play(self, policy: Policy | None = None, parameters: Mapping[str, Any] | None = None) -> Trajectory:
         """A whole episode, and the server free again."""

@@ -30,13 +30,13 @@ class Wander:
 
     def __call__(self, agent: int, turn: int, _sensors: Numbers) -> list[float]:
         """Actuators."""
-        found = []
+        rows = []
         for index in range(self.actuators):
             number = (self.seed * 40503 + agent * 69069 + turn * 30011 + index * 7919 + 12345) & 0xFFFFFFFF
             number = (number ^ (number >> 15)) * 0x2C1B3C6D & 0xFFFFFFFF
             number ^= number >> 12
-            found.append(((number % 129) - 64) / 64)
-        return found
+            rows.append(((number % 129) - 64) / 64)
+        return rows
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,9 @@ class Trajectory:
         """The first difference in what agents sense, in words; empty when all bits are the same."""
         for agent in sorted({*self.readings, *other.readings}):
             mine, theirs = self.readings.get(agent, []), other.readings.get(agent, [])
-            for turn, (one, two) in enumerate(zip(mine, theirs, strict=False)):
-                if one.tobytes() != two.tobytes():
-                    return f"agent {agent} senses {listed(one)} and {listed(two)} in its message {turn}"
+            for turn, (first, second) in enumerate(zip(mine, theirs, strict=False)):
+                if first.tobytes() != second.tobytes():
+                    return f"agent {agent} senses {listed(first)} and {listed(second)} in its message {turn}"
             if len(mine) != len(theirs):
                 return f"agent {agent} gets {len(mine)} and {len(theirs)} sensor messages"
         return ""
@@ -110,11 +110,11 @@ class Trajectory:
         return ""
 
 
-def same(one: float | None, other: float | None) -> bool:
+def same(first: float | None, other: float | None) -> bool:
     """Whether two numbers have the same bits (or both are none)."""
-    if one is None or other is None:
-        return one is other
-    return np.float64(one).tobytes() == np.float64(other).tobytes()
+    if first is None or other is None:
+        return first is other
+    return np.float64(first).tobytes() == np.float64(other).tobytes()
 
 
 def listed(numbers: Numbers) -> str:

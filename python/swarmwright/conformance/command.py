@@ -298,15 +298,15 @@ def optimizer_command(
     return reporter.finish(report, RULES, junit)
 
 
-def _list(output: Output, rules: "Rules", wanted: tuple[str, ...], profile: "Profile") -> int:
+def _list(output: Output, rules: "Rules", names: tuple[str, ...], profile: "Profile") -> int:
     from swarmwright.conformance.results import rules_table
 
-    chosen = rules.chosen(wanted, profile)
+    chosen = rules.chosen(names, profile)
     for line in rules_table(chosen):
         output.text(line)
     for rule in chosen:
-        said = {"id": rule.id, "rule": rule.sentence, "source": rule.source, "where": rule.where}
-        output.json({**said, "needs": list(rule.needs)})
+        facts = {"id": rule.id, "rule": rule.sentence, "source": rule.source, "where": rule.where}
+        output.json({**facts, "needs": list(rule.needs)})
     return 0
 
 

@@ -95,10 +95,10 @@ class Report:
 
     def __str__(self) -> str:
         """A line of figures, then what failed, D6.1's rules first."""
-        said = [escape_line(conclusion(self)), *by_source(self)]
+        lines = [escape_line(conclusion(self)), *by_source(self)]
         for _, part in self.by_owner():
-            said += [explained(result) for result in part.results if result.status in BAD]
-        return "\n".join(said)
+            lines += [explained(result) for result in part.results if result.status in BAD]
+        return "\n".join(lines)
 
 
 def summary(report: Report) -> str:
@@ -119,24 +119,24 @@ def conclusion(report: Report) -> str:
 
 def by_source(report: Report) -> list[str]:
     """Return a line for each source of rules: how many passed, which did not."""
-    found = []
+    lines = []
     for name, part in report.by_owner():
         bad = part.of(*BAD, "not run")
-        which = f" ({', '.join(bad)})" if bad else ""
+        failures = f" ({', '.join(bad)})" if bad else ""
         heading = f"{name}'s rules:"
-        found.append(f"{heading:<20} {summary(part)}{which}")
-    return found
+        lines.append(f"{heading:<20} {summary(part)}{failures}")
+    return lines
 
 
 def explained(result: Result) -> str:
     """Return a failure in words, several lines."""
-    said = [f"{result.id} {result.rule} ({result.source})"]
+    lines = [f"{result.id} {result.rule} ({result.source})"]
     for label in ("sent", "came", "expected", "fix"):
         text = getattr(result, label)
         if text:
             first, *rest = escape_lines(text)
-            said += [f"  {label}: {first}", *(f"    {line}" for line in rest)]
-    return "\n".join(said)
+            lines += [f"  {label}: {first}", *(f"    {line}" for line in rest)]
+    return "\n".join(lines)
 
 
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

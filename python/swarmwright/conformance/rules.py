@@ -142,40 +142,40 @@ class Rules:
 
     def needed(self, rules: Sequence[Rule]) -> set[str]:
         """The ids of all rules without which some of these cannot be tried."""
-        found: set[str] = set()
-        left = [need for rule in rules for need in rule.needs]
-        while left:
-            need = left.pop()
-            if need not in found:
-                found.add(need)
-                left += self[need].needs
-        return found
+        ids: set[str] = set()
+        pending = [need for rule in rules for need in rule.needs]
+        while pending:
+            need = pending.pop()
+            if need not in ids:
+                ids.add(need)
+                pending += self[need].needs
+        return ids
 
-    def chosen(self, wanted: Sequence[str] = (), profile: Profile = "all") -> list[Rule]:
+    def chosen(self, requested: Sequence[str] = (), profile: Profile = "all") -> list[Rule]:
         """Rules whose id is named, or whose group is; `-S7` leaves out. Default: all.
 
         profile: `d6.1` leaves out what D6.1 does not demand.
 
         Raises InputError for a name of no rule, or when no rule is left.
         """
-        names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
-        known = [*self.groups, *self._rules]
+        names = [name.strip() for text in requested for name in text.split(",") if name.strip()]
+        available = [*self.groups, *self._rules]
         for name in names:
             bare = name.removeprefix("-")
-            if bare not in known:
-                meant = did_you_mean(bare, known)
-                raise InputError(f"--rules: there is no rule {bare!r}{meant or ';'} --list shows them")
-        taken = {name for name in names if not name.startswith("-")}
-        left = {name[1:] for name in names if name.startswith("-")}
-        named = [
+            if bare not in available:
+                hint = did_you_mean(bare, available)
+                raise InputError(f"--rules: there is no rule {bare!r}{hint or ';'} --list shows them")
+        included = {name for name in names if not name.startswith("-")}
+        excluded = {name[1:] for name in names if name.startswith("-")}
+        selected = [
             rule
             for rule in self._rules.values()
-            if (not taken or {rule.id, rule.group} & taken) and not {rule.id, rule.group} & left
+            if (not included or {rule.id, rule.group} & included) and not {rule.id, rule.group} & excluded
         ]
-        found = [rule for rule in named if profile == "all" or rule.d61]
-        if named and not found:
+        result = [rule for rule in selected if profile == "all" or rule.d61]
+        if selected and not result:
             raise InputError(
-                f"--profile {profile}: {', '.join(rule.id for rule in named)} are not rules of D6.1; "
+                f"--profile {profile}: {', '.join(rule.id for rule in selected)} are not rules of D6.1; "
                 "--list shows the source of each rule"
             )
-        return found
+        return result

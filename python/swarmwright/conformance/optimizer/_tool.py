@@ -62,15 +62,15 @@ class Tool:
         """
         record = self.plain()
         crashed = record.status is not None and record.status < 0
-        if not crashed and not record.on("parameters") and (found := self.other_mode()):
+        if not crashed and not record.on("parameters") and (mode := self.find_other_mode()):
             raise Skip(
-                f"the tool evaluates nothing stepwise, only {found}; with stepwise servers: "
+                f"the tool evaluates nothing stepwise, only {mode}; with stepwise servers: "
                 f"{record.ended or 'it sent no parameters'}",
                 doubt="it played no episode stepwise: is that meant?",
             )
         return record
 
-    def other_mode(self) -> str:
+    def find_other_mode(self) -> str:
         """The first mode with requests that the tool uses, where servers offer it; empty for none."""
         for mode in OTHER_MODES:
             # A tool that the kit does not start plays one scene only.
@@ -106,10 +106,10 @@ class Tool:
                 raise Skip("the kit did not start the tool (--exec)")
             if cut and self.door is None:
                 raise Skip("the kit is not between tool and broker")
-            self._scenes[name] = self._played(actors, interrupt=interrupt, cut=cut)
+            self._scenes[name] = self._play_scene(actors, interrupt=interrupt, cut=cut)
         return self._scenes[name]
 
-    def _played(self, actors: Sequence[Actor], *, interrupt: bool, cut: bool) -> Record:
+    def _play_scene(self, actors: Sequence[Actor], *, interrupt: bool, cut: bool) -> Record:
         topics = [*TOOL_TOPICS, *(f"{TO_SERVER}{actor.server}" for actor in actors)]
         with Client(self.address, self.prefix, topics) as client:
             stage = Stage(
@@ -122,23 +122,23 @@ class Tool:
             if self.process is not None:
                 self.process.start()
             if interrupt or cut:
-                stage.play(lambda: self._ended() or self._in_the_middle(stage), self.settings.lasts)
+                stage.play(lambda: self._has_ended() or self._is_in_the_middle(stage), self.settings.lasts)
                 if interrupt and self.process is not None:
                     self.process.signal(signal.SIGINT)
                 elif self.door is not None:
                     self.door.shut()
                     self.door.open()
             last = time.monotonic() + self.settings.wait
-            heard = 0
+            count_before = 0
 
-            def over() -> bool:
-                nonlocal last, heard
+            def is_over() -> bool:
+                nonlocal last, count_before
                 count = len(stage.record.messages) + len(stage.record.requests)
-                if count > heard:
-                    heard, last = count, time.monotonic() + SILENCE_S
-                return self._ended() if self.process is not None else time.monotonic() > last
+                if count > count_before:
+                    count_before, last = count, time.monotonic() + SILENCE_S
+                return self._has_ended() if self.process is not None else time.monotonic() > last
 
-            stage.play(over, self.settings.lasts)
+            stage.play(is_over, self.settings.lasts)
             record = stage.record
             if self.process is not None:
                 record.ended, record.status = self.process.ended, self.process.status
@@ -146,13 +146,13 @@ class Tool:
         return record
 
     @staticmethod
-    def _in_the_middle(stage: Stage) -> bool:
+    def _is_in_the_middle(stage: Stage) -> bool:
         return bool(stage.record.finished) and any(actor.episode is not None for actor in stage.actors)
 
-    def _ended(self) -> bool:
+    def _has_ended(self) -> bool:
         return self.process is not None and bool(self.process.ended)
 
-    def retained(self) -> list[str]:
+    def list_retained(self) -> list[str]:
         """What the broker keeps on the seven topics."""
         with Client(self.address, self.prefix, TOPICS) as client:
             return [str(message) for message in client.drain(0.1) if message.retained and message.payload]
@@ -177,15 +177,14 @@ class Tool:
 
 def must_go_on(tool: Tool, name: str, actors: Sequence[Actor], sent: str) -> Record:
     """Play a scene; Failure unless as many episodes come to their end as without trouble."""
-    wanted = len(tool.stepwise().finished)
+    count = len(tool.stepwise().finished)
     record = tool.scene(name, actors)
     if "reaction" in record.notes:
         expected = "silence: the right message is still to come"
         raise Failure(f"{record.notes['reaction']} came", expected, record.notes["reaction to"])
-    if len(record.finished) < wanted:
-        came = (
-            f"{len(record.finished)} of {wanted} episodes came to their end; {record.ended or 'no more came'}"
-        )
+    if len(record.finished) < count:
+        finished = f"{len(record.finished)} of {count} episodes came to their end"
+        came = f"{finished}; {record.ended or 'no more came'}"
         raise Failure(came, "a run as if nothing had come between", record.notes.get("last wrong", sent))
     if record.unasked:
         raise Failure(f"{record.unasked[0]} came", "answers to sound messages only", sent)

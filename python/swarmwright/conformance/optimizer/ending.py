@@ -12,7 +12,7 @@ from swarmwright.servers.broker.client import Failure
 TAKEN = "protocol.md, Reservation of servers"
 
 
-def named(record: Record) -> str:
+def release(record: Record) -> str:
     """The name of the tool; skips the rule when it has none."""
     names = {str(content["tool"]) for _, content in record.messages if "tool" in content}
     if not names:
@@ -42,7 +42,7 @@ def must_give_back(record: Record) -> None:
 def gives_back(tool: Tool) -> str:
     """The last control for each server."""
     record = tool.stepwise()
-    name = named(record)
+    name = release(record)
     must_give_back(record)
     return f'it calls itself "{name}"'
 
@@ -55,7 +55,7 @@ def gives_back(tool: Tool) -> str:
     needs=["O2.1"],
     seconds=600,
 )
-def interrupted(tool: Tool) -> str:
+def interrupt(tool: Tool) -> str:
     """SIGINT in the middle of an episode."""
     tool.stepwise()
     record = tool.scene("interrupt", [Slow(1), Slow(2)], interrupt=True)

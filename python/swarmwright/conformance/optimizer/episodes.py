@@ -29,10 +29,10 @@ EPISODE = "protocol.md, An episode"
 def asks(tool: Tool) -> str:
     """The discoveries of a whole run."""
     record = tool.plain()
-    asked = record.on("discovery")
-    if not asked:
+    discoveries = record.on("discovery")
+    if not discoveries:
         raise Failure(f"no discovery came; {record.ended or 'the tool was silent'}", "a discovery")
-    for content in asked:
+    for content in discoveries:
         needs = content.get("requirements")
         text = f"discovery {json.dumps(content)}"
         for key in ("simulation", "simulation_hash"):
@@ -42,7 +42,7 @@ def asks(tool: Tool) -> str:
             raise Failure(text, '"requirements" is an object with the number "dimensions"')
         if "max_agents" in needs and not is_number(needs["max_agents"]):
             raise Failure(text, '"max_agents" is a number, or left out')
-    return f'{len(asked)} discoveries of "{asked[0]["simulation"]}"'
+    return f'{len(discoveries)} discoveries of "{discoveries[0]["simulation"]}"'
 
 
 @rule(
@@ -54,14 +54,14 @@ def asks(tool: Tool) -> str:
     needs=["O1.1"],
     seconds=600,
 )
-def only_those_who_answered(tool: Tool) -> None:
+def uses_answering_servers(tool: Tool) -> None:
     """Nothing for a server with another ID, and something for one that answered."""
     record = tool.stepwise()
-    known = {1, 2}
+    servers = {1, 2}
     for topic in ("parameters", "control"):
         for content in record.on(topic):
-            if content.get("server") not in known:
-                raise Failure(f"{topic} {json.dumps(content)}", f"messages for the servers {sorted(known)}")
+            if content.get("server") not in servers:
+                raise Failure(f"{topic} {json.dumps(content)}", f"messages for the servers {sorted(servers)}")
     if not record.on("parameters"):
         expected = "parameters for a server that answered"
         if tool.process is None:
@@ -98,7 +98,7 @@ class LateBatching(Late, Batching):
 )
 def asks_again(tool: Tool) -> str:
     """One server, which is taken for two seconds."""
-    mode = "stepwise" if tool.plain().on("parameters") else tool.other_mode()
+    mode = "stepwise" if tool.plain().on("parameters") else tool.find_other_mode()
     late = {"offloaded": LateOffloading, "batched": LateBatching}.get(mode, Late)
     record = tool.scene("late", [late(1)], mode="stepwise" if late is Late else "auto")
     if not (record.finished or record.requests):
@@ -195,12 +195,12 @@ def hashes(tool: Tool) -> str:
     needs=["O1.1"],
     seconds=600,
 )
-def not_retained(tool: Tool) -> None:
+def retains_nothing(tool: Tool) -> None:
     """What the broker keeps after a run."""
     tool.plain()
-    kept = tool.retained()
-    if kept:
-        raise Failure(f"the broker keeps {kept[0]}", "nothing retained")
+    messages = tool.list_retained()
+    if messages:
+        raise Failure(f"the broker keeps {messages[0]}", "nothing retained")
 
 
 @rule(
@@ -211,7 +211,7 @@ def not_retained(tool: Tool) -> None:
     needs=["O2.1"],
     seconds=600,
 )
-def one_at_a_time(tool: Tool) -> str:
+def waits_for_servers(tool: Tool) -> str:
     """No control with a new hash before the fitness of the one before."""
     record = tool.stepwise()
     stopped = [episode for episode in record.episodes if episode.ended == "stopped"]
@@ -239,7 +239,7 @@ def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
     needs=["O2.1"],
     seconds=600,
 )
-def one_each(tool: Tool) -> str:
+def answers_each(tool: Tool) -> str:
     """Nothing is missing, nothing comes twice."""
     record = tool.stepwise()
     if record.unasked:
@@ -258,11 +258,11 @@ def one_each(tool: Tool) -> str:
 )
 def as_many(tool: Tool) -> None:
     """The length of every answer."""
-    wanted = tool.settings.actuators
+    expected = tool.settings.actuators
     for _, agent, _, values in answers(tool):
-        if len(values) != wanted:
+        if len(values) != expected:
             raise Failure(
-                f"{len(values)} actuators {json.dumps(values)} for agent {agent}", f"{wanted} actuators"
+                f"{len(values)} actuators {json.dumps(values)} for agent {agent}", f"{expected} actuators"
             )
 
 
@@ -275,7 +275,7 @@ def as_many(tool: Tool) -> None:
     needs=["O2.1"],
     seconds=600,
 )
-def in_range(tool: Tool) -> None:
+def stays_in_range(tool: Tool) -> None:
     """Every number of every answer."""
     for _, agent, _, values in answers(tool):
         for value in values:
@@ -291,14 +291,14 @@ def in_range(tool: Tool) -> None:
     needs=["O3.1"],
     seconds=600,
 )
-def own_states(tool: Tool) -> None:
+def keeps_states_apart(tool: Tool) -> None:
     """Two agents that sense the same in every turn."""
     for episode in tool.stepwise().finished:
         for turn in range(STEPS):
-            found = [episode.answers.get((agent, turn)) for agent in range(AGENTS)]
-            told = [json.dumps(values) for values in found if values is not None]
-            if len(set(told)) > 1:
-                came = f"in turn {turn} the agents do {' and '.join(told)}"
+            answers = [episode.answers.get((agent, turn)) for agent in range(AGENTS)]
+            texts = [json.dumps(values) for values in answers if values is not None]
+            if len(set(texts)) > 1:
+                came = f"in turn {turn} the agents do {' and '.join(texts)}"
                 raise Failure(came, "the same: they have sensed the same since the episode began")
 
 
@@ -366,7 +366,7 @@ def binary32(tool: Tool) -> None:
     record = must_go_on(tool, "spelled", [Spelled(1), Spelled(2)], "sensors in all digits of a binary32")
     for episode in record.finished:
         for turn in range(STEPS):
-            one, other = (episode.answers.get((agent, turn)) for agent in range(AGENTS))
-            if one is not None and other is not None and one != other:
-                came = f"in turn {turn} the agents do {json.dumps(one)} and {json.dumps(other)}"
+            first, second = (episode.answers.get((agent, turn)) for agent in range(AGENTS))
+            if first is not None and second is not None and first != second:
+                came = f"in turn {turn} the agents do {json.dumps(first)} and {json.dumps(second)}"
                 raise Failure(came, "the same: they have sensed the same binary32 in two spellings")

@@ -10,7 +10,7 @@ from swarmwright.servers.broker.client import Failure
 NUMBERS = "protocol.md, Messages of numbers"
 
 
-def offloaded(tool: Tool) -> Record:
+def play_offloaded(tool: Tool) -> Record:
     """A run on two servers that evaluate; skips the rule when the tool does not let them."""
     record = tool.requests("offloaded")
     if not record.requests:
@@ -23,10 +23,10 @@ def must_be_whole(tool: Tool, record: Record, done: str) -> None:
 
     done: what was done with them, in words.
     """
-    wanted = len(tool.plain().finished)
-    if wanted and record.evaluated < wanted:
-        raise Failure(f"{record.evaluated} of {wanted} episodes were {done}; {record.ended}", "a whole run")
-    if not wanted and (not record.evaluated or record.status):
+    expected = len(tool.plain().finished)
+    if expected and record.evaluated < expected:
+        raise Failure(f"{record.evaluated} of {expected} episodes were {done}; {record.ended}", "a whole run")
+    if not expected and (not record.evaluated or record.status):
         raise Failure(f"{record.evaluated} episodes were {done}; {record.ended}", "a whole run, and status 0")
 
 
@@ -40,7 +40,7 @@ def must_be_whole(tool: Tool, record: Record, done: str) -> None:
 )
 def evaluates(tool: Tool) -> str:
     """A run on two servers that announce offloaded."""
-    record = offloaded(tool)
+    record = play_offloaded(tool)
     if record.wrong:
         raise record.wrong[0]
     numbers = [request.get("request") for request in record.requests]
@@ -73,13 +73,13 @@ class Refusing(Offloading):
     needs=["O6.1"],
     seconds=600,
 )
-def refused(tool: Tool) -> str:
+def retries_refused(tool: Tool) -> str:
     """One server that refuses the first request, one that does not."""
-    without = offloaded(tool)
-    wanted = len(tool.plain().finished) or without.evaluated
+    without = play_offloaded(tool)
+    expected = len(tool.plain().finished) or without.evaluated
     record = tool.scene("refused", [Refusing(1), Offloading(2)], mode="auto")
-    if record.evaluated < wanted:
-        came = f"{record.evaluated} of {wanted} episodes were evaluated; {record.ended}"
+    if record.evaluated < expected:
+        came = f"{record.evaluated} of {expected} episodes were evaluated; {record.ended}"
         raise Failure(came, "a whole run", "error taken for the first request to server 1")
     return f"in {record.seconds:.1f} s"
 

@@ -31,7 +31,7 @@ class TakenByOthers(Actor):
     needs=["O3.1"],
     seconds=600,
 )
-def taken(tool: Tool) -> str:
+def avoids_reserved(tool: Tool) -> str:
     """One server that never begins, one that does."""
     record = must_go_on(tool, "taken", [TakenByOthers(1), Actor(2)], "no sensor message from server 1")
     return f"in {record.seconds:.1f} s" if "tried" in record.notes else "the tool never tried the server"
@@ -60,7 +60,7 @@ class FallsSilent(Actor):
     needs=["O3.1"],
     seconds=600,
 )
-def lost(tool: Tool) -> str:
+def replaces_silent(tool: Tool) -> str:
     """One server that falls silent in its second episode, one that does not."""
     record = must_go_on(tool, "lost", [FallsSilent(1), Actor(2)], "nothing after the first step")
     return f"in {record.seconds:.1f} s"
@@ -76,12 +76,11 @@ def lost(tool: Tool) -> str:
 )
 def cut(tool: Tool) -> str:
     """The connection is cut in the middle of an episode."""
-    wanted = len(tool.stepwise().finished)
+    expected = len(tool.stepwise().finished)
     record = tool.scene("cut", [Patient(1), Patient(2)], cut=True)
-    if len(record.finished) < wanted:
-        came = (
-            f"{len(record.finished)} of {wanted} episodes came to their end; {record.ended or 'no more came'}"
-        )
+    if len(record.finished) < expected:
+        finished = f"{len(record.finished)} of {expected} episodes came to their end"
+        came = f"{finished}; {record.ended or 'no more came'}"
         raise Failure(came, "a whole run all the same", "the connection was cut")
     return f"in {record.seconds:.1f} s"
 

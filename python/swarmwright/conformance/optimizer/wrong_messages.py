@@ -73,27 +73,27 @@ class WrongFirst(Actor):
     def actuator(self, content: Json) -> None:
         """An answer to a sensor message that has not been sent is one to a wrong message."""
         agent = content.get("agent")
-        asked = [right["agent"] for right in self.waits_with("sensor")]
-        if self.wrong and (agent in asked or agent not in self.waiting):
-            self.reacted(f"actuator {json.dumps(content)}")
+        agents = [right["agent"] for right in self.waits_with("sensor")]
+        if self.wrong and (agent in agents or agent not in self.waiting):
+            self.note_reaction(f"actuator {json.dumps(content)}")
         else:
             super().actuator(content)
 
     def control(self, content: Json) -> None:
         """Failure if the tool begins or ends an episode before the right fitness has come."""
         if self.wrong and self.waits_with("fitness"):
-            self.reacted(f"control {json.dumps(content)}")
+            self.note_reaction(f"control {json.dumps(content)}")
         else:
             super().control(content)
 
-    def reacted(self, what: str) -> None:
+    def note_reaction(self, reaction: str) -> None:
         """Note what came for a wrong message; the first time."""
         notes = self.stage.record.notes
         if "reaction" not in notes:
-            notes |= {"reaction": what, "reaction to": self.wrong}
+            notes |= {"reaction": reaction, "reaction to": self.wrong}
 
 
-def both(kind: type[WrongFirst]) -> list[Actor]:
+def make_actors(kind: type[WrongFirst]) -> list[Actor]:
     """Two servers that share the work."""
     tried: Tried = defaultdict(int)
     return [kind(1, tried), kind(2, tried)]
@@ -123,10 +123,10 @@ class Junk(WrongFirst):
 )
 def no_json(tool: Tool) -> None:
     """Junk before messages on server, sensor and fitness."""
-    must_go_on(tool, "junk", both(Junk), "junk on server, sensor and fitness")
+    must_go_on(tool, "junk", make_actors(Junk), "junk on server, sensor and fitness")
 
 
-def _without(right: Json, key: str) -> Json:
+def _drop_key(right: Json, key: str) -> Json:
     return {name: value for name, value in right.items() if name != key}
 
 
@@ -147,7 +147,7 @@ class WrongSensors(WrongFirst):
             {**other, "sensor": "0.5"},
             {**other, "sensor": [None] * len(values)},
             {**other, "sensor": [str(value) for value in values]},
-            *(_without(other, key) for key in ("agent", "sensor", "simulation_hash")),
+            *(_drop_key(other, key) for key in ("agent", "sensor", "simulation_hash")),
             {**other, "simulation_hash": 7},
         ]
         return [json.dumps(fields) for fields in found]
@@ -165,7 +165,7 @@ class WrongSensors(WrongFirst):
 def wrong_sensors(tool: Tool) -> None:
     """Eleven wrong messages, one at a time before right ones; they sense something else."""
     sent = "sensor messages with a wrong agent or wrong numbers before right ones"
-    must_go_on(tool, "wrong sensors", both(WrongSensors), sent)
+    must_go_on(tool, "wrong sensors", make_actors(WrongSensors), sent)
 
 
 class Foreign(WrongFirst):
@@ -190,19 +190,19 @@ class Foreign(WrongFirst):
 )
 def foreign(tool: Tool) -> None:
     """Offers, sensors and fitness with other hashes, one at a time before right ones."""
-    record = must_go_on(tool, "foreign", both(Foreign), "messages with other hashes")
-    known = {episode.hash for episode in record.episodes}
+    record = must_go_on(tool, "foreign", make_actors(Foreign), "messages with other hashes")
+    hashes = {episode.hash for episode in record.episodes}
 
-    def sent(topic: str, key: str, value: object) -> str:
-        found = (text for name, text in record.sent if name == topic and json.loads(text)[key] == value)
-        return f"{topic} {format_payload(next(found, 'messages with other hashes'))}"
+    def find_sent(topic: str, key: str, value: object) -> str:
+        texts = (text for name, text in record.sent if name == topic and json.loads(text)[key] == value)
+        return f"{topic} {format_payload(next(texts, 'messages with other hashes'))}"
 
     for content in record.on("actuator"):
         hash_ = content.get("simulation_hash")
-        if hash_ not in known:
+        if hash_ not in hashes:
             came = f"actuator {json.dumps(content)}"
             raise Failure(
-                came, "no answer to sensors of other episodes", sent("sensor", "simulation_hash", hash_)
+                came, "no answer to sensors of other episodes", find_sent("sensor", "simulation_hash", hash_)
             )
     for topic in ("parameters", "control"):
         for content in record.on(topic):
@@ -211,7 +211,7 @@ def foreign(tool: Tool) -> None:
                 raise Failure(
                     f"{topic} {json.dumps(content)}",
                     "nothing for a server whose answer has another hash",
-                    sent("server", "server", server),
+                    find_sent("server", "server", server),
                 )
 
 
@@ -225,7 +225,7 @@ class WrongFitness(WrongFirst):
         if topic != "fitness":
             return []
         found = [{**right, "fitness": value} for value in ("7", None, [1], True)]
-        return [json.dumps(fields) for fields in (*found, _without(right, "fitness"))]
+        return [json.dumps(fields) for fields in (*found, _drop_key(right, "fitness"))]
 
 
 @rule(
@@ -239,7 +239,9 @@ class WrongFitness(WrongFirst):
 )
 def wrong_fitness(tool: Tool) -> None:
     """Five wrong messages, each with a pause, and the fitness."""
-    must_go_on(tool, "wrong fitness", both(WrongFitness), "fitness as text, null, a list, true, and missing")
+    must_go_on(
+        tool, "wrong fitness", make_actors(WrongFitness), "fitness as text, null, a list, true, and missing"
+    )
 
 
 NOTE = {"deep": [1, {"run": None}]}
@@ -277,12 +279,12 @@ class BeyondNumbers(WrongFirst):
         """NaN, infinities, an agent below 0, 10,000 levels."""
         words = ("NaN", "Infinity", "1e999")
         if topic == "fitness":
-            head = json.dumps(_without(right, "fitness"))[:-1]
+            head = json.dumps(_drop_key(right, "fitness"))[:-1]
             return [f'{head}, "fitness": {word}}}' for word in words]
         if topic != "sensor":
             return []
         values = sensed(7, self.stage.sensors)
-        head, rest = json.dumps(_without(right, "sensor"))[:-1], ", 0.5" * (len(values) - 1)
+        head, rest = json.dumps(_drop_key(right, "sensor"))[:-1], ", 0.5" * (len(values) - 1)
         return [
             json.dumps({**right, "agent": -1, "sensor": values}),
             *(f'{head}, "sensor": [{word}{rest}]}}' for word in words),
@@ -300,7 +302,7 @@ class BeyondNumbers(WrongFirst):
 )
 def beyond_numbers(tool: Tool) -> None:
     """Eight wrong messages, one at a time before right ones."""
-    must_go_on(tool, "beyond numbers", both(BeyondNumbers), "NaN, infinities, agent -1, 10,000 levels")
+    must_go_on(tool, "beyond numbers", make_actors(BeyondNumbers), "NaN, infinities, agent -1, 10,000 levels")
 
 
 class Untitled(Actor):
@@ -320,7 +322,7 @@ class Untitled(Actor):
     needs=["O3.1"],
     seconds=600,
 )
-def untitled(tool: Tool) -> None:
+def accepts_untitled(tool: Tool) -> None:
     """Two servers that leave it out."""
     sent = 'sensor and fitness messages without "simulation"'
     must_go_on(tool, "untitled", [Untitled(1), Untitled(2)], sent)
@@ -350,4 +352,4 @@ class AnotherTitle(WrongFirst):
 def another_title(tool: Tool) -> None:
     """A sensor and a fitness message with another title before right ones."""
     sent = 'sensor and fitness messages with "simulation": "another simulation" before right ones'
-    must_go_on(tool, "another title", both(AnotherTitle), sent)
+    must_go_on(tool, "another title", make_actors(AnotherTitle), sent)

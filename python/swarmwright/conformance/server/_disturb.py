@@ -33,16 +33,16 @@ def disturb(server: ServerPeer, junk: Maker, why: str, *, free: bool = True) -> 
                 "the episode went to its end, but the server goes on without an answer (D6.1 leaves that "
                 "open), so what it makes of the messages cannot be told"
             ) from None
-        raise _blamed(server, junk, why) or failure from None
+        raise _find_culprit(server, junk, why) or failure from None
 
 
 def _free(server: ServerPeer, pieces: Sequence[Junk], why: str) -> None:
     for topic, payload in pieces:
         server.client.publish(topic, payload)
-        sent = _said(topic, payload)
+        sent = _describe(topic, payload)
         server.must_answer("an answer to the discovery that followed", f"{sent}, then a discovery")
         server.must_be_silent(why, sent, seconds=0)
-    server.must_be_silent(why, f"{_listed(pieces)}, each followed by a discovery")
+    server.must_be_silent(why, f"{_describe_all(pieces)}, each followed by a discovery")
 
 
 def _running(server: ServerPeer, junk: Maker, why: str, *, waits: bool = True) -> None:
@@ -56,7 +56,7 @@ def _running(server: ServerPeer, junk: Maker, why: str, *, waits: bool = True) -
     trajectory = episode.trajectory
     agents = [agent for agent, _, _ in episode.pending]
     pieces = junk(episode.hash)
-    sent = f"while it waited for actuators: {_listed(pieces)}"
+    sent = f"while it waited for actuators: {_describe_all(pieces)}"
     for topic, payload in pieces:
         server.client.publish(topic, payload)
     if waits:
@@ -81,7 +81,7 @@ def _repeatable(server: ServerPeer) -> bool:
     return repeatable
 
 
-def _blamed(server: ServerPeer, junk: Maker, why: str) -> Failure | None:
+def _find_culprit(server: ServerPeer, junk: Maker, why: str) -> Failure | None:
     """The failure of the first piece that has one by itself; None when there is none."""
     for index in range(len(junk(new_hash()))):
         if not server.again():
@@ -93,12 +93,12 @@ def _blamed(server: ServerPeer, junk: Maker, why: str) -> Failure | None:
     return None
 
 
-def _said(topic: str, payload: str | bytes) -> str:
+def _describe(topic: str, payload: str | bytes) -> str:
     return f"{topic} {format_payload(payload) or '(nothing)'}"
 
 
-def _listed(pieces: Sequence[Junk]) -> str:
+def _describe_all(pieces: Sequence[Junk]) -> str:
     """All of them; of many of a kind the beginnings."""
     most = 240 if len(pieces) <= 4 else 90
-    texts = [_said(topic, payload) for topic, payload in pieces]
+    texts = [_describe(topic, payload) for topic, payload in pieces]
     return "; ".join(text if len(text) <= most else f"{text[:most]}..." for text in texts)

@@ -59,10 +59,10 @@ def parameter_sets(server: Server, candidates: int) -> ControllerSet:
     All candidates are the same: which other values the simulation takes is not known.
     """
     must_announce_kind(server, "parameter_set")
-    found = numbers_in_parameters(server)
-    if not found:
+    values = numbers_in_parameters(server)
+    if not values:
         raise Skip("give --parameters with a number, which the set can hold")
-    return parameter_set_of(found, candidates)
+    return parameter_set_of(values, candidates)
 
 
 def numbers_in_parameters(server: Server) -> dict[str, float]:

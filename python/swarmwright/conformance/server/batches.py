@@ -82,10 +82,10 @@ class Batch:
         ended, fitness = numbers(answer, "ended", "<u4"), numbers(answer, "fitness", "<f8")
         if len(ended) != len(fitness):
             raise Failure(f"{len(ended)} ended, {len(fitness)} fitness", "as many", self.sent)
-        for place, (episode, value) in enumerate(zip(ended.tolist(), fitness.tolist(), strict=True)):
+        for index, (episode, value) in enumerate(zip(ended.tolist(), fitness.tolist(), strict=True)):
             self.fitness[episode] = value
             named = answer.get("metrics") or {}
-            self.metrics[episode] = {name: float(numbers(named, name, "<f8")[place]) for name in named}
+            self.metrics[episode] = {name: float(numbers(named, name, "<f8")[index]) for name in named}
 
     def _sensors(self, rows: int) -> int:
         """How many numbers a row has. Failure for rows of a simulation that steers its agents itself."""
@@ -193,7 +193,7 @@ def equal(server: Server) -> str:
     fix="compare step and the number of actuators with the last sensors message",
     needs=["S10.1"],
 )
-def refused(server: Server) -> None:
+def refuses_actuators(server: Server) -> None:
     """Wrong actuators in the first step, then the right ones."""
     _steps(server)
     episodes = Batch(server, _seeds(server)[:1])
@@ -206,11 +206,11 @@ def refused(server: Server) -> None:
         ("the number of no request", values, {"request": episodes.request["request"] + 1_000_000}),
         ("a list in place of binary", values, {"actuators": values}),
     ]
-    for what, rows, changes in tries:
+    for problem, rows, changes in tries:
         sent = episodes.answer(rows, **changes)
         for message in server.client.drain(server.quiet):
             if message.topic.endswith(server.token):
-                raise Failure("an answer came", "silence: the actuators are wrong", f"{sent}: {what}")
+                raise Failure("an answer came", "silence: the actuators are wrong", f"{sent}: {problem}")
     episodes.play(_zeros(server))
 
 
@@ -221,7 +221,7 @@ def refused(server: Server) -> None:
     fix="end the batch on empty actuators; the server stays reserved for the tool",
     needs=["S10.1"],
 )
-def ended(server: Server) -> None:
+def ends_on_empty(server: Server) -> None:
     """An end in the first step, then another batch."""
     _steps(server)
     episodes = Batch(server, _seeds(server))
@@ -270,7 +270,7 @@ def invalid(server: Server) -> None:
     "present, with yours",
     needs=["S10.1"],
 )
-def taken(server: Server) -> None:
+def is_reserved(server: Server) -> None:
     """Another's batch, discoveries; the batch goes on; batches for another instance, and for this one.
 
     Where no answer is expected, the batch is over at once, and the server held.
@@ -305,9 +305,9 @@ def full(server: Server) -> str:
     if not isinstance(most, int):
         raise Skip("not announced: no capabilities.swarmwright.batch")
     episodes = Batch(server, range(min(most, 1000)), patience=12)
-    found = {episode for episode, _, _ in episodes.rows} | set(episodes.fitness)
-    if len(found) != min(most, 1000):
-        raise Failure(f"{len(found)} episodes came", f"{min(most, 1000)}", episodes.sent)
+    received = {episode for episode, _, _ in episodes.rows} | set(episodes.fitness)
+    if len(received) != min(most, 1000):
+        raise Failure(f"{len(received)} episodes came", f"{min(most, 1000)}", episodes.sent)
     if episodes.rows:
         episodes.answer([])
     return f"{most} episodes"
@@ -320,7 +320,7 @@ def full(server: Server) -> str:
     fix="on run: false with the batch's tool, drop the batch and answer discovery again",
     needs=["S10.1"],
 )
-def cancelled(server: Server) -> None:
+def can_be_cancelled(server: Server) -> None:
     """run: false in the first step of a batch, then its actuators all the same."""
     _steps(server)
     episodes = Batch(server, _seeds(server))
@@ -404,7 +404,7 @@ def seeds_of_evaluations(server: Server) -> None:
         expected = stepwise(seed).fitness
         if not same(expected, value):
             _must_be_right(server, controllers)
-            cause = _lost_seed(stepwise, seed, lambda other, value=value: same(other.fitness, value))  # type: ignore[misc]
+            cause = _describe_lost_seed(stepwise, seed, lambda other, value=value: same(other.fitness, value))  # type: ignore[misc]
             raise Failure(
                 f"seed {seed}: {value!r} offloaded, {expected!r} stepwise{cause}",
                 "the same bits",
@@ -440,25 +440,25 @@ def seeds_of_batches(server: Server) -> None:
     server.comparable()
     parameters = {**server.settings.parameters, "seed": _OTHER_SEED}
     for seed in _SEEDS:
-        seen = Trajectory()
+        trajectory = Trajectory()
 
         def act(
-            _episode: int, agent: int, sensors: NDArray[np.float32], seen: Trajectory = seen
+            _episode: int, agent: int, sensors: NDArray[np.float32], trajectory: Trajectory = trajectory
         ) -> list[float]:
-            readings = seen.readings[agent]
+            readings = trajectory.readings[agent]
             readings.append(sensors)
             return list(server.policy(agent, len(readings) - 1, sensors))
 
         episodes = Batch(server, [seed], parameters=parameters)
         episodes.play(act)
         free_again(server)
-        seen.fitness = episodes.fitness.get(0)
-        difference = _difference(server, seed, seen)
+        trajectory.fitness = episodes.fitness.get(0)
+        difference = _difference(server, seed, trajectory)
         if difference:
-            cause = _lost_seed(
+            cause = _describe_lost_seed(
                 lambda other: _stepwise(server, other),
                 seed,
-                lambda other, seen=seen: not _differs(other, seen),  # type: ignore[misc]
+                lambda other, trajectory=trajectory: not _differs(other, trajectory),  # type: ignore[misc]
             )
             raise Failure(
                 f"seed {seed}, stepwise and batched: {difference}{cause}",
@@ -471,8 +471,8 @@ def _stepwise(server: Server, seed: int) -> Trajectory:
     return server.play(parameters={**server.settings.parameters, "seed": seed})
 
 
-def _difference(server: Server, seed: int, seen: Trajectory) -> str:
-    return _differs(_stepwise(server, seed), seen)
+def _difference(server: Server, seed: int, trajectory: Trajectory) -> str:
+    return _differs(_stepwise(server, seed), trajectory)
 
 
 def _differs(stepwise: Trajectory, batched: Trajectory) -> str:
@@ -480,7 +480,9 @@ def _differs(stepwise: Trajectory, batched: Trajectory) -> str:
     return stepwise.difference(replace(batched, metrics=stepwise.metrics))
 
 
-def _lost_seed(played: Callable[[int], Trajectory], seed: int, agrees: Callable[[Trajectory], bool]) -> str:
+def _describe_lost_seed(
+    played: Callable[[int], Trajectory], seed: int, agrees: Callable[[Trajectory], bool]
+) -> str:
     """Which other seed an episode of `seed` was played with, in words; empty where none is found.
 
     played: the episode of a seed. agrees: whether what came is that episode.

@@ -96,15 +96,15 @@ def last_will(server: Server) -> None:
     _must_say(server, "ready", "the connection was cut and is back")
 
 
-def _must_say(server: Server, wanted: str, sent: str) -> None:
+def _must_say(server: Server, expected: str, sent: str) -> None:
     limit = time.monotonic() + server.settings.timeout
     state: object = None
     while time.monotonic() < limit:
-        found = kept(server, [f"{PRESENCE}{server.id}"])
-        state = found[-1].json.get("state") if found else None
-        if state == wanted:
+        messages = kept(server, [f"{PRESENCE}{server.id}"])
+        state = messages[-1].json.get("state") if messages else None
+        if state == expected:
             return
-    raise Failure(f'presence says "{state}"', f'"{wanted}"', sent)
+    raise Failure(f'presence says "{state}"', f'"{expected}"', sent)
 
 
 @rule(
@@ -264,16 +264,16 @@ def second_leaves(server: Server) -> str:
         status = second.wait(LEAVES_WITHIN_S)
     finally:
         second.close()
-        found = [_instance_of(message.json) for message in kept(server, [f"{PRESENCE}{server.id}"])]
-        if found != [mine]:
+        instances = [_instance_of(message.json) for message in kept(server, [f"{PRESENCE}{server.id}"])]
+        if instances != [mine]:
             _publish(server, own)
     if status is None:
         raise Failure(f"the second one still ran {LEAVES_WITHIN_S:g} s later", "its end", sent)
     if status == 0:
         raise Failure("the second one ended with exit status 0", "another exit status", sent)
-    if found != [mine]:
-        whose = f'is of instance "{found[0]}"' if found else "is removed"
-        raise Failure(f"presence {whose} now", f'that of the first one, "{mine}"', sent)
+    if instances != [mine]:
+        state = f'is of instance "{instances[0]}"' if instances else "is removed"
+        raise Failure(f"presence {state} now", f'that of the first one, "{mine}"', sent)
     server.must_answer("an answer of the first one", sent)
     return f"exit status {status}"
 
@@ -288,7 +288,7 @@ def second_leaves(server: Server) -> str:
     needs=["S7.2", "S11.3"],
     seconds=60,
 )
-def lost_first(server: Server) -> None:
+def publishes_lost(server: Server) -> None:
     """The connection is cut; meanwhile a presence of another server is retained, which does not run."""
     mine = instance(server)
     with _rival(server):
@@ -320,12 +320,12 @@ def gives_way(server: ServerPeer) -> str:
         status = server.process.wait(server.settings.timeout + LEAVES_WITHIN_S / 3)
         if status is None:
             raise Failure("it still ran", "its end", sent)
-        found = _instance_of(presence(server))
+        present = _instance_of(presence(server))
     server.again()
     if status == 0:
         raise Failure("it ended with exit status 0", "another exit status", sent)
-    if found != OTHER:
-        raise Failure(f'presence is of instance "{found}" now', f'that of the other one, "{OTHER}"', sent)
+    if present != OTHER:
+        raise Failure(f'presence is of instance "{present}" now', f'that of the other one, "{OTHER}"', sent)
     return f"exit status {status}"
 
 
@@ -352,13 +352,13 @@ def late_will(server: Server) -> None:
         raise
 
 
-def _instance_of(found: Json) -> object:
-    announced = (found.get("capabilities") or {}).get("swarmwright") or {}
-    return announced.get("instance", found.get("instance"))
+def _instance_of(message: Json) -> object:
+    announced = (message.get("capabilities") or {}).get("swarmwright") or {}
+    return announced.get("instance", message.get("instance"))
 
 
-def _publish(server: Server, found: Json) -> None:
-    server.client.publish(f"{PRESENCE}{server.id}", json.dumps(found).encode(), retain=True)
+def _publish(server: Server, message: Json) -> None:
+    server.client.publish(f"{PRESENCE}{server.id}", json.dumps(message).encode(), retain=True)
 
 
 @contextmanager
@@ -388,7 +388,7 @@ def _rival(server: Server) -> Iterator[Json]:
             server.client.publish(f"{PRESENCE}{server.id}", b"", retain=True)
 
 
-def _must_publish(server: Server, mine: str, wanted: str, sent: str) -> None:
+def _must_publish(server: Server, mine: str, expected: str, sent: str) -> None:
     """Wait for the next presence of this server; Failure unless it has this state."""
 
     def is_own(message: Message) -> bool:
@@ -401,7 +401,7 @@ def _must_publish(server: Server, mine: str, wanted: str, sent: str) -> None:
     limit = time.monotonic() + server.settings.timeout + LEAVES_WITHIN_S / 2
     message = server.client.next(is_own, limit - time.monotonic())
     if message is None:
-        raise Failure(f'its presence did not say "{wanted}"', f'presence with the state "{wanted}"', sent)
+        raise Failure(f'its presence did not say "{expected}"', f'presence with the state "{expected}"', sent)
     state = message.json.get("state")
-    if state != wanted:
-        raise Failure(f'presence says "{state}"', f'"{wanted}" first', sent)
+    if state != expected:
+        raise Failure(f'presence says "{state}"', f'"{expected}" first', sent)

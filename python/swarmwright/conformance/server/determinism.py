@@ -27,10 +27,10 @@ PAIRS = 8
 from, for example, make two seeds alike by chance. The first pair that differs is the last that is played."""
 
 
-def declared(server: Server) -> str | None:
+def declared_determinism(server: Server) -> str | None:
     """`capabilities.swarmwright.determinism`, None when the server does not say."""
-    found = server.announced.get("determinism")
-    return found if isinstance(found, str) else None
+    declaration = server.announced.get("determinism")
+    return declaration if isinstance(declaration, str) else None
 
 
 def another(server: Server) -> Trajectory:
@@ -54,41 +54,42 @@ def seeded(server: Server, seed: int) -> Json:
 )
 def deterministic(server: Server) -> str | None:
     """An episode twice, each after the same other one."""
-    said = declared(server)
+    declaration = declared_determinism(server)
     another(server)
     trajectory = server.play(parameters=seeded(server, 1))
     another(server)
     two = server.play(parameters=seeded(server, 1))
     difference = trajectory.difference(two)
-    if said in {"none", "statistical"}:
+    if declaration in {"none", "statistical"}:
         server.deterministic = False
-        if said == "statistical":
-            _within_tolerance(server, trajectory, two)
-        raise Skip(f'declared "{said}"; twice the same episode: {difference or "the same bits"}')
+        if declaration == "statistical":
+            _check_tolerance(server, trajectory, two)
+        raise Skip(f'declared "{declaration}"; twice the same episode: {difference or "the same bits"}')
     if difference:
         server.deterministic = False
-        promise = 'declared "bitwise"' if said else "nothing else is declared"
+        promise = 'declared "bitwise"' if declaration else "nothing else is declared"
         raise Failure(
             f"in two episodes {difference}",
             f"the same bits ({promise})",
             "the same parameters and actuators twice",
         )
     server.deterministic = True
-    return 'declared "bitwise"' if said else None
+    return 'declared "bitwise"' if declaration else None
 
 
-def _within_tolerance(server: Server, one: Trajectory, two: Trajectory) -> None:
+def _check_tolerance(server: Server, first: Trajectory, second: Trajectory) -> None:
     tolerance = server.announced.get("tolerance")
     if not is_number(tolerance):
         return
-    pairs = {"the fitness": (one.fitness or 0.0, two.fitness or 0.0)}
+    pairs = {"the fitness": (first.fitness or 0.0, second.fitness or 0.0)}
     pairs |= {
-        f"metric {name}": (one.metrics[name], two.metrics[name]) for name in one.metrics.keys() & two.metrics
+        f"metric {name}": (first.metrics[name], second.metrics[name])
+        for name in first.metrics.keys() & second.metrics
     }
-    for name, (first, second) in pairs.items():
-        if abs(first - second) > tolerance * max(1.0, abs(first), abs(second)):
+    for name, (low, high) in pairs.items():
+        if abs(low - high) > tolerance * max(1.0, abs(low), abs(high)):
             raise Failure(
-                f"{name} is {first!r} and {second!r}",
+                f"{name} is {low!r} and {high!r}",
                 f'no more apart than the declared "tolerance" {tolerance}',
             )
 
@@ -129,7 +130,7 @@ def forgets(server: Server) -> None:
         raise Failure(came, "the same bits whatever was before")
 
 
-def unused(server: Server) -> Skip:
+def skip_unused_seed(server: Server) -> Skip:
     """Why a rule is skipped that needs two seeds with different episodes.
 
     With --vary it is known that the seed changes nothing, so nothing is left to doubt.
@@ -142,14 +143,14 @@ def unused(server: Server) -> Skip:
 def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
     """Two sets of parameters and their trajectories, which differ; skips the rule when none are found."""
     server.comparable()
-    one, two = seeded(server, 1), seeded(server, 2)
-    first, second = server.play(parameters=one), server.play(parameters=two)
+    first_trajectory, second_trajectory = seeded(server, 1), seeded(server, 2)
+    first, second = server.play(parameters=first_trajectory), server.play(parameters=second_trajectory)
     if server.settings.vary and not first.difference(second):
-        two = {**one, **server.settings.vary}
-        second = server.play(parameters=two)
+        second_trajectory = {**first_trajectory, **server.settings.vary}
+        second = server.play(parameters=second_trajectory)
     if not first.difference(second):
-        raise unused(server)
-    return one, two, first, second
+        raise skip_unused_seed(server)
+    return first_trajectory, second_trajectory, first, second
 
 
 @rule(
@@ -161,10 +162,10 @@ def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
 )
 def the_last_count(server: Server) -> None:
     """Parameters with one seed, then with another, same hash."""
-    one, two, _, second = differing(server)
-    episode = server.episode(one)
+    first_trajectory, second_trajectory, _, second = differing(server)
+    episode = server.episode(first_trajectory)
     episode.configure()
-    sent = episode.configure(**two)
+    sent = episode.configure(**second_trajectory)
     episode.start()
     difference = second.difference(episode.play())
     if difference:
@@ -178,10 +179,10 @@ def the_last_count(server: Server) -> None:
     fix="store parameters by hash, for several tools at once",
     needs=["S3.1"],
 )
-def by_hash(server: Server) -> None:
+def separates_hashes(server: Server) -> None:
     """Parameters of two hashes, then control of the first."""
-    one, two, first, _ = differing(server)
-    episode, other = server.episode(one), server.episode(two)
+    first_trajectory, second_trajectory, first, _ = differing(server)
+    episode, other = server.episode(first_trajectory), server.episode(second_trajectory)
     episode.configure()
     sent = other.configure()
     other.over = True
@@ -206,31 +207,31 @@ def exact_seed(server: Server) -> None:
     episode.play()
     server.comparable()
     if not server.play(parameters=seeded(server, 1)).difference(server.play(parameters=seeded(server, 2))):
-        raise unused(server)
+        raise skip_unused_seed(server)
     for distance, base, lost in (
         (BEYOND_32_BITS, 1, "as if the seed, or what the generator makes of it, were truncated to 32 bits"),
         (1, 2**53, "as if the seed were read through a double, which has 53 bits"),
     ):
         pairs = [(base + 4 * index, base + 4 * index + distance) for index in range(PAIRS)]
         if all(_alike(server, *pair) for pair in pairs):
-            one, other = pairs[0]
+            first, second = pairs[0]
             raise Failure(
-                f"the same bits with seed {one} and with seed {other}, {lost}",
+                f"the same bits with seed {first} and with seed {second}, {lost}",
                 "different episodes, as with the seeds 1 and 2",
-                f'parameters with "seed": {one}, then with "seed": {other}',
+                f'parameters with "seed": {first}, then with "seed": {second}',
             )
 
 
-def _alike(server: Server, one: int, other: int) -> bool:
-    first, second = (server.play(parameters=seeded(server, seed)) for seed in (one, other))
-    return not first.difference(second)
+def _alike(server: Server, first: int, second: int) -> bool:
+    one_episode, another = (server.play(parameters=seeded(server, seed)) for seed in (first, second))
+    return not one_episode.difference(another)
 
 
-def effective(server: Server, one: Policy, other: Policy) -> tuple[Trajectory, Trajectory]:
+def effective(server: Server, first: Policy, second: Policy) -> tuple[Trajectory, Trajectory]:
     """Two trajectories that differ; skips the rule when actuators change nothing that could be seen."""
     server.comparable()
     _ = server.reference
-    trajectories = server.play(one), server.play(other)
+    trajectories = server.play(first), server.play(second)
     if not trajectories[0].difference(trajectories[1]):
         raise Skip("other actuators change nothing that can be seen; give --parameters with longer episodes")
     return trajectories
@@ -243,7 +244,7 @@ def effective(server: Server, one: Policy, other: Policy) -> tuple[Trajectory, T
     fix="clamp every actuator to -1..+1 when you read it",
     needs=["S3.1"],
 )
-def clamped(server: Server) -> None:
+def clamps_actuators(server: Server) -> None:
     """+1 and 7.5, -1 and -1e30, to all actuators."""
     count = server.actuators
     plus, _ = effective(server, Always((1.0,) * count), Wander(count))
@@ -264,7 +265,7 @@ def clamped(server: Server) -> None:
     fix="sort actuators by agent, not by arrival",
     needs=["S3.1", "S2.9"],
 )
-def any_order(server: Server) -> None:
+def accepts_any_order(server: Server) -> None:
     """A whole episode, the last agent of each step first."""
     server.comparable()
     until_several(server).stop()

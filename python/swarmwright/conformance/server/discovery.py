@@ -49,10 +49,10 @@ def echoes(server: Server) -> None:
         limit = time.monotonic() + server.settings.timeout
         late: Message | None = None
         while answer := server.client.next(server.is_answer, max(limit - time.monotonic(), 0.0)):
-            found = answer.json.get("simulation_hash")
-            if found == hash_:
+            echoed = answer.json.get("simulation_hash")
+            if echoed == hash_:
                 break
-            if not (isinstance(found, str) and found in before):
+            if not (isinstance(echoed, str) and echoed in before):
                 raise Failure(f"{answer} came", f'"simulation_hash": "{hash_}"', sent)
             late = answer
         else:
@@ -93,7 +93,7 @@ def has_its_keys(server: Server) -> None:
     d61="6.2 Discovery message, Server message",
     needs=["S1.2"],
 )
-def other_title(server: Server) -> None:
+def ignores_other_titles(server: Server) -> None:
     """Titles that are nearly right."""
     title = server.settings.title
     others = [f"{title}2", "", f"no {title}"]
@@ -107,7 +107,7 @@ def other_title(server: Server) -> None:
     fix="answer only if requirements.dimensions equals your dimensions",
     needs=["S1.2"],
 )
-def other_dimensions(server: Server) -> None:
+def ignores_other_dimensions(server: Server) -> None:
     """One dimension more, one less, half a dimension more."""
     dimensions = server.settings.dimensions
     answer = server.must_answer("an answer")
@@ -157,7 +157,7 @@ def compare_agents(server: Server, key: str, most: float) -> None:
     d61="6.2 Discovery message, Schema 1",
     needs=["S1.2"],
 )
-def any_hash(server: Server) -> None:
+def accepts_any_hash(server: Server) -> None:
     """Short, long, with quotes, backslashes and letters beyond ASCII."""
     for start in ("x", "ä ☃ 🤖", 'say "\\n"', "long " * 400):
         hash_ = start + new_hash()[:8]

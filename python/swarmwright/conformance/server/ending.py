@@ -23,13 +23,13 @@ HELD_BACK_S = 0.03
 """Seconds between the sensor messages of a step from which they look held back."""
 
 
-def _measured(server: Server, mode: str) -> str:
+def _measure(server: Server, mode: str) -> str:
     server.announces(mode=mode)
     steps = server.reference.messages / len(server.reference.readings)
     if server.own_broker is None:
         raise Skip("other clients use this broker; let the kit start one")
-    known = server.announced.get("controllers", ["layered"]) if mode == "offloaded" else ["layered"]
-    if "layered" not in known:
+    kinds = server.announced.get("controllers", ["layered"]) if mode == "offloaded" else ["layered"]
+    if "layered" not in kinds:
         raise Skip("not announced: capabilities.swarmwright.controllers lacks 'layered'")
     pool = _engine.Pool(
         server.own_broker,
@@ -79,7 +79,7 @@ def _short(value: float) -> str:
 )
 def stepwise(server: Server) -> str:
     """Layered networks, one episode after the other, as an optimization tool would."""
-    return _measured(server, "stepwise")
+    return _measure(server, "stepwise")
 
 
 @rule(
@@ -90,9 +90,9 @@ def stepwise(server: Server) -> str:
     needs=["S10.1"],
     seconds=60,
 )
-def batched(server: Server) -> str:
+def measure_batched(server: Server) -> str:
     """As stepwise."""
-    return _measured(server, "batched")
+    return _measure(server, "batched")
 
 
 @rule(
@@ -103,9 +103,9 @@ def batched(server: Server) -> str:
     needs=["S9.1"],
     seconds=60,
 )
-def offloaded(server: Server) -> str:
+def measure_offloaded(server: Server) -> str:
     """As stepwise."""
-    return _measured(server, "offloaded")
+    return _measure(server, "offloaded")
 
 
 @rule(
@@ -116,7 +116,7 @@ def offloaded(server: Server) -> str:
     needs=["S2.8"],
     seconds=30,
 )
-def held_back(server: Server) -> Note:
+def measure_spread(server: Server) -> Note:
     """Actuators are sent when all agents were asked: answers in between would carry acknowledgements."""
     agents = len(server.reference.readings)
     episode = server.episode()
@@ -140,11 +140,11 @@ def held_back(server: Server) -> Note:
     if not spans:
         raise Skip("no step asks several agents; give parameters with several agents (--parameters)")
     span = median(spans)
-    told = f"{span * 1e3:.1f} ms in the median of {len(spans)} steps"
+    text = f"{span * 1e3:.1f} ms in the median of {len(spans)} steps"
     if span < HELD_BACK_S:
-        return Note(told)
+        return Note(text)
     why = "small packets seem to be held back (Nagle's algorithm): set TCP_NODELAY on the server's socket"
-    return Note(f"{told}; {why}", doubt=f"{span * 1e3:.0f} ms between the sensor messages of a step: {why}")
+    return Note(f"{text}; {why}", doubt=f"{span * 1e3:.0f} ms between the sensor messages of a step: {why}")
 
 
 @rule(

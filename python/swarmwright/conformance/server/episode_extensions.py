@@ -22,12 +22,12 @@ from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Failure, forma
 def names(server: Server) -> list[str]:
     """The metrics that are announced; skips the rule when there are none."""
     server.announces()
-    found = server.announced.get("metrics")
-    if not found:
+    metrics = server.announced.get("metrics")
+    if not metrics:
         raise Skip("not announced: no capabilities.swarmwright.metrics")
-    if not isinstance(found, list):
-        raise Failure(f'"metrics": {found!r}', '"metrics" is a list of names')
-    return found
+    if not isinstance(metrics, list):
+        raise Failure(f'"metrics": {metrics!r}', '"metrics" is a list of names')
+    return metrics
 
 
 @rule(
@@ -53,9 +53,9 @@ def names_are_valid(server: Server) -> None:
 )
 def metrics_are_sent(server: Server) -> str:
     """The fitness messages of all episodes so far: one that never came is missing."""
-    wanted = names(server)
+    expected = names(server)
     trajectory = server.play()
-    missing = [name for name in wanted if name not in server.seen_metrics]
+    missing = [name for name in expected if name not in server.seen_metrics]
     wrong = [name for name in missing if name in server.wrong_metrics]
     if wrong:
         value = server.wrong_metrics[wrong[0]]
@@ -65,7 +65,7 @@ def metrics_are_sent(server: Server) -> str:
             f"metrics {', '.join(trajectory.metrics) or 'none'} came",
             f"{missing[0]} as well, in some episode",
         )
-    return ", ".join(wanted)
+    return ", ".join(expected)
 
 
 SCENES = "protocol.md, Scenes"
@@ -74,19 +74,19 @@ _FLOATS = {"x", "y", "radius", "heading", "value", "angle", "start", "length", "
 _FINITE = {"x", "y", "radius", "angle", "start", "length"}
 
 
-def announced(server: Server) -> None:
+def skip_without_scenes(server: Server) -> None:
     """Skip the rule unless scenes are announced."""
     server.announces()
     if server.announced.get("scenes") is not True:
         raise Skip("not announced: no capabilities.swarmwright.scenes")
 
 
-def watched(server: Server, **asked: Any) -> tuple[Trajectory, list[Json], str]:  # noqa: ANN401 - JSON
+def watch_episode(server: Server, **fields: Any) -> tuple[Trajectory, list[Json], str]:  # noqa: ANN401 - JSON
     """A whole episode of a tool with a topic of its own: what happened, what came there, what was sent."""
     episode = server.episode()
     episode.configure()
     topic = TO_TOOL + server.token
-    sent = episode.start(reply=topic, **asked)
+    sent = episode.start(reply=topic, **fields)
     trajectory = episode.play()
     came = [decoded(message) for message in server.client.drain(server.quiet) if message.topic == topic]
     return trajectory, [message for message in came if message.get("simulation_hash") == episode.hash], sent
@@ -100,19 +100,19 @@ def watched(server: Server, **asked: Any) -> tuple[Trajectory, list[Json], str]:
     "first sensor messages and after every step",
     needs=["S2.3"],
 )
-def every_step_is_shown(server: Server) -> str:
+def sends_scene_per_step(server: Server) -> str:
     """The steps of the scenes: all from 0, as many as agents were asked."""
-    announced(server)
-    trajectory, scenes, sent = watched(server, scenes=PARTS)
+    skip_without_scenes(server)
+    trajectory, scenes, sent = watch_episode(server, scenes=PARTS)
     for scene in scenes:
-        for key, wanted in (("kind", "scene"), ("version", 1), ("server", server.id)):
-            if scene.get(key) != wanted:
-                raise Failure(f'"{key}" is {scene.get(key)!r}', f"{wanted!r}", sent)
+        for key, expected in (("kind", "scene"), ("version", 1), ("server", server.id)):
+            if scene.get(key) != expected:
+                raise Failure(f'"{key}" is {scene.get(key)!r}', f"{expected!r}", sent)
     steps = [scene.get("step") for scene in scenes]
-    asked = max(map(len, trajectory.readings.values()), default=0)
-    if steps != list(range(len(steps))) or len(steps) < asked + 1:
+    turns = max(map(len, trajectory.readings.values()), default=0)
+    if steps != list(range(len(steps))) or len(steps) < turns + 1:
         few = ", ".join(map(str, steps[:20])) or "none"
-        raise Failure(f"scenes of the steps {few} came", f"0, 1, 2, and so on, at least {asked + 1}", sent)
+        raise Failure(f"scenes of the steps {few} came", f"0, 1, 2, and so on, at least {turns + 1}", sent)
     return f"{len(scenes)} scenes"
 
 
@@ -125,8 +125,8 @@ def every_step_is_shown(server: Server) -> str:
 )
 def they_can_be_drawn(server: Server) -> None:
     """What a viewer needs of the first scene and the last."""
-    announced(server)
-    _, scenes, sent = watched(server, scenes=PARTS)
+    skip_without_scenes(server)
+    _, scenes, sent = watch_episode(server, scenes=PARTS)
     if not scenes:
         raise Failure("no scene came", "one before the first step, and after each", sent)
     for scene in (scenes[0], scenes[-1]):
@@ -166,8 +166,8 @@ def _row(part: Mapping[str, Any], key: str, count: int | None, sent: str) -> "np
     """An array with so many entries. Raises Failure when it is none."""
     value = part.get(key)
     if not isinstance(value, bytes) or len(value) % 4:
-        found = f"{len(value)} bytes" if isinstance(value, bytes) else f"{value!r:.80}"
-        raise Failure(f'"{key}" is {found}', "binary, 4 bytes for each entry", sent)
+        description = f"{len(value)} bytes" if isinstance(value, bytes) else f"{value!r:.80}"
+        raise Failure(f'"{key}" is {description}', "binary, 4 bytes for each entry", sent)
     row = np.frombuffer(value, "<f4" if key in _FLOATS else "<u4")
     if count is not None and len(row) != count and not (key == "radius" and len(row) == 1):
         raise Failure(f'"{key}" has {len(row)} entries', f"{count}, one for each", sent)
@@ -185,16 +185,16 @@ def _row(part: Mapping[str, Any], key: str, count: int | None, sent: str) -> "np
 )
 def nothing_else_changes(server: Server) -> None:
     """An episode with scenes and one without them."""
-    announced(server)
-    without, unasked, sent = watched(server)
+    skip_without_scenes(server)
+    without, unasked, sent = watch_episode(server)
     if unasked:
         raise Failure(
             f'{len(unasked)} messages, the first of the kind "{unasked[0].get("kind")}"', "none", sent
         )
     if not server.repeatable:
         raise Skip("episodes cannot be compared: two with the same actuators differ")
-    seen, _, sent = watched(server, scenes=[])
-    difference = without.difference(seen)
+    trajectory, _, sent = watch_episode(server, scenes=[])
+    difference = without.difference(trajectory)
     if difference:
         raise Failure(f"with scenes the episode is another one: {difference}", "the same one", sent)
 
@@ -202,7 +202,7 @@ def nothing_else_changes(server: Server) -> None:
 WHERE = "protocol.md, Presence; decision 023"
 
 
-def own_topic_announced(server: Server) -> None:
+def skip_without_topic(server: Server) -> None:
     """Skip the rule unless control messages on the own topic are own_topic_announced."""
     server.announces()
     if server.announced.get("control") is not True:
@@ -219,9 +219,9 @@ def own_topic_announced(server: Server) -> None:
 )
 def starts(server: Server) -> None:
     """A whole episode that was started there, compared with one that was started on control."""
-    own_topic_announced(server)
-    known = server.trajectory
-    repeatable = known is not None and known.messages > 0 and server.repeatable
+    skip_without_topic(server)
+    earlier = server.trajectory
+    repeatable = earlier is not None and earlier.messages > 0 and server.repeatable
     episode = server.episode()
     episode.configure()
     sent = episode.start(server.own_topic)
@@ -241,7 +241,7 @@ def starts(server: Server) -> None:
 )
 def ends(server: Server) -> None:
     """Started on the own topic and ended on control, then the other way round."""
-    own_topic_announced(server)
+    skip_without_topic(server)
     for first, second in ((server.own_topic, "control"), ("control", server.own_topic)):
         episode = begun(server, first)
         sent = episode.stop(second)
@@ -261,7 +261,7 @@ def ends(server: Server) -> None:
 )
 def refuses(server: ServerPeer) -> None:
     """Objects without a key, with a wrong type, for another server or episode; on another server's topic."""
-    own_topic_announced(server)
+    skip_without_topic(server)
 
     def junk(hash_: str) -> list[Junk]:
         end: Json = {"server": server.id, "simulation_hash": hash_, "run": False}
@@ -272,7 +272,7 @@ def refuses(server: ServerPeer) -> None:
             {**end, "simulation_hash": hash_[::-1]},
             {**end, "run": "false"},
         ]
-        here = [(server.own_topic, json.dumps(fields)) for fields in wrong]
-        return [*here, (server.own_topic, "{"), (f"{TO_SERVER}{server.id + 1}", json.dumps(end))]
+        messages = [(server.own_topic, json.dumps(fields)) for fields in wrong]
+        return [*messages, (server.own_topic, "{"), (f"{TO_SERVER}{server.id + 1}", json.dumps(end))]
 
     disturb(server, junk, "that is not a control message for this server and episode")

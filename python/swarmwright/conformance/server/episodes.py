@@ -141,12 +141,12 @@ def asks_once(server: Server) -> None:
 def waits_for_all(server: Server) -> None:
     """All but one agent are answered, the last one after a pause; then all but another one."""
     episode = until_several(server)
-    for kept in (-1, 0):
+    for index in (-1, 0):
         waiting = list(episode.pending)
         if len(waiting) < 2:
             break
         agents = [agent for agent, _, _ in waiting]
-        last = waiting.pop(kept)
+        last = waiting.pop(index)
         for agent, turn, numbers in waiting:
             episode.answer(agent, server.policy(agent, turn, numbers))
         sent = f"actuators for all agents that were asked but agent {last[0]}"
@@ -166,7 +166,7 @@ def waits_for_all(server: Server) -> None:
     d61="6.2 Fitness message",
     needs=["S2.3"],
 )
-def one_fitness(server: Server) -> None:
+def sends_single_fitness(server: Server) -> None:
     """Late actuators after an episode, and a moment of listening."""
     episode = server.episode()
     episode.configure()
@@ -290,14 +290,16 @@ def short_control(server: Server) -> None:
 def as_many_numbers(server: Server) -> str:
     """The messages of the first steps."""
     episode = first_steps(server)
-    wanted = server.announced.get("sensors")
+    announced = server.announced.get("sensors")
     lengths = {agent: {len(row) for row in rows} for agent, rows in episode.trajectory.readings.items()}
-    for agent, found in lengths.items():
+    for agent, lengths_of_agent in lengths.items():
         if agent < 0:
             raise Failure(f"a sensor message of agent {agent} came", "agents from 0")
-        for length in found:
-            if isinstance(wanted, int) and length != wanted:
-                raise Failure(f"{length} numbers came for agent {agent}", f"{wanted} numbers, as announced")
+        for length in lengths_of_agent:
+            if isinstance(announced, int) and length != announced:
+                raise Failure(
+                    f"{length} numbers came for agent {agent}", f"{announced} numbers, as announced"
+                )
     every = sorted(set().union(*lengths.values()))
     if len(every) > 1:
         raise Failure(f"{every} numbers came in different messages", "as many for every agent and step")

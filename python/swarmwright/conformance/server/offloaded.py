@@ -131,10 +131,10 @@ def is_answered(server: Server) -> None:
     sample = sample_of(controllers.weights.shape[1], CANDIDATES)
     same_controllers = ControllerSet(controllers.architecture, genomes_of(sample))
     expected = _finite(server, evaluation(server, same_controllers, SEEDS))
-    found = _finite(server, evaluation(server, controllers, SEEDS, genomes=b"", sample=sample))
-    if server.deterministic is not False and found.tobytes() != expected.tobytes():
+    fitness = _finite(server, evaluation(server, controllers, SEEDS, genomes=b"", sample=sample))
+    if server.deterministic is not False and fitness.tobytes() != expected.tobytes():
         raise Failure(
-            f"fitness {found.tolist()} of a sample",
+            f"fitness {fitness.tolist()} of a sample",
             f"{expected.tolist()}, that of its genomes",
             f"evaluate with the sample {format_payload(str(sample))}",
         )
@@ -172,11 +172,11 @@ def properties(server: Server) -> None:
     answer = evaluated(server, request)
     if answer["correlation"] is None and answer["content_type"] is None:
         raise Skip("the server speaks MQTT 3.1.1, which has no properties")
-    wanted = request["request"].to_bytes(8, "big")
-    if answer["correlation"] != wanted or answer["content_type"] != "application/msgpack":
+    correlation = request["request"].to_bytes(8, "big")
+    if answer["correlation"] != correlation or answer["content_type"] != "application/msgpack":
         raise Failure(
             f"{answer['correlation']!r} and {answer['content_type']!r}",
-            f"{wanted!r} and 'application/msgpack'",
+            f"{correlation!r} and 'application/msgpack'",
         )
 
 
@@ -214,7 +214,7 @@ def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> s
     "replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
-def layered(server: Server) -> str:
+def evaluates_layered(server: Server) -> str:
     """Three candidates, two seeds."""
     return _must_equal_stepwise(server, "layered")
 
@@ -350,12 +350,12 @@ def metrics(server: Server) -> str:
     if not announced:
         raise Skip("not announced: no capabilities.swarmwright.metrics")
     answers = {}
-    for wanted in ([announced[-1]], list(announced)):
-        answer = evaluated(server, evaluation(server, controllers, [1], metrics=wanted))
-        found = answer.get("metrics")
-        if not isinstance(found, dict) or sorted(found) != sorted(wanted):
-            raise Failure(f"metrics {sorted(found or {})} came", f"{sorted(wanted)}, as asked for")
-        answers = {name: float(numbers(found, name, "<f8")[0]) for name in wanted}
+    for requested in ([announced[-1]], list(announced)):
+        answer = evaluated(server, evaluation(server, controllers, [1], metrics=requested))
+        returned = answer.get("metrics")
+        if not isinstance(returned, dict) or sorted(returned) != sorted(requested):
+            raise Failure(f"metrics {sorted(returned or {})} came", f"{sorted(requested)}, as asked for")
+        answers = {name: float(numbers(returned, name, "<f8")[0]) for name in requested}
     free_again(server)
     server.comparable()
     trajectory: Trajectory = played(server, controllers, 0, 1)
@@ -373,7 +373,7 @@ def metrics(server: Server) -> str:
     fix="queue requests during a computation",
     needs=["S9.1"],
 )
-def in_order(server: Server) -> None:
+def answers_in_order(server: Server) -> None:
     """Five requests at once."""
     controllers = announced_controllers(server)
     requests = [evaluation(server, controllers, SEEDS) for _ in range(5)]
@@ -427,7 +427,7 @@ def is_held_for_tool(server: Server) -> None:
     fix="answer error taken at once; leave the simulation alone",
     needs=["S9.1", "S2.9"],
 )
-def not_while_running(server: Server) -> None:
+def refuses_during_episode(server: Server) -> None:
     """Evaluate in the middle of an episode."""
     controllers = announced_controllers(server)
     episode = begun(server)

@@ -21,23 +21,23 @@ CHANGE_TOLD_S = 2.0
 
 def presence(server: Server) -> Json:
     """The retained message; skips the rule when there is none and none is required."""
-    found = kept(server, [f"{PRESENCE}{server.id}"])
-    if not found:
+    messages = kept(server, [f"{PRESENCE}{server.id}"])
+    if not messages:
         skip_without_presence(server)
         raise Failure(f"nothing is retained on {PRESENCE}{server.id}", "a presence message")
-    return found[-1].json
+    return messages[-1].json
 
 
-def awaited_presence(server: Server, wanted: str) -> Json:
+def await_presence(server: Server, state: str) -> Json:
     """Wait until presence has a state."""
     limit = time.monotonic() + CHANGE_TOLD_S + server.settings.timeout
-    state: object = None
+    current: object = None
     while time.monotonic() < limit:
-        found = presence(server)
-        state = found.get("state")
-        if state == wanted:
-            return found
-    raise Failure(f'the state stays "{state}"', f'"{wanted}"')
+        message = presence(server)
+        current = message.get("state")
+        if current == state:
+            return message
+    raise Failure(f'the state stays "{current}"', f'"{state}"')
 
 
 @rule(
@@ -50,26 +50,26 @@ def awaited_presence(server: Server, wanted: str) -> Json:
 def announcement(server: Server) -> str:
     """Version, modes, controllers, numbers, names, determinism, scenes, control, where it runs."""
     server.announces()
-    said = server.announced
+    extension = server.announced
     for key, least in (("version", 1), ("sensors", 1), ("actuators", 1), ("batch", 1), ("pid", 0)):
-        value = said.get(key, least)
+        value = extension.get(key, least)
         if not isinstance(value, int) or isinstance(value, bool) or value < least:
             raise Failure(f'"{key}" is {value!r}', f"an integer from {least}")
     for key in ("modes", "controllers", "metrics", "distributions"):
-        value = said.get(key, ["stepwise"])
+        value = extension.get(key, ["stepwise"])
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise Failure(f'"{key}" is {value!r}', "a list of names")
     for key in ("scenes", "control"):
-        if not isinstance(said.get(key, False), bool):
-            raise Failure(f'"{key}" is {said[key]!r}', "true or false")
+        if not isinstance(extension.get(key, False), bool):
+            raise Failure(f'"{key}" is {extension[key]!r}', "true or false")
     for key in ("instance", "host"):
-        if not isinstance(said.get(key, "text"), str) or not said.get(key, "text"):
-            raise Failure(f'"{key}" is {said[key]!r}', "text, or no such key")
-    if said.get("modes") == []:
+        if not isinstance(extension.get(key, "text"), str) or not extension.get(key, "text"):
+            raise Failure(f'"{key}" is {extension[key]!r}', "text, or no such key")
+    if extension.get("modes") == []:
         raise Failure('"modes" is empty', "one mode at least, or no such key")
-    if "determinism" in said and said["determinism"] not in DETERMINISM:
-        raise Failure(f'"determinism" is {said["determinism"]!r}', " or ".join(DETERMINISM))
-    return ", ".join(said.get("modes", ["stepwise"]))
+    if "determinism" in extension and extension["determinism"] not in DETERMINISM:
+        raise Failure(f'"determinism" is {extension["determinism"]!r}', " or ".join(DETERMINISM))
+    return ", ".join(extension.get("modes", ["stepwise"]))
 
 
 @rule(
@@ -79,23 +79,26 @@ def announcement(server: Server) -> str:
     fix="publish presence retained on connection and on each change of state",
     needs=["S1.3"],
 )
-def retained(server: Server) -> None:
+def keeps_presence(server: Server) -> None:
     """The message, as the broker keeps it."""
-    found = presence(server)
-    found = awaited_presence(server, "ready")
-    text = f"presence {format_payload(json.dumps(found))}"
-    capabilities = found.get("capabilities")
-    if found.get("version") != 1 or found.get("server") != server.id:
+    message = presence(server)
+    message = await_presence(server, "ready")
+    text = f"presence {format_payload(json.dumps(message))}"
+    capabilities = message.get("capabilities")
+    if message.get("version") != 1 or message.get("server") != server.id:
         raise Failure(text, f'"version" is 1 and "server" {server.id}')
-    if not isinstance(found.get("simulations"), list) or server.settings.title not in found["simulations"]:
+    if (
+        not isinstance(message.get("simulations"), list)
+        or server.settings.title not in message["simulations"]
+    ):
         raise Failure(text, f'"simulations" has "{server.settings.title}"')
     if not isinstance(capabilities, dict) or not is_number(capabilities.get("dimensions")):
         raise Failure(text, '"capabilities" is an object with the number "dimensions"')
-    if not isinstance(found.get("since"), str) or not STAMP.fullmatch(found["since"]):
+    if not isinstance(message.get("since"), str) or not STAMP.fullmatch(message["since"]):
         raise Failure(text, '"since" is a time as RFC 3339 has it')
     announced = capabilities.get("swarmwright")
     instance = announced.get("instance") if isinstance(announced, dict) else None
-    if instance is not None and found.get("instance", instance) != instance:
+    if instance is not None and message.get("instance", instance) != instance:
         raise Failure(text, f'"instance" is "{instance}", as capabilities.swarmwright announces it')
 
 
@@ -108,16 +111,16 @@ def retained(server: Server) -> None:
 )
 def consistent(server: Server) -> None:
     """Simulations and capabilities of both."""
-    found, answer = presence(server), server.must_answer("an answer")
+    message, answer = presence(server), server.must_answer("an answer")
     for key in ("simulations", "capabilities"):
-        if found[key] != answer.get(key):
+        if message[key] != answer.get(key):
             raise Failure(
-                f"{key} in presence: {format_payload(json.dumps(found[key]))}",
+                f"{key} in presence: {format_payload(json.dumps(message[key]))}",
                 format_payload(json.dumps(answer.get(key))),
             )
 
 
-def _waited_in(server: Server) -> Episode:
+def _begin_waiting(server: Server) -> Episode:
     """An episode of conformance/a in which agents have sensed, and wait."""
     presence(server)
     episode = server.episode(tool="conformance/a")
@@ -138,12 +141,12 @@ def _waited_in(server: Server) -> Episode:
 )
 def busy(server: Server) -> None:
     """An episode with a name, waited in, then ended."""
-    episode = _waited_in(server)
-    found = awaited_presence(server, "busy")
-    if found.get("tool") != "conformance/a":
-        raise Failure(f'"tool" is {found.get("tool")!r}', "'conformance/a', who has the server")
+    episode = _begin_waiting(server)
+    message = await_presence(server, "busy")
+    if message.get("tool") != "conformance/a":
+        raise Failure(f'"tool" is {message.get("tool")!r}', "'conformance/a', who has the server")
     episode.stop()
-    awaited_presence(server, "ready")
+    await_presence(server, "ready")
 
 
 @rule(
@@ -158,9 +161,9 @@ def nothing_else(server: Server) -> None:
     server.play()
     if server.own_broker is None:
         raise Skip("other clients use this broker; let the kit start one")
-    found = kept(server, list(TOPICS))
-    if found:
-        raise Failure(f"the broker keeps {found[0]}", "nothing retained")
+    messages = kept(server, list(TOPICS))
+    if messages:
+        raise Failure(f"the broker keeps {messages[0]}", "nothing retained")
 
 
 @rule(
@@ -170,10 +173,10 @@ def nothing_else(server: Server) -> None:
     fix="republish presence on such a rejection, so that the tool need not wait for its time-out",
     needs=["S7.4"],
 )
-def told_again(server: Server) -> None:
+def repeats_presence(server: Server) -> None:
     """Control of another tool, in the first step of an episode of a tool with a name."""
-    episode = _waited_in(server)
-    awaited_presence(server, "busy")
+    episode = _begin_waiting(server)
+    await_presence(server, "busy")
     server.client.drain(server.quiet)
     other = server.episode(tool="conformance/b")
     sent = f"{other.configure()}, then {other.start()}"

@@ -22,13 +22,13 @@ TURN_S = 5.0
 def must_be_taken(server: Server, why: str, sent: str = "", **changes: object) -> None:
     """Failure when it answers a discovery now."""
     question = server.discovery(**changes)
-    asked = server.client.send("discovery", **question)
+    discovery = server.client.send("discovery", **question)
     message = server.client.next(
         lambda message: server.is_answer(message, question["simulation_hash"]), server.quiet
     )
     if message is not None:
         before = f"{sent}, then " if sent else ""
-        raise Failure(f"it answered a discovery: {message}", f"silence: {why}", before + asked)
+        raise Failure(f"it answered a discovery: {message}", f"silence: {why}", before + discovery)
 
 
 def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> float:
@@ -47,7 +47,7 @@ def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> 
     fix="count as reserved once parameters with your ID arrive",
     needs=["S2.10"],
 )
-def after_parameters(server: Server) -> None:
+def is_reserved_by_parameters(server: Server) -> None:
     """Parameters, then a discovery."""
     episode = server.episode()
     sent = episode.configure()
@@ -82,7 +82,7 @@ def while_running(server: Server) -> None:
     fix="refuse control with another hash during an episode",
     needs=["S2.9"],
 )
-def not_moved(server: Server) -> None:
+def ignores_other_tools(server: Server) -> None:
     """Another tool configures, and ends."""
     episode, other = begun(server), server.episode()
     sent = f"{other.configure()}, then {other.stop()}"
@@ -187,8 +187,8 @@ def tells_of_failures(server: Server) -> str:
         came = f"no message came on the topic in reply within {patience + server.settings.timeout:g} s"
         raise Failure(came, "the message failed", f"{sent}, then no actuators")
     tells = decoded(message)
-    wanted = {"kind": "failed", "version": 1, "server": server.id, "simulation_hash": episode.hash}
-    for key, value in wanted.items():
+    expected = {"kind": "failed", "version": 1, "server": server.id, "simulation_hash": episode.hash}
+    for key, value in expected.items():
         if tells.get(key) != value:
             raise Failure(f'"{key}" is {tells.get(key)!r}', f"{value!r}", sent)
     if not isinstance(tells.get("reason"), str) or not 0 < len(tells["reason"]) <= LONGEST_REASON:
@@ -208,7 +208,7 @@ def short_patience(server: Server) -> float:
     return patience
 
 
-def named(server: Server, tool: str) -> Episode:
+def play_named(server: Server, tool: str) -> Episode:
     """A whole episode of a tool that names itself; afterwards the server is held."""
     skip_without_presence(server)
     episode = server.episode(tool=tool)
@@ -227,7 +227,7 @@ def named(server: Server, tool: str) -> Episode:
 )
 def is_held(server: Server) -> None:
     """An episode with a name; discoveries of another tool, without a tool, of the same."""
-    named(server, "conformance/a")
+    play_named(server, "conformance/a")
     must_be_taken(server, "it is held for conformance/a", tool="conformance/b")
     must_be_taken(server, "it is held for conformance/a")
     server.must_answer("an answer to its holder", "discovery of conformance/a", tool="conformance/a")
@@ -235,10 +235,10 @@ def is_held(server: Server) -> None:
     sent = f"{other.configure()}, {other.start()}"
     other.over = True
     server.must_be_silent("it is held for conformance/a", sent)
-    again = server.episode(tool="conformance/a")
-    again.configure()
-    again.start()
-    again.play()
+    second_episode = server.episode(tool="conformance/a")
+    second_episode.configure()
+    second_episode.start()
+    second_episode.play()
 
 
 @rule(
@@ -250,7 +250,7 @@ def is_held(server: Server) -> None:
 )
 def is_freed(server: Server) -> None:
     """An episode with a name, then run: false."""
-    episode = named(server, "conformance/a")
+    episode = play_named(server, "conformance/a")
     sent = episode.stop()
     server.must_answer("an answer to every tool", sent)
 
@@ -262,7 +262,7 @@ def is_freed(server: Server) -> None:
     fix="compare tool of control with the episode's before you end it",
     needs=["S2.9", "S6.7"],
 )
-def not_ended_by_others(server: Server) -> None:
+def ignores_unnamed_end(server: Server) -> None:
     """run: false without a name and with another one, in the middle of an episode."""
     _must_go_on(server, "conformance/a", [{}, {"tool": "conformance/b"}])
 
@@ -274,7 +274,7 @@ def not_ended_by_others(server: Server) -> None:
     fix="compare tool of control with the episode's, even if that has none",
     needs=["S2.9"],
 )
-def not_ended_by_the_named(server: Server) -> None:
+def ignores_named_end(server: Server) -> None:
     """run: false with a name, in the middle of an episode without one."""
     _must_go_on(server, None, [{"tool": "conformance/b"}])
 
@@ -310,7 +310,7 @@ def _must_go_on(server: Server, tool: str | None, others: list[dict[str, str]]) 
 )
 def hold_ends(server: Server) -> str:
     """An episode with a name, then discoveries of others until one is answered."""
-    named(server, "conformance/a")
+    play_named(server, "conformance/a")
     seconds = must_be_free_within(server, HOLD_S + 3, "free 5 s after the episode", "an episode with a name")
     if seconds < HOLD_S - 1:
         raise Failure(f"it was free for others after {seconds:.1f} s", "held for 5 s")
@@ -329,14 +329,14 @@ def hold_ends(server: Server) -> str:
 def takes_turns(server: Server) -> str:
     """Episode after episode of one tool, and between them discoveries of another one."""
     start = time.monotonic()
-    asked: set[str] = set()
+    hashes: set[str] = set()
     sent = "episodes of conformance/a, and between them discoveries of conformance/b"
-    while time.monotonic() < start + TURN_S + 3 or len(asked) < 2:
-        named(server, "conformance/a")
+    while time.monotonic() < start + TURN_S + 3 or len(hashes) < 2:
+        play_named(server, "conformance/a")
         question = server.discovery(tool="conformance/b")
-        asked.add(question["simulation_hash"])
+        hashes.add(question["simulation_hash"])
         server.client.send("discovery", **question)
-        if server.client.next(lambda message: _answers(server, message, asked), server.quiet):
+        if server.client.next(lambda message: _answers(server, message, hashes), server.quiet):
             break
     else:
         raise Failure(f"conformance/b got no answer for {time.monotonic() - start:.1f} s", "its turn", sent)
@@ -345,7 +345,7 @@ def takes_turns(server: Server) -> str:
         raise Failure(f"conformance/b was answered after {seconds:.1f} s", "5 s for conformance/a", sent)
     server.client.drain()
     must_be_taken(server, "it is the turn of conformance/b", tool="conformance/a")
-    named(server, "conformance/b")
+    play_named(server, "conformance/b")
     return f"the other one's turn after {seconds:.1f} s"
 
 
@@ -384,5 +384,5 @@ def plays_once(server: Server) -> None:
     episode.stop()
 
 
-def _answers(server: Server, message: Message, asked: set[str]) -> bool:
-    return server.is_answer(message) and message.maybe.get("simulation_hash") in asked
+def _answers(server: Server, message: Message, hashes: set[str]) -> bool:
+    return server.is_answer(message) and message.maybe.get("simulation_hash") in hashes

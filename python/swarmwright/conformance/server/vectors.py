@@ -47,8 +47,8 @@ PASSES = {"linear": (-np.inf, np.inf), "relu": (0.0, np.inf), "clamp": (0.0, 1.0
 @cache
 def vectors() -> Json:
     """Read the file."""
-    found: Json = json.loads(FILE.read_text(encoding="utf-8"))
-    return found
+    content: Json = json.loads(FILE.read_text(encoding="utf-8"))
+    return content
 
 
 def binary32(bits: Sequence[str]) -> Floats:
@@ -96,34 +96,34 @@ Layers = tuple[Floats, Floats, Floats]
 """(nodes, 1 + nodes below): bias and weights of each node."""
 
 
-def detector(some: Points, sign: float, sensors: int, actuators: int) -> Layers:
+def detector(points: Points, sign: float, sensors: int, actuators: int) -> Layers:
     """Return a network whose actuators are 0, or `sign` and its opposite for a wrong bit."""
-    count = len(some.x)
+    count = len(points.x)
     # Times this a last bit is 32, or as much as binary32 can hold.
-    exponents = np.minimum(5 - np.frexp(np.spacing(np.abs(some.y)))[1], 120)
+    exponents = np.minimum(5 - np.frexp(np.spacing(np.abs(points.y)))[1], 120)
     scales = np.ldexp(np.float32(1), exponents).astype(np.float32)
-    second = np.column_stack([-scales * some.y, np.diag(scales)])
+    second = np.column_stack([-scales * points.y, np.diag(scales)])
     powers = np.ldexp(np.float32(1), 60 + np.arange(count)).astype(np.float32)
-    middle = 0.5 if some.function == "sigmoid" else 0.0
+    middle = 0.5 if points.function == "sigmoid" else 0.0
     third = np.concatenate([[0.0 - middle * powers.sum(dtype=np.float64)], powers])
     outputs = np.outer(alternating(sign, actuators), third).astype(np.float32)
-    return constants(some.x, sensors), second.astype(np.float32), outputs
+    return constants(points.x, sensors), second.astype(np.float32), outputs
 
 
-def layered(layers: Layers) -> Floats:
+def layered_form(layers: Layers) -> Floats:
     """Return the weights of a layered network."""
     return np.concatenate([layer.ravel() for layer in layers])
 
 
-def meshed(layers: Layers) -> Floats:
+def meshed_form(layers: Layers) -> Floats:
     """Return the weights of a fully meshed network whose iterations are the layers."""
     first, second, third = layers
     sensors, count, actuators = first.shape[1] - 1, len(first), len(third)
     nodes = np.zeros((2 * count + actuators, 1 + sensors + 2 * count + actuators), np.float32)
     nodes[:, 0] = np.concatenate([layer[:, 0] for layer in layers])
-    here = 1 + sensors
-    nodes[count : 2 * count, here : here + count] = second[:, 1:]
-    nodes[2 * count :, here + count : here + 2 * count] = third[:, 1:]
+    bias = 1 + sensors
+    nodes[count : 2 * count, bias : bias + count] = second[:, 1:]
+    nodes[2 * count :, bias + count : bias + 2 * count] = third[:, 1:]
     return nodes.ravel()
 
 
@@ -146,7 +146,7 @@ def fitness(server: Server, form: Json, rows: Sequence[Floats]) -> list[float]:
     return [float(value) for value in numbers(answer, "fitness", "<f8")]
 
 
-def steered(server: Server, values: Floats) -> float | None:
+def steer_away(server: Server, values: Floats) -> float | None:
     """Return the fitness when all agents always do this, stepwise."""
     parameters = {**server.settings.parameters, "seed": SEED}
     return server.play(Always(tuple(float(str(value)) for value in values)), parameters).fitness
@@ -162,11 +162,11 @@ def wrong_points(server: Server, kind: str, function: str, expected: float | Non
             {"hidden": [count, count]} if kind == "layered" else {"hidden": 2 * count, "iterations": 3}
         )
         like = {"version": 1, "kind": kind, "activation": function, "output_range": RANGES[function]}
-        weights = layered if kind == "layered" else meshed
+        weights = layered_form if kind == "layered" else meshed_form
         tries = [(part, sign) for part in parts for sign in (1.0, -1.0)]
         rows = [weights(detector(part, sign, server.sensors, server.actuators)) for part, sign in tries]
-        found = zip(tries, fitness(server, architecture(server, like, **size), rows), strict=True)
-        return next((part for (part, _), value in found if not same(value, expected)), None)
+        results = zip(tries, fitness(server, architecture(server, like, **size), rows), strict=True)
+        return next((part for (part, _), value in results if not same(value, expected)), None)
 
     group = wrong([every.part(start) for start in range(0, len(every.x), GROUP)])
     if group is None:
@@ -188,7 +188,9 @@ class Case:
         width = 1 + [self.specification["sensors"], *self.specification["hidden"]][-1]
         last = weights[-self.specification["actuators"] * width :].reshape(-1, width)
         rest = [weights[: -last.size], last[np.arange(server.actuators) % len(last)].ravel()]
-        return [np.concatenate([constants(seen, server.sensors).ravel(), *rest]) for seen, _ in self.steps]
+        return [
+            np.concatenate([constants(sensors, server.sensors).ravel(), *rest]) for sensors, _ in self.steps
+        ]
 
     def actuators(self, step: int, count: int) -> Floats:
         """Return the golden actuators of a step, as many as there are here."""
@@ -225,7 +227,9 @@ def golden(server: Server) -> str:
         raise Skip("not announced: capabilities.swarmwright.controllers has no networks")
     server.comparable()
     _ = server.reference
-    still, ahead, back = (steered(server, alternating(sign, server.actuators)) for sign in (0.0, 1.0, -1.0))
+    still, ahead, back = (
+        steer_away(server, alternating(sign, server.actuators)) for sign in (0.0, 1.0, -1.0)
+    )
     if same(still, ahead) and same(still, back):
         raise Skip("actuators change no fitness here; give --parameters with longer episodes")
     for kind in kinds:
@@ -239,24 +243,24 @@ def golden(server: Server) -> str:
     return f"{tried} points in {' and '.join(kinds)} networks, {steps} steps of layered ones"
 
 
-def _ignored(server: Server, form: Json, case: Case, found: Sequence[float]) -> str:
+def _find_ignored(server: Server, form: Json, case: Case, fitness_values: Sequence[float]) -> str:
     """Return that the server ignores output_activation, in words; empty where it does not."""
     without = {key: value for key, value in form.items() if key != "output_activation"}
     values = fitness(server, without, case.rows(server))
     free_again(server)
-    same_values = len(values) == len(found) and all(map(same, values, found))
+    same_values = len(values) == len(fitness_values) and all(map(same, values, fitness_values))
     return ": the fitness without output_activation, which the server ignores" if same_values else ""
 
 
 def whole_networks(server: Server) -> int:
     """Try those of the vectors that can be; how many steps. Raises Failure."""
     tried = 0
-    known: dict[bytes, float | None] = {}
+    cache: dict[bytes, float | None] = {}
     for case in cases():
         hidden = [case.specification["sensors"], *case.specification["hidden"]]
         form = architecture(server, case.specification, hidden=hidden)
         try:
-            found = fitness(server, form, case.rows(server))
+            fitness_values = fitness(server, form, case.rows(server))
         except Failure as failure:
             # The field is optional: what does not know it may say so.
             if "output_activation" in form and "output_activation" in failure.came:
@@ -264,16 +268,16 @@ def whole_networks(server: Server) -> int:
             raise
         finally:
             free_again(server)
-        for step, value in enumerate(found):
+        for step, value in enumerate(fitness_values):
             actuators = case.actuators(step, server.actuators)
             key = actuators.tobytes()
-            if key not in known:
-                known[key] = steered(server, actuators)
-            if not same(value, known[key]):
-                came = f"{value!r} offloaded, {known[key]!r} when agents are steered by {actuators.tolist()}"
+            if key not in cache:
+                cache[key] = steer_away(server, actuators)
+            if not same(value, cache[key]):
+                came = f"{value!r} offloaded, {cache[key]!r} when agents are steered by {actuators.tolist()}"
                 expected = f"the same bits: the vector {case.name!r}, sensors {case.steps[step][0].tolist()}"
                 if "output_activation" in form:
-                    came += _ignored(server, form, case, found)
+                    came += _find_ignored(server, form, case, fitness_values)
                     expected += (
                         "; or the error invalid that names output_activation, where the server does not know "
                         "this key"

@@ -64,12 +64,12 @@ def missing_keys(server: ServerPeer) -> None:
 
     def junk(hash_: str) -> list[Junk]:
         whole = _messages(server, hash_)
-        found = [
+        pieces = [
             (topic, json.dumps({name: value for name, value in fields.items() if name != key}))
             for topic, fields in whole
             for key in fields
         ]
-        return [*found, ("discovery", json.dumps({**server.discovery(), "requirements": {"max_agents": 1}}))]
+        return [*pieces, ("discovery", json.dumps({**server.discovery(), "requirements": {"max_agents": 1}}))]
 
     disturb(server, junk, "a required key is missing")
 
@@ -141,7 +141,7 @@ def wrong_types(server: ServerPeer) -> None:
     fix="refuse messages with numbers that are not finite in binary32",
     needs=["S2.3"],
 )
-def not_finite(server: ServerPeer) -> None:
+def refuses_infinite(server: ServerPeer) -> None:
     """NaN, Infinity, 1e999 and 1e39 among actuators."""
 
     def junk(hash_: str) -> list[Junk]:
@@ -238,7 +238,7 @@ def foreign_server(server: ServerPeer) -> None:
     fix="limit the depth in your JSON reader to protect the stack",
     needs=["S2.3"],
 )
-def too_deep(server: ServerPeer) -> None:
+def refuses_deep(server: ServerPeer) -> None:
     """Unknown keys, nested 100 and 100,000 levels."""
     note: object = 1
     for _ in range(100):
@@ -267,7 +267,7 @@ def too_deep(server: ServerPeer) -> None:
     fix="check the length of a payload before you read it",
     needs=["S2.3"],
 )
-def too_large(server: ServerPeer) -> None:
+def refuses_large(server: ServerPeer) -> None:
     """Messages with an unknown key of 1 MiB."""
     note = "x" * (1 << 20)
 
@@ -318,7 +318,7 @@ def integers(server: ServerPeer) -> None:
     fix="use a JSON library that keeps the last, as most do",
     needs=["S1.2"],
 )
-def repeated_keys(server: Server) -> None:
+def takes_last_key(server: Server) -> None:
     """A discovery with the wrong title before the right one."""
     question = server.discovery()
     text = json.dumps({**question, "first": 1}).replace("{", '{"simulation": "no such simulation", ', 1)
