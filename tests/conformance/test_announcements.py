@@ -101,7 +101,7 @@ def test_an_announcement_does_not_require_presence(announcement: Json) -> None:
 )
 def test_who_needs_presence_is_held_as_well(kind: type[Plain], announcement: Json, broken: set[str]) -> None:
     report = report_of(kind, announcement, "S1,S2,S6.7,S6.12,S7.2")
-    assert set(report.of("failed", "died")) == broken, str(report)
+    assert set(report.list_ids("failed", "died")) == broken, str(report)
 
 
 @pytest.mark.timeout(200)
@@ -117,10 +117,10 @@ def test_the_servers_of_the_page_keep_every_rule_that_applies(program: str) -> N
         timeout=2.0,
     )
     assert report.ok, str(report)
-    assert set(report.of("skipped")) >= RESERVED | ONE_ID
-    assert {"S2.5", "S3.5", "S4.2"} <= set(report.of("passed")), "those that need agents and a seed"
+    assert set(report.list_ids("skipped")) >= RESERVED | ONE_ID
+    assert {"S2.5", "S3.5", "S4.2"} <= set(report.list_ids("passed")), "those that need agents and a seed"
     scenes = {"S14.1", "S14.2", "S14.3"}
-    assert scenes <= set(report.of("passed" if program == "scene_server.py" else "skipped"))
+    assert scenes <= set(report.list_ids("passed" if program == "scene_server.py" else "skipped"))
 
 
 class FailsInScenes(Plain):

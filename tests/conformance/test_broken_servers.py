@@ -109,8 +109,8 @@ def report_of(
 @pytest.mark.parametrize("kind", SERVERS, ids=lambda kind: kind.__name__)
 def test_a_broken_server_is_caught_by_the_right_rule(kind: type[Broken]) -> None:
     report = report_of(kind, kind.rules, parameters=kind.parameters_of_episodes)
-    assert set(report.of("failed", "died")) == kind.breaks, str(report)
-    assert bool(report.of("died")) == kind.died
+    assert set(report.list_ids("failed", "died")) == kind.breaks, str(report)
+    assert bool(report.list_ids("died")) == kind.died
 
 
 def test_a_field_that_is_wrong_is_shown_in_full() -> None:
@@ -126,11 +126,11 @@ def test_a_fitness_of_another_episode_is_told_from_sensors_of_another() -> None:
     report = report_of(seeds.FitnessOfTheLast, "S2,S3,S4")
     (failed,) = (result for result in report.results if result.status == "failed")
     assert "the sensors were the same: the fitness is of an earlier episode" in failed.came, failed.came
-    assert {"S3.3", "S3.4", "S3.5", "S4.1"} <= set(report.of("passed")), str(report)
+    assert {"S3.3", "S3.4", "S3.5", "S4.1"} <= set(report.list_ids("passed")), str(report)
     report = report_of(seeds.Leaks, "S2,S3,S4")
     (failed,) = (result for result in report.results if result.status == "failed")
     assert "senses" in failed.came, failed.came
-    assert {"S3.3", "S3.4", "S3.5", "S4.1"} <= set(report.of("not run")), str(report)
+    assert {"S3.3", "S3.4", "S3.5", "S4.1"} <= set(report.list_ids("not run")), str(report)
 
 
 class IgnoresTheSeed(SoundServer):
@@ -142,14 +142,14 @@ class IgnoresTheSeed(SoundServer):
 
 def test_another_parameter_stands_in_for_the_seed() -> None:
     report = report_of(IgnoresTheSeed, "S2,S3")
-    assert set(report.of("skipped")) == {"S3.3", "S3.4", "S3.5"}
+    assert set(report.list_ids("skipped")) == {"S3.3", "S3.4", "S3.5"}
     last = report.results[-1]
     assert "the server ignores seed, or nothing is random" in last.detail
     assert "the server ignores the parameter seed" in last.advice
     assert not {"advice", "doubt"} & last.record().keys()
     assert str(report).splitlines()[0].endswith("skipped; the seed changed nothing: is it ignored?")
     report = report_of(IgnoresTheSeed, "S2,S3", vary={"agents": 2})
-    assert set(report.of("skipped")) == {"S3.5"}
+    assert set(report.list_ids("skipped")) == {"S3.5"}
     assert report.ok, str(report)
     assert "ignored" not in str(report)
 
@@ -166,7 +166,7 @@ class KeepsBatches(Batched):
 
 def test_a_server_that_never_gives_up_a_batch_is_caught() -> None:
     report = report_of(KeepsBatches, "S1.1,S2.3,S10.1,S10.9", step_timeout=1.0)
-    assert report.of("failed", "died") == ["S10.9"], str(report)
+    assert report.list_ids("failed", "died") == ["S10.9"], str(report)
 
 
 class GivesUpSilently(Batched):
@@ -203,7 +203,7 @@ def test_a_batch_that_is_given_up_without_the_error_failed_is_doubted(
 ) -> None:
     """Servers from before the protocol demanded it are no broken ones."""
     report = report_of(kind, "S1.1,S2.3,S10.1,S10.9", step_timeout=1.0)
-    assert report.of("failed", "died") == failed, str(report)
+    assert report.list_ids("failed", "died") == failed, str(report)
     assert ("without the error failed" in str(report)) == doubt
 
 
@@ -300,8 +300,8 @@ def test_a_server_that_is_started_anew_has_another_instance(
 ) -> None:
     command = started(tmp_path, monkeypatch, silent=False)
     report = check_server(command=command, rules=["S1.1,S2.3,S2.9,S2.15,S9.1,S9.9"], timeout=2.0)
-    assert report.of("failed", "died") == ["S2.15"], str(report)
-    assert "S9.9" in report.of("passed")
+    assert report.list_ids("failed", "died") == ["S2.15"], str(report)
+    assert "S9.9" in report.list_ids("passed")
 
 
 def test_what_a_silent_server_printed_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -330,7 +330,7 @@ def test_a_second_server_that_does_not_leave_is_caught(
     report = check_server(
         command=f"{sys.executable} {tmp_path / 'server.py'} {{broker}}", rules=["S1.1,S2.3,S7.2,S16.2"]
     )
-    assert report.of("failed", "died") == ["S16.2"], str(report)
+    assert report.list_ids("failed", "died") == ["S16.2"], str(report)
     assert "the second one still ran" in report.results[-1].came
 
 
@@ -350,13 +350,13 @@ def test_a_metric_that_is_no_number_is_not_said_to_be_missing() -> None:
 def test_late_answers_to_earlier_discoveries_are_no_mistake() -> None:
     report = report_of(LateTwice, "S1.1,S1.2,S1.3,S6.6", step_timeout=PATIENCE)
     assert report.ok, str(report)
-    assert "S6.6" in report.of("passed")
+    assert "S6.6" in report.list_ids("passed")
 
 
 def test_late_agents_of_the_first_step_are_no_mistake_of_a_server_that_gives_up() -> None:
     report = report_of(LateAgents, "S1.1,S6.6", step_timeout=PATIENCE)
     assert report.ok, str(report)
-    assert "S6.6" in report.of("passed")
+    assert "S6.6" in report.list_ids("passed")
 
 
 class HoldsBack(SoundServer):
@@ -377,4 +377,4 @@ def test_a_server_that_holds_small_packets_back_is_told_so(kind: type[SoundServe
 
 def test_one_agent_has_no_messages_to_hold_back() -> None:
     report = report_of(SoundServer, "S2.3,S2.8,S12.4", parameters={"agents": 1})
-    assert report.of("skipped") == ["S12.4"], str(report)
+    assert report.list_ids("skipped") == ["S12.4"], str(report)

@@ -54,7 +54,7 @@ def test_what_d61_does_not_demand_is_swarmwrights(number: str) -> None:
     rules: Rules = SERVER if number.startswith("S") else OPTIMIZER
     assert rules[number].owner == "Swarmwright"
     with pytest.raises(InputError, match=r"not rules of D6\.1"):
-        rules.chosen([number], "d6.1")
+        rules.select([number], "d6.1")
 
 
 def test_the_least_that_d61_demands_is_enough() -> None:
@@ -63,7 +63,7 @@ def test_the_least_that_d61_demands_is_enough() -> None:
     assert report.ok, str(report)
     assert {result.owner for result in report.results} == {"D6.1"}
     # What can be told only of a server that waits for its answers.
-    assert set(report.of("skipped")) == {"S5.1", "S5.2", "S5.3", "S5.6", "S5.7", "S5.8"}
+    assert set(report.list_ids("skipped")) == {"S5.1", "S5.2", "S5.3", "S5.6", "S5.7", "S5.8"}
 
 
 def test_it_breaks_swarmwrights_rules_and_no_other() -> None:
@@ -82,7 +82,7 @@ def test_it_breaks_swarmwrights_rules_and_no_other() -> None:
 )
 def test_a_server_that_breaks_d61_is_caught_with_the_profile(kind: type[Broken]) -> None:
     report = report_of(kind, "", profile="d6.1")
-    assert set(report.of("failed", "died")) == kind.breaks, str(report)
+    assert set(report.list_ids("failed", "died")) == kind.breaks, str(report)
 
 
 @pytest.fixture
@@ -95,9 +95,9 @@ def _places(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_least_that_d61_demands_of_a_tool_is_enough() -> None:
     report = report_of_tool(LeastTool, "", profile="d6.1", lasts=30.0)
     assert report.ok, str(report)
-    assert not report.of("skipped")
+    assert not report.list_ids("skipped")
     wide = report_of_tool(LeastTool, "O2,O3,O4.6,O4.7")
-    assert {"O4.6", "O4.7"} <= set(wide.of("failed")), str(wide)
+    assert {"O4.6", "O4.7"} <= set(wide.list_ids("failed")), str(wide)
     assert {result.owner for result in wide.results if result.status == "failed"} == {"Swarmwright"}
 
 

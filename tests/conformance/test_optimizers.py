@@ -43,7 +43,7 @@ def report_of(kind: type[SoundTool], rules: str, profile: Profile = "all", *, la
 def test_our_tool_keeps_every_rule() -> None:
     report = check_optimizer(command=OURS)
     assert report.ok, str(report)
-    assert not report.of("skipped")
+    assert not report.list_ids("skipped")
 
 
 @pytest.mark.timeout(120)
@@ -51,7 +51,7 @@ def test_our_tool_keeps_every_rule() -> None:
 def test_the_model_that_broken_tools_are_made_of_is_sound() -> None:
     report = report_of(SoundTool, "", lasts=30.0)
     assert report.ok, str(report)
-    assert set(report.of("skipped")) == {"O6.1", "O6.2", "O6.3"}
+    assert set(report.list_ids("skipped")) == {"O6.1", "O6.2", "O6.3"}
 
 
 @pytest.mark.timeout(120)
@@ -59,7 +59,7 @@ def test_the_model_that_broken_tools_are_made_of_is_sound() -> None:
 @pytest.mark.parametrize("kind", TOOLS, ids=lambda kind: kind.__name__)
 def test_a_broken_tool_is_caught_by_the_right_rule(kind: type[SoundTool]) -> None:
     report = report_of(kind, ",".join([PLAIN, *sorted(kind.breaks)]))
-    assert set(report.of("failed", "died")) == kind.breaks, str(report)
+    assert set(report.list_ids("failed", "died")) == kind.breaks, str(report)
 
 
 @pytest.mark.timeout(180)
@@ -70,7 +70,7 @@ def test_stepwise_rules_are_skipped_for_a_tool_of_another_mode(
 ) -> None:
     report = report_of(kind, "O1,O2,O3.1,O3.7,O4.1,O6,O7.1")
     assert report.ok, str(report)
-    assert set(report.of("passed")) == {"O1.1", "O1.3", "O2.4", *requests}, str(report)
+    assert set(report.list_ids("passed")) == {"O1.1", "O1.3", "O2.4", *requests}, str(report)
     assert "only" in next(result.detail for result in report.results if result.id == "O1.2")
     assert str(report).splitlines()[0].endswith("it played no episode stepwise: is that meant?")
 
@@ -81,7 +81,7 @@ def test_stepwise_rules_are_skipped_for_a_tool_of_another_mode(
 def test_a_tool_of_one_mode_that_evaluates_too_little_is_caught(kind: type[SoundTool]) -> None:
     """How many episodes its run has is not known from stepwise ones."""
     report = report_of(kind, "O1.1,O1.2,O6.1,O6.2")
-    assert set(report.of("failed", "died")) == kind.breaks, str(report)
+    assert set(report.list_ids("failed", "died")) == kind.breaks, str(report)
 
 
 class Recalled(Tool):

@@ -148,7 +148,7 @@ def test_a_server_keeps_every_rule(name: str, tmp_path: Path, monkeypatch: pytes
     )
     assert report.ok, str(report)
     expected = case.skipped if case.modules else case.skipped | {"S9.16", "S9.17"}
-    assert set(report.of("skipped")) == expected, [
+    assert set(report.list_ids("skipped")) == expected, [
         (result.id, result.detail) for result in report.results if result.status == "skipped"
     ]
 
@@ -163,7 +163,7 @@ def test_the_model_that_broken_servers_are_made_of_is_sound() -> None:
     assert report.ok, str(report)
     batched = {f"S10.{number}" for number in range(1, 10)}
     instances = {"S16.1", "S16.2", "S16.3", "S16.4", "S16.5"}
-    assert set(report.of("skipped")) == {
+    assert set(report.list_ids("skipped")) == {
         "S6.6", "S6.10", "S9.6", "S9.16", "S9.17", "S13.1", *batched, *instances
     }  # fmt: skip
 
@@ -177,7 +177,7 @@ def test_the_model_with_batches_is_sound() -> None:
             wait=10,
         )
     assert report.ok, str(report)
-    assert not report.of("skipped")
+    assert not report.list_ids("skipped")
 
 
 def test_the_model_with_robots_is_sound() -> None:
@@ -186,7 +186,7 @@ def test_the_model_with_robots_is_sound() -> None:
             start=lambda url: stack.callback(SoundRobots(url).close), rules=["S1,S2.3,S3.2,S9"], wait=10
         )
     assert report.ok, str(report)
-    assert set(report.of("skipped")) == {"S9.6"}
+    assert set(report.list_ids("skipped")) == {"S9.6"}
 
 
 def test_the_model_that_makes_samples_is_sound() -> None:
@@ -195,7 +195,7 @@ def test_the_model_that_makes_samples_is_sound() -> None:
             start=lambda url: stack.callback(Sampling(url).close), rules=["S1,S2.3,S3.2,S7,S9"], wait=10
         )
     assert report.ok, str(report)
-    assert set(report.of("skipped")) == {"S9.6", "S9.16", "S9.17"}
+    assert set(report.list_ids("skipped")) == {"S9.6", "S9.16", "S9.17"}
 
 
 def test_the_model_that_steers_its_agents_itself_is_sound() -> None:
@@ -215,7 +215,7 @@ def test_the_model_that_steers_its_agents_itself_is_sound() -> None:
         "S9.20",
         "S10.7",
     }
-    assert {number for number in report.of("passed") if number.startswith(("S9", "S10"))} == tried, str(
+    assert {number for number in report.list_ids("passed") if number.startswith(("S9", "S10"))} == tried, str(
         report
     )
 
@@ -227,7 +227,7 @@ def test_rules_alone_are_tried_whichever_are_chosen_with_them(first: str) -> Non
         command=served("minisim"), parameters=MANY, step_timeout=PATIENCE, rules=[f"{first},S10.1,S9.6"]
     )
     assert report.ok, str(report)
-    assert {"S10.1", "S9.6"} <= set(report.of("passed")), str(report)
+    assert {"S10.1", "S9.6"} <= set(report.list_ids("passed")), str(report)
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ def test_rules_alone_get_what_they_need_to_know_unless_that_is_left_out(left_out
         command=served("minisim"), parameters=MANY, step_timeout=PATIENCE, rules=["S10.1,S10.2", left_out]
     )
     assert [result.id for result in report.results] == ["S10.1", "S10.2"]
-    assert len(report.of("not run" if left_out else "passed")) == 2, str(report)
+    assert len(report.list_ids("not run" if left_out else "passed")) == 2, str(report)
     assert report.ok != bool(left_out)
     assert detail in report.results[0].detail, report.results[0].detail
 
@@ -252,4 +252,4 @@ def test_agents_that_steer_themselves() -> None:
         step_timeout=PATIENCE,
     )
     assert report.ok, str(report)
-    assert set(report.of("skipped")) == STEERED
+    assert set(report.list_ids("skipped")) == STEERED

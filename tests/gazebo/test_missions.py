@@ -109,7 +109,7 @@ def test_the_conformance_kit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         actuators=2,
     )
     assert report.ok, str(report)
-    assert set(report.of("skipped")) == {"S8.1", "S8.2", "S9.7", "S9.14"}
+    assert set(report.list_ids("skipped")) == {"S8.1", "S8.2", "S9.7", "S9.14"}
 
 
 @pytest.mark.parametrize(

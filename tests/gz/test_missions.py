@@ -86,7 +86,7 @@ def test_the_conformance_kit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         actuators=2,
     )
     assert report.ok, str(report)
-    assert set(report.of("skipped")) == {"S8.1", "S8.2", "S9.7", "S9.14"}
+    assert set(report.list_ids("skipped")) == {"S8.1", "S8.2", "S9.7", "S9.14"}
 
 
 def test_a_model_in_a_world(broker: BrokerProcess, serve: Serve, launch: Launch, tmp_path: Path) -> None:

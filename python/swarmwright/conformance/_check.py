@@ -13,7 +13,7 @@ from swarmwright.conformance import optimizer
 from swarmwright.conformance import server as servers
 from swarmwright.conformance._broker import OPEN, open_broker
 from swarmwright.conformance._process import Process
-from swarmwright.conformance._server_peer import ServerPeer, found
+from swarmwright.conformance._server_peer import ServerPeer, await_answer
 from swarmwright.conformance._server_under_test import Settings
 from swarmwright.conformance.optimizer._tool import Tool, ToolSettings, write_experiment
 from swarmwright.conformance.results import BAD, Report, Result
@@ -36,7 +36,7 @@ class Peer(Protocol):
         """Start it anew, where that is possible; whether it was."""
         ...
 
-    def gone(self) -> str:
+    def describe_exit(self) -> str:
         """How its process ended, in words; empty when it has not ended, or that is not known."""
         ...
 
@@ -89,7 +89,7 @@ def _try_rule(peer: Peer, rule: Rule) -> Result:
     if lost:
         before = f"{failure.came}; then " if failure else ""
         failure = Failure(
-            before + (peer.gone() or lost),
+            before + (peer.describe_exit() or lost),
             failure.expected if failure else "alive and free after the rule",
             failure.sent if failure else "",
         )
@@ -161,7 +161,7 @@ def check_server(
     Raises InputError (what was given is wrong) and RunError (no broker).
 
     """
-    chosen = servers.RULES.chosen(rules, profile)
+    chosen = servers.RULES.select(rules, profile)
     tell, say = tell or _nothing, say or _nothing
     with ExitStack() as stack:
         address, direct, door = open_broker(broker, stack, stranger=command is None and start is None)
@@ -239,7 +239,7 @@ def _title(peer: ServerPeer, topic: str, wait: float) -> str:
         titles = message.maybe.get("simulations")
         if isinstance(titles, list) and titles and isinstance(titles[0], str):
             return titles[0]
-    gone = peer.gone()
+    gone = peer.describe_exit()
     if gone:
         raise RunError(f"--exec: {gone}")
     raise InputError(
@@ -255,13 +255,13 @@ def _dimensions(peer: ServerPeer, requested: float | None, wait: float) -> float
     while time.monotonic() < limit:
         for guess in guesses:
             peer.settings.dimensions = guess
-            answer = found(peer, 0.15)
+            answer = await_answer(peer, 0.15)
             if answer is not None:
                 capabilities = answer.get("capabilities")
                 announced = capabilities.get("dimensions") if isinstance(capabilities, dict) else None
                 return float(announced) if isinstance(announced, int | float) else guess
-        if peer.gone():
-            raise RunError(f"--exec: {peer.gone()}")
+        if peer.describe_exit():
+            raise RunError(f"--exec: {peer.describe_exit()}")
     return guesses[0]
 
 
@@ -302,7 +302,7 @@ def check_optimizer(
     Raises InputError (what was given is wrong) and RunError (no broker).
 
     """
-    chosen = optimizer.RULES.chosen(rules, profile)
+    chosen = optimizer.RULES.select(rules, profile)
     starts_tool = command is not None and "{experiment}" in command
     settings = ToolSettings(
         title=simulation,

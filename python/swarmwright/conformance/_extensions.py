@@ -115,7 +115,7 @@ def batch(server: Server, seeds: Sequence[int], /, **changes: Any) -> Json:  # n
     } | changes
 
 
-def decoded(message: Message) -> Json:
+def decode_message(message: Message) -> Json:
     """The map in a message. Raises Failure when it is not a map."""
     try:
         value = msgpack.unpackb(message.payload, strict_map_key=False)
@@ -142,13 +142,14 @@ def next_answer(server: Server, request: Mapping[str, Any], sent: str, seconds: 
     """As `answer_to`; None when no answer comes."""
     message = server.client.next(
         lambda message: (
-            message.topic == TO_TOOL + server.token and decoded(message).get("request") == request["request"]
+            message.topic == TO_TOOL + server.token
+            and decode_message(message).get("request") == request["request"]
         ),
         seconds,
     )
     if message is None:
         return None
-    answer = decoded(message)
+    answer = decode_message(message)
     for key, expected in (("version", 1), ("server", server.id)):
         if answer.get(key) != expected:
             raise Failure(f'"{key}" is {answer.get(key)!r}', f"{expected!r}", sent)
@@ -227,7 +228,7 @@ def _values(controllers: ControllerSet, candidate: int) -> Json:
     }
 
 
-def played(server: Server, controllers: ControllerSet, candidate: int, seed: int) -> "Any":  # noqa: ANN401
+def play_episode(server: Server, controllers: ControllerSet, candidate: int, seed: int) -> "Any":  # noqa: ANN401
     """The same episode stepwise, with our controllers, or with the parameters of a set."""
     if controllers.architecture["kind"] == "parameter_set":
         return server.play(

@@ -42,11 +42,11 @@ class ServerPeer(Server):
             return ""
         self.client.deadline = time.monotonic() + FREE_AFTER_S + 4 * self.settings.timeout
         try:
-            return self._recovered()
+            return self._free_server()
         except Overdue:
             return "it no longer answered discoveries"
 
-    def _recovered(self) -> str:
+    def _free_server(self) -> str:
         if self.door is not None:
             self.door.open()
         for episode in self.episodes:
@@ -54,7 +54,7 @@ class ServerPeer(Server):
         for tool in self.tools:
             self._end_episode(tool)
         limit = time.monotonic() + FREE_AFTER_S
-        while not self.gone():
+        while not self.describe_exit():
             if self._is_free(min(1.0, self.settings.timeout)):
                 return ""
             if time.monotonic() > limit:
@@ -63,7 +63,7 @@ class ServerPeer(Server):
                 self._play_out(episode)
             for tool in self.tools:
                 self._end_episode(tool)
-        return self.gone()
+        return self.describe_exit()
 
     def _is_free(self, seconds: float) -> bool:
         """Any answer with its ID will do: that the hash is echoed is another rule."""
@@ -96,14 +96,14 @@ class ServerPeer(Server):
         if self.process is None:
             return False
         self.process.start()
-        answer = found(self, 30.0)
+        answer = await_answer(self, 30.0)
         if answer is None:
             return False
         # Another start of the server has another instance.
         self.note_capabilities(answer)
         return True
 
-    def again(self) -> bool:
+    def prepare_retry(self) -> bool:
         """Make it ready for another try within a rule; whether that was possible."""
         if self.recover() and not self.revive():
             return False
@@ -128,12 +128,12 @@ class ServerPeer(Server):
             self._waits = not (episode.repeated or episode.over)
         return self._waits
 
-    def gone(self) -> str:
+    def describe_exit(self) -> str:
         """How its process ended, in words; empty when it runs, or was not started by the kit."""
         return "" if self.process is None else self.process.ended
 
 
-def found(server: Server, seconds: float) -> Json | None:
+def await_answer(server: Server, seconds: float) -> Json | None:
     """Ask until the server answers; the answer, None when none comes in time."""
     client: Client = server.client
     client.deadline = float("inf")

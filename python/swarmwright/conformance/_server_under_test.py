@@ -77,7 +77,7 @@ class Server:
         self.wrong_metrics: Json = {}
         """Metrics that were no finite numbers, each with what came."""
         self.episodes: list[Episode] = []
-        self.asked: set[str] = set()
+        self.question_hashes: set[str] = set()
         """Hashes of all discoveries: answers to earlier ones may be late."""
         self.tools: set[str] = set()
 
@@ -199,7 +199,7 @@ class Server:
             "requirements": {"dimensions": self.settings.dimensions},
         } | changes
         if isinstance(question["simulation_hash"], str):
-            self.asked.add(question["simulation_hash"])
+            self.question_hashes.add(question["simulation_hash"])
         return question
 
     def discover(self, *, within: float | None = None, **changes: Any) -> Json | None:  # noqa: ANN401 - JSON

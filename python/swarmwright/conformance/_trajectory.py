@@ -85,39 +85,40 @@ class Trajectory:
 
     def difference(self, other: "Trajectory") -> str:
         """The first difference from another trajectory, in words; empty when all bits are the same."""
-        sensed = self.sensed_difference(other)
+        sensed = self.find_sensor_difference(other)
         if sensed or self.sensors_only or other.sensors_only:
             return sensed
         return self._result_difference(other)
 
-    def sensed_difference(self, other: "Trajectory") -> str:
+    def find_sensor_difference(self, other: "Trajectory") -> str:
         """The first difference in what agents sense, in words; empty when all bits are the same."""
         for agent in sorted({*self.readings, *other.readings}):
             mine, theirs = self.readings.get(agent, []), other.readings.get(agent, [])
             for turn, (first, second) in enumerate(zip(mine, theirs, strict=False)):
                 if first.tobytes() != second.tobytes():
-                    return f"agent {agent} senses {listed(first)} and {listed(second)} in its message {turn}"
+                    values = f"{format_numbers(first)} and {format_numbers(second)}"
+                    return f"agent {agent} senses {values} in its message {turn}"
             if len(mine) != len(theirs):
                 return f"agent {agent} gets {len(mine)} and {len(theirs)} sensor messages"
         return ""
 
     def _result_difference(self, other: "Trajectory") -> str:
-        if not same(self.fitness, other.fitness):
+        if not is_same_fitness(self.fitness, other.fitness):
             return f"the fitness is {self.fitness!r} and {other.fitness!r}"
         for name in sorted({*self.metrics, *other.metrics}):
-            if not same(self.metrics.get(name), other.metrics.get(name)):
+            if not is_same_fitness(self.metrics.get(name), other.metrics.get(name)):
                 return f"metric {name} is {self.metrics.get(name)!r} and {other.metrics.get(name)!r}"
         return ""
 
 
-def same(first: float | None, other: float | None) -> bool:
+def is_same_fitness(first: float | None, other: float | None) -> bool:
     """Whether two numbers have the same bits (or both are none)."""
     if first is None or other is None:
         return first is other
     return np.float64(first).tobytes() == np.float64(other).tobytes()
 
 
-def listed(numbers: Numbers) -> str:
+def format_numbers(numbers: Numbers) -> str:
     """Return a few numbers for people."""
     texts = [str(value) for value in numbers[:6]]
     return f"[{', '.join(texts)}{', ...' if len(numbers) > 6 else ''}]"

@@ -301,7 +301,7 @@ def optimizer_command(
 def _list(output: Output, rules: "Rules", names: tuple[str, ...], profile: "Profile") -> int:
     from swarmwright.conformance.results import rules_table
 
-    chosen = rules.chosen(names, profile)
+    chosen = rules.select(names, profile)
     for line in rules_table(chosen):
         output.text(line)
     for rule in chosen:
@@ -355,7 +355,7 @@ class _Reporter:
 
     def finish(self, report: "Report", rules: "Rules", junit: Path | None) -> int:
         """The table, the file; the exit status."""
-        from swarmwright.conformance.results import by_source, conclusion, print_table, write_junit
+        from swarmwright.conformance.results import conclusion, list_sources, print_table, write_junit
 
         for advice in dict.fromkeys(result.advice for result in report.results if result.advice):
             self.say(advice)
@@ -365,7 +365,7 @@ class _Reporter:
             self._output.status("")
             print_table(self._output.console(), report, rules.groups, unicode=self._output.unicode)
         else:
-            for text in by_source(report):
+            for text in list_sources(report):
                 self._output.text(text)
             self._output.text(conclusion(report))
         self._output.json({"peer": report.peer, "ok": report.ok, **report.counts})

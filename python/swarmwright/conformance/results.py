@@ -81,7 +81,7 @@ class Report:
         """How many results of each status."""
         return dict(Counter(result.status for result in self.results))
 
-    def by_owner(self) -> list[tuple[str, "Report"]]:
+    def group_by_owner(self) -> list[tuple[str, "Report"]]:
         """The results of D6.1's rules, then those of Swarmwright's; none that is empty."""
         parts = [
             (name, Report(self.peer, [result for result in self.results if result.owner == name]))
@@ -89,15 +89,15 @@ class Report:
         ]
         return [(name, part) for name, part in parts if part.results]
 
-    def of(self, *statuses: Status) -> list[str]:
+    def list_ids(self, *statuses: Status) -> list[str]:
         """Ids of the rules with one of these statuses."""
         return [result.id for result in self.results if result.status in statuses]
 
     def __str__(self) -> str:
         """A line of figures, then what failed, D6.1's rules first."""
-        lines = [escape_line(conclusion(self)), *by_source(self)]
-        for _, part in self.by_owner():
-            lines += [explained(result) for result in part.results if result.status in BAD]
+        lines = [escape_line(conclusion(self)), *list_sources(self)]
+        for _, part in self.group_by_owner():
+            lines += [explain_failure(result) for result in part.results if result.status in BAD]
         return "\n".join(lines)
 
 
@@ -117,18 +117,18 @@ def conclusion(report: Report) -> str:
     return "; ".join([f"{report.peer}: {summary(report)}", *doubts])
 
 
-def by_source(report: Report) -> list[str]:
+def list_sources(report: Report) -> list[str]:
     """Return a line for each source of rules: how many passed, which did not."""
     lines = []
-    for name, part in report.by_owner():
-        bad = part.of(*BAD, "not run")
+    for name, part in report.group_by_owner():
+        bad = part.list_ids(*BAD, "not run")
         failures = f" ({', '.join(bad)})" if bad else ""
         heading = f"{name}'s rules:"
         lines.append(f"{heading:<20} {summary(part)}{failures}")
     return lines
 
 
-def explained(result: Result) -> str:
+def explain_failure(result: Result) -> str:
     """Return a failure in words, several lines."""
     lines = [f"{result.id} {result.rule} ({result.source})"]
     for label in ("sent", "came", "expected", "fix"):
@@ -170,7 +170,7 @@ def _case(suite: Element, result: Result, name: str) -> None:
     SubElement(properties, "property", name="source", value=_text(result.source))
     if result.status in {"failed", "died"}:
         kind = "failure" if result.status == "failed" else "error"
-        SubElement(case, kind, message=_text(result.came)).text = _text(explained(result))
+        SubElement(case, kind, message=_text(result.came)).text = _text(explain_failure(result))
     elif result.status in {"skipped", "not run"}:
         SubElement(case, "skipped", message=_text(f"{result.status}: {result.detail}"))
     elif result.detail:
@@ -203,7 +203,7 @@ def line(result: Result) -> str:
     detail = f": {result.detail}" if result.detail else ""
     first, *rest = escape_lines(f"{result.status:8} {result.id:6} {result.owner:11} {result.rule}{detail}")
     if result.status in BAD:
-        rest += escape_lines(explained(result))[1:]
+        rest += escape_lines(explain_failure(result))[1:]
     return "\n".join([first, *(f"         {part}" for part in rest)])
 
 
@@ -217,7 +217,7 @@ def print_table(console: "Console", report: Report, groups: Mapping[str, str], *
     for heading in ("rule", "", "", "result", "s"):
         table.add_column(heading, justify="right" if heading == "s" else "left")
     table.columns[0].no_wrap = table.columns[2].no_wrap = True
-    for name, part in report.by_owner():
+    for name, part in report.group_by_owner():
         group = ""
         for result in part.results:
             if result.id.partition(".")[0] != group:
@@ -232,11 +232,11 @@ def print_table(console: "Console", report: Report, groups: Mapping[str, str], *
             )
             table.add_row(*cells)
     console.print(table)
-    for _, part in report.by_owner():
+    for _, part in report.group_by_owner():
         for result in part.results:
             if result.status in BAD:
-                console.print(explained(result), "\n", sep="", markup=False, highlight=False)
-    for text in by_source(report):
+                console.print(explain_failure(result), "\n", sep="", markup=False, highlight=False)
+    for text in list_sources(report):
         console.print(text, highlight=False)
     console.print(conclusion(report))
 

@@ -151,7 +151,7 @@ class Rules:
                 pending += self[need].needs
         return ids
 
-    def chosen(self, requested: Sequence[str] = (), profile: Profile = "all") -> list[Rule]:
+    def select(self, requested: Sequence[str] = (), profile: Profile = "all") -> list[Rule]:
         """Rules whose id is named, or whose group is; `-S7` leaves out. Default: all.
 
         profile: `d6.1` leaves out what D6.1 does not demand.

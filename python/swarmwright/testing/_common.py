@@ -40,7 +40,7 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
 
     options: required ones; default: none, except for built-in kinds that need some.
     """
-    given = EXAMPLES.get(kind, {}) if options is None else options
+    values = EXAMPLES.get(kind, {}) if options is None else options
     component = registry.get(kind)
     in_file = registry.is_in_file(kind)  # its kind in experiments, whatever the class says
     assert in_file or component.kind == kind, (
@@ -48,11 +48,11 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
     )
     model: type[Options] = component.options_model
     assert issubclass(model, Options), f"{model.__name__} must derive from swarmwright.controllers.Options"
-    check_common_options(model, "kind", kind, given)
-    return model.model_validate({**given})
+    check_common_options(model, "kind", kind, values)
+    return model.model_validate({**values})
 
 
-def check_common_options(model: type[Options], key: str, name: str, given: Mapping[str, Any]) -> None:
+def check_common_options(model: type[Options], key: str, name: str, values: Mapping[str, Any]) -> None:
     """Check that a component's options say which component they belong to, and what they are.
 
     key: the option that says it, `kind` or `launcher`. name: its value. given: required ones.
@@ -62,12 +62,12 @@ def check_common_options(model: type[Options], key: str, name: str, given: Mappi
     assert field.default == name, f"{model.__name__}.{key} must default to {name!r}"
     for option, model_field in add_descriptions(model).model_fields.items():
         assert option == key or model_field.description, f"{model.__name__}.{option} has no description"
-        assert not model_field.is_required() or option in given, (
+        assert not model_field.is_required() or option in values, (
             f"{model.__name__}.{option} has no default: give it one, or say here what it is"
         )
 
 
-def without_options(registry: Registry[Any]) -> list[str]:
+def kinds_without_options(registry: Registry[Any]) -> list[str]:
     """Return the kinds without required options, and the built-in ones."""
     names = registry.names()
     fields = {name: registry.get(name).options_model.model_fields.values() for name in names}
@@ -90,10 +90,10 @@ def representation(
     One that fits only certain numbers of sensors and actuators has those.
     """
     component = REPRESENTATIONS.get(kind)
-    given = EXAMPLES.get(kind, {}) if options is None else options
-    made = component.options_model.model_validate({**given})
+    values = EXAMPLES.get(kind, {}) if options is None else options
+    validated = component.options_model.model_validate({**values})
     sensors, actuators = component.shape or (sensors, actuators)
-    return component(made, sensors=sensors, actuators=actuators)
+    return component(validated, sensors=sensors, actuators=actuators)
 
 
 def synthetic_metrics(method: Method, genomes: Genomes, fitness: Fitness) -> NDArray[np.float64] | None:

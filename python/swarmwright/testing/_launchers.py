@@ -38,8 +38,8 @@ def check_launcher(
         AssertionError: what is violated.
     """
     component = LAUNCHERS.get(kind)
-    given = dict(options or {})
-    made = _check_options(component, kind, given)
+    values = dict(options or {})
+    validated = _check_options(component, kind, values)
     with ExitStack() as stack:
         if broker is None:
             address, account = start_private(stack)
@@ -53,7 +53,7 @@ def check_launcher(
             password=password,
             label="swarmwright-check",
         )
-        _check_launcher(component(made, specification), address, timeout, alive)
+        _check_launcher(component(validated, specification), address, timeout, alive)
 
 
 def _check_launcher(
@@ -63,21 +63,21 @@ def _check_launcher(
         _check_life(launcher, address, timeout)
         launcher.close()
         launcher.close()  # a second time does no harm
-        _until(lambda: not _ready(address), timeout, "after `close` no server may be on the broker")
+        _wait_until(lambda: not _ready(address), timeout, "after `close` no server may be on the broker")
         if alive is not None:
-            _until(lambda: alive() == 0, timeout, "after `close` nothing may be left")
+            _wait_until(lambda: alive() == 0, timeout, "after `close` nothing may be left")
     finally:
         launcher.close()
 
 
-def _check_options(component: type[Launcher], kind: str, given: Mapping[str, Any]) -> LauncherOptions:
+def _check_options(component: type[Launcher], kind: str, values: Mapping[str, Any]) -> LauncherOptions:
     assert component.kind == kind, f"{component.__name__}.kind is {component.kind!r}, registered as {kind!r}"
     model = component.options_model
     assert issubclass(model, LauncherOptions), (
         f"{model.__name__} must derive from swarmwright.servers.launchers.LauncherOptions"
     )
-    check_common_options(model, "launcher", kind, given)
-    return model.model_validate({**given, "launcher": kind, "count": 2})
+    check_common_options(model, "launcher", kind, values)
+    return model.model_validate({**values, "launcher": kind, "count": 2})
 
 
 def _check_life(launcher: Launcher, broker: str, timeout: float) -> None:
@@ -86,20 +86,24 @@ def _check_life(launcher: Launcher, broker: str, timeout: float) -> None:
     launcher.start([11, 12])
     states = launcher.health()
     assert set(states) == {11, 12}, f"`health` must name the servers 11 and 12, not {sorted(states)}"
-    _until(
+    _wait_until(
         lambda: _ready(broker) == {11, 12}, timeout, "the servers 11 and 12 must be on the broker", launcher
     )
-    _until(
+    _wait_until(
         lambda: {state.state for state in launcher.health().values()} == {"running"},
         timeout,
         "servers that are on the broker must be running",
         launcher,
     )
     launcher.stop([11])
-    _until(lambda: _ready(broker) == {12}, timeout, "`stop` must end server 11, and no other one", launcher)
-    _until(lambda: 11 not in launcher.health(), timeout, "`health` must forget stopped servers", launcher)
+    _wait_until(
+        lambda: _ready(broker) == {12}, timeout, "`stop` must end server 11, and no other one", launcher
+    )
+    _wait_until(
+        lambda: 11 not in launcher.health(), timeout, "`health` must forget stopped servers", launcher
+    )
     launcher.start([13])
-    _until(lambda: _ready(broker) == {12, 13}, timeout, "server 13 must join server 12", launcher)
+    _wait_until(lambda: _ready(broker) == {12, 13}, timeout, "server 13 must join server 12", launcher)
     assert all(isinstance(line, str) for line in launcher.logs(12)), "`logs` must return lines of text"
     launcher.stop([99])  # was never started, does no harm
 
@@ -108,7 +112,9 @@ def _ready(broker: str) -> set[int]:
     return {server["server"] for server in _engine.servers(broker, wait=_POLL_S) if server["state"] != "lost"}
 
 
-def _until(holds: Callable[[], bool], timeout: float, rule: str, launcher: Launcher | None = None) -> None:
+def _wait_until(
+    holds: Callable[[], bool], timeout: float, rule: str, launcher: Launcher | None = None
+) -> None:
     deadline = time.monotonic() + timeout
     while not holds():
         if time.monotonic() > deadline:

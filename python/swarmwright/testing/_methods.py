@@ -21,7 +21,12 @@ from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.methods import METHODS, Method
-from swarmwright.testing._common import check_options, representation, synthetic_metrics, without_options
+from swarmwright.testing._common import (
+    check_options,
+    kinds_without_options,
+    representation,
+    synthetic_metrics,
+)
 
 _GENES = 12
 _VALUES = 4
@@ -114,12 +119,12 @@ def check_steady_state(component: type[Method], subject: Representation) -> None
         _check_refusal(component, subject)
         return
     for in_flight in (1, 5, 10_000):
-        asked = _ask_early(_steady_new(component, subject, in_flight))
-        assert len(asked) == _budget(component, subject), "budget is not what was evaluated"
-        assert _steady_bytes(asked) == _steady_bytes(_ask_late(_steady_new(component, subject, in_flight))), (
-            f"with in_flight {in_flight}, genomes depend on when they are asked for"
-        )
-        assert _steady_bytes(asked) != _steady_bytes(
+        genomes = _ask_early(_steady_new(component, subject, in_flight))
+        assert len(genomes) == _budget(component, subject), "budget is not what was evaluated"
+        assert _steady_bytes(genomes) == _steady_bytes(
+            _ask_late(_steady_new(component, subject, in_flight))
+        ), f"with in_flight {in_flight}, genomes depend on when they are asked for"
+        assert _steady_bytes(genomes) != _steady_bytes(
             _ask_late(_steady_new(component, subject, in_flight, seed=2))
         )
     _check_window(_steady_new(component, subject, 3))
@@ -142,15 +147,15 @@ def _budget(component: type[Method], subject: Representation) -> int:
     return method.budget
 
 
-def _steady_bytes(asked: list[Genome]) -> list[bytes]:
-    return [genome.tobytes() for genome in asked]
+def _steady_bytes(genomes: list[Genome]) -> list[bytes]:
+    return [genome.tobytes() for genome in genomes]
 
 
 def _value(genome: Genome) -> float:
     return -float(np.abs(genome.astype(np.float64)).max())
 
 
-def _checked(method: Method, index: int, genome: Genome, expected: int) -> Genome:
+def _check_genome(method: Method, index: int, genome: Genome, expected: int) -> Genome:
     assert index == expected, f"candidate {index} came after candidate {expected - 1}"
     assert genome.dtype == np.float32, f"ask_next returns {genome.dtype}, not float32"
     assert genome.shape == (method.representation.genome_size,), f"ask_next returns shape {genome.shape}"
@@ -162,47 +167,47 @@ def _checked(method: Method, index: int, genome: Genome, expected: int) -> Genom
 
 def _ask_early(method: Method) -> list[Genome]:
     """Ask for all there are, tell one, and so on."""
-    asked: list[Genome] = []
+    genomes: list[Genome] = []
     while not method.done:
         while method.can_ask:
             index, genome = method.ask_next()
-            asked.append(_checked(method, index, genome, len(asked)))
+            genomes.append(_check_genome(method, index, genome, len(genomes)))
             genome[:] = np.nan
-        method.tell_next(_value(asked[method.evaluations]))
+        method.tell_next(_value(genomes[method.evaluations]))
         assert not np.isinf(method.population_fitness).any()
-    return asked
+    return genomes
 
 
 def _ask_late(method: Method) -> list[Genome]:
     """Ask only when there is nothing to tell."""
-    asked: list[Genome] = []
+    genomes: list[Genome] = []
     waiting: deque[float] = deque()
     while not method.done:
         if not waiting:
             index, genome = method.ask_next()
-            asked.append(_checked(method, index, genome, len(asked)))
+            genomes.append(_check_genome(method, index, genome, len(genomes)))
             waiting.append(_value(genome))
         method.tell_next(waiting.popleft())
-    return asked
+    return genomes
 
 
 def _check_window(method: Method) -> None:
-    asked = 0
+    count = 0
     while method.can_ask:
         method.ask_next()
-        asked += 1
-    assert asked == method.options.in_flight, f"{asked} in flight, not {method.options.in_flight}"
-    _refused(method.ask_next, "asking beyond in_flight must raise InputError")
+        count += 1
+    assert count == method.options.in_flight, f"{count} in flight, not {method.options.in_flight}"
+    _must_refuse(method.ask_next, "asking beyond in_flight must raise InputError")
     method.tell_next(1.0)
     assert method.can_ask, "after a result, the next candidate can be asked for"
 
 
 def _check_turns(method: Method) -> None:
-    _refused(lambda: method.tell_next(1.0), "telling before asking must raise InputError")
-    _refused(method.ask, "ask must raise InputError in steady state")
+    _must_refuse(lambda: method.tell_next(1.0), "telling before asking must raise InputError")
+    _must_refuse(method.ask, "ask must raise InputError in steady state")
     method.ask_next()
     method.tell_next(1.0)
-    _refused(lambda: method.tell_next(1.0), "telling twice must raise InputError")
+    _must_refuse(lambda: method.tell_next(1.0), "telling twice must raise InputError")
 
 
 def _steady_check_failures(method: Method) -> None:
@@ -221,7 +226,7 @@ def _steady_check_target(component: type[Method], subject: Representation) -> No
     _, genome = method.ask_next()
     method.tell_next(_value(genome))
     assert method.done, "a target that is reached must end the method"
-    _refused(method.ask_next, "asking when done must raise InputError")
+    _must_refuse(method.ask_next, "asking when done must raise InputError")
 
 
 def _check_refusal(component: type[Method], subject: Representation) -> None:
@@ -235,7 +240,7 @@ def _check_refusal(component: type[Method], subject: Representation) -> None:
     raise AssertionError(f"{component.kind} has no steady_state, and takes operation: steady_state")
 
 
-def _refused(action: Callable[[], object], otherwise: str) -> None:
+def _must_refuse(action: Callable[[], object], otherwise: str) -> None:
     try:
         action()
     except InputError:
@@ -248,15 +253,15 @@ _CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwrig
 
 def check_replay(method: Method) -> None:
     """Check that the conversation of a new method, told again in a new process, gives the same genomes."""
-    told: list[list[float | None]] = []
-    asked: list[str] = []
+    fitness_lists: list[list[float | None]] = []
+    genome_texts: list[str] = []
     while not method.done:
         genomes = method.ask()
-        asked.append(sha256(genomes.tobytes()).hexdigest())
+        genome_texts.append(sha256(genomes.tobytes()).hexdigest())
         fitness = -np.abs(genomes.astype(np.float64)).max(axis=1)
-        fitness[len(told) % 3 :: 5] = np.nan
+        fitness[len(fitness_lists) % 3 :: 5] = np.nan
         method.tell(fitness, metrics=synthetic_metrics(method, genomes, fitness))
-        told.append([None if np.isnan(value) else value for value in fitness.tolist()])
+        fitness_lists.append([None if np.isnan(value) else value for value in fitness.tolist()])
     kind = type(method)
     subject = method.representation
     conversation = {
@@ -266,7 +271,7 @@ def check_replay(method: Method) -> None:
         "controller": subject.options.model_dump(),
         "sizes": {"sensors": subject.sensors, "actuators": subject.actuators},
         "seed": method.seed,
-        "told": told,
+        "told": fitness_lists,
     }
     process = subprocess.run(
         [sys.executable, "-P", "-c", _CODE, json.dumps(sys.path)],
@@ -276,9 +281,10 @@ def check_replay(method: Method) -> None:
         check=False,
     )
     assert process.returncode == 0, f"the method cannot be told again in a new process:\n{process.stderr}"
-    again = json.loads(process.stdout)
+    repeated = json.loads(process.stdout)
     first = next(
-        (index for index, pair in enumerate(zip(asked, again, strict=True)) if len({*pair}) > 1), None
+        (index for index, pair in enumerate(zip(genome_texts, repeated, strict=True)) if len({*pair}) > 1),
+        None,
     )
     assert first is None, f"told again in a new process, generation {first} has other genomes"
 
@@ -292,12 +298,12 @@ def main() -> None:
         representation.options_model(**conversation["controller"]), **conversation["sizes"]
     )
     method = component(component.options_model(**conversation["options"]), subject, seed=conversation["seed"])
-    asked = []
-    for told in conversation["told"]:
-        genomes, fitness = method.ask(), _fitness(told)
-        asked.append(sha256(genomes.tobytes()).hexdigest())
+    genome_texts = []
+    for values in conversation["told"]:
+        genomes, fitness = method.ask(), _fitness(values)
+        genome_texts.append(sha256(genomes.tobytes()).hexdigest())
         method.tell(fitness, metrics=synthetic_metrics(method, genomes, fitness))
-    json.dump(asked, sys.stdout)
+    json.dump(genome_texts, sys.stdout)
 
 
 def _fitness(values: Sequence[float | None]) -> Fitness:
@@ -322,8 +328,8 @@ def check_method(kind: str) -> None:
     can.
     """
     check_options(METHODS, kind)
-    made = [representation(name) for name in without_options(REPRESENTATIONS)]
-    suitable = [subject for subject in (*made, BoundedGenes()) if _accepts(kind, subject)]
+    representations = [representation(name) for name in kinds_without_options(REPRESENTATIONS)]
+    suitable = [subject for subject in (*representations, BoundedGenes()) if _accepts(kind, subject)]
     assert suitable, f"{kind} refuses every representation"
     for subject in suitable:
         _check_determinism(kind, subject)
@@ -335,7 +341,7 @@ def check_method(kind: str) -> None:
     _check_failures(kind, first)
     _check_fitness(kind, first)
     _check_target(kind, first)
-    _check_kept(kind, first)
+    _check_members(kind, first)
     check_replay(_new(kind, first))
     check_steady_state(METHODS.get(kind), first)
     _check_start(kind, first)
@@ -363,8 +369,8 @@ def _accepts(kind: str, representation: Representation) -> bool:
     raise AssertionError(f"{kind} says that {representation.kind} is unsuitable, and takes it")
 
 
-def _bytes(asked: list[Genomes]) -> list[bytes]:
-    return [genomes.tobytes() for genomes in asked]
+def _bytes(generations: list[Genomes]) -> list[bytes]:
+    return [genomes.tobytes() for genomes in generations]
 
 
 def _sphere(genomes: Genomes) -> Fitness:
@@ -373,7 +379,7 @@ def _sphere(genomes: Genomes) -> Fitness:
     return -squares
 
 
-def _scaled(scale: float, genomes: Genomes) -> Fitness:
+def _score_scaled(scale: float, genomes: Genomes) -> Fitness:
     return scale * (_sphere(genomes) / 1e3)
 
 
@@ -387,7 +393,7 @@ def _strictly() -> Iterator[None]:
 
 def _conversation(method: Method, judge: Judge = _sphere) -> list[Genomes]:
     lower, upper = method.representation.bounds
-    asked: list[Genomes] = []
+    generations: list[Genomes] = []
     with _strictly():
         while not method.done:
             genomes = method.ask()
@@ -399,7 +405,7 @@ def _conversation(method: Method, judge: Judge = _sphere) -> list[Genomes]:
             assert len(genomes) >= 1, "ask returns nothing to evaluate"
             assert np.isfinite(genomes).all(), "ask returns numbers that are not finite"
             assert ((lower <= genomes) & (genomes <= upper)).all(), "ask returns genes outside of bounds"
-            asked.append(genomes.copy())
+            generations.append(genomes.copy())
             # The method must not keep a reference to the caller's array.
             fitness = judge(genomes)
             metrics = synthetic_metrics(method, genomes, fitness)
@@ -408,7 +414,7 @@ def _conversation(method: Method, judge: Judge = _sphere) -> list[Genomes]:
             fitness[:] = 0.0
             assert len(method.population_fitness) >= 1
             assert not np.isinf(method.population_fitness).any(), "an infinite fitness is a failed one"
-    return asked
+    return generations
 
 
 def _tell(method: Method, genomes: Genomes) -> None:
@@ -417,24 +423,26 @@ def _tell(method: Method, genomes: Genomes) -> None:
 
 
 def _check_determinism(kind: str, representation: Representation) -> None:
-    asked = _conversation(_new(kind, representation))
-    assert len(asked) == _GENERATIONS, f"{len(asked)} generations instead of {_GENERATIONS}"
+    generations = _conversation(_new(kind, representation))
+    assert len(generations) == _GENERATIONS, f"{len(generations)} generations instead of {_GENERATIONS}"
 
     def meddling(genomes: Genomes) -> Fitness:
         np.random.random(3)  # noqa: NPY002 - as other code would
         random.random()
         return _sphere(genomes)
 
-    assert _bytes(asked) == _bytes(_conversation(_new(kind, representation), meddling)), (
+    assert _bytes(generations) == _bytes(_conversation(_new(kind, representation), meddling)), (
         "the same seed and fitness must give the same genomes, whatever random numbers others draw"
     )
-    before = _shared_state()
+    before = _capture_shared_state()
     others = _conversation(_new(kind, representation, 2))
-    assert _bytes(asked) != _bytes(others), "another seed must give others"
-    assert _shared_state() == before, "the random numbers that Python and NumPy share must be left alone"
+    assert _bytes(generations) != _bytes(others), "another seed must give others"
+    assert _capture_shared_state() == before, (
+        "the random numbers that Python and NumPy share must be left alone"
+    )
 
 
-def _shared_state() -> tuple[Any, ...]:
+def _capture_shared_state() -> tuple[Any, ...]:
     state: Any = np.random.get_state()  # noqa: NPY002 - it must not change
     return random.getstate(), state[1].tobytes(), state[2:]
 
@@ -463,8 +471,8 @@ def _check_choices(kind: str) -> None:
 def _check_budget(kind: str, representation: Representation) -> None:
     method = _new(kind, representation)
     budget = method.budget
-    asked = _conversation(method)
-    assert sum(map(len, asked)) == method.evaluations, "evaluations is not what was evaluated"
+    generations = _conversation(method)
+    assert sum(map(len, generations)) == method.evaluations, "evaluations is not what was evaluated"
     assert method.evaluations <= budget, "more was evaluated than budget says"
 
 
@@ -492,11 +500,11 @@ def _check_failures(kind: str, representation: Representation) -> None:
 def _check_fitness(kind: str, representation: Representation) -> None:
     """Any sign, any size, any difference."""
     for scale in (1e300, 1e-300, -1e300, 1e20, 0.0):
-        _conversation(_new(kind, representation), partial(_scaled, scale))
+        _conversation(_new(kind, representation), partial(_score_scaled, scale))
     turns = iter(range(1_000_000))
 
     def jumping(genomes: Genomes) -> Fitness:
-        return _scaled(10.0 ** (100 * (next(turns) % 4) - 150), genomes)
+        return _score_scaled(10.0 ** (100 * (next(turns) % 4) - 150), genomes)
 
     _conversation(_new(kind, representation), jumping)
     mixed = np.array([1.7e308, -1.7e308, 0.0, 1e-320, np.nan])
@@ -512,56 +520,58 @@ def _check_target(kind: str, representation: Representation) -> None:
     assert method.done, "a target that is reached must end the method"
 
 
-def _check_kept(kind: str, representation: Representation) -> None:
+def _check_members(kind: str, representation: Representation) -> None:
     """Members that stay may be evaluated again, with any result."""
     method = _new(kind, representation)
-    found = 0
+    count = 0
     lower, upper = representation.bounds
     while not method.done:
         genomes = method.ask()
         members = method.survivors()
-        found += len(members)
+        count += len(members)
         assert members.dtype == np.float32, f"survivors returns {members.dtype}, not float32"
         assert members.shape == (len(members), representation.genome_size), (
             f"survivors returns shape {members.shape}"
         )
         assert ((lower <= members) & (members <= upper)).all(), "survivors returns genes outside of bounds"
-        again = _sphere(members) - method.generation
-        again[1::5] = np.nan
+        refreshed = _sphere(members) - method.generation
+        refreshed[1::5] = np.nan
         if not method.keeps_members:
             _tell(method, genomes)
             continue
         fitness = _sphere(genomes) - 1e6
-        method.tell(fitness, again, synthetic_metrics(method, genomes, fitness))
+        method.tell(fitness, refreshed, synthetic_metrics(method, genomes, fitness))
         shown = set(method.population_fitness.tolist())
-        assert {value for value in again.tolist() if value == value} <= shown, (
+        assert {value for value in refreshed.tolist() if value == value} <= shown, (
             "population_fitness must show the fitness that members were given last"
         )
-    assert (found > 0) == method.keeps_members, "keeps_members must say whether members are kept"
+    assert (count > 0) == method.keeps_members, "keeps_members must say whether members are kept"
 
 
 def _check_start(kind: str, representation: Representation) -> None:
     """Check that a method starts from given genomes, or rejects them."""
     component = METHODS.get(kind)
-    given = _off_center(representation)
+    starting = _off_center(representation)
     method, other = _new(kind, representation), _new(kind, representation)
     if component.start_as is None:
         try:
-            method.start_from(given)
+            method.start_from(starting)
         except InputError:
             return
         raise AssertionError(f"{kind}: start_as is None, and start_from takes genomes nevertheless")
-    method.start_from(given)
+    method.start_from(starting)
     first, usual = method.ask(), other.ask()
     if component.start_as == "members":
-        assert first[0].tobytes() == given[0].tobytes(), f"{kind}: the first candidate is another genome"
+        assert first[0].tobytes() == starting[0].tobytes(), f"{kind}: the first candidate is another genome"
         assert first[1:].tobytes() == usual[1:].tobytes(), f"{kind}: the other candidates have changed"
     else:
-        near, far = (np.abs(asked.mean(axis=0) - given[0]).sum() for asked in (first, usual))
-        assert near < far, f"{kind}: the first sample is not around the given genome"
-    again = _new(kind, representation)
-    again.start_from(given)
-    assert again.ask().tobytes() == first.tobytes(), f"{kind}: starts differently the second time"
+        distance_near, distance_far = (
+            np.abs(generation.mean(axis=0) - starting[0]).sum() for generation in (first, usual)
+        )
+        assert distance_near < distance_far, f"{kind}: the first sample is not around the given genome"
+    restarted = _new(kind, representation)
+    restarted.start_from(starting)
+    assert restarted.ask().tobytes() == first.tobytes(), f"{kind}: starts differently the second time"
 
 
 def _off_center(representation: Representation) -> Genomes:

@@ -31,20 +31,20 @@ def check_condition(name: str) -> None:
     _check("condition", name)
 
 
-def _check(what: str, name: str) -> None:
-    known = module(what, name)
+def _check(sort: str, name: str) -> None:
+    declared = module(sort, name)
     sensors = _sensors()
-    parameters = _parameters(known)
-    made = _made(what, name)
-    before = _contents(made)
-    together = _run(name, made, sensors, parameters)
-    for other in (made, _made(what, name)):
-        again = _run(name, other, sensors, parameters)
-        assert together.tobytes() == again.tobytes(), (
+    parameters = _parameters(declared)
+    instance = _create(sort, name)
+    before = _contents(instance)
+    together = _run(name, instance, sensors, parameters)
+    for other in (instance, _create(sort, name)):
+        repeated = _run(name, other, sensors, parameters)
+        assert together.tobytes() == repeated.tobytes(), (
             f"{name}: the same senses, parameters and random numbers gave different results: keep what is to "
             "be remembered in `state` alone, and take random numbers from `random`"
         )
-    after = _contents(made)
+    after = _contents(instance)
     changed = sorted(key for key in before | after if before.get(key) != after.get(key))
     assert not changed, (
         f"{name}: self.{changed[0]} was set or changed: keep what is to be remembered in `state` alone, "
@@ -52,24 +52,28 @@ def _check(what: str, name: str) -> None:
     )
     for robot in range(0, _ROBOTS, 7):
         row = slice(robot, robot + 1)
-        some = {key: value[row] for key, value in parameters.items()}
-        alone = _run(name, made, sensors[:, row], some)
+        subset = {key: value[row] for key, value in parameters.items()}
+        alone = _run(name, instance, sensors[:, row], subset)
         assert alone[:, 0].tobytes() == together[:, robot].tobytes(), (
             f"{name}: what a robot does depends on robots in other rows"
         )
 
 
-def _made(what: str, name: str) -> Behaviour | Condition:
+def _create(sort: str, name: str) -> Behaviour | Condition:
     """Return a new object of the module."""
-    known = module(what, name)
-    kind = implementation("behaviour", known) if what == "behaviour" else implementation("condition", known)
+    declared = module(sort, name)
+    kind = (
+        implementation("behaviour", declared)
+        if sort == "behaviour"
+        else implementation("condition", declared)
+    )
     return kind()
 
 
-def _contents(made: Behaviour | Condition) -> dict[str, Any]:
+def _contents(instance: Behaviour | Condition) -> dict[str, Any]:
     """Return the attributes of an object in a form that can be compared."""
     contents: dict[str, Any] = {}
-    for key, value in vars(made).items():
+    for key, value in vars(instance).items():
         try:
             contents[key] = pickle.dumps(copy.deepcopy(value))
         except Exception:  # noqa: BLE001 - any object may refuse it; that it is another one is seen then
@@ -79,27 +83,29 @@ def _contents(made: Behaviour | Condition) -> dict[str, Any]:
 
 def _run(
     name: str,
-    made: Behaviour | Condition,
+    instance: Behaviour | Condition,
     sensors: NDArray[np.float32],
     parameters: dict[str, NDArray[np.float32]],
 ) -> NDArray[np.float32]:
     """Return what comes out in each step, (steps, robots, ..), from an object of the module."""
     robots = sensors.shape[1]
-    acts = isinstance(made, Behaviour)
-    method = made.act if isinstance(made, Behaviour) else made.probability
+    acts = isinstance(instance, Behaviour)
+    method = instance.act if isinstance(instance, Behaviour) else instance.probability
     shape: tuple[int, ...] = (robots, 2) if acts else (robots,)
-    state = np.zeros((robots, made.state), dtype=np.float32)
-    found = []
-    for seen in sensors:
-        bits = (seen[:, 8] * 16777216).astype(np.uint32)
+    state = np.zeros((robots, instance.state), dtype=np.float32)
+    outputs = []
+    for values in sensors:
+        bits = (values[:, 8] * 16777216).astype(np.uint32)
         random = RandomNumbers(bits, 0, random_words(bits))
-        before, given = seen.tobytes(), {key: value.copy() for key, value in parameters.items()}
-        found.append(call_module(method, name, Senses.from_rows(seen), given, state, random, shape=shape))
-        assert seen.tobytes() == before, f"{name}: the senses must not be changed"
-        same = all(given[key].tobytes() == parameters[key].tobytes() for key in parameters)
+        before, copied = values.tobytes(), {key: value.copy() for key, value in parameters.items()}
+        outputs.append(
+            call_module(method, name, Senses.from_rows(values), copied, state, random, shape=shape)
+        )
+        assert values.tobytes() == before, f"{name}: the senses must not be changed"
+        same = all(copied[key].tobytes() == parameters[key].tobytes() for key in parameters)
         assert same, f"{name}: parameters must not be changed"
         assert np.isfinite(state).all(), f"{name}: the state holds a number that is not finite"
-    return np.array(found)
+    return np.array(outputs)
 
 
 def _sensors() -> NDArray[np.float32]:
@@ -112,10 +118,10 @@ def _sensors() -> NDArray[np.float32]:
     return sensors.astype(np.float32)
 
 
-def _parameters(known: grammar.Module) -> dict[str, NDArray[np.float32]]:
+def _parameters(declared: grammar.Module) -> dict[str, NDArray[np.float32]]:
     stream = Stream(1, "parameters")
-    made = {}
-    for name, (low, high, whole) in known.parameters.items():
+    arrays = {}
+    for name, (low, high, whole) in declared.parameters.items():
         values = low + (high - low) * stream.unit(_ROBOTS)
-        made[name] = (np.round(values) if whole else values).astype(np.float32)
-    return made
+        arrays[name] = (np.round(values) if whole else values).astype(np.float32)
+    return arrays

@@ -43,12 +43,12 @@ def _genomes(subject: Representation, count: int) -> list[Genome]:
     return [subject.initial(Stream(1, "check", 0, index)) for index in range(count)]
 
 
-def _is_genome(subject: Representation, genome: Genome, what: str) -> None:
-    assert genome.dtype == np.float32, f"{what} returns {genome.dtype}, not float32"
-    assert genome.shape == (subject.genome_size,), f"{what} returns the shape {genome.shape}"
-    assert np.isfinite(genome).all(), f"{what} returns numbers that are not finite"
+def _is_genome(subject: Representation, genome: Genome, source: str) -> None:
+    assert genome.dtype == np.float32, f"{source} returns {genome.dtype}, not float32"
+    assert genome.shape == (subject.genome_size,), f"{source} returns the shape {genome.shape}"
+    assert np.isfinite(genome).all(), f"{source} returns numbers that are not finite"
     lower, upper = subject.bounds
-    assert ((lower <= genome) & (genome <= upper)).all(), f"{what} returns genes outside of bounds"
+    assert ((lower <= genome) & (genome <= upper)).all(), f"{source} returns genes outside of bounds"
 
 
 def _check_limits(subject: Representation) -> None:
@@ -96,11 +96,11 @@ def _check_weights(subject: Representation) -> None:
 
 
 def _check_initial(subject: Representation) -> None:
-    one, other = _genomes(subject, 2)
-    _is_genome(subject, one, "initial")
-    again = subject.initial(Stream(1, "check", 0, 0))
-    assert one.tobytes() == again.tobytes(), "initial must depend on the stream alone"
-    assert one.tobytes() != other.tobytes(), "initial must differ between streams"
+    first, second = _genomes(subject, 2)
+    _is_genome(subject, first, "initial")
+    repeated = subject.initial(Stream(1, "check", 0, 0))
+    assert first.tobytes() == repeated.tobytes(), "initial must depend on the stream alone"
+    assert first.tobytes() != second.tobytes(), "initial must differ between streams"
 
 
 def _check_specification(subject: Representation) -> None:
@@ -157,10 +157,12 @@ def _check_crossover(subject: Representation) -> None:
 
 
 def _check_distance(subject: Representation) -> None:
-    one, other = _genomes(subject, 2)
-    assert subject.distance(one, one) == 0, "the distance of a genome to itself must be 0"
-    assert subject.distance(one, other) > 0, "the distance of different genomes must be positive"
-    assert subject.distance(one, other) == subject.distance(other, one), "the distance must be symmetric"
+    first, second = _genomes(subject, 2)
+    assert subject.distance(first, first) == 0, "the distance of a genome to itself must be 0"
+    assert subject.distance(first, second) > 0, "the distance of different genomes must be positive"
+    assert subject.distance(first, second) == subject.distance(second, first), (
+        "the distance must be symmetric"
+    )
 
 
 def _check_many(subject: Representation) -> None:
@@ -173,22 +175,24 @@ def _check_many(subject: Representation) -> None:
     def stream(index: int) -> Stream:
         return Stream(4, "check", 1, 3 + index)
 
-    def equal(found: Genomes, expected: list[Genome], what: str) -> None:
-        assert found.dtype == np.float32, f"{what} returns {found.dtype}, not float32"
-        assert found.shape == (len(expected), subject.genome_size), f"{what} returns the shape {found.shape}"
-        assert found.tobytes() == b"".join(variant.tobytes() for variant in expected), (
-            f"{what} must give the same bits as for one genome after the other"
+    def check_equal(result: Genomes, expected: list[Genome], operation: str) -> None:
+        assert result.dtype == np.float32, f"{operation} returns {result.dtype}, not float32"
+        assert result.shape == (len(expected), subject.genome_size), (
+            f"{operation} returns the shape {result.shape}"
+        )
+        assert result.tobytes() == b"".join(variant.tobytes() for variant in expected), (
+            f"{operation} must give the same bits as for one genome after the other"
         )
 
     genomes = subject.initials(streams())
-    equal(genomes, [subject.initial(stream(index)) for index in range(count)], "initials")
+    check_equal(genomes, [subject.initial(stream(index)) for index in range(count)], "initials")
     others = np.ascontiguousarray(genomes[::-1])
     options = {"severity": 0.3, "probability": 0.5}
-    mutants = [subject.mutate(one, stream(index), **options) for index, one in enumerate(genomes)]
-    equal(subject.mutations(genomes, streams(), **options), mutants, "mutations")
+    mutants = [subject.mutate(genome, stream(index), **options) for index, genome in enumerate(genomes)]
+    check_equal(subject.mutations(genomes, streams(), **options), mutants, "mutations")
     pairs = enumerate(zip(genomes, others, strict=True))
     children = [subject.crossover(mother, father, stream(index)) for index, (mother, father) in pairs]
-    equal(subject.crossovers(genomes, others, streams()), children, "crossovers")
+    check_equal(subject.crossovers(genomes, others, streams()), children, "crossovers")
 
     used = streams()
     used.integers(5, 1)
@@ -197,13 +201,15 @@ def _check_many(subject: Representation) -> None:
         other = stream(index)
         other.integer(5)
         later.append(subject.mutate(genome, other, **options))
-    equal(subject.mutations(genomes, used, **options), later, "mutations with streams drawn from before")
+    check_equal(
+        subject.mutations(genomes, used, **options), later, "mutations with streams drawn from before"
+    )
 
     ones, rows = np.array([2, 0]), np.array([[0, 1, 2, 6, 5], [3, 3, 4, 0, 1]])
     distances = subject.distances_among(genomes, ones, rows)
-    for one, row, found in zip(ones, rows, distances, strict=True):
-        expected = [subject.distance(genomes[one], genomes[other]) for other in row]
-        assert found.tolist() == expected, "distances_among must be those of two genomes each"
+    for index, row, measured in zip(ones, rows, distances, strict=True):
+        expected = [subject.distance(genomes[index], genomes[partner]) for partner in row]
+        assert measured.tolist() == expected, "distances_among must be those of two genomes each"
     _check_matings(subject, genomes)
     assert subject.initials(Streams(1, "check", 0, [])).shape == (0, subject.genome_size)
 
@@ -216,8 +222,8 @@ def _check_perturbations(subject: Representation) -> None:
     def around(spread: float, fresh: float, first: int = 0) -> Genomes:
         drawn = Streams(5, "check", 1, range(first, 30))
         count = len(drawn)
-        given = {"spread": np.full(count, spread), "fresh": np.full(count, fresh)}
-        return subject.perturbations(parents[first:], drawn, **given)
+        strengths = {"spread": np.full(count, spread), "fresh": np.full(count, fresh)}
+        return subject.perturbations(parents[first:], drawn, **strengths)
 
     wide = around(1.0, 1.0)
     assert wide.shape == parents.shape, f"perturbations returns the shape {wide.shape}"
@@ -227,8 +233,8 @@ def _check_perturbations(subject: Representation) -> None:
     assert {genome.tobytes() for genome in wide} - {parent.tobytes()}, "perturbations must change something"
     assert around(1.0, 1.0, 20).tobytes() == wide[20:].tobytes(), "each must depend on its stream alone"
     narrow = around(0.01, 0.01)
-    apart, near = (subject.distances(parent, rows).sum() for rows in (wide, narrow))
-    assert near < apart, "perturbations with a small spread must be nearer to their parents"
+    wide_sum, narrow_sum = (subject.distances(parent, rows).sum() for rows in (wide, narrow))
+    assert narrow_sum < wide_sum, "perturbations with a small spread must be nearer to their parents"
     rows = subject.likeness(np.stack([parent, parent, *wide]))
     assert rows.dtype == np.float64, f"likeness returns {rows.dtype}, not float64"
     assert rows.shape[0] == 2 + len(wide), f"likeness returns the shape {rows.shape}"

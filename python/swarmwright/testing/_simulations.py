@@ -61,24 +61,26 @@ def check_simulation(
     if steps < 1:
         raise InputError(f"steps: {steps} found, expected at least 1")
     with engine_errors():
-        one, other = Host(kind), Host(kind)
-        if one.takes_controller:
+        first, second = Host(kind), Host(kind)
+        if first.takes_controller:
             raise InputError(f"{kind.__name__}: runs controllers itself, which this check does not have")
         for name in parameters or {}:
-            if one.description.parameters and name not in one.description.parameters:
-                raise InputError(f"{kind.__name__}: {unknown('parameter', name, one.description.parameters)}")
+            if first.description.parameters and name not in first.description.parameters:
+                raise InputError(
+                    f"{kind.__name__}: {unknown('parameter', name, first.description.parameters)}"
+                )
         trial = Trial(dict(parameters or {}), seed, steps)
-        if one.determinism == "none":
-            trial.run(one, with_scenes=one.has_scenes)
+        if first.determinism == "none":
+            trial.run(first, with_scenes=first.has_scenes)
             return
-        check = _Check(kind.__name__, trial, trial.run(one))
-        check.compare(other, "of another object", _OTHER_OBJECT)
-        check.compare(one, "that is repeated", _WITHIN)
-        trial.run(one, seed + 1)
-        check.compare(one, "after one with another seed", _WITHIN)
-        if one.has_scenes:
-            check.compare(one, "in which `scene` is called", "what `scene` changes", shown=True)
-        check.compare_processes(simulation, one)
+        check = _Check(kind.__name__, trial, trial.run(first))
+        check.compare(second, "of another object", _OTHER_OBJECT)
+        check.compare(first, "that is repeated", _WITHIN)
+        trial.run(first, seed + 1)
+        check.compare(first, "after one with another seed", _WITHIN)
+        if first.has_scenes:
+            check.compare(first, "in which `scene` is called", "what `scene` changes", shown=True)
+        check.compare_processes(simulation, first)
 
 
 def class_of(simulation: type | str, bases: tuple[type[Any], ...], expected: str) -> type[Any]:
@@ -97,33 +99,32 @@ class _Check:
     trial: Trial
     first: Outcome
 
-    def compare(self, host: Host, which: str, cause: str, *, shown: bool = False) -> None:
+    def compare(self, host: Host, variant: str, cause: str, *, shown: bool = False) -> None:
         """Run the episode once more in this process."""
-        found = difference(self.trial.run(host, with_scenes=shown), self.first, host)
-        assert found is None, self._words(which, found, cause)
+        description = difference(self.trial.run(host, with_scenes=shown), self.first, host)
+        assert description is None, self._words(variant, description, cause)
 
     def compare_processes(self, simulation: type | str, host: Host) -> None:
         """Run the episode in two processes with different hash seeds."""
         try:
-            one, other = other_process.outcomes(simulation, self.trial, _HASH_SEEDS)
-            found = difference(other, one, host)
-            if found is not None:
-                (again,) = other_process.outcomes(simulation, self.trial, _HASH_SEEDS[:1])
-                by_hash_seed = difference(again, one, host) is None
-                which = "with another hash seed (PYTHONHASHSEED)" if by_hash_seed else "in another process"
-                raise AssertionError(self._words(which, found, _HASHED if by_hash_seed else _OUTSIDE))
+            first, second = other_process.outcomes(simulation, self.trial, _HASH_SEEDS)
+            description = difference(second, first, host)
+            if description is not None:
+                (repeated,) = other_process.outcomes(simulation, self.trial, _HASH_SEEDS[:1])
+                by_hash_seed = difference(repeated, first, host) is None
+                variant = "with another hash seed (PYTHONHASHSEED)" if by_hash_seed else "in another process"
+                raise AssertionError(self._words(variant, description, _HASHED if by_hash_seed else _OUTSIDE))
         except other_process.NotRunError as error:
             logging.getLogger("swarmwright").warning(
                 "%s was not checked in other processes: %s", self.name, error
             )
             return
-        found = difference(one, self.first, host)
-        assert found is None, self._words("in another process", found, _OUTSIDE)
+        description = difference(first, self.first, host)
+        assert description is None, self._words("in another process", description, _OUTSIDE)
 
-    def _words(self, which: str, found: str | None, cause: str) -> str:
-        return (
-            f"{self.name}: an episode {which}, with the same seed and actions, has {found}; look for {cause}"
-        )
+    def _words(self, variant: str, description: str | None, cause: str) -> str:
+        episode = f"an episode {variant}, with the same seed and actions, has {description}"
+        return f"{self.name}: {episode}; look for {cause}"
 
 
 EPISODES = 7
@@ -146,11 +147,11 @@ def check_batch_simulation(
     AssertionError says what is wrong, InputError and RunError too.
     """
     kind = class_of(simulation, (BatchSimulation,), "a BatchSimulation; check_simulation checks others")
-    given = dict(parameters or {})
+    values = dict(parameters or {})
     seeds = np.arange(EPISODES, dtype=np.uint64)
     together, alone = Host(kind), [Host(kind) for _ in seeds]
-    seen = together.start(given, seeds)
-    single = [host.start(given, seeds[i : i + 1]) for i, host in enumerate(alone)]
+    turn = together.start(values, seeds)
+    single = [host.start(values, seeds[i : i + 1]) for i, host in enumerate(alone)]
     random = np.random.default_rng(seed)
     ended = np.zeros(EPISODES, bool)
     for step in range(MOST_STEPS):
@@ -158,23 +159,23 @@ def check_batch_simulation(
             if ended[i]:
                 continue
             where = f"{kind.__name__}: after {step} steps, an episode alone has other"
-            assert over[0] == seen[2][i], f"{where} end"
+            assert over[0] == turn[2][i], f"{where} end"
             if not over[0]:
-                assert (acts[0] == seen[0][i]).all(), f"{where} agents that act"
-                same = (rows[0] == seen[1][i])[acts[0]]
+                assert (acts[0] == turn[0][i]).all(), f"{where} agents that act"
+                same = (rows[0] == turn[1][i])[acts[0]]
                 assert same.all(), f"{where} observations"
-        fresh = seen[2] & ~ended
+        fresh = turn[2] & ~ended
         if fresh.any():
-            found = together.results(bool(together.metrics))
+            results = together.results(bool(together.metrics))
             for i in np.flatnonzero(fresh).tolist():
-                results = alone[i].results(bool(together.metrics))[:, 0]
-                assert (results == found[:, i]).all(), (
-                    f"{kind.__name__}: an episode alone has other results: {results}, not {found[:, i]}"
+                separate = alone[i].results(bool(together.metrics))[:, 0]
+                assert (separate == results[:, i]).all(), (
+                    f"{kind.__name__}: an episode alone has other results: {separate}, not {results[:, i]}"
                 )
             ended |= fresh
         if ended.all():
             return
-        actions = random.uniform(-1, 1, (*seen[0].shape, together.actuators)).astype(np.float32)
-        actions[~seen[0]] = 0
-        seen = together.go(actions)
+        actions = random.uniform(-1, 1, (*turn[0].shape, together.actuators)).astype(np.float32)
+        actions[~turn[0]] = 0
+        turn = together.go(actions)
         single = [now if ended[i] else alone[i].go(actions[i : i + 1]) for i, now in enumerate(single)]

@@ -7,8 +7,8 @@ import msgpack
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.conformance._extensions import KINDS, decoded
-from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, sensed
+from swarmwright.conformance._extensions import KINDS, decode_message
+from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, make_sensors
 from swarmwright.servers.broker.client import TO_TOOL, Failure, Message
 
 REPLY = re.compile(f"{re.escape(TO_TOOL)}[A-Za-z0-9_-]{{1,200}}")
@@ -19,14 +19,14 @@ class Offloading(Actor):
 
     modes = ("stepwise", "offloaded")
 
-    def announced(self) -> Json:
+    def describe_capabilities(self) -> Json:
         """Offloaded evaluation, batches of four."""
         return {"modes": list(self.modes), "controllers": list(KINDS), "batch": 4}
 
-    def requested(self, message: Message) -> None:
+    def on_request(self, message: Message) -> None:
         """Check a request, and serve it."""
         try:
-            request = decoded(message)
+            request = decode_message(message)
             self.stage.record.requests.append(request)
             self.serve(request)
         except Failure as failure:
@@ -35,7 +35,7 @@ class Offloading(Actor):
     def serve(self, request: Json) -> None:
         """Evaluate."""
         if request.get("kind") == "evaluate":
-            weights, seeds = checked(request, self.stage.title_for(request))
+            weights, seeds = check_request(request, self.stage.title_for(request))
             self.stage.record.evaluated += len(weights) * len(seeds)
             fitness = np.repeat(weights.astype(np.float64).mean(axis=1), len(seeds))
             self.reply(request, fitness=fitness.tobytes(), seconds=0.0)
@@ -49,7 +49,7 @@ class Offloading(Actor):
         self.stage.client.publish(request["reply"], payload, correlation=correlation)
 
 
-def checked(request: Json, title: object) -> tuple[np.ndarray, np.ndarray]:
+def check_request(request: Json, title: object) -> tuple[np.ndarray, np.ndarray]:
     """Weights (candidates, weights) and seeds of a request. Raises Failure when it is wrong."""
     envelope(request, title)
     brief = str({key: value for key, value in request.items() if not isinstance(value, bytes)})
@@ -136,7 +136,7 @@ class Batching(Offloading):
         episodes = np.arange(len(self.batch["seeds"]) // 8, dtype="<u4")
         over = self.step == STEPS
         rows = np.empty(0, dtype="<u4") if over else np.repeat(episodes, AGENTS)
-        values = np.array(sensed(self.step, self.stage.sensors), dtype="<f4")
+        values = np.array(make_sensors(self.step, self.stage.sensors), dtype="<f4")
         self.reply(
             self.batch,
             step=self.step,

@@ -13,7 +13,7 @@ AGENTS, STEPS = 2, 3
 TOOL_TOPICS = ("discovery", "parameters", "control", "actuator")
 
 
-def sensed(turn: int, count: int) -> list[float]:
+def make_sensors(turn: int, count: int) -> list[float]:
     """What every agent senses in its turn: equal in all episodes, to detect remaining states."""
     return [((turn * 37 + index * 61 + 17) % 129 - 64) / 64 for index in range(count)]
 
@@ -28,13 +28,13 @@ class Played:
 
     server: int
     hash: str
-    asked: list[tuple[int, int]] = field(default_factory=list)
+    questions: list[tuple[int, int]] = field(default_factory=list)
     answers: dict[tuple[int, int], list[Any]] = field(default_factory=dict)
     ended: str = ""
 
     def trajectory(self) -> str:
         """All answers in order, as text to be compared."""
-        return json.dumps([self.answers.get(key) for key in sorted(self.asked)])
+        return json.dumps([self.answers.get(key) for key in sorted(self.questions)])
 
 
 @dataclass
@@ -114,7 +114,7 @@ class Actor:
         needs = content.get("requirements")
         dimensions = needs.get("dimensions", 2) if isinstance(needs, dict) else 2
         extension = {"version": 1, "sensors": self.stage.sensors, "actuators": self.stage.actuators}
-        extension |= self.announced()
+        extension |= self.describe_capabilities()
         self.says(
             "server",
             server=self.server,
@@ -123,7 +123,7 @@ class Actor:
             capabilities={"dimensions": dimensions, "swarmwright": extension},
         )
 
-    def announced(self) -> Json:
+    def describe_capabilities(self) -> Json:
         """More of what it offers beyond D6.1."""
         return {"modes": ["stepwise"]}
 
@@ -159,13 +159,13 @@ class Actor:
             self.finish()
             return
         for agent in self.waiting:
-            self.episode.asked.append((agent, self.turns[agent]))
+            self.episode.questions.append((agent, self.turns[agent]))
             self.sense(agent)
 
     def sense(self, agent: int) -> None:
         """Publish a sensor message."""
         assert self.episode is not None
-        values = sensed(self.turns[agent], self.stage.sensors)
+        values = make_sensors(self.turns[agent], self.stage.sensors)
         about = {"simulation": self.title, "simulation_hash": self.episode.hash}
         self.says("sensor", **about, agent=agent, sensor=values)
 
@@ -190,7 +190,7 @@ class Actor:
         about = {"simulation": self.title, "simulation_hash": episode.hash}
         self.says("fitness", **about, fitness=fitness_of(episode))
 
-    def requested(self, message: Message) -> None:
+    def on_request(self, message: Message) -> None:
         """A request of an extension came, though none is announced."""
         self.stage.record.unasked.append(str(message))
 
@@ -244,7 +244,7 @@ class Stage:
         if message.topic.startswith(TO_SERVER):
             for actor in self.actors:
                 if message.topic == f"{TO_SERVER}{actor.server}":
-                    actor.requested(message)
+                    actor.on_request(message)
             return
         if message.topic not in TOOL_TOPICS or message.retained:
             return

@@ -170,7 +170,7 @@ class Tool:
         """Each scene starts it anyway."""
         return True
 
-    def gone(self) -> str:
+    def describe_exit(self) -> str:
         """It may end as it likes; how it ended is in the record."""
         return ""
 

@@ -10,7 +10,7 @@ import numpy as np
 from swarmwright.common.json_text import is_number
 from swarmwright.conformance.optimizer._requests import Batching, Offloading
 from swarmwright.conformance.optimizer._rules import rule
-from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, Played, sensed
+from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, Played, make_sensors
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
 from swarmwright.conformance.rules import Skip
 from swarmwright.servers.broker.client import Failure
@@ -347,7 +347,7 @@ class Spelled(Actor):
     def sense(self, agent: int) -> None:
         """Publish a sensor message with numbers of which none is short in binary."""
         assert self.episode is not None
-        exact = np.array(sensed(self.turns[agent], self.stage.sensors), np.float32) * np.float32(0.1)
+        exact = np.array(make_sensors(self.turns[agent], self.stage.sensors), np.float32) * np.float32(0.1)
         values = [float(value) if agent else float(str(value)) for value in exact]
         about = {"simulation": self.title, "simulation_hash": self.episode.hash}
         self.says("sensor", **about, agent=agent, sensor=values)

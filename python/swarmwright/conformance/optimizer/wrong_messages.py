@@ -5,7 +5,7 @@ import time
 from collections import defaultdict, deque
 
 from swarmwright.conformance.optimizer._rules import rule
-from swarmwright.conformance.optimizer._stage import Actor, Json, sensed
+from swarmwright.conformance.optimizer._stage import Actor, Json, make_sensors
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
 from swarmwright.servers.broker.client import Failure, format_payload
 
@@ -137,9 +137,9 @@ class WrongSensors(WrongFirst):
         """Missing keys, wrong types."""
         if topic != "sensor":
             return []
-        values, agent = sensed(7, self.stage.sensors), right["agent"]
+        values, agent = make_sensors(7, self.stage.sensors), right["agent"]
         other = {**right, "sensor": values}
-        found: list[Json] = [
+        messages: list[Json] = [
             {**other, "agent": None},
             {**other, "agent": str(agent)},
             {**other, "agent": agent + 0.5},
@@ -150,7 +150,7 @@ class WrongSensors(WrongFirst):
             *(_drop_key(other, key) for key in ("agent", "sensor", "simulation_hash")),
             {**other, "simulation_hash": 7},
         ]
-        return [json.dumps(fields) for fields in found]
+        return [json.dumps(fields) for fields in messages]
 
 
 @rule(
@@ -224,8 +224,8 @@ class WrongFitness(WrongFirst):
         """Text, null, a list, true, nothing."""
         if topic != "fitness":
             return []
-        found = [{**right, "fitness": value} for value in ("7", None, [1], True)]
-        return [json.dumps(fields) for fields in (*found, _drop_key(right, "fitness"))]
+        messages = [{**right, "fitness": value} for value in ("7", None, [1], True)]
+        return [json.dumps(fields) for fields in (*messages, _drop_key(right, "fitness"))]
 
 
 @rule(
@@ -283,7 +283,7 @@ class BeyondNumbers(WrongFirst):
             return [f'{head}, "fitness": {word}}}' for word in words]
         if topic != "sensor":
             return []
-        values = sensed(7, self.stage.sensors)
+        values = make_sensors(7, self.stage.sensors)
         head, rest = json.dumps(_drop_key(right, "sensor"))[:-1], ", 0.5" * (len(values) - 1)
         return [
             json.dumps({**right, "agent": -1, "sensor": values}),
@@ -337,7 +337,7 @@ class AnotherTitle(WrongFirst):
             return []
         wrong = {**right, "simulation": "another simulation"}
         if topic == "sensor":
-            wrong["sensor"] = sensed(7, self.stage.sensors)
+            wrong["sensor"] = make_sensors(7, self.stage.sensors)
         return [json.dumps(wrong)]
 
 

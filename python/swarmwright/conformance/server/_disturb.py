@@ -26,8 +26,8 @@ def disturb(server: ServerPeer, junk: Maker, why: str, *, free: bool = True) -> 
     try:
         _running(server, junk, why)
     except Failure as failure:
-        if isinstance(failure, WentOn) and server.again() and not server.waits():
-            server.again()
+        if isinstance(failure, WentOn) and server.prepare_retry() and not server.waits():
+            server.prepare_retry()
             _running(server, junk, why, waits=False)
             raise Skip(
                 "the episode went to its end, but the server goes on without an answer (D6.1 leaves that "
@@ -77,14 +77,14 @@ def _repeatable(server: ServerPeer) -> bool:
     tried = server.deterministic is None and server.repeats is None
     repeatable = server.repeatable
     if tried:
-        server.again()
+        server.prepare_retry()
     return repeatable
 
 
 def _find_culprit(server: ServerPeer, junk: Maker, why: str) -> Failure | None:
     """The failure of the first piece that has one by itself; None when there is none."""
     for index in range(len(junk(new_hash()))):
-        if not server.again():
+        if not server.prepare_retry():
             return None
         try:
             _running(server, lambda hash_, index=index: junk(hash_)[index : index + 1], why)  # type: ignore[misc]

@@ -25,7 +25,7 @@ _LARGEST_WEIGHT = 1e38
 """Parameters from here on are left out of parameter sets: in binary32 they may not be finite."""
 
 
-def announced_controllers(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
+def offered_controllers(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
     """Controllers of the first kind that is announced and steers agents; a parameter set where none does."""
     server.announces(mode="offloaded")
     if server.steers_itself:
@@ -36,7 +36,7 @@ def announced_controllers(server: Server, candidates: int = CANDIDATES) -> Contr
     return controller_set(server, kinds[0], candidates)
 
 
-def evaluated(server: Server, request: Json) -> Json:
+def request_fitness(server: Server, request: Json) -> Json:
     """The answer to a request that is to be served."""
     sent = server.request(request)
     answer = answer_to(server, request, sent, 4 * server.settings.timeout)

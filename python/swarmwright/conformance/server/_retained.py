@@ -8,7 +8,7 @@ MODES = ("batched", "offloaded")
 """Modes whose servers have presence and are reserved for tools that name themselves."""
 
 
-def kept(server: Server, topics: list[str]) -> list[Message]:
+def read_retained(server: Server, topics: list[str]) -> list[Message]:
     """What the broker keeps on these topics."""
     with Client(server.client.url, server.prefix, topics) as client:
         return [message for message in client.drain(server.quiet) if message.retained and message.payload]
@@ -23,7 +23,7 @@ def must_have_presence(server: Server) -> bool:
 def skip_without_presence(server: Server) -> None:
     """Skip the rule unless extensions are announced, and presence is there or required by one of them."""
     server.announces()
-    if must_have_presence(server) or kept(server, [f"{PRESENCE}{server.id}"]):
+    if must_have_presence(server) or read_retained(server, [f"{PRESENCE}{server.id}"]):
         return
     raise Skip(
         "no presence is published, and none is required: capabilities.swarmwright has no instance and none "

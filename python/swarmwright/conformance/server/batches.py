@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,12 +23,12 @@ from swarmwright.conformance._extensions import (
     must_be_refused,
     next_answer,
     numbers,
-    played,
+    play_episode,
 )
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance._trajectory import Steer, Trajectory, same
+from swarmwright.conformance._trajectory import Steer, Trajectory, is_same_fitness
 from swarmwright.conformance.rules import Note, NotTried, Skip
-from swarmwright.conformance.server._evaluations import NUMBERS, SEEDS, announced_controllers, evaluated
+from swarmwright.conformance.server._evaluations import NUMBERS, SEEDS, offered_controllers, request_fitness
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.determinism import BEYOND_32_BITS, LARGEST_SEED
 from swarmwright.conformance.server.reservation import (
@@ -163,21 +164,21 @@ def equal(server: Server) -> str:
     def stepwise(seed: int) -> Trajectory:
         if controllers is None:
             return server.play(parameters={**server.settings.parameters, "seed": seed})
-        trajectory: Trajectory = played(server, controllers, 0, seed)
+        trajectory: Trajectory = play_episode(server, controllers, 0, seed)
         return trajectory
 
-    wanted = list(server.announced.get("metrics") or [])
-    more: Json = {"metrics": wanted} if wanted else {}
+    metrics = list(server.announced.get("metrics") or [])
+    more: Json = {"metrics": metrics} if metrics else {}
     episodes = Batch(server, seeds, **more)
     episodes.play(act)
     free_again(server)
     for episode, seed in enumerate(seeds):
         trajectory = stepwise(seed)
-        if not same(trajectory.fitness, episodes.fitness.get(episode)):
+        if not is_same_fitness(trajectory.fitness, episodes.fitness.get(episode)):
             came = f"seed {seed}: {episodes.fitness.get(episode)!r} batched, {trajectory.fitness!r} stepwise"
             raise Failure(came, "the same bits")
-        for name in wanted:
-            if name in trajectory.metrics and not same(
+        for name in metrics:
+            if name in trajectory.metrics and not is_same_fitness(
                 trajectory.metrics[name], episodes.metrics[episode].get(name)
             ):
                 batched = episodes.metrics[episode].get(name)
@@ -387,24 +388,25 @@ def seeds_of_evaluations(server: Server) -> None:
 
     Controllers that give another fitness with any seed are the matter of other rules.
     """
-    controllers = announced_controllers(server, 1)
+    controllers = offered_controllers(server, 1)
     server.comparable()
     parameters = {**server.settings.parameters, "seed": _OTHER_SEED}
     request = evaluation(server, controllers, _SEEDS, parameters=parameters)
-    fitness = numbers(evaluated(server, request), "fitness", "<f8").tolist()
+    fitness = numbers(request_fitness(server, request), "fitness", "<f8").tolist()
     free_again(server)
     if len(fitness) != len(_SEEDS):
         raise Failure(f"{len(fitness)} numbers", f"{len(_SEEDS)}, one for each episode")
 
     def stepwise(seed: int) -> Trajectory:
-        trajectory: Trajectory = played(server, controllers, 0, seed)
+        trajectory: Trajectory = play_episode(server, controllers, 0, seed)
         return trajectory
 
     for seed, value in zip(_SEEDS, fitness, strict=True):
         expected = stepwise(seed).fitness
-        if not same(expected, value):
+        if not is_same_fitness(expected, value):
             _must_be_right(server, controllers)
-            cause = _describe_lost_seed(stepwise, seed, lambda other, value=value: same(other.fitness, value))  # type: ignore[misc]
+            agrees = partial(_has_fitness, value)
+            cause = _describe_lost_seed(stepwise, seed, agrees)
             raise Failure(
                 f"seed {seed}: {value!r} offloaded, {expected!r} stepwise{cause}",
                 "the same bits",
@@ -416,10 +418,10 @@ def _must_be_right(server: Server, controllers: ControllerSet) -> None:
     """NotTried unless a controller gives the stepwise fitness with a small seed, the only one."""
     parameters = {name: value for name, value in server.settings.parameters.items() if name != "seed"}
     request = evaluation(server, controllers, SEEDS[:1], parameters=parameters)
-    fitness = numbers(evaluated(server, request), "fitness", "<f8").tolist()
+    fitness = numbers(request_fitness(server, request), "fitness", "<f8").tolist()
     free_again(server)
-    stepwise: Trajectory = played(server, controllers, 0, SEEDS[0])
-    if len(fitness) != 1 or not same(stepwise.fitness, fitness[0]):
+    stepwise: Trajectory = play_episode(server, controllers, 0, SEEDS[0])
+    if len(fitness) != 1 or not is_same_fitness(stepwise.fitness, fitness[0]):
         kind = controllers.architecture["kind"]
         raise NotTried(
             f"controllers of the kind {kind} give another fitness offloaded than stepwise with the seed "
@@ -478,6 +480,10 @@ def _difference(server: Server, seed: int, trajectory: Trajectory) -> str:
 def _differs(stepwise: Trajectory, batched: Trajectory) -> str:
     """The first difference; metrics are not compared, since none were asked for."""
     return stepwise.difference(replace(batched, metrics=stepwise.metrics))
+
+
+def _has_fitness(fitness: float, trajectory: Trajectory) -> bool:
+    return is_same_fitness(trajectory.fitness, fitness)
 
 
 def _describe_lost_seed(

@@ -13,10 +13,10 @@ from swarmwright.conformance._extensions import TOOL, batch, evaluation
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import NotTried, Skip
-from swarmwright.conformance.server._evaluations import announced_controllers
-from swarmwright.conformance.server._retained import kept
+from swarmwright.conformance.server._evaluations import offered_controllers
+from swarmwright.conformance.server._retained import read_retained
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.episodes import begun
+from swarmwright.conformance.server.episodes import begin_episode
 from swarmwright.conformance.server.presence import presence
 from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Failure, Message, format_payload
 
@@ -88,7 +88,7 @@ def waits(server: Server) -> str:
 def last_will(server: Server) -> None:
     """What presence says while the connection is cut, and afterwards."""
     topic = f"{PRESENCE}{server.id}"
-    if not kept(server, [topic]):
+    if not read_retained(server, [topic]):
         raise Skip("not announced: no presence")
     door(server).shut()
     _must_say(server, "lost", "the connection was cut")
@@ -100,7 +100,7 @@ def _must_say(server: Server, expected: str, sent: str) -> None:
     limit = time.monotonic() + server.settings.timeout
     state: object = None
     while time.monotonic() < limit:
-        messages = kept(server, [f"{PRESENCE}{server.id}"])
+        messages = read_retained(server, [f"{PRESENCE}{server.id}"])
         state = messages[-1].json.get("state") if messages else None
         if state == expected:
             return
@@ -173,7 +173,7 @@ def _request(server: Server) -> Json | None:
         return batch(server, [1])
     if "offloaded" in modes:
         with suppress(Skip, NotTried):
-            return evaluation(server, announced_controllers(server, 1), [1])
+            return evaluation(server, offered_controllers(server, 1), [1])
     return None
 
 
@@ -187,7 +187,7 @@ def _request(server: Server) -> Json | None:
 )
 def cut_short(server: Server) -> None:
     """A cut in the middle of an episode, then its end, then another episode."""
-    episode = begun(server)
+    episode = begin_episode(server)
     door(server).shut()
     door(server).open()
     limit = time.monotonic() + BACK_S
@@ -235,9 +235,9 @@ def another_instance(server: Server) -> None:
     episode = server.episode()
     episode.configure()
     sent = episode.start(instance=OTHER)
-    begun = [message for message in server.client.drain(server.quiet) if episode.is_mine(message)]
-    if begun:
-        raise Failure(f"{begun[0]} came", "silence: another instance of the server is meant", sent)
+    messages = [message for message in server.client.drain(server.quiet) if episode.is_mine(message)]
+    if messages:
+        raise Failure(f"{messages[0]} came", "silence: another instance of the server is meant", sent)
     episode.receive(episode.start(instance=mine))
     episode.play()
 
@@ -264,7 +264,9 @@ def second_leaves(server: Server) -> str:
         status = second.wait(LEAVES_WITHIN_S)
     finally:
         second.close()
-        instances = [_instance_of(message.json) for message in kept(server, [f"{PRESENCE}{server.id}"])]
+        instances = [
+            _instance_of(message.json) for message in read_retained(server, [f"{PRESENCE}{server.id}"])
+        ]
         if instances != [mine]:
             _publish(server, own)
     if status is None:
@@ -321,7 +323,7 @@ def gives_way(server: ServerPeer) -> str:
         if status is None:
             raise Failure("it still ran", "its end", sent)
         present = _instance_of(presence(server))
-    server.again()
+    server.prepare_retry()
     if status == 0:
         raise Failure("it ended with exit status 0", "another exit status", sent)
     if present != OTHER:
@@ -384,7 +386,10 @@ def _rival(server: Server) -> Iterator[Json]:
         yield other
     finally:
         gate.open()
-        if any(_instance_of(message.json) == OTHER for message in kept(server, [f"{PRESENCE}{server.id}"])):
+        if any(
+            _instance_of(message.json) == OTHER
+            for message in read_retained(server, [f"{PRESENCE}{server.id}"])
+        ):
             server.client.publish(f"{PRESENCE}{server.id}", b"", retain=True)
 
 

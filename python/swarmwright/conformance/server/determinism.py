@@ -5,7 +5,7 @@ from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Always, Policy, Trajectory, Wander
 from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.episodes import until_several
+from swarmwright.conformance.server.episodes import play_until_several
 from swarmwright.servers.broker.client import Failure
 
 SAME = "decision 002; protocol.md, Presence"
@@ -27,7 +27,7 @@ PAIRS = 8
 from, for example, make two seeds alike by chance. The first pair that differs is the last that is played."""
 
 
-def declared_determinism(server: Server) -> str | None:
+def read_determinism(server: Server) -> str | None:
     """`capabilities.swarmwright.determinism`, None when the server does not say."""
     declaration = server.announced.get("determinism")
     return declaration if isinstance(declaration, str) else None
@@ -54,7 +54,7 @@ def seeded(server: Server, seed: int) -> Json:
 )
 def deterministic(server: Server) -> str | None:
     """An episode twice, each after the same other one."""
-    declaration = declared_determinism(server)
+    declaration = read_determinism(server)
     another(server)
     trajectory = server.play(parameters=seeded(server, 1))
     another(server)
@@ -122,7 +122,7 @@ def forgets(server: Server) -> None:
         difference, after = first.difference(second), "one that was ended"
     if difference:
         came = f"{difference}, the second time after {after}"
-        if first.sensed_difference(second):
+        if first.find_sensor_difference(second):
             server.deterministic, server.repeats, server.carries_over = None, False, True
         else:
             server.sensors_only = True
@@ -268,7 +268,7 @@ def clamps_actuators(server: Server) -> None:
 def accepts_any_order(server: Server) -> None:
     """A whole episode, the last agent of each step first."""
     server.comparable()
-    until_several(server).stop()
+    play_until_several(server).stop()
     server.must_answer("an answer: the episode was ended")
     episode = server.episode()
     episode.configure()
@@ -292,7 +292,7 @@ def accepts_any_order(server: Server) -> None:
 )
 def the_first_counts(server: Server) -> None:
     """In one step the first agent gets the opposite actuators as well, before the others have theirs."""
-    episode = until_several(server)
+    episode = play_until_several(server)
     agents = [agent for agent, _, _ in episode.pending]
     agent, turn, numbers = episode.pending[0]
     values = server.policy(agent, turn, numbers)

@@ -42,7 +42,7 @@ def answers(server: Server) -> None:
 def echoes(server: Server) -> None:
     """Two discoveries with different hashes. Answers to earlier ones may be late."""
     for _ in range(2):
-        before = set(server.asked)
+        before = set(server.question_hashes)
         question = server.discovery()
         hash_ = question["simulation_hash"]
         sent = server.client.send("discovery", **question)

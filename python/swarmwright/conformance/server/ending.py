@@ -9,7 +9,7 @@ from swarmwright.conformance._extensions import controller_set
 from swarmwright.conformance._process import GRACE_S
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Note, Skip
-from swarmwright.conformance.server._retained import kept
+from swarmwright.conformance.server._retained import read_retained
 from swarmwright.conformance.server._rules import rule
 from swarmwright.servers.broker.client import PRESENCE, Failure
 
@@ -159,14 +159,14 @@ def leaves(server: Server) -> str:
     if server.process is None:
         raise Skip("the kit did not start the server (--exec)")
     topic = f"{PRESENCE}{server.id}"
-    announced = bool(kept(server, [topic]))
+    announced = bool(read_retained(server, [topic]))
     server.left = True
     server.process.signal(signal.SIGTERM)
     if server.process.wait(GRACE_S) is None:
         raise Failure(f"it still ran {GRACE_S:g} s later", "its end", "SIGTERM")
     if not announced:
         return "no presence to be removed"
-    left = kept(server, [topic])
+    left = read_retained(server, [topic])
     if left:
         raise Failure(f"the broker still keeps {left[0]}", "no presence message", "SIGTERM")
     return f"exit status {server.process.status}"

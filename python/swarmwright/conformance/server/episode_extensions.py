@@ -8,14 +8,14 @@ import numpy as np
 
 from swarmwright.common import metric_names
 from swarmwright.common.json_text import Json, is_number
-from swarmwright.conformance._extensions import decoded
+from swarmwright.conformance._extensions import decode_message
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory
 from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._disturb import Junk, disturb
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.episodes import begun
+from swarmwright.conformance.server.episodes import begin_episode
 from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Failure, format_payload
 
 
@@ -88,7 +88,9 @@ def watch_episode(server: Server, **fields: Any) -> tuple[Trajectory, list[Json]
     topic = TO_TOOL + server.token
     sent = episode.start(reply=topic, **fields)
     trajectory = episode.play()
-    came = [decoded(message) for message in server.client.drain(server.quiet) if message.topic == topic]
+    came = [
+        decode_message(message) for message in server.client.drain(server.quiet) if message.topic == topic
+    ]
     return trajectory, [message for message in came if message.get("simulation_hash") == episode.hash], sent
 
 
@@ -243,7 +245,7 @@ def ends(server: Server) -> None:
     """Started on the own topic and ended on control, then the other way round."""
     skip_without_topic(server)
     for first, second in ((server.own_topic, "control"), ("control", server.own_topic)):
-        episode = begun(server, first)
+        episode = begin_episode(server, first)
         sent = episode.stop(second)
         try:
             server.must_come_free("free again", sent)

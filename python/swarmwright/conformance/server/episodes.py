@@ -12,7 +12,7 @@ from swarmwright.conformance.server._rules import rule
 from swarmwright.servers.broker.client import Failure
 
 
-def begun(server: Server, topic: str = "control") -> Episode:
+def begin_episode(server: Server, topic: str = "control") -> Episode:
     """An episode whose first step has been asked for; skips the rule when no agent is asked."""
     episode = server.episode()
     episode.configure()
@@ -23,9 +23,9 @@ def begun(server: Server, topic: str = "control") -> Episode:
     return episode
 
 
-def until_several(server: Server) -> Episode:
+def play_until_several(server: Server) -> Episode:
     """An episode in which at least two agents have been asked in one step."""
-    episode = begun(server)
+    episode = begin_episode(server)
     while not episode.over and len(episode.pending) < 2:
         for agent, turn, sensors in list(episode.pending):
             episode.answer(agent, server.policy(agent, turn, sensors))
@@ -74,7 +74,7 @@ def sensors(server: Server) -> str:
 
 def first_steps(server: Server) -> Episode:
     """An episode after three steps; its messages have been looked at."""
-    episode = begun(server)
+    episode = begin_episode(server)
     for _ in range(3):
         for agent, turn, numbers in list(episode.pending):
             episode.answer(agent, server.policy(agent, turn, numbers))
@@ -121,7 +121,7 @@ def ends(server: Server) -> str:
 )
 def asks_once(server: Server) -> None:
     """Wait at the beginning of an episode, and listen."""
-    episode = begun(server)
+    episode = begin_episode(server)
     episode.gather()
     if episode.repeated:
         raise Failure(
@@ -140,7 +140,7 @@ def asks_once(server: Server) -> None:
 )
 def waits_for_all(server: Server) -> None:
     """All but one agent are answered, the last one after a pause; then all but another one."""
-    episode = until_several(server)
+    episode = play_until_several(server)
     for index in (-1, 0):
         waiting = list(episode.pending)
         if len(waiting) < 2:
@@ -220,7 +220,7 @@ def serves_again(server: Server) -> None:
 )
 def is_ended(server: Server) -> None:
     """run: false in the middle of a step, then its actuators all the same."""
-    episode = begun(server)
+    episode = begin_episode(server)
     sent = episode.stop()
     try:
         server.must_come_free("free again", sent)

@@ -15,30 +15,30 @@ from swarmwright.conformance._extensions import (
     ControllerSet,
     answer_to,
     controller_set,
-    decoded,
+    decode_message,
     error_of,
     evaluation,
     free_again,
     must_be_refused,
     numbers,
-    played,
+    play_episode,
 )
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance._trajectory import Trajectory, same
+from swarmwright.conformance._trajectory import Trajectory, is_same_fitness
 from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._evaluations import (
     CANDIDATES,
     NUMBERS,
     SEEDS,
-    announced_controllers,
-    evaluated,
     must_announce_kind,
     numbers_in_parameters,
+    offered_controllers,
     parameter_set_of,
     parameter_sets,
+    request_fitness,
 )
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.episodes import begun
+from swarmwright.conformance.server.episodes import begin_episode
 from swarmwright.conformance.server.reservation import must_be_taken
 from swarmwright.servers.broker.client import Failure, format_payload
 
@@ -124,7 +124,7 @@ _MOST_REPETITIONS = 1 << 16
 )
 def is_answered(server: Server) -> None:
     """Three candidates in two episodes; a sample of three, and its genomes."""
-    controllers = announced_controllers(server)
+    controllers = offered_controllers(server)
     _finite(server, evaluation(server, controllers, SEEDS))
     if not makes_samples(server, controllers.architecture):
         return
@@ -142,7 +142,7 @@ def is_answered(server: Server) -> None:
 
 def _finite(server: Server, request: Json) -> NDArray[np.float64]:
     """The fitness of three candidates in two episodes, none of which fails."""
-    answer = evaluated(server, request)
+    answer = request_fitness(server, request)
     fitness = numbers(answer, "fitness", "<f8")
     if len(fitness) != CANDIDATES * len(SEEDS):
         raise Failure(
@@ -168,8 +168,8 @@ def _finite(server: Server, request: Json) -> NDArray[np.float64]:
 )
 def properties(server: Server) -> None:
     """The properties of an answer; none at all are MQTT 3.1.1's."""
-    request = evaluation(server, announced_controllers(server), [1])
-    answer = evaluated(server, request)
+    request = evaluation(server, offered_controllers(server), [1])
+    answer = request_fitness(server, request)
     if answer["correlation"] is None and answer["content_type"] is None:
         raise Skip("the server speaks MQTT 3.1.1, which has no properties")
     correlation = request["request"].to_bytes(8, "big")
@@ -189,13 +189,13 @@ def _must_equal_stepwise(server: Server, kind: str, **options: str) -> str:
 
 def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> str:
     """Failure unless every candidate has its stepwise fitness in every episode; how many differ."""
-    fitness = numbers(evaluated(server, evaluation(server, controllers, SEEDS)), "fitness", "<f8")
+    fitness = numbers(request_fitness(server, evaluation(server, controllers, SEEDS)), "fitness", "<f8")
     free_again(server)
     for candidate in range(CANDIDATES):
         for episode, seed in enumerate(SEEDS):
-            trajectory: Trajectory = played(server, controllers, candidate, seed)
+            trajectory: Trajectory = play_episode(server, controllers, candidate, seed)
             value = float(fitness[candidate * len(SEEDS) + episode])
-            if not same(trajectory.fitness, value):
+            if not is_same_fitness(trajectory.fitness, value):
                 raise Failure(
                     f"candidate {candidate}, seed {seed}: {value!r} offloaded, {trajectory.fitness!r} "
                     "stepwise",
@@ -326,7 +326,7 @@ def parameter_set(server: Server) -> str | None:
         return None
     controllers = parameter_sets(server, CANDIDATES)
     if server.deterministic is False:
-        evaluated(server, evaluation(server, controllers, SEEDS))
+        request_fitness(server, evaluation(server, controllers, SEEDS))
         return None
     return _must_have_stepwise_fitness(server, controllers)
 
@@ -340,9 +340,9 @@ def parameter_set(server: Server) -> str | None:
 )
 def metrics(server: Server) -> str:
     """None, one, all."""
-    controllers = announced_controllers(server, 1)
+    controllers = offered_controllers(server, 1)
     announced = server.announced.get("metrics") or []
-    answer = evaluated(server, evaluation(server, controllers, [1]))
+    answer = request_fitness(server, evaluation(server, controllers, [1]))
     if answer.get("metrics"):
         raise Failure(f"metrics {sorted(answer['metrics'])} came", "none, for none were asked for")
     unknown = evaluation(server, controllers, [1], metrics=["no_such_metric"])
@@ -351,17 +351,17 @@ def metrics(server: Server) -> str:
         raise Skip("not announced: no capabilities.swarmwright.metrics")
     answers = {}
     for requested in ([announced[-1]], list(announced)):
-        answer = evaluated(server, evaluation(server, controllers, [1], metrics=requested))
+        answer = request_fitness(server, evaluation(server, controllers, [1], metrics=requested))
         returned = answer.get("metrics")
         if not isinstance(returned, dict) or sorted(returned) != sorted(requested):
             raise Failure(f"metrics {sorted(returned or {})} came", f"{sorted(requested)}, as asked for")
         answers = {name: float(numbers(returned, name, "<f8")[0]) for name in requested}
     free_again(server)
     server.comparable()
-    trajectory: Trajectory = played(server, controllers, 0, 1)
+    trajectory: Trajectory = play_episode(server, controllers, 0, 1)
     for name, value in answers.items():
         stepwise = trajectory.metrics.get(name)
-        if stepwise is not None and not same(stepwise, value):
+        if stepwise is not None and not is_same_fitness(stepwise, value):
             raise Failure(f"{name} is {value!r} offloaded, {stepwise!r} stepwise", "the same bits")
     return ", ".join(answers)
 
@@ -375,7 +375,7 @@ def metrics(server: Server) -> str:
 )
 def answers_in_order(server: Server) -> None:
     """Five requests at once."""
-    controllers = announced_controllers(server)
+    controllers = offered_controllers(server)
     requests = [evaluation(server, controllers, SEEDS) for _ in range(5)]
     sent = ""
     for request in requests:
@@ -387,7 +387,7 @@ def answers_in_order(server: Server) -> None:
         )
         if message is None:
             raise Failure(f"{len(heard)} answers came{server.printed}", f"{len(requests)} answers", sent)
-        heard.append(decoded(message).get("request"))
+        heard.append(decode_message(message).get("request"))
     if heard != [request["request"] for request in requests]:
         raise Failure(f"answers {heard}", f"answers {[request['request'] for request in requests]}", sent)
 
@@ -406,18 +406,18 @@ def is_held_for_tool(server: Server) -> None:
 
     Then requests for another instance, and for this one.
     """
-    controllers = announced_controllers(server)
-    evaluated(server, evaluation(server, controllers, [1]))
+    controllers = offered_controllers(server)
+    request_fitness(server, evaluation(server, controllers, [1]))
     must_be_taken(server, f"it is held for {TOOL}", "evaluate")
     reason = evaluation(server, controllers, [1], tool=OTHER)
     must_be_refused(server, reason, ["taken"], f"it is held for {TOOL}")
-    evaluated(server, evaluation(server, controllers, [1]))
+    request_fitness(server, evaluation(server, controllers, [1]))
     free_again(server)
     server.must_answer("an answer to every tool", f'control with run: false and "tool": "{TOOL}"')
     if instance := server.instance:
         other = evaluation(server, controllers, [1], instance=f"not {instance}")
         must_be_refused(server, other, ["taken"], "another instance of the server is meant")
-        evaluated(server, evaluation(server, controllers, [1], instance=instance))
+        request_fitness(server, evaluation(server, controllers, [1], instance=instance))
 
 
 @rule(
@@ -429,8 +429,8 @@ def is_held_for_tool(server: Server) -> None:
 )
 def refuses_during_episode(server: Server) -> None:
     """Evaluate in the middle of an episode."""
-    controllers = announced_controllers(server)
-    episode = begun(server)
+    controllers = offered_controllers(server)
+    episode = begin_episode(server)
     must_be_refused(server, evaluation(server, controllers, [1]), ["taken"], "an episode is under way")
     trajectory = episode.play()
     difference = server.reference.difference(trajectory) if server.deterministic else ""
@@ -449,7 +449,7 @@ def refuses_during_episode(server: Server) -> None:
 )
 def invalid(server: Server) -> None:
     """Requests in which one field of evaluate, or of its sample, is wrong."""
-    controllers = announced_controllers(server)
+    controllers = offered_controllers(server)
     architecture = controllers.architecture
     misfits: list[tuple[str, Json]]
     if server.steers_itself:
@@ -487,7 +487,7 @@ def invalid(server: Server) -> None:
             must_be_refused(server, request, ["invalid"], f"{field} is wrong", field)
         request = evaluation(server, controllers, [1], sample=sample_of(weights, CANDIDATES))
         must_be_refused(server, request, ["invalid"], "there are genomes and a sample", "sample")
-    evaluated(server, evaluation(server, controllers, [1]))
+    request_fitness(server, evaluation(server, controllers, [1]))
 
 
 @rule(
@@ -499,7 +499,7 @@ def invalid(server: Server) -> None:
 )
 def ignores_junk(server: Server) -> None:
     """Junk, an unknown kind, a reply elsewhere; then a request with unknown keys."""
-    controllers = announced_controllers(server)
+    controllers = offered_controllers(server)
     topic = f"swarmwright/v1/server/{server.id}"
     for payload in (
         b"",
@@ -516,13 +516,13 @@ def ignores_junk(server: Server) -> None:
     server.request(request)
     strays = []
 
-    def heard(message: object) -> bool:
+    def is_answer(message: object) -> bool:
         name = getattr(message, "topic", "")
         if name == elsewhere:
             strays.append(message)
         return str(name).endswith(server.token) and name != elsewhere
 
-    if server.client.next(heard, 2 * server.settings.timeout) is None:
+    if server.client.next(is_answer, 2 * server.settings.timeout) is None:
         raise Failure(
             f"no answer came{server.printed}",
             "an answer to the sound request that followed",
@@ -546,7 +546,7 @@ def lease_ends(server: Server) -> None:
     The larger one grows until the other has to wait for it. The largest, or one that takes long, is sent
     three times: on a busy machine the second may come when the first is done.
     """
-    small = announced_controllers(server)
+    small = offered_controllers(server)
     times, left = 16, 3
     while left:
         copies = min(times, 1024)

@@ -8,7 +8,7 @@ from swarmwright.common.json_text import Json, is_number
 from swarmwright.conformance._episode import Episode
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Skip
-from swarmwright.conformance.server._retained import kept, skip_without_presence
+from swarmwright.conformance.server._retained import read_retained, skip_without_presence
 from swarmwright.conformance.server._rules import rule
 from swarmwright.servers.broker.client import PRESENCE, TOPICS, Failure, format_payload
 
@@ -21,7 +21,7 @@ CHANGE_TOLD_S = 2.0
 
 def presence(server: Server) -> Json:
     """The retained message; skips the rule when there is none and none is required."""
-    messages = kept(server, [f"{PRESENCE}{server.id}"])
+    messages = read_retained(server, [f"{PRESENCE}{server.id}"])
     if not messages:
         skip_without_presence(server)
         raise Failure(f"nothing is retained on {PRESENCE}{server.id}", "a presence message")
@@ -161,7 +161,7 @@ def nothing_else(server: Server) -> None:
     server.play()
     if server.own_broker is None:
         raise Skip("other clients use this broker; let the kit start one")
-    messages = kept(server, list(TOPICS))
+    messages = read_retained(server, list(TOPICS))
     if messages:
         raise Failure(f"the broker keeps {messages[0]}", "nothing retained")
 

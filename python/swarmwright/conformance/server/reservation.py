@@ -3,12 +3,12 @@
 import time
 
 from swarmwright.conformance._episode import Episode
-from swarmwright.conformance._extensions import decoded
+from swarmwright.conformance._extensions import decode_message
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._retained import skip_without_presence
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.episodes import begun
+from swarmwright.conformance.server.episodes import begin_episode
 from swarmwright.servers.broker.client import TO_TOOL, Failure, Message
 
 LONGEST_REASON = 2000
@@ -65,7 +65,7 @@ def is_reserved_by_parameters(server: Server) -> None:
 )
 def while_running(server: Server) -> None:
     """Discoveries at the first and the second step."""
-    episode = begun(server)
+    episode = begin_episode(server)
     must_be_taken(server, "an episode is under way")
     for agent, turn, numbers in list(episode.pending):
         episode.answer(agent, server.policy(agent, turn, numbers))
@@ -84,7 +84,7 @@ def while_running(server: Server) -> None:
 )
 def ignores_other_tools(server: Server) -> None:
     """Another tool configures, and ends."""
-    episode, other = begun(server), server.episode()
+    episode, other = begin_episode(server), server.episode()
     sent = f"{other.configure()}, then {other.stop()}"
     other.over = True
     server.must_be_silent("another tool has the server", sent, but=episode)
@@ -152,7 +152,7 @@ def parameters_time_out(server: Server) -> str:
 def gives_up(server: Server) -> str:
     """No actuators for as long as the time-out."""
     patience = short_patience(server)
-    episode = begun(server)
+    episode = begin_episode(server)
     episode.over = True
     seconds = must_be_free_within(
         server, patience + 3, f"free after {patience:g} s without actuators", "no actuators"
@@ -186,7 +186,7 @@ def tells_of_failures(server: Server) -> str:
     if message is None:
         came = f"no message came on the topic in reply within {patience + server.settings.timeout:g} s"
         raise Failure(came, "the message failed", f"{sent}, then no actuators")
-    tells = decoded(message)
+    tells = decode_message(message)
     expected = {"kind": "failed", "version": 1, "server": server.id, "simulation_hash": episode.hash}
     for key, value in expected.items():
         if tells.get(key) != value:

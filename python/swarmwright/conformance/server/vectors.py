@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from swarmwright.common.json_text import Json
 from swarmwright.conformance._extensions import ControllerSet, evaluation, free_again, numbers
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance._trajectory import Always, same
+from swarmwright.conformance._trajectory import Always, is_same_fitness
 from swarmwright.conformance.rules import Skip
-from swarmwright.conformance.server._evaluations import evaluated
+from swarmwright.conformance.server._evaluations import request_fitness
 from swarmwright.conformance.server._rules import rule
 from swarmwright.servers.broker.client import Failure
 
@@ -110,12 +110,12 @@ def detector(points: Points, sign: float, sensors: int, actuators: int) -> Layer
     return constants(points.x, sensors), second.astype(np.float32), outputs
 
 
-def layered_form(layers: Layers) -> Floats:
+def make_layered(layers: Layers) -> Floats:
     """Return the weights of a layered network."""
     return np.concatenate([layer.ravel() for layer in layers])
 
 
-def meshed_form(layers: Layers) -> Floats:
+def make_meshed(layers: Layers) -> Floats:
     """Return the weights of a fully meshed network whose iterations are the layers."""
     first, second, third = layers
     sensors, count, actuators = first.shape[1] - 1, len(first), len(third)
@@ -142,7 +142,7 @@ def architecture(server: Server, like: Json, **changes: object) -> Json:
 def fitness(server: Server, form: Json, rows: Sequence[Floats]) -> list[float]:
     """Return the fitness of each row of weights, offloaded."""
     controllers = ControllerSet(form, np.array(rows, np.float32))
-    answer = evaluated(server, evaluation(server, controllers, [SEED]))
+    answer = request_fitness(server, evaluation(server, controllers, [SEED]))
     return [float(value) for value in numbers(answer, "fitness", "<f8")]
 
 
@@ -162,11 +162,11 @@ def wrong_points(server: Server, kind: str, function: str, expected: float | Non
             {"hidden": [count, count]} if kind == "layered" else {"hidden": 2 * count, "iterations": 3}
         )
         like = {"version": 1, "kind": kind, "activation": function, "output_range": RANGES[function]}
-        weights = layered_form if kind == "layered" else meshed_form
+        weights = make_layered if kind == "layered" else make_meshed
         tries = [(part, sign) for part in parts for sign in (1.0, -1.0)]
         rows = [weights(detector(part, sign, server.sensors, server.actuators)) for part, sign in tries]
         results = zip(tries, fitness(server, architecture(server, like, **size), rows), strict=True)
-        return next((part for (part, _), value in results if not same(value, expected)), None)
+        return next((part for (part, _), value in results if not is_same_fitness(value, expected)), None)
 
     group = wrong([every.part(start) for start in range(0, len(every.x), GROUP)])
     if group is None:
@@ -230,7 +230,7 @@ def golden(server: Server) -> str:
     still, ahead, back = (
         steer_away(server, alternating(sign, server.actuators)) for sign in (0.0, 1.0, -1.0)
     )
-    if same(still, ahead) and same(still, back):
+    if is_same_fitness(still, ahead) and is_same_fitness(still, back):
         raise Skip("actuators change no fitness here; give --parameters with longer episodes")
     for kind in kinds:
         for function in RANGES:
@@ -248,7 +248,7 @@ def _find_ignored(server: Server, form: Json, case: Case, fitness_values: Sequen
     without = {key: value for key, value in form.items() if key != "output_activation"}
     values = fitness(server, without, case.rows(server))
     free_again(server)
-    same_values = len(values) == len(fitness_values) and all(map(same, values, fitness_values))
+    same_values = len(values) == len(fitness_values) and all(map(is_same_fitness, values, fitness_values))
     return ": the fitness without output_activation, which the server ignores" if same_values else ""
 
 
@@ -273,7 +273,7 @@ def whole_networks(server: Server) -> int:
             key = actuators.tobytes()
             if key not in cache:
                 cache[key] = steer_away(server, actuators)
-            if not same(value, cache[key]):
+            if not is_same_fitness(value, cache[key]):
                 came = f"{value!r} offloaded, {cache[key]!r} when agents are steered by {actuators.tolist()}"
                 expected = f"the same bits: the vector {case.name!r}, sensors {case.steps[step][0].tolist()}"
                 if "output_activation" in form:
