@@ -1,1 +1,1 @@
-"""Experiments: reading and checking them, with the line of every error; their schema and reference."""
+"""Experiment files: reading, checking, schema and reference."""

@@ -1,4 +1,4 @@
-"""Addresses of brokers and topic prefixes, checked before anything connects."""
+"""Checks of broker addresses and topic prefixes."""
 
 import os
 import sys
@@ -7,19 +7,19 @@ from urllib.parse import urlsplit
 from swarmwright.common.errors import InputError
 
 PREFIX_VARIABLE = "SWARMWRIGHT_PREFIX"
-"""Environment variable of the topic prefix where nothing else names one."""
+"""Environment variable of the default topic prefix."""
 
 SCHEMES = ("mqtt", "mqtts", "ws", "wss", "unix")
 VERSIONS = ("3", "5")
 
 LONGEST_SOCKET_PATH = 107 if sys.platform.startswith("linux") else 103
-"""Bytes of the path of a Unix socket."""
+"""Maximum length of the path of a Unix socket, bytes."""
 
 
 def broker_problem(urls: str) -> str | None:
-    """Return what is wrong with the URL of a broker, or of several, separated by commas; None: nothing.
+    """Return the problem of a broker's URL, or of several separated by commas; None if they are valid.
 
-    A URL is never repeated: it may hold secrets.
+    Messages never repeat a URL, as it may contain secrets.
     """
     several = urls.split(",")
     for number, url in enumerate(several, 1):
@@ -40,45 +40,45 @@ def _problem(url: str) -> str | None:
         return f"must begin with one of {known}; {example}"
     if parts.username is not None or parts.password is not None:
         return (
-            "must not contain a user or a password: set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD "
+            "must not contain a user or a password; set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD "
             "(or SWARMWRIGHT_PASSWORD_FILE) in the environment instead"
         )
     if parts.scheme == "unix":
         path = url.partition("://")[2].partition("?")[0]
         return _socket_problem(path) or _option_problem(parts.query, web=False)
     if not parts.hostname:
-        return f"names no host; {example}"
+        return f"has no host; {example}"
     try:
         port = parts.port
     except ValueError:
         port = 0
     if port == 0:
-        return f"has a port that is not a number from 1 to 65535; {example}"
+        return f"has an invalid port, which must be from 1 to 65535; {example}"
     return _option_problem(parts.query, web=parts.scheme in {"ws", "wss"})
 
 
 def _socket_problem(path: str) -> str | None:
-    """Return what is wrong with the path of a Unix socket; whether it is there is seen on connecting."""
+    """Return the problem of a Unix socket's path, or None; does not check whether it exists."""
     if sys.platform == "win32":
-        return "names a Unix socket, which this system does not have for brokers; use mqtt://localhost"
+        return "is a Unix socket, which is not supported on this system; use mqtt://localhost"
     if not path.startswith("/"):
         return "must have the absolute path of a Unix socket; write it like unix:///run/mosquitto.sock"
     length = len(os.fsencode(path))
     if length > LONGEST_SOCKET_PATH:
         return (
-            f"has a path of {length} bytes, and this system allows Unix sockets {LONGEST_SOCKET_PATH}; "
-            "use a shorter one"
+            f"has a path of {length} bytes, more than the {LONGEST_SOCKET_PATH} of a Unix socket on this "
+            "system; use a shorter path"
         )
     return None
 
 
 def for_other_machines(urls: str) -> str:
-    """Those of a broker's addresses that can be used on other machines: Unix sockets cannot; "" for none."""
+    """Return a broker's addresses without Unix sockets, which other machines cannot use; may be empty."""
     return ",".join(url for url in urls.split(",") if not url.strip().startswith("unix:"))
 
 
 def _option_problem(query: str, *, web: bool) -> str | None:
-    """Return what is wrong with the options behind a URL; a websocket's may have others than ours."""
+    """Return the problem of a URL's options, or None; websockets may have further options."""
     for option in filter(None, query.split("&")):
         name, _, value = option.partition("=")
         if name == "mqtt" and value not in VERSIONS:
@@ -89,7 +89,7 @@ def _option_problem(query: str, *, web: bool) -> str | None:
 
 
 def prefix_problem(prefix: str) -> str | None:
-    """Return what is wrong with a topic prefix, None when nothing is."""
+    """Return the problem of a topic prefix; None if it is valid."""
     if any(sign in prefix for sign in "#+\0"):
         return "must not contain '#', '+' or NUL, which have a special meaning in MQTT"
     if prefix.startswith(("/", "$")) or prefix.endswith("/"):
@@ -100,10 +100,10 @@ def prefix_problem(prefix: str) -> str | None:
 
 
 def environment_prefix() -> str:
-    """Return the topic prefix that the environment names, "" for none.
+    """Return the topic prefix of the environment, or an empty text.
 
     Raises:
-        InputError: It cannot be a prefix.
+        InputError: It is invalid.
     """
     prefix = os.environ.get(PREFIX_VARIABLE, "")
     problem = prefix_problem(prefix)

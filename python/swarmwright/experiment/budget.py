@@ -1,4 +1,4 @@
-"""Budgets of a run: generations, evaluations, seconds; the first that is used up ends it."""
+"""Budgets of a run: generations, evaluations and seconds; the first one used up ends it."""
 
 import math
 from collections.abc import Mapping
@@ -13,17 +13,17 @@ LIMITS: tuple[Limit, ...] = get_args(Limit)
 
 
 def sets_limit(options: Mapping[str, object]) -> bool:
-    """Whether options of a method that are set have a limit: it takes the place of all that there were."""
+    """Whether changed options of a method include a limit, which replaces all previous limits."""
     return any(options.get(limit) is not None for limit in LIMITS)
 
 
 Ended = Literal["generations", "evaluations", "seconds", "target"]
-"""What ended a run that is done."""
+"""Reason why a run is done."""
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What a run may use; None where there is no limit."""
+    """Limits of a run; None for no limit."""
 
     generations: int | None
     evaluations: int | None
@@ -31,11 +31,11 @@ class Budget:
 
     @classmethod
     def of(cls, options: "MethodOptions") -> Self:
-        """Return the budget that a method's options name."""
+        """Return the budget in a method's options."""
         return cls(options.generation_limit, options.evaluations, options.seconds)
 
     def nearest(self, generations: int, evaluations: int, seconds: float) -> tuple[Limit, float]:
-        """Return which limit is nearest now that so much is used, and the share of it that is, 0 to 1."""
+        """Return the limit with the largest used share, and this share, 0 to 1."""
         shares: dict[Limit, float] = {}
         if self.generations is not None:
             shares["generations"] = generations / self.generations
@@ -49,7 +49,7 @@ class Budget:
         return name, min(shares[name], 1.0)
 
     def expected_generations(self, generations: int, evaluations: int) -> int:
-        """Return how many generations the run will have, as far as it can be told after these."""
+        """Estimate the number of generations of the run after these generations and evaluations."""
         expected = [max(generations, 1)] if self.generations is None else [self.generations]
         if self.evaluations is not None and evaluations:
             fitting = math.ceil(self.evaluations * max(generations, 1) / evaluations)
@@ -60,21 +60,21 @@ class Budget:
         """Return why a run ended after these generations and evaluations."""
         done = f"all {self.generations} generations are done"
         if self.generations is not None and generations < self.generations:
-            # Of the methods, only those that restart with larger populations use the evaluations up earlier.
+            # Only methods that restart with larger populations use up the evaluations earlier.
             whole = self.generations
             done = (
-                f"restarts have enlarged the population: the evaluations of {whole} generations of the "
-                f"first size were enough for {generations}; method.restart: none runs all {whole}"
+                f"the evaluations are used after {generations} of {whole} generations, because restarts have "
+                f"enlarged the population; method.restart: none runs all {whole}"
             )
-        used = f"the next generation would not fit into {self.evaluations} evaluations"
+        used = f"the next generation would exceed {self.evaluations} evaluations"
         if self.evaluations is not None and evaluations >= self.evaluations:
             used = f"all {self.evaluations} evaluations are used"
         if self.evaluations is not None and evaluations > self.evaluations:
-            # The first generation is evaluated in any case.
+            # The first generation is always evaluated.
             used = f"the first generation has used {evaluations} evaluations, more than {self.evaluations}"
         return {
             "generations": done,
             "evaluations": used,
-            "seconds": f"its {self.seconds:g} seconds are over" if self.seconds is not None else "",
+            "seconds": f"the time limit of {self.seconds:g} seconds is reached" if self.seconds is not None else "",
             "target": "the target is reached",
         }[ended]

@@ -1,4 +1,4 @@
-"""Checks of an experiment's values, each by itself and with the others."""
+"""Checks of an experiment's values, separately and together."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -33,12 +33,12 @@ from swarmwright.simulations.parameters import ParameterMistake
 
 
 def check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
-    """Check that parameters can be sent as JSON, and that the simulation knows and takes them.
+    """Check that parameters can be sent as JSON, and that the simulation accepts them.
 
     Args:
-        simulation: that is asked; None where it is not here.
-        parameters: as the experiment has them.
-        report: takes each problem.
+        simulation: to ask; None if it is not available here.
+        parameters: of the experiment.
+        report: called with each problem.
     """
     for path, problem in _unsendable(parameters, ("parameters",)):
         report(path, problem)
@@ -55,23 +55,23 @@ def check_parameters(simulation: str | None, parameters: dict[str, Any], report:
 
 
 def _report_parameter(mistake: ParameterMistake, given: Mapping[str, Any], report: Report) -> None:
-    """Report why a parameter is refused, at its place in the file."""
+    """Report why a parameter is refused, with its position in the file."""
     if mistake.field == "mission.robots" and _has_own_radius(given):
         mistake = ParameterMistake("robot.radius", f"{mistake.reason}, or a smaller radius")
     if mistake.parameter in given:
         report(("parameters", *parse_path(mistake.field)), mistake.reason)
-    else:  # that of its default, with other parameters
+    else:  # its default conflicts with other parameters
         report(("parameters", mistake.parameter), f"parameter {mistake}")
 
 
 def _has_own_radius(parameters: Mapping[str, Any]) -> bool:
-    """Whether the arena's robots have a radius that is given, in a mission that is not written out."""
+    """Whether the arena's robots have an explicit radius, in a mission given by name."""
     robot, mission = parameters.get("robot"), parameters.get("mission")
     return isinstance(robot, Mapping) and "radius" in robot and not isinstance(mission, Mapping)
 
 
 def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
-    """Yield what JSON cannot carry."""
+    """Yield values that JSON cannot represent."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             if isinstance(key, str):
@@ -98,14 +98,13 @@ def check_values(
     """Check the values of an experiment.
 
     Args:
-        values: as the file says, with other files' contents in their places.
+        values: of the file, with the contents of files that it names.
         here: whether the simulation can be asked.
-        report: takes each problem.
-        ask: whether code that files name may be imported.
-        unread: whether the file of a parameter could not be read, so that it is not known what the simulation
-            announces with it.
+        report: called with each problem.
+        ask: whether code named in the file may be imported.
+        unread: whether the file of a parameter could not be read, so that the simulation cannot be asked.
 
-    Returns what was checked: a section that could not be, is missing or None.
+    Returns the checked values; invalid sections are missing or None.
     """
     checked: Checked = {}
     try:
@@ -145,7 +144,7 @@ def check_values(
 
 
 def _check_start(checked: Checked, representation: Representation | None, report: Report) -> None:
-    """Check that the controllers that evolution starts from fit the experiment's, and the method."""
+    """Check that the controllers to start from match the experiment and the method."""
     start_from, method = checked.get("start_from"), checked.get("method")
     if not start_from or method is None:
         return
@@ -161,14 +160,14 @@ def _check_start(checked: Checked, representation: Representation | None, report
 
 
 def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
-    """Return how a section is written of which only the kind stands there: `method: cma_es`."""
+    """Return how to write a section that consists only of its kind: `method: cma_es`."""
     if len(path) != 1 or path[0] not in REGISTRIES:
         return ""
     kind, names = values.get(str(path[0])), REGISTRIES[str(path[0])].names()
     if not isinstance(kind, str):
         return ""
     if kind.endswith(".py") and REGISTRIES[str(path[0])].in_files:
-        return f"; a class in a file is named like {kind}:Class"
+        return f"; for a class in a file, write {kind}:Class"
     near = suggestions.nearest(kind, names)
     return "" if near is None else f"; write {{kind: {near}}}"
 
@@ -197,9 +196,9 @@ def _check_section(
 
 
 def _check_measured(simulation: str | None, report: Report) -> None:
-    """Check that a class in Python measures the metrics that it names.
+    """Check that a Python class measures the metrics that it announces.
 
-    simulation: None where it is not here, or its code is not to be imported.
+    simulation: None if it is not available here, or its code must not be imported.
     """
     problem = None if simulation is None else catalogue.explain_missing_measure(simulation)
     if problem is not None:
@@ -207,9 +206,9 @@ def _check_measured(simulation: str | None, report: Report) -> None:
 
 
 def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str, report: Report) -> None:
-    """Check that the metrics that the method needs beside fitness are named, and exist.
+    """Check that the metrics that the method needs beside fitness are given and exist.
 
-    known: those of the simulation; None where only its servers know them.
+    known: metrics of the simulation; None if only its servers know them.
     """
     method = checked.get("method")
     if not isinstance(method, MethodOptions):
@@ -220,7 +219,7 @@ def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str,
         return
     names = method.needed_metrics
     if known is not None and not known:
-        report(("method", option), f"{title} reports no metrics, which {kind} needs beside the fitness")
+        report(("method", option), f"{kind} needs metrics beside the fitness, but {title} reports none")
         return
     if not names:
         there = "the simulation's metrics" if known is None else f"the metrics of {title}: {', '.join(known)}"
@@ -229,12 +228,12 @@ def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str,
         if known is not None and name not in known:
             problem = suggestions.unknown("metric", name, known)
             if (option, name) == ("objectives", "fitness"):
-                problem = "fitness is always the first objective, and maximized; leave it out"
+                problem = "fitness is always the first objective and is maximized; leave it out"
             report(("method", option, name), problem)
 
 
 def _check_groups(checked: Checked, here: bool, report: Report) -> None:
-    """Fill in what the simulation declares of the groups of a team; check it against the file."""
+    """Fill in the groups of a team that the simulation declares, and compare them with the file."""
     options = checked.get("controller")
     if not isinstance(options, TeamOptions):
         return
@@ -260,19 +259,19 @@ def _check_groups(checked: Checked, here: bool, report: Report) -> None:
 
 
 def _no_groups(simulation: str) -> str:
-    """Return why a team cannot steer the agents of a built-in simulation with these parameters."""
+    """Return why a team cannot control the agents of a built-in simulation with these parameters."""
     hint = {
-        "minisim": "set the parameter defenderSteering: controller, so that defenders are steered, too",
+        "minisim": "set the parameter defenderSteering: controller to control defenders, too",
         "arena": "make the parameter robots a list of kinds of robots",
     }.get(catalogue.find_built_in(simulation) or "", "all its agents are alike")
     return (
-        f"a team needs several kinds of agents, but {simulation} has one with these "
-        f"parameters; {hint}, or take another kind of controller"
+        f"a team needs several kinds of agents, but {simulation} has one kind with these "
+        f"parameters; {hint}, or use another kind of controller"
     )
 
 
 def _check_representation(checked: Checked, report: Report) -> Representation | None:
-    """Check that the controller's options fit the sensors and actuators; return it, None if not known yet."""
+    """Check that the controller matches the sensors and actuators; return it, or None if they are unknown."""
     options, sensors, actuators = (checked.get(name) for name in ("controller", "sensors", "actuators"))
     if options is None:
         return None
@@ -293,9 +292,9 @@ def _check_representation(checked: Checked, report: Report) -> Representation | 
 
 
 def _check_method(checked: Checked, representation: Representation | None, report: Report) -> None:
-    """Check that the method can evolve the representation in the operation that is asked for.
+    """Check that the method supports the representation and the operation.
 
-    Without sensors and actuators that is found out when a server has announced them.
+    If sensors and actuators are unknown, this is checked when a server has announced them.
     """
     method = checked.get("method")
     if method is not None:
@@ -305,7 +304,7 @@ def _check_method(checked: Checked, representation: Representation | None, repor
 
 
 def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
-    """Check that parameters that are evolved are none of the fixed ones, and fit the simulation."""
+    """Check that evolved parameters are not fixed ones and match the simulation."""
     options, parameters = checked.get("controller"), checked["parameters"]
     if isinstance(options, ParameterSetOptions):
         here = here and not any(_unsendable(parameters, ()))
@@ -314,7 +313,7 @@ def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
 
 
 def _fill_in(checked: Checked, here: bool, report: Report) -> None:
-    """Write out what a simulation that can be asked announces; check that the file does not contradict it."""
+    """Fill in values that the simulation announces; check that the file does not contradict them."""
     if not here:
         checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
         _check_needed_metrics(checked, None, "", report)
@@ -335,8 +334,8 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
     if options is not None and not announced["sensors"] and REGISTRIES["controller"].get(options.kind).steers:
         report(
             ("controller", "kind"),
-            f"{options.kind} steers agents, but those of {announced['title']} control themselves (its "
-            "sensors are 0); use parameter_set",
+            f"{options.kind} controls agents, but agents of {announced['title']} control themselves (they have "
+            "no sensors); use parameter_set",
         )
     checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
     known = list(announced["metrics"])
@@ -345,16 +344,16 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
         problem = FitnessExpression(checked["fitness"]).unknown(known, announced["title"])
         if problem is not None:
             if is_command(checked["simulation"]):
-                problem += "; metrics of a command are announced by simulation.metrics: [NAME, ..]"
+                problem += "; list the metrics of a command in simulation.metrics: [NAME, ..]"
             report(("fitness",), problem)
 
 
 _REACHED = {"tanh": (-1.0, 1.0), "sigmoid": (0.0, 1.0), "clamp": (0.0, 1.0), "relu": (0.0, math.inf)}
-"""Lowest and highest output of a node, by activation; others have no limits."""
+"""Lowest and highest output of a node, by activation; other activations are unlimited."""
 
 
 def setting_warnings(experiment: Experiment) -> list[str]:
-    """Return sentences on keys that are not at their defaults and have no effect, or an undesired one."""
+    """Return warnings about changed keys without effect or with an undesired effect."""
     method, validate = experiment.method, experiment.validate
     found = []
     if method.operation != "steady_state":
@@ -369,41 +368,41 @@ def setting_warnings(experiment: Experiment) -> list[str]:
         ]
     if experiment.start_from is not None and samples_around_start(experiment) and validate.episodes == 0:
         found.append(
-            f"start_from: {method.kind} samples around the controller and does not keep it; with validate: "
-            "false the run does not say whether its best is better"
+            f"start_from: {method.kind} samples around the controller without keeping it; with validate: false, "
+            "the run does not show whether its best is better"
         )
     ranking = experiment.ranking
     if method.needed_metrics and ranking.seeds == "new":
         episodes = ranking.episodes
         found.append(
-            f"ranking.seeds: new lets {method.kind} compare candidates that were evaluated on different "
-            "seeds, and those with easy seeds stay to the end; take seeds: same with more episodes "
-            f"(ranking.episodes is {episodes}), and evaluate the result on held-out seeds"
+            f"ranking.seeds: new makes {method.kind} compare candidates across seeds, so that those with easy "
+            f"seeds survive; use seeds: same with more episodes (ranking.episodes is {episodes}), and evaluate "
+            "the result on held-out seeds"
         )
     if isinstance(ranking, MultiFidelityOptions) and ranking.seeds == "new" and (ranking.memory or 1) > 1:
         found.append(
-            f"ranking.memory: {ranking.memory} with seeds: new corrects fitness by differences between the "
-            "two simulations on other seeds as well; leave it out, or take seeds: same"
+            f"ranking.memory: {ranking.memory} with seeds: new corrects fitness by differences on other seeds; "
+            "leave it out, or use seeds: same"
         )
     return [*found, *_without_influence(experiment)]
 
 
 def _without_influence(experiment: Experiment) -> Iterator[str]:
-    """Yield sentences on settings with which all controllers have the same fitness."""
+    """Yield warnings about settings with which all controllers have the same fitness."""
     simulation, parameters, controller = experiment.simulation, experiment.parameters, experiment.controller
     if steers_agents(experiment) and simulation in titles() and steers_itself(simulation, parameters):
         yield (
-            f"controller: {controller.kind} steers agents, but those of {simulation} steer themselves with "
-            "these parameters, and all candidates have the same fitness; change the parameters, or evolve "
-            "them with controller: {kind: parameter_set}"
+            f"controller: {controller.kind} controls agents, but agents of {simulation} control themselves with "
+            "these parameters, so all candidates have the same fitness; change the parameters, or evolve them "
+            "with controller: {kind: parameter_set}"
         )
     if isinstance(controller, NetworkOptions) and controller.last_activation in _REACHED:
         (low, high), (least, greatest) = controller.outputs, _REACHED[controller.last_activation]
         if greatest <= low or high <= least:
             reached = f"{least:g} to {greatest:g}" if math.isfinite(greatest) else f"{least:g} or more"
             yield (
-                f"controller.output_range: [{low:g}, {high:g}] is beyond all outputs of "
-                f"{controller.last_activation}, {reached}: actuators have one value, whatever the controller"
+                f"controller.output_range: [{low:g}, {high:g}] is outside the outputs of "
+                f"{controller.last_activation}, {reached}, so actuators are constant for all controllers"
             )
     mission = parameters.get("mission")
     metrics = mission.get("metrics") if isinstance(mission, Mapping) else None
@@ -413,11 +412,11 @@ def _without_influence(experiment: Experiment) -> Iterator[str]:
             if isinstance(sources, list) and metric.get("nest") in sources:
                 yield (
                     f"parameters.mission.metrics.{name}: its nest {metric['nest']!r} is also one of its "
-                    "sources, and no robot is counted; name another patch"
+                    "sources, so no robot is counted; use another patch"
                 )
 
 
 def _set_in(options: Options, *keys: str) -> Iterator[str]:
-    """Yield the keys with other values than the defaults, which files of runs have written out."""
+    """Yield the keys whose values differ from the defaults."""
     fields = type(options).model_fields
     return (key for key in keys if getattr(options, key) != fields[key].default)

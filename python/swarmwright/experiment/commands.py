@@ -1,4 +1,4 @@
-"""Experiments whose simulation is run by a command: from its mapping to a name, and whether the rest fits."""
+"""Checks of experiments whose simulation is a command, an FMU or a ROS system."""
 
 import importlib.util
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,24 +32,23 @@ if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
 WRONG = "command"
-"""Stands for a simulation whose definition is wrong."""
+"""Name that stands for a simulation with an invalid definition."""
 _MARGIN_S = 30.0
-"""Seconds beside the command's own for files, and for a result's way."""
+"""Seconds added to the command's time limit for files and messages."""
 _LARGEST_SCRIPT = 1 << 20
-"""Bytes of a file in which the name of the parameter file is looked for."""
+"""Size limit of files to search for the name of the parameter file, bytes."""
 
 
 def name_of(
     definition: Mapping[str, Any], values: Mapping[str, Any], base: Path | None, report: Report
 ) -> str:
-    """Return the name of the simulation that a mapping defines; `WRONG` after reporting what is wrong.
+    """Return the name of the simulation that a mapping defines; `WRONG` after reporting problems.
 
     Args:
         definition: the mapping.
-        values: the experiment's, whose fitness is the simulation's own, unless that has one.
-        base: the folder that its paths are relative to; None for that of a run, whose files were checked.
-        report: gets what is wrong.
-
+        values: of the experiment, whose fitness applies unless the simulation has its own.
+        base: the folder of relative paths; None for that of a run, whose files were checked.
+        report: called with each problem.
     """
     wrong: list[Path_] = []
 
@@ -80,7 +79,7 @@ def name_of(
     elif isinstance(options, FmuOptions) and base is not None:
         unknown = _unknown_metrics(options, list(options.rebase(base).columns))
     for key, message in unknown:
-        if key == "fitness" and key not in definition:  # it is the experiment's
+        if key == "fitness" and key not in definition:  # the experiment's fitness
             wrong.append((key,))
             report((key,), message)
         else:
@@ -89,14 +88,14 @@ def name_of(
 
 
 def _steers(values: Mapping[str, Any]) -> bool:
-    """Return whether the experiment's controller steers agents, as far as that is known."""
+    """Return whether the experiment's controller controls agents, as far as known."""
     controller = values.get("controller")
     kind = controller.get("kind") if isinstance(controller, Mapping) else None
     return kind not in REGISTRIES["controller"].names() or REGISTRIES["controller"].get(str(kind)).steers
 
 
 def _expression(text: Any) -> FitnessExpression | str | None:  # noqa: ANN401 - whatever the file says
-    """Return an expression, what is wrong with it, or None where there is none."""
+    """Parse an expression; return it, its problem as text, or None without an expression."""
     if not isinstance(text, str):
         return None
     try:
@@ -106,9 +105,9 @@ def _expression(text: Any) -> FitnessExpression | str | None:  # noqa: ANN401 - 
 
 
 def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) -> None:
-    """Check that an experiment's other keys fit its command; fill in how long to wait for it.
+    """Check that an experiment's other keys match its command; fill in the time limit of a step.
 
-    values: as they stand in the file.
+    values: of the file.
     """
     name = checked["simulation"]
     definition = parse_name(name)
@@ -128,8 +127,8 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
         if measured and FITNESS_NAME not in measured:
             report(
                 ("fitness",),
-                f"is missing; write it as an expression over the metrics {', '.join(measured)}, such as "
-                f'fitness: "-{measured[0]}" (more is better)',
+                f"is missing; write an expression over the metrics {', '.join(measured)}, such as "
+                f'fitness: "-{measured[0]}" (higher is better)',
             )
     waits = values.get("timeouts")
     if not (isinstance(waits, Mapping) and waits.get("step") is not None):
@@ -139,14 +138,14 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
 
 
 def missing(name: str) -> str | None:
-    """Return what a simulation's command needs that this machine lacks, "key: why"; None for nothing."""
+    """Return a requirement of a simulation's command that this machine lacks, "key: reason", or None."""
     definition = parse_name(name)
     if isinstance(definition, FmuOptions):
         return fmu_definition.explain_missing(definition)
     options = definition.as_command()
     if isinstance(definition, RosOptions) and definition.connection == "dds":
         if importlib.util.find_spec("cyclonedds") is None:
-            return "middleware: dds needs Cyclone DDS: pip install 'swarmwright[ros2]'"
+            return "middleware: dds needs Cyclone DDS; run pip install 'swarmwright[ros2]'"
         return None
     folder = Path(options.folder)
     problem = process.explain_missing_program(options.command, folder) or process.explain_missing_script(
@@ -167,14 +166,14 @@ def _check_controller(options: CommandOptions, checked: Mapping[str, Any], repor
     if steers and options.controller == "none":
         report(
             ("controller", "kind"),
-            f"{controller.kind} steers agents, but the command gets no controller. To evolve parameters of "
-            "the command, write controller: {kind: parameter_set, parameters: {NAME: {type: real, range: "
-            "[0, 1]}}}; to have it run controllers, set simulation.controller, such as to json or stepwise",
+            f"{controller.kind} controls agents, but the command receives no controller. To evolve parameters "
+            "of the command, write controller: {kind: parameter_set, parameters: {NAME: {type: real, range: "
+            "[0, 1]}}}; to pass controllers to it, set simulation.controller, for example to json or stepwise",
         )
     elif steers:
         for name in ("sensors", "actuators"):
             if getattr(options, name) is None:
-                report(("simulation", name), f"is missing: how many {name} an agent has")
+                report(("simulation", name), f"is missing; give the number of {name} of an agent")
     elif not steers and options.takes_controller:
         report(
             ("simulation", "controller"),
@@ -183,13 +182,13 @@ def _check_controller(options: CommandOptions, checked: Mapping[str, Any], repor
     if options.takes_controller and checked["mode"] in {"stepwise", "batched"}:
         report(
             ("mode",),
-            f"in the mode {checked['mode']} controllers stay here, but the command gets its controller as a "
-            "file; leave the key out",
+            f"{checked['mode']} keeps controllers in this process, but the command receives its controller as "
+            "a file; leave the key out",
         )
 
 
 def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], report: Report) -> None:
-    """Check the names in braces, as far as parameters are known."""
+    """Check the placeholders, as far as parameters are known."""
     controller = checked.get("controller")
     evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
     parameters = [*catalogue.parameter_names(checked["simulation"]), *checked["parameters"], *evolved]
@@ -213,7 +212,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
         for name in template.names:
             if name not in known:
                 hint = suggest_or_list(name, known)
-                report(path, f"{{{name}}} is not a placeholder, and no parameter has this name{hint}")
+                report(path, f"{{{name}}} is neither a placeholder nor a parameter{hint}")
     if options.controller != "stepwise":
         files: list[tuple[Path_, Template]] = [
             (("simulation", "files"), placeholders.file(path, text)) for path, text in _files(options)
@@ -227,8 +226,8 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
             if name in used and name != "seed" and name in IN_A_COMMAND:
                 report(
                     path,
-                    f"{{{name}}} is {IN_A_COMMAND[name]} in commands, files and the environment, not this "
-                    f"parameter; rename the parameter, or do without {{{name}}}",
+                    f"{{{name}}} stands for {IN_A_COMMAND[name]} in commands, files and the environment, not "
+                    f"for this parameter; rename the parameter or remove {{{name}}}",
                 )
 
 
@@ -239,7 +238,7 @@ def _check_text(
     choices: Mapping[str, Sequence[Any]],
     report: Report,
 ) -> None:
-    """Check that values are among the declared choices, and that text stands only where it decides nothing.
+    """Check that values are among the declared choices, and that text appears only in safe positions.
 
     own: names that never stand for parameters.
     """
@@ -265,7 +264,7 @@ def _check_text(
     for path, name, value in [*values, *defaults]:
         if name in choices and not is_choice(value, choices[name]):
             listed = ", ".join(map(format_value, choices[name]))
-            report(path, f"{format_value(value)} found, expected one of {listed} (simulation.choices.{name})")
+            report(path, f"must be one of {listed} (simulation.choices.{name}), not {format_value(value)}")
             continue
         found = Values(dict.fromkeys(own), {name: value}, choices, declared)
         problems = [
@@ -279,18 +278,18 @@ def _check_text(
 
 
 def _files(options: CommandOptions) -> Iterator[tuple[str, str]]:
-    """Yield the files that are put into the work folder, with their texts, as far as they can be read."""
+    """Yield the readable files of the work folder with their texts."""
     return work_files.iterate_texts(options.files, Path(options.folder))
 
 
 def warning_of(experiment: "Experiment") -> str | None:
-    """Return what to warn of before a command's episodes; None for nothing."""
+    """Return a warning before a command's episodes, or None."""
     options = parse_name(experiment.simulation)
     return options.uneven_steps if isinstance(options, FmuOptions) else _without_effect(experiment, options)
 
 
 def _without_effect(experiment: "Experiment", options: Definition) -> str | None:
-    """Return what does not reach a simulation's command, as a warning; None where all parameters do."""
+    """Return a warning about parameters that do not reach a simulation's command, or None."""
     if not isinstance(options, CommandOptions) or options.controller == "stepwise":
         return None
     texts = [*options.command, *options.environment.values(), *(options.compile or ())]
@@ -303,22 +302,22 @@ def _without_effect(experiment: "Experiment", options: Definition) -> str | None
     evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
     unused = [name for name in dict.fromkeys([*experiment.parameters, *evolved, "seed"]) if name not in used]
     if options.determinism == "bitwise" and "seed" in unused:
-        unused.remove("seed")  # declared: nothing is drawn that would need one
+        unused.remove("seed")  # declared deterministic, so it needs no seed
     if not unused:
         return None
     placeholders = ", ".join(f"{{{name}}}" for name in unused)
     them = "it" if len(unused) == 1 else "them"
     text = (
         f"command: contains neither {placeholders} nor {{parameters}} (the path of {file}), so the program "
-        f"does not get {them} unless it opens {file} in its work folder by itself"
+        f"receives {them} only if it opens {file} in its work folder"
     )
     if unused == ["seed"]:
-        text += "; a program that draws no random numbers needs none: write simulation.determinism: bitwise"
+        text += "; for a program without random numbers, set simulation.determinism: bitwise"
     return text
 
 
 def _is_named(file: str, options: CommandOptions) -> bool:
-    """Whether the command, or a file that it consists of, mentions a file."""
+    """Whether the command or one of its files mentions a file."""
     if any(file in word for word in options.command):
         return True
     for word in {word for _, words in options.list_named_files() for word in words}:
@@ -331,7 +330,7 @@ def _is_named(file: str, options: CommandOptions) -> bool:
 
 
 def _unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list[tuple[str, str]]:
-    """Return what is wrong with the expressions over metrics of these names: key and message."""
+    """Return the problems of expressions over these metrics: key and message."""
     unknown_metrics = []
     for key, text in (("done", options.done), ("fitness", options.fitness)):
         expression = _expression(text)
@@ -348,15 +347,15 @@ def _unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list
 
 
 def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> None:
-    """Check that parameters get somewhere, and the names in braces."""
+    """Check the placeholders, and that parameters reach the simulation."""
     if options.is_shared and checked.get("broker") is None:
         if checked["servers"] == "auto":
             checked["servers"] = 1
         elif checked["servers"] not in (1, "in-process"):
             report(
                 ("servers",),
-                "only one server can drive the robots: write servers: 1, or simulation.start, a command with "
-                "which each server starts a simulator of its own",
+                "only one server can drive the robots; write servers: 1, or set simulation.start to a command "
+                "that starts a simulator for each server",
             )
     controller = checked.get("controller")
     evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
@@ -385,12 +384,12 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
         if name in at_start and name in used:
             report(
                 ("parameters" if name in checked["parameters"] else "controller", name),
-                f"{{{name}}} in simulation.reset.command is not this parameter; rename the parameter",
+                f"{{{name}}} in simulation.reset.command does not stand for this parameter; rename the parameter",
             )
         if options.reset.parameters is None and name not in used:
             section = "parameters" if name in checked["parameters"] else "controller"
             report(
                 (section, *(("parameters",) if section == "controller" else ()), name),
-                "does not reach the simulation: name the node whose ROS parameters are set as "
-                "simulation.reset.parameters, or use {" + name + "} in simulation.reset.command",
+                "does not reach the simulation; set simulation.reset.parameters to the node with ROS "
+                "parameters, or use {" + name + "} in simulation.reset.command",
             )

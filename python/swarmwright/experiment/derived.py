@@ -1,4 +1,4 @@
-"""What follows from an experiment, for the parts of the library that evaluate it."""
+"""Properties derived from an experiment."""
 
 import dataclasses
 import marshal
@@ -18,42 +18,40 @@ if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
 _KEY = "_evaluation_key"
-"""Where an experiment keeps its `evaluation_key`."""
+"""Attribute that caches an experiment's `evaluation_key`."""
 
 
 def given_source(experiment: "Experiment", key: str) -> Source | None:
-    """Return the file of the experiment where it gives a key; None where it does not, or is gone."""
+    """Return the experiment's file if it exists and contains a key, else None."""
     if experiment.path is not None:
         with suppress(InputError):
             source = read(experiment.path)
             found = source.values.get(key) if isinstance(source.values, Mapping) else None
-            other = isinstance(found, str) and found != getattr(experiment, key)  # another one was set
+            other = isinstance(found, str) and found != getattr(experiment, key)  # another value was set
             if found is not None and not other:
                 return source
     return None
 
 
 def place_of(experiment: "Experiment", key: str) -> str:
-    """Return where a key stands, `file.yaml:3: simulation: `; without a file or a line, what is known."""
+    """Return the position of a key, `file.yaml:3: simulation: `, as far as known."""
     source = given_source(experiment, key)
     return f"{key}: " if source is None else source.locate((key,))
 
 
 def with_environment(experiment: "Experiment") -> "Experiment":
-    """Return it as it is evaluated here: with the environment's topic prefix where it names none.
+    """Return an experiment with the environment's topic prefix if it has none; records leave it out.
 
-    Records keep the experiment without it.
-
-    Raises InputError for a prefix that cannot be.
+    Raises InputError for an invalid prefix.
     """
     prefix = "" if experiment.prefix else environment_prefix()
     return dataclasses.replace(experiment, prefix=prefix) if prefix else experiment
 
 
 def evaluation_key(experiment: "Experiment") -> bytes | None:
-    """Return what the fitness of genomes depends on; None if that cannot be compared.
+    """Return a key of everything that the fitness of genomes depends on; None if it cannot be compared.
 
-    Types count: 1 is not 1.0.
+    Types count: 1 differs from 1.0.
     """
     kept: dict[str, Any] = vars(experiment)
     if _KEY not in kept:
@@ -73,26 +71,26 @@ def _evaluation_key(experiment: "Experiment") -> bytes | None:
         plain(vars(experiment.ranking)),
     )
     try:
-        return marshal.dumps(values, 2)  # this version writes equal values as equal bytes
+        return marshal.dumps(values, 2)  # version 2 writes equal values as equal bytes
     except ValueError:
         return None
 
 
 def steers_agents(experiment: "Experiment") -> bool:
-    """Whether what is evolved steers agents, and so needs to know their sensors and actuators."""
+    """Whether controllers are evolved, so that sensors and actuators must be known."""
     return REPRESENTATIONS.get(experiment.controller.kind).steers
 
 
 def has_python_modules(experiment: "Experiment") -> bool:
-    """Whether controllers are evaluated in Python: machines with modules that are not the engine's."""
+    """Whether controllers are machines with Python modules, which Python evaluates."""
     return bool(getattr(experiment.controller, "in_python", False))
 
 
 def reports_slow(experiment: "Experiment") -> bool:
-    """Whether the best of a run is validated in the slow simulation of the ranking."""
+    """Whether the best of a run is validated in the ranking's slow simulation."""
     return isinstance(experiment.ranking, SlowOptions)
 
 
 def fitness_expression(experiment: "Experiment") -> FitnessExpression | None:
-    """Return the fitness as an expression over metrics; None: the simulation's own."""
+    """Return the fitness as an expression over metrics; None for the simulation's own."""
     return None if experiment.fitness is None else FitnessExpression(experiment.fitness)

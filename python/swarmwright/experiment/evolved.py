@@ -1,4 +1,4 @@
-"""Parameters of a simulation whose values are evolved: whether they fit the experiment."""
+"""Checks of evolved parameters of a simulation."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -12,20 +12,20 @@ from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, Pa
 from swarmwright.simulations import catalogue
 
 _TRIED_SHARE = 0.4391
-"""Of a range; a share with which the limits of few ranges make an integer."""
+"""Share of a range at which few ranges have an integer."""
 _EVOLVED: Path_ = ("controller", "parameters")
 
 
 def problems(
     simulation: str, parameters: Mapping[str, Any], evolved: Mapping[str, Parameter], *, here: bool
 ) -> Iterator[tuple[Path_, str]]:
-    """Yield where and why evolved parameters do not fit a simulation with the parameters that are fixed.
+    """Yield position and reason of conflicts between evolved parameters, fixed ones and the simulation.
 
     here: whether the simulation can be asked.
     """
     for name in evolved:
         if name in parameters:
-            yield (*_EVOLVED, name), "is also in the experiment's parameters; remove it there"
+            yield (*_EVOLVED, name), "is also one of the experiment's parameters; remove it there"
     if not here:
         return
     for name, message in unknown(simulation, evolved):
@@ -43,30 +43,30 @@ def problems(
         catalogue.steers_itself(simulation, values) for _, _, values in _corners(fixed, known)
     ):
         title = catalogue.title(simulation)
-        cure = "use a controller that steers agents, such as layered"
+        cure = "use a controller of agents, such as layered"
         if "steering" in names:
             cure = "set parameters.steering to rule"
         yield (
             ("controller", "kind"),
-            f"parameter_set steers no agents, but agents of {title} must be steered; {cure}",
+            f"parameter_set controls no agents, but agents of {title} must be controlled; {cure}",
         )
 
 
 def _undeclared_booleans(simulation: str, evolved: Mapping[str, Parameter]) -> Iterator[tuple[Path_, str]]:
-    """Yield booleans of simulations that would get 0 and 1 instead: all but classes that declare them."""
+    """Yield booleans that a simulation would receive as 0 and 1, as it does not declare them."""
     for name, parameter in evolved.items():
         if not (isinstance(parameter, CategoricalParameter) and parameter.are_booleans):
             continue
         if not catalogue.declares_boolean(simulation, name):
             message = (
-                f"booleans need a class in Python in which the default of {name} is True or False; write "
-                '[0, 1] or ["false", "true"], whichever the simulation reads'
+                f"booleans need a Python class in which the default of {name} is True or False; write [0, 1] or "
+                '["false", "true"], as the simulation expects'
             )
             yield (*_EVOLVED, name, "choices"), message
 
 
 def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each name that is not a parameter of a simulation, with the message about it."""
+    """Yield each name that is not a parameter of a simulation, with a message."""
     if catalogue.takes_any(simulation):
         return
     known, title = catalogue.parameter_names(simulation), catalogue.title(simulation)
@@ -86,28 +86,28 @@ def _refusals(
         mistakes = catalogue.parameter_mistakes(simulation, values)
         if not mistakes:
             continue
-        # Where another parameter is named, the value that was changed is what makes it wrong.
+        # If another parameter is reported, the changed value caused it.
         wrong, reason = mistakes[0] if mistakes[0].field in evolved else (name, str(mistakes[0]))
-        # One that is wrong by itself is so beside each value of the others.
+        # An invalid value is refused beside every value of the others.
         found.setdefault((wrong, repr(values[wrong])), (values[wrong], reason))
     for (wrong, _), (refused, reason) in found.items():
         hint, parameter = "", evolved[wrong]
-        # Where a limit is refused as well, that the number between them has a fraction is not what is wrong.
+        # If a limit is refused as well, the fraction of the number in between is not the reason.
         if isinstance(parameter, RealParameter) and all(
             (wrong, repr(end)) not in found for end in _limits(parameter)
         ):
-            hint = "; for a parameter of integers write type: integer"
+            hint = "; for an integer parameter, write type: integer"
         if type(refused) is int and catalogue.declares_boolean(simulation, wrong):
-            hint = "; for a boolean write {type: categorical, choices: [true, false]}"
+            hint = "; for a boolean, write {type: categorical, choices: [true, false]}"
         yield (*_EVOLVED, wrong), f"{catalogue.title(simulation)} refuses {refused!r}: {reason}{hint}"
 
 
 def _corners(
     fixed: Mapping[str, Any], evolved: Mapping[str, Parameter]
 ) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield each parameter with each of its extreme values, and all parameters with it.
+    """Yield each parameter with each of its extreme values, and all parameters with this value.
 
-    Of a real number also with one between them, which is not an integer.
+    Real numbers also have a value in between that is not an integer.
     """
     extremes = {name: _extremes(parameter) for name, parameter in evolved.items()}
     firsts = {name: values[0] for name, values in extremes.items()}

@@ -1,4 +1,4 @@
-"""Experiments: what is evolved, how, and where, checked and with every default filled in."""
+"""Experiments, checked and with all defaults filled in."""
 
 import dataclasses
 from collections.abc import Collection, Iterable, Mapping
@@ -45,17 +45,17 @@ if TYPE_CHECKING:
 
 
 _ROBOT = "robot"
-"""Parameter of the arena by whose value sensors and actuators differ."""
+"""Parameter of the arena that determines sensors and actuators."""
 
 
 def check_fits(experiment: "Experiment", source: Source) -> None:
-    """Check that agents still have as many sensors and actuators as the controllers were made for.
+    """Check that agents still have the numbers of sensors and actuators of the controllers.
 
     Args:
-        experiment: which has them written out.
-        source: of the experiment with settings; one that sets them is not checked here.
+        experiment: with these numbers.
+        source: of the experiment with settings; not checked if it sets these numbers.
 
-    Raises InputError with the robots that have as many, where there are such.
+    Raises InputError that lists robots with matching numbers, if any.
     """
     values = source.values
     simulation, parameters = values.get("simulation"), values.get("parameters", {})
@@ -76,14 +76,14 @@ def check_fits(experiment: "Experiment", source: Source) -> None:
         for name in _robots(simulation)
         if announced_sizes(simulation, {**parameters, _ROBOT: name}) == sizes
     ]
-    cure = f"; robots that fit: {', '.join(fitting)}" if fitting else ""
-    raise InputError(f"controller: was evolved for {needs}, but {whose} has {has}, so it does not fit{cure}")
+    cure = f"; matching robots: {', '.join(fitting)}" if fitting else ""
+    raise InputError(f"controller: was evolved for {needs}, but {whose} has {has}{cure}")
 
 
 def announced_sizes(simulation: str, parameters: dict[str, Any]) -> dict[str, int] | None:
-    """Return how many sensors and actuators agents have; None where it is not known here, or cannot be.
+    """Return the numbers of sensors and actuators of agents.
 
-    That is for simulations that others offer, and for parameters that are wrong.
+    None for simulations of other servers and for invalid parameters.
     """
     if not catalogue.has_description(simulation):
         return None
@@ -104,11 +104,11 @@ def _robots(simulation: str) -> list[str]:
 
 
 LARGEST_GENOME = 1_000_000
-"""Genes of a controller, at most; the engine's own limit."""
+"""Upper limit of genes of a controller, as in the engine."""
 ELSEWHERE = frozenset(
     {"servers", "broker", "prefix", "mode", "timeouts", "faults", "requirements", "validate"}
 )
-"""Keys that the record does not depend on: where and how it is computed, and what is done afterwards."""
+"""Keys without effect on the record: where and how it is computed, and what follows."""
 _SECTIONS = ("requirements", "controller", "method", "ranking", "validate", "timeouts", "faults")
 
 
@@ -126,13 +126,13 @@ class Experiment:
     sensors: int | None
     actuators: int | None
     fitness: str | None
-    """Fitness of an episode as an expression over metrics; None: the simulation's own."""
+    """Fitness of an episode as an expression over metrics; None for the simulation's own."""
     start_from: list[dict[str, Any]] | None
-    """Controllers that evolution starts from, with their weights; None: random ones."""
+    """Controllers to start from, with their weights; None for random ones."""
     controller: RepresentationOptions
-    """Options of the representation, of a class for each `kind`, such as `LayeredOptions`."""
+    """Options of the representation, such as `LayeredOptions`."""
     method: MethodOptions
-    """Options of the method, of a class for each `kind`, such as `CmaEsOptions`."""
+    """Options of the method, such as `CmaEsOptions`."""
     ranking: RankingOptions
     validate: Validate
     mode: Literal["auto", "stepwise", "batched", "offloaded"]
@@ -143,21 +143,21 @@ class Experiment:
     faults: Faults
     seed: int
     path: Path | None = field(default=None, compare=False)
-    """The file it was loaded from."""
+    """The file from which it was loaded."""
 
     def __init__(self, *given: Never, path: Path | None = None, **values: Any) -> None:  # noqa: ANN401 - fields
-        """Take checked values, those of all fields; dictionaries and lists in them become read-only."""
+        """Store checked values of all fields; dictionaries and lists in them become read-only."""
         names = {item.name for item in fields(self)} - {"path"}
         if given or values.keys() != names:
             raise InputError(
-                "an experiment is made by Experiment.load(path), or by Experiment.from_mapping({..}) with "
-                "the keys of an experiment file, such as {'simulation': 'minisim'}"
+                "create experiments by Experiment.load(path), or by Experiment.from_mapping({..}) with the keys "
+                "of an experiment file, such as {'simulation': 'minisim'}"
             )
         for name, value in {**values, "path": path}.items():
             object.__setattr__(self, name, read_only(value))
 
     def __hash__(self) -> int:
-        """Return the same for equal experiments: what the file is called does not count."""
+        """Return the same for equal experiments; the path does not count."""
         return hash(tuple(hashable(getattr(self, item.name)) for item in fields(self) if item.compare))
 
     @classmethod
@@ -192,16 +192,16 @@ class Experiment:
         reason: str = "",
         ask: bool = True,
     ) -> Self:
-        """Return a copy with settings, `KEY.PATH=VALUE` each, see `load`; Python's way is `replace`.
+        """Return a copy with settings, `KEY.PATH=VALUE` each, as in `load`; in Python, prefer `replace`.
 
         Args:
-            settings: what is set.
-            only: the keys that may be set, all if None. With some keys it is a run that goes on, which keeps
-                the limits that are not set.
-            reason: why no others, the end of a sentence.
-            ask: whether a simulation that is named by its class may be imported.
+            settings: to apply.
+            only: the keys that may be set; None for all. If given, limits that are not set stay, as for a run
+                that continues.
+            reason: why other keys may not be set, the end of a sentence.
+            ask: whether the class of a simulation may be imported.
 
-        Raises InputError with every problem, a line each.
+        Raises InputError with all problems, one per line.
         """
         parsed = parse_settings(settings)
         if only is not None:
@@ -229,13 +229,13 @@ class Experiment:
     def _from(
         cls, values: Mapping[str, Any], settings: Iterable[str] = (), *, lenient: Collection[str] = ()
     ) -> Self:
-        """Make an experiment of plain values; see `from_mapping`, and `check` for `lenient`."""
+        """Create an experiment from plain values, see `from_mapping`; for `lenient`, see `check`."""
         simulation = mapping("values", values, "{'simulation': 'minisim'}").get("simulation")
         if isinstance(simulation, type):
             values = {**values, "simulation": name_of(simulation)}
         elif hasattr(simulation, "reset"):
             kind = type(simulation).__name__
-            raise InputError(f"simulation: is an object of the class {kind}; give the class itself, {kind}")
+            raise InputError(f"simulation: is an object of the class {kind}; pass the class {kind} itself")
         source = apply(Source("", values=plain_values(values)), parse_settings(settings))
         return cls._checked(source, None, lenient=lenient)
 
@@ -259,7 +259,7 @@ class Experiment:
         return dataclasses.replace(loaded, **resolved(loaded, source, ask=ask))
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return plain values, every default written out; keys without a value are left out."""
+        """Return plain values, including all defaults; keys without a value are left out."""
         result: dict[str, Any] = {}
         for item in fields(self):
             value = getattr(self, item.name)
@@ -267,21 +267,21 @@ class Experiment:
                 continue
             if item.name == "simulation" and is_command(value):
                 value = SimulationName.parse(value).definition
-                if value.get("fitness", "") == self.fitness:  # it was taken from the experiment
+                if value.get("fitness", "") == self.fitness:  # comes from the experiment
                     del value["fitness"]
             if item.name == "servers" and isinstance(value, tuple):
                 value = written(value)
             if item.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)
                 if item.name == "method" and self.method.generation_limit is None:
-                    del value["generations"]  # as it is without a limit
-                if "kind" in value:  # first: it says what the others mean
+                    del value["generations"]  # no limit
+                if "kind" in value:  # first, as it determines the others
                     value = {"kind": value.pop("kind"), **value}
             result[item.name] = plain_values(value)
         return result
 
     def _repr_html_(self) -> str:
-        """Return every key as a table, for notebooks."""
+        """Return all keys as a table, for notebooks."""
         name = f" of {self.path}" if self.path is not None else ""
         values = flatten(self.to_mapping())
         return facts(
@@ -331,7 +331,7 @@ class Experiment:
         if same_simulation and isinstance(parameters, Mapping) and parameters != self.parameters:
             announced = announced_sizes(self.simulation, dict(parameters)) or {}
             for name, size in announced.items():
-                # The file is read only where it matters.
+                # Read the file only if necessary.
                 if name not in changes and values.get(name) != size and given_source(self, name) is None:
                     values.pop(name, None)
         changed = self._from(values, lenient=self._keeps_unavailable(values))
@@ -356,9 +356,9 @@ class Experiment:
         return self.representation().genome_size
 
     def _keeps_unavailable(self, values: Mapping[str, Any]) -> set[str]:
-        """Return the sections of a run's experiment that changed values keep, and are not known here.
+        """Return the unavailable sections of a run's experiment that changed values keep.
 
-        The method if it is not installed, method and ranking if they are in files that were not imported.
+        That is a method that is not installed, or a method or ranking in a file that was not imported.
         """
         kept = set()
         for name, options in (("method", self.method), ("ranking", self.ranking)):
@@ -370,22 +370,22 @@ class Experiment:
 
     @property
     def label(self) -> str:
-        """What the simulation is called in figures and folders: its title, or its class."""
+        """Name of the simulation in figures and folders: its title or class."""
         return SimulationName.parse(self.simulation).label
 
     @property
     def subject(self) -> str:
-        """What titles of figures call the simulation: its label, with the title of its mission if any."""
+        """Name of the simulation in titles of figures: its label and the title of its mission, if any."""
         return subject_of(self.simulation, self.label, self.parameters)
 
     @property
     def generations(self) -> int:
-        """Generations of the whole run, at most."""
+        """Maximum number of generations of the run."""
         return int(self.method.generations)
 
     @property
     def budget(self) -> Budget:
-        """What the run may use: generations, evaluations, seconds."""
+        """Limits of the run: generations, evaluations and seconds."""
         return Budget.of(self.method)
 
     @check_arguments
@@ -406,15 +406,15 @@ class Experiment:
         if sensors is None or actuators is None:
             missing = "sensors" if sensors is None else "actuators"
             raise InputError(
-                f"{missing}: not known: {self.simulation!r} is not built in; give 'sensors' and 'actuators' "
-                "in the experiment, or ask a server that announces them"
+                f"{missing}: unknown, as {self.simulation!r} is not built in; set 'sensors' and 'actuators' in "
+                "the experiment, or use a server that announces them"
             )
         component = REPRESENTATIONS.get(self.controller.kind)
         made = component(self.controller, sensors=sensors, actuators=actuators)
         if made.genome_size > LARGEST_GENOME:
             raise InputError(
-                f"controller: {made.genome_size} genes are too many, at most {LARGEST_GENOME} are possible; "
-                "take fewer hidden nodes"
+                f"controller: {made.genome_size} genes exceed the limit of {LARGEST_GENOME}; use fewer hidden "
+                "nodes"
             )
         return made
 
@@ -454,17 +454,14 @@ class Experiment:
         `parameters.seed`, default 0. Raises InputError when it is not an integer from 0 to 2**62.
         """
         seed = self.parameters.get("seed", 0)
-        # The seeds of other episodes follow, and are below 2**63, too.
+        # The seeds of other episodes follow, below 2**63.
         if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= 2**62:
             raise InputError(f"parameters.seed: must be an integer from 0 to 2**62, not {seed!r}")
         return seed
 
 
 def experiment_of(given: Experiment | Mapping[str, Any] | str | PathLike[str]) -> Experiment:
-    """Return an experiment that is given as such, as its file, or as a mapping with the keys of one.
-
-    Raises InputError as `Experiment.load`.
-    """
+    """Return an experiment from an object, a file or a mapping. Raises InputError as `Experiment.load`."""
     if isinstance(given, str | PathLike):
         return Experiment.load(given)
     if isinstance(given, Mapping):
@@ -474,17 +471,17 @@ def experiment_of(given: Experiment | Mapping[str, Any] | str | PathLike[str]) -
 
 
 def recorded_experiment(values: Mapping[str, Any], folder: Path | None = None) -> Experiment:
-    """Return the experiment of a run's plain values without importing its class: reading runs no code.
+    """Build the experiment of a run from plain values, without importing code.
 
-    folder: the run's, that paths are relative to.
+    folder: of the run, the base of relative paths.
     """
     return Experiment._checked(Source("", values=dict(values)), None, ask=False, folder=folder)
 
 
 def stored_experiment(store: "StoreReader", values: Mapping[str, Any] | None = None) -> Experiment:
-    """Return the experiment as a run has stored it. Raises InputError when it cannot be used here.
+    """Load the experiment from a run's store. Raises InputError if it cannot be used here.
 
-    values: of the experiment, read from the store before; default: those that it has now.
+    values: of the experiment, if already read from the store.
     """
     folder = store.file.parent
     try:
@@ -502,9 +499,9 @@ def stored_experiment(store: "StoreReader", values: Mapping[str, Any] | None = N
 
 
 def checked_again(experiment: Experiment) -> Experiment:
-    """Return an equal experiment, checked as it is now: its code may have been edited since.
+    """Check an experiment again, as its code may have been edited, and return it.
 
-    Raises InputError with every problem.
+    Raises InputError with all problems.
     """
     loaded = Experiment._checked(Source("", values=experiment.to_mapping()), None)
     return dataclasses.replace(loaded, path=experiment.path)
@@ -519,19 +516,19 @@ def with_source(
     rule: str,
     ask: bool = True,
 ) -> Experiment:
-    """Return a copy of an experiment with the keys that a file has, or a part of it.
+    """Return a copy of an experiment with the keys of a file, or of a part of it.
 
-    Its parameters are added to those of the experiment, unless it names another simulation.
+    Parameters are merged with those of the experiment, unless the file has another simulation.
 
     Args:
-        experiment: that is copied.
-        source: of the file, whose lines messages name.
-        only: the keys that it may have.
-        reason: why it may not have another key, the end of a sentence.
-        rule: which keys it may have, a sentence that is said once.
-        ask: whether a simulation that is named by its class may be imported.
+        experiment: to copy.
+        source: of the file, for the lines in messages.
+        only: the allowed keys.
+        reason: why another key is not allowed, the end of a sentence.
+        rule: which keys are allowed, a sentence that is reported once.
+        ask: whether the class of a simulation may be imported.
 
-    Raises InputError with every problem, a line each.
+    Raises InputError with all problems, one per line.
     """
     if not isinstance(source.values, Mapping):
         raise InputError(
@@ -553,6 +550,6 @@ def with_source(
 
 
 def shortened(value: object) -> str:
-    """Return a value as text, not longer than a line."""
+    """Shorten a value to a line of text."""
     text = str(value)
     return text if len(text) <= 100 else f"{text[:99]}…"

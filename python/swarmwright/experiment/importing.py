@@ -1,6 +1,6 @@
-"""Files of other tools as experiments: the base class of importers, and which ones there are.
+"""The base class and registry of importers, which convert files of other tools into experiments.
 
-There is no importer built in: ours are announced in Swarmwright's own package, as those of other packages.
+Swarmwright announces its own importers as entry points, like other packages.
 """
 
 from abc import ABC, abstractmethod
@@ -19,57 +19,58 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Imported:
-    """An experiment made of files of another tool.
-
-    yaml: the commented experiment file. experiment: the same, loaded. notes: what could not be taken over as
-    it was, a sentence each. files: what is written beside the experiment, text by name.
-    """
+    """An experiment converted from files of another tool."""
 
     yaml: str
+    """The commented experiment file."""
     experiment: "Experiment"
+    """The loaded experiment."""
     notes: tuple[str, ...]
+    """Differences from the original files, a sentence each."""
     files: dict[str, str] = field(default_factory=dict)
+    """Texts of further files beside the experiment, by name."""
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Options of `swarmwright import`.
-
-    target: the experiment file that will be written, None where it is printed. simulation: used in the place
-    of the files' own, as an experiment names it. method, controller, ranking: kinds that are used, with their
-    defaults. field: a file with the field of the simulation.
-    """
+    """Options of `swarmwright import`."""
 
     target: Path | None = None
+    """The experiment file to write; None to print it."""
     simulation: str | None = None
+    """Simulation to use instead of that of the files."""
     method: str | None = None
+    """Kind of method to use, with its defaults."""
     controller: str | None = None
+    """Kind of controller to use, with its defaults."""
     ranking: str | None = None
+    """Kind of ranking to use, with its defaults."""
     field: Path | None = None
+    """File with the field of the simulation."""
 
 
 class Importer(ABC):
-    """Reads files of one tool; announced in the entry-point group `swarmwright.importers`."""
+    """Importer of a tool's files, announced in the entry-point group `swarmwright.importers`."""
 
     words: ClassVar[str]
-    """What it reads, such as "a FREVO session"."""
+    """Description of its files, such as "a FREVO session"."""
     unused: ClassVar[frozenset[str]] = frozenset()
-    """Names of `ImportOptions` that do not apply; a user who gives one is told so."""
+    """Names of `ImportOptions` that do not apply and are refused."""
     last: ClassVar[bool] = False
-    """Whether it is asked after all others, because it explains what is wrong with files of no known kind."""
+    """Whether it is tried last, to explain problems of unrecognized files."""
 
     @abstractmethod
     def recognises(self, files: Sequence[Path]) -> bool:
-        """Whether these files or folders are of this tool, by what they hold.
+        """Whether files or folders belong to this tool, by their contents.
 
-        Raises InputError when a file cannot be read.
+        Raises InputError if a file cannot be read.
         """
 
     @abstractmethod
     def load(self, files: Sequence[Path], options: ImportOptions) -> Imported:
-        """Make an experiment of the files.
+        """Convert the files into an experiment.
 
-        Raises InputError that names file and line of everything that is wrong.
+        Raises InputError with file and line of every problem.
         """
 
     def is_experiment(self, file: Path) -> bool:
@@ -86,9 +87,9 @@ class Importer(ABC):
         candidate: int | None = None,
         force: bool = False,
     ) -> "tuple[Subject, list[Path]]":
-        """Write copies of the files with a candidate's values; the candidate, and what was written.
+        """Write copies of the files with a candidate's values; return the candidate and the written files.
 
-        Raises InputError where values cannot be written into files of this tool.
+        Raises InputError if files of this tool cannot hold values.
         """
         raise InputError(f"{', '.join(map(str, files))}: {self.words} cannot hold the values of a candidate")
 
@@ -96,4 +97,4 @@ class Importer(ABC):
 IMPORTERS: Registry[Importer] = Registry(
     "importer", "swarmwright.importers", {}, "swarmwright.experiment.importing:Importer"
 )
-"""All importers, by their names."""
+"""All importers by name."""

@@ -1,4 +1,4 @@
-"""From what experiments and the command line say about launchers to checked options."""
+"""Parsing of launchers in experiments and on the command line."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -14,23 +14,23 @@ from swarmwright.experiment.launchers import LAUNCHERS, LauncherOptions
 
 Entries = tuple[LauncherOptions, ...]
 Report = Callable[[tuple[str | int, ...], str], None]
-"""Takes a problem: where in `servers`, what."""
+"""Called with a problem: path within `servers`, message."""
 
 _TEXT = re.compile(r"([^\W\d][\w-]*):(\d+)(?:\.\.(\d+))?")
 WORDS = ("auto", "local", "in-process")
 
 
 def names_launchers(value: Any) -> bool:  # noqa: ANN401 - whatever a file says
-    """Whether a value of `servers` is about launchers: a mapping, a list, or text such as slurm:200."""
+    """Whether a value of `servers` describes launchers: a mapping, a list, or a text such as slurm:200."""
     if isinstance(value, str):
         return value not in WORDS and (":" in value or value in LAUNCHERS.names())
     return isinstance(value, Mapping | list | tuple | LauncherOptions)
 
 
 def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # noqa: ANN401 - whatever a file says
-    """Return the options of all entries; None where something is wrong, which is reported.
+    """Return the options of all entries; None after reporting problems.
 
-    folder: that paths are relative to.
+    folder: base of relative paths.
     """
     if isinstance(value, str):
         try:
@@ -49,7 +49,7 @@ def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # n
     if len(entries) < len(made):
         return None
     if not entries:
-        report((), "must name a launcher, such as {launcher: slurm, count: 4}")
+        report((), "must have a launcher, such as {launcher: slurm, count: 4}")
         return None
     problem = _together(entries)
     if problem is not None:
@@ -59,9 +59,9 @@ def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # n
 
 
 def _together(entries: Entries) -> str | None:
-    """Return why entries cannot be used together, None where they can."""
+    """Return why entries cannot be combined, or None."""
     if sum(entry.launcher == "process" for entry in entries) > 1:
-        return "process is there twice; this machine's servers are one entry: add up their numbers"
+        return "has two entries for process; combine them into one with the total count"
     return None
 
 
@@ -96,7 +96,7 @@ def _entry(value: Any, folder: Path, report: Report) -> LauncherOptions | None: 
 
 
 def _with_paths(options: LauncherOptions, folder: Path) -> LauncherOptions:
-    """Return options with absolute paths of files on this machine."""
+    """Make the paths of local files in options absolute."""
     changes = {}
     for name in options.paths:
         value = getattr(options, name)
@@ -106,18 +106,18 @@ def _with_paths(options: LauncherOptions, folder: Path) -> LauncherOptions:
 
 
 def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
-    """Return the entries that a text such as `slurm:200` or `slurm:100,process:2` names.
+    """Parse a text such as `slurm:200` or `slurm:100,process:2` into entries.
 
-    given: the experiment's entries, whose other options hold for a launcher of the same name.
+    given: the experiment's entries, whose other options apply to launchers of the same name.
 
     Raises:
-        InputError: it is something else, or a launcher needs options that only an experiment can have.
+        InputError: the text is invalid, or a launcher needs options that only an experiment can set.
     """
     made = []
     for part in text.split(","):
         match = _TEXT.fullmatch(part.strip())
         if match is None:
-            # Of `slurm:-3` the number is wrong.
+            # In `slurm:-3` only the number is wrong.
             known = part.partition(":")[0].strip() in LAUNCHERS.names()
             hint = "" if known else did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
             if any(launcher.launcher == part.strip() for launcher in given):
@@ -140,9 +140,9 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
         except ValidationError as error:
             path, message = problems_of(error, model)[0]
             key = ".".join(map(str, path))
-            if not path:  # of several options together
+            if not path:  # several options conflict
                 raise InputError(f"{part}: {message}") from error
-            hint = f"; give it in the experiment, servers: {{launcher: {kind}, {key}: ..}}"
+            hint = f"; set it in the experiment, servers: {{launcher: {kind}, {key}: ..}}"
             raise InputError(f"{part}: {key}: {message}{'' if key in number else hint}") from error
     problem = _together(tuple(made))
     if problem is not None:
@@ -151,12 +151,12 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
 
 
 def files_of(entries: Entries) -> list[str]:
-    """Return the patterns of the files that are copied with the simulation's code."""
+    """Return the patterns of files to copy with the simulation's code."""
     return list(dict.fromkeys(file for entry in entries if entry.code is None for file in entry.files))
 
 
 def with_files(entries: Entries, given: Entries) -> Entries:
-    """Return entries that replace the experiment's, with the files of these: the simulation needs them.
+    """Add the files of the experiment's entries, which the simulation needs, to other entries.
 
     given: the experiment's entries.
     """
@@ -170,6 +170,6 @@ def with_files(entries: Entries, given: Entries) -> Entries:
 
 
 def written(entries: Entries) -> Any:  # noqa: ANN401 - a mapping or a list
-    """Return entries as an experiment file has them, every default written out; a single one as a mapping."""
+    """Convert entries to the form of experiment files, with all defaults; a single entry as a mapping."""
     found = [entry.model_dump(exclude_none=True) for entry in entries]
     return found[0] if len(found) == 1 else found

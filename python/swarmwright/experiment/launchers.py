@@ -1,4 +1,4 @@
-"""Which launchers there are, and the options that all of them have."""
+"""The registry of launchers, and their common options."""
 
 from typing import TYPE_CHECKING, ClassVar
 
@@ -17,65 +17,63 @@ class LauncherOptions(Options):
 
     launcher: str
     count: int = Field(default=1, ge=1, le=10_000)
-    """Servers to start."""
+    """Number of servers."""
     min: int | None = Field(default=None, ge=1, le=10_000)
-    """With `max`, instead of `count`: the fewest servers. Default: 1."""
+    """With `max`, instead of `count`: minimum number of servers. Default: 1."""
     max: int | None = Field(default=None, ge=1, le=10_000)
-    """The most servers of an elastic pool. There is one for each minute of work that is left of the run, as
-    measured by the evaluations so far, but not more than a generation has evaluations."""
+    """Maximum number of servers of an elastic pool, which has one per minute of remaining work, up to the
+    evaluations of a generation."""
     idle: float = Field(default=60.0, ge=1, le=86_400)
-    """Seconds after which servers of an elastic pool are ended that were not needed in this time."""
+    """Seconds after which idle servers of an elastic pool are ended."""
     cost_per_hour: float | None = Field(default=None, ge=0)
-    """Cost of a server for an hour, in any currency. What was spent is reported at the end of the run."""
+    """Cost per server and hour, in any currency; the total is reported at the end of the run."""
     budget: float | None = Field(default=None, gt=0)
-    """Most that this launcher's servers may cost in the whole run, also when it is resumed; needs
-    `cost_per_hour`. When it is spent they are ended; without other servers the run is interrupted, its
-    results kept, and `resume` goes on with a larger budget or other servers."""
+    """Maximum cost of this launcher's servers in the whole run, including resumptions; needs `cost_per_hour`.
+    When it is spent, the servers are ended; without other servers, the run is interrupted and can be
+    resumed."""
     broker_host: str | None = Field(default=None, min_length=1)
-    """Name or address by which the servers reach this machine, for the embedded broker. Default for servers
-    elsewhere: the address of this machine's default route. If it is not a loopback address, the broker
-    listens on all interfaces, with TLS and an account for each launcher."""
+    """Name or address of this machine for servers on the embedded broker. Default for remote servers: the
+    address of the default route. Unless it is a loopback address, the broker listens on all interfaces, with
+    TLS and passwords."""
     broker_port: int | None = Field(default=None, ge=1, le=65535)
-    """Port of the embedded broker, where a firewall admits a certain one. Default: any free port."""
+    """Port of the embedded broker. Default: any free port."""
     credentials: str | None = Field(default=None, min_length=1)
-    """For an external broker: a file with the variables of the servers' account, such as the server.env that
-    `swarmwright broker --init` writes. Default: the account that the optimization tool itself uses."""
+    """For an external broker: file with the variables of the servers' account, such as server.env of
+    `swarmwright broker --init`. Default: the account of this process."""
     code: str | None = Field(default=None, min_length=1)
-    """Folder on the servers' machines that holds the code of a custom simulation. Default: the code is
-    packed and copied there."""
+    """Folder on the servers' machines with the code of a custom simulation. Default: the code is copied."""
     files: list[str] = Field(default=[])
-    """Further files that the simulation reads, copied with its code, and kept with the run: paths or patterns
-    such as maps/*.json, relative to the folder of its file; of a class in a package, `pkg.world:World`, to
-    the folder that holds the package."""
+    """Further files of the simulation to copy with its code: paths or patterns such as maps/*.json, relative to
+    the folder of its file or, for `pkg.world:World`, of its package."""
     environment: dict[str, str] = Field(default={})
     """Further environment variables of the servers."""
     start_timeout: float = Field(default=120.0, gt=0, le=86_400)
-    """Seconds that a server which runs may take until it is on the broker."""
+    """Seconds until a running server must have reached the broker."""
 
     paths: ClassVar[tuple[str, ...]] = ("credentials",)
-    """Options that are paths on this machine; they are relative to the experiment's file."""
+    """Options that are local paths, relative to the experiment's file."""
 
     @property
     def is_elastic(self) -> bool:
-        """Whether the number of servers follows the work."""
+        """Whether the number of servers scales with the work."""
         return self.max is not None
 
     @property
     def fewest(self) -> int:
-        """How many servers are started at first."""
+        """Initial number of servers."""
         return (self.min or 1) if self.is_elastic else self.count
 
     @property
     def most(self) -> int:
-        """How many servers there are at most."""
+        """Maximum number of servers."""
         return self.max if self.max is not None else self.count
 
     @model_validator(mode="after")
     def _consistent(self) -> "LauncherOptions":
         if self.min is not None and self.max is None:
-            raise ValueError("min needs max: the number of servers follows the work between the two")
+            raise ValueError("min needs max, as the number of servers scales between the two")
         if self.min is not None and self.max is not None and self.min > self.max:
-            raise FieldError("min", f"{self.min} is more than max: {self.max}")
+            raise FieldError("min", f"{self.min} exceeds max: {self.max}")
         if self.max is not None and "count" in self.model_fields_set and self.count != 1:
             raise ValueError("give either count, or min and max")
         if self.budget is not None and not self.cost_per_hour:

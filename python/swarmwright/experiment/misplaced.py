@@ -1,4 +1,4 @@
-"""Keys that stand in the wrong section of an experiment."""
+"""Suggestions for keys in the wrong section of an experiment."""
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
@@ -36,14 +36,14 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 def with_right_place(
     message: str, key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]
 ) -> str:
-    """Return the message about a key; where it is unknown and belongs elsewhere, with its right place.
+    """Extend the message about an unknown key by the section to which it belongs.
 
     Args:
-        message: what is said of the key.
+        message: about the key.
         key: its name.
-        section: in which it stands, empty for the top of the file.
-        values: all of the experiment, as the file says.
-        parameters: names of the simulation's parameters, as far as they are known.
+        section: that contains it, empty for the top of the file.
+        values: of the whole file.
+        parameters: known names of the simulation's parameters.
     """
     if not isinstance(message, UnknownKey):
         return message
@@ -55,17 +55,17 @@ def with_right_place(
     if not found:
         return message
     near = nearest(key, parameters if section == "parameters" else _keys_of(section, values))
-    # Rather "episodes" of this section for "episode" than the same key of another one.
+    # Prefer "episodes" of this section for "episode" to the same key of another section.
     if near is None or not (near.startswith(key) or key.startswith(near)):
         return f"{subject}; it belongs to another section: {found}"
-    # The names of parameters are the simulation's: that one is also a key elsewhere means nothing.
-    return message if section == "parameters" else f"{message} In another section there is {found}"
+    # Names of parameters may coincide with keys elsewhere.
+    return message if section == "parameters" else f"{message} Another section has {found}"
 
 
 def right_places(
     key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]
 ) -> Iterator[str]:
-    """Yield where a key belongs, `method.population`; arguments as of `with_right_place`."""
+    """Yield the paths where a key belongs, `method.population`; arguments as in `with_right_place`."""
     if section and key in TOP:
         yield f"{key} (at the top of the file)"
         return
@@ -77,26 +77,26 @@ def right_places(
 
 
 def _keys_of(section: str, values: Mapping[str, Any]) -> Collection[str]:
-    """Return the keys of a section, those of the top where it is empty."""
+    """Return the keys of a section, or of the top if `section` is empty."""
     if not section:
         return TOP
     return next((_keys(model) for name, model in _models(values) if name == section), ())
 
 
 def _kinds_with(key: str, section: str) -> list[str]:
-    """Return the kinds of a method, controller or ranking that have an option of this name."""
+    """Return the kinds of a method, controller or ranking with an option of this name."""
     if section not in REGISTRIES:
         return []
     registry, kinds = REGISTRIES[section], []
     for kind in registry.names():
-        with suppress(InputError):  # of a package that cannot be imported
+        with suppress(InputError):  # its package cannot be imported
             if key in _keys(registry.get(kind).options_model):
                 kinds.append(kind)
     return kinds
 
 
 def _models(values: Mapping[str, Any]) -> Iterator[tuple[str, type[BaseModel]]]:
-    """Yield the sections of an experiment with their options, of those of several kinds the kind's."""
+    """Yield the sections of an experiment with their options model, by kind if there are several."""
     for name, registry in REGISTRIES.items():
         section = values.get(name)
         kind = (

@@ -1,4 +1,4 @@
-"""Parameters that are too large for an experiment file: the path of a JSON or YAML file stands for them."""
+"""Parameters in separate JSON or YAML files, named in the experiment."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -25,21 +25,21 @@ def resolve(
     *,
     ask: bool = True,
 ) -> tuple[dict[str, Any], dict[yaml.Path_, yaml.Source]]:
-    """Return the parameters with files read: text in the place of an object is the path of a file with it.
+    """Replace paths of files in parameters by their contents.
 
-    Also returns the files by the place of what they stand for, from the parameter's name on. Parameters whose
-    files cannot be read are left out.
+    Also returns the files by the path of the value that they replace, from the parameter's name on. Parameters
+    with unreadable files are left out.
 
-    Where a parameter may be a name, too, only text that ends in .yaml, .yml or .json is a path; so do files
-    of robots in missions and in lists of kinds, whose paths are relative to the file that names them.
+    A text for a parameter of type object is a path. If the parameter may also be a name, and for robots in
+    missions and in lists of kinds, only texts that end in .yaml, .yml or .json are paths; those of robots are
+    relative to the file that contains them.
 
     Args:
-        simulation: its name; only of built-in simulations, and of missions in others, it is known what is an
-            object.
-        parameters: as they stand in the experiment.
-        folder: of a key of the parameters: what a path there is relative to.
-        report: called with key and message for every file that cannot be read.
-        ask: whether a class in Python may be imported.
+        simulation: its name; objects are known only for built-in simulations and for missions.
+        parameters: of the experiment.
+        folder: returns the base folder of paths at a key of the parameters.
+        report: called with key and message for every unreadable file.
+        ask: whether a Python class may be imported.
     """
     result = dict(parameters)
     files: dict[yaml.Path_, yaml.Source] = {}
@@ -74,16 +74,16 @@ def resolve(
 
 
 def _require_mission(source: yaml.Source) -> None:
-    """Raise InputError for an experiment or a sweep in the place of the mission that it may name."""
+    """Raise InputError for an experiment or a sweep instead of a mission."""
     if not is_mission(source.values) and {"simulation", "experiment"} & set(source.values):
         raise InputError(
-            f"{source.name}: is an experiment, not a mission, which has walls, start, metrics and fitness; "
-            "'swarmwright new arena --mission foraging --mission-file' prints one"
+            f"{source.name}: is an experiment, not a mission with walls, start, metrics and fitness; print an "
+            "example with 'swarmwright new arena --mission foraging --mission-file'"
         )
 
 
 def is_mission(values: Mapping[str, Any]) -> bool:
-    """Whether a file's keys are those of a mission of the arena, and not of an experiment."""
+    """Whether a file has the keys of a mission of the arena rather than of an experiment."""
     return "walls" in values and not {"simulation", "experiment"} & set(values)
 
 
@@ -97,9 +97,9 @@ def _with_robots(
     folder: Callable[[yaml.Path_], Path],
     files: dict[yaml.Path_, yaml.Source],
 ) -> tuple[Any, list[tuple[yaml.Path_, str]]]:
-    """Return a mission, or a list of kinds of robots, with robots in the place of files that they name.
+    """Replace files of robots in a mission, or in a list of kinds, by their contents.
 
-    Also returns what is wrong, key by key. The files are added to `files`.
+    Also returns the problems by key. The files are added to `files`.
     """
     if isinstance(value, list):
         found = [_with_robots((*place, index), kind, folder, files) for index, kind in enumerate(value)]
@@ -122,14 +122,14 @@ def _with_robots(
 
 def _read(path: Path) -> yaml.Source:
     if "\0" in str(path):
-        raise InputError(f"{str(path)!r}: a path cannot hold the character NUL")
+        raise InputError(f"{str(path)!r}: a path must not contain NUL")
     return (_read_yaml if path.suffix in _YAML else _read_json)(path)
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    """Return the JSON object that a file holds.
+    """Read a JSON object from a file.
 
-    Raises InputError, with file and line, when it cannot be read or holds something else.
+    Raises InputError, with file and line, if it cannot be read or has other content.
     """
     try:
         text = read_bytes(path, _LARGEST_FILE_BYTES).decode("utf-8-sig")
@@ -175,7 +175,7 @@ def _has_missions(simulation: str, *, ask: bool) -> bool:
 
 
 def _objects(simulation: str, *, ask: bool) -> Iterator[tuple[str, bool]]:
-    """Yield the names of parameters that are objects, each with whether it may be a name instead."""
+    """Yield the names of parameters of type object, and whether they may be names instead."""
     known = catalogue.find_built_in(simulation) is not None
     if known or (ask and is_python(simulation) and catalogue.has_missions(simulation)):
         for name, parameter in catalogue.description(simulation)["parameters"].items():

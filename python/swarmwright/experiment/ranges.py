@@ -1,4 +1,4 @@
-"""Ranges of parameters that sampled models have."""
+"""Ranges of parameters for sampled models."""
 
 import math
 import re
@@ -17,24 +17,24 @@ from swarmwright.experiment.settings import key_path
 
 @dataclass(frozen=True)
 class Range:
-    """The values that a key of the experiment has in sampled models, all equally likely.
+    """Uniform distribution of a key of the experiment in sampled models.
 
-    low, high: included; whole numbers where both are.
+    low, high: inclusive; values are integers if both are.
     """
 
     path: tuple[str, ...]
     low: float
     high: float
     given: str = field(default="vary: ", compare=False)
-    """What precedes it in messages: where it was given."""
+    """Prefix in messages."""
 
     def __str__(self) -> str:
-        """Return where it was given, key and values: `--vary parameters.speedDefenders=0.4..0.8`."""
+        """Return prefix, key and values: `--vary parameters.speedDefenders=0.4..0.8`."""
         return f"{self.given}{format_path(self.path)}={self.low}..{self.high}"
 
     @classmethod
     def parse(cls, text: str) -> "Range":
-        """Read `parameters.speedDefenders=0.4..0.8`. Raises InputError."""
+        """Parse `parameters.speedDefenders=0.4..0.8`. Raises InputError."""
         try:
             path, rest = key_path(text)
             return cls(path, *_ends(rest), given="--vary ").checked()
@@ -43,9 +43,9 @@ class Range:
 
     @classmethod
     def of(cls, key: str, values: Any, given: str = "vary: ") -> "Range":  # noqa: ANN401 - whatever a caller gives
-        """Return the range of a key, `parameters.speedDefenders`. Raises InputError.
+        """Build the range of a key, `parameters.speedDefenders`. Raises InputError.
 
-        given: what precedes the key in messages.
+        given: prefix in messages.
         """
         try:
             path, rest = key_path(f"{key}=")
@@ -57,20 +57,20 @@ class Range:
             raise InputError(f"{given}{key}: {error}") from None
 
     def checked(self) -> "Range":
-        """Return it; raises InputError when it is none."""
+        """Check the range and return it. Raises InputError if it is invalid."""
         if self.path[0] != "parameters":
             meant = format_path(("parameters", *self.path))
             is_key = self.path[0] in {item.name for item in fields(Experiment)}
             hint = "" if is_key else f"; did you mean {meant}?"
             raise InputError(f"only parameters of the simulation can be varied{hint}")
         if self.path == ("parameters", "seed"):
-            raise InputError("parameters.seed: every episode has a seed of its own anyway")
+            raise InputError("parameters.seed: cannot be varied, as every episode has its own seed")
         if not self.low <= self.high:
-            raise InputError(f"from {self.low:g} to {self.high:g}: the first is greater than the second")
+            raise InputError(f"the lowest value {self.low:g} exceeds the highest, {self.high:g}")
         return self
 
     def at(self, share: float) -> float:
-        """Return the value at a share, 0 to below 1, of the range."""
+        """Return the value at a share of the range, from 0 to below 1."""
         if isinstance(self.low, int) and isinstance(self.high, int):
             return self.low + int(share * (self.high - self.low + 1))
         return self.low + share * (self.high - self.low)
@@ -80,7 +80,7 @@ _HINT = "write KEY=LOW..HIGH, such as parameters.speedDefenders=0.4..0.8"
 
 
 def _ends(text: str) -> tuple[float, float]:
-    """Read `0.4..0.8`; in `.5...7` the third point belongs to the second number."""
+    """Parse `0.4..0.8`; in `.5...7`, the third point belongs to the second number."""
     places = [found.start() for found in re.finditer(r"(?=\.\.)", text)]
     pairs = [(text[:at].strip(), text[at + 2 :].strip()) for at in places]
     if not pairs:
@@ -94,7 +94,7 @@ def _ends(text: str) -> tuple[float, float]:
 
 
 def _number(text: str) -> float | None:
-    """Return a whole number as one; None for text that is not a finite number."""
+    """Parse an integer or a finite number; None for other texts."""
     try:
         return int(text)
     except ValueError:
@@ -110,7 +110,7 @@ E_PUCKS = (
     Range(("parameters", "robot", "sensors", "ground", "noise"), 0.0, 0.1),
     Range(("parameters", "robot", "sensors", "range_and_bearing", "loss"), 0.8, 0.95),
 )
-"""Of the arena's e-pucks, around the reference model's 0.05 and loss of 0.85."""
+"""Ranges for the arena's e-pucks, around noise 0.05 and loss 0.85 of the reference model."""
 PRESETS = (DEFAULT, "e-puck-rm1.2")
 
 
@@ -120,22 +120,22 @@ def require_e_pucks(experiment: Experiment) -> None:
     preset = robot.get("preset") if isinstance(robot, Mapping) else robot
     if preset not in PRESETS:
         raise InputError(
-            f"pseudo-reality: ranges are known of the arena's {' and '.join(PRESETS)} only, of one kind; "
-            "name the parameters that vary and their ranges instead"
+            f"pseudo-reality: needs robots of one kind in the arena, {' or '.join(PRESETS)}; otherwise vary "
+            "parameters with explicit ranges"
         )
 
 
 def ranges_of(vary: Mapping[str, Sequence[float]] | Iterable[Range], prefix: str = "vary: ") -> list[Range]:
-    """Return ranges by their keys. Raises InputError.
+    """Build ranges from a mapping of keys. Raises InputError.
 
-    prefix: what precedes the keys in messages.
+    prefix: of keys in messages.
     """
     given: Any = vary
     if isinstance(given, list | tuple) and all(isinstance(item, Range) for item in given):
         paths = [item.path for item in given]
         twice = next((item for index, item in enumerate(given) if item.path in paths[:index]), None)
         if twice is not None:
-            raise InputError(f"{twice}: this parameter has a range already; give it once")
+            raise InputError(f"{twice}: the parameter has two ranges; give one")
         return list(given)
     named = mapping("vary", given, "{'parameters.speedDefenders': (0.4, 0.8)}")
     return [Range.of(key, values, prefix) for key, values in named.items()]

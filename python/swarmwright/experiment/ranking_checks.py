@@ -1,4 +1,4 @@
-"""Checks of the ranking of an experiment with its method, its validation and its fitness expression."""
+"""Checks of an experiment's ranking with its method, validation and fitness expression."""
 
 from swarmwright.common.plug_in_code import is_plug_in
 from swarmwright.common.problems import Report
@@ -13,11 +13,11 @@ from swarmwright.simulations.fitness import FitnessExpression
 
 
 def check_ranking(checked: Checked, report: Report) -> None:
-    """Check that the ranking fits the method, the validation and the fitness expression.
+    """Check that the ranking is compatible with the method, the validation and the fitness expression.
 
     Args:
-        checked: ranking, method, validate and fitness, as far as they could be checked by themselves.
-        report: takes each problem.
+        checked: ranking, method, validate and fitness, if they are valid by themselves.
+        report: called with each problem.
     """
     _check_reevaluation(checked, report)
     _check_failed(checked, report)
@@ -29,7 +29,7 @@ def check_ranking(checked: Checked, report: Report) -> None:
 
 
 def _check_reevaluation(checked: Checked, report: Report) -> None:
-    """Check that the ranking's options fit the method."""
+    """Check that the ranking's options are compatible with the method."""
     ranking, method = checked.get("ranking"), checked.get("method")
     if not (isinstance(ranking, RankingOptions) and isinstance(method, MethodOptions)):
         return
@@ -40,22 +40,22 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
         _check_slow(method, kind, report)
     if method.operation == "steady_state":
         for key, unwanted, reason in (
-            ("reevaluate", ranking.reevaluate, "members are not evaluated again in steady state"),
-            ("seeds", ranking.seeds == "new", "generations have no seeds of their own in steady state"),
+            ("reevaluate", ranking.reevaluate, "steady state does not evaluate members again"),
+            ("seeds", ranking.seeds == "new", "steady state has no generations with new seeds"),
         ):
             if unwanted:
-                report(("ranking", key), f"{reason}; leave the key out, or take operation: generational")
+                report(("ranking", key), f"{reason}; leave the key out, or use operation: generational")
         return
     if ranking.reevaluate and not METHODS.get(kind).keeps_members:
         report(
             ("ranking", "reevaluate"),
-            f"{kind} keeps no members from one generation to the next that could be evaluated again; leave "
-            "the key out, or take a method that does, such as nnga",
+            f"{kind} has no survivors to evaluate again; leave the key out, or use a method with survivors, "
+            "such as nnga",
         )
 
 
 def _check_failed(checked: Checked, report: Report) -> None:
-    """Check that failed episodes get a fitness only where nothing but fitness is compared."""
+    """Check that failed episodes get a fitness only if metrics are not compared."""
     ranking, method = checked.get("ranking"), checked.get("method")
     if not isinstance(ranking, RankingOptions) or ranking.failure_fitness is None:
         return
@@ -67,65 +67,64 @@ def _check_failed(checked: Checked, report: Report) -> None:
     if compares is not None:
         report(
             ("ranking", "failed"),
-            f"{compares}, which a failed episode does not have, so a fitness alone does not rank it; take "
-            "failed: last or failed: stop",
+            f"{compares}, which failed episodes lack; use failed: last or failed: stop",
         )
 
 
 def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: Report) -> None:
-    """Check that there are generations of candidates that can race, and tests between episodes."""
+    """Check that generations can race, with tests between episodes."""
     if ranking.episodes <= ranking.first_test:
         report(
             ("ranking", "episodes"),
-            f"{ranking.episodes} leaves nothing to race for, since the first test is made after "
-            f"{ranking.first_test} episodes (first_test); take more episodes, or an earlier test",
+            f"{ranking.episodes} is too few for a race with its first test after {ranking.first_test} episodes "
+            "(first_test); increase episodes or decrease first_test",
         )
     if method.operation == "steady_state":
-        reason = "in steady state no generation can race; take operation: generational, or kind: absolute"
+        reason = "steady state has no generations that can race; use operation: generational, or kind: absolute"
     elif METHODS.get(kind).by_instance:
-        reason = f"{kind} races its candidates itself, over generations; take kind: absolute"
+        reason = f"{kind} already races its candidates over generations; use kind: absolute"
     else:
         return
     report(("ranking", "kind"), reason)
 
 
 def metrics_problem(ranking: object, method: object) -> str | None:
-    """Return why a ranking is refused with a method that also compares metrics; None where it is not."""
+    """Return why a ranking is refused with a method that also compares metrics, or None."""
     if not (isinstance(method, MethodOptions) and method.needed_metrics):
         return None
     kind: str = method.kind
     names = ", ".join(method.needed_metrics)
     if isinstance(ranking, RaceOptions):
         return (
-            f"race leaves out episodes of candidates, so {kind} would compare their metrics ({names}) as "
-            "means over different seeds; take kind: absolute"
+            f"race skips episodes, so {kind} would compare metrics ({names}) over different seeds; use kind: "
+            "absolute"
         )
     if isinstance(ranking, SlowOptions):
         slow: str = ranking.kind
         return (
-            f"{kind} cannot be combined with {slow}: most fitness values would be estimates, those of "
-            f"overestimated candidates would be kept, and compared with metrics ({names}) of the fast "
-            "simulation; take ranking.kind: absolute, and evaluate the result in the slow simulation"
+            f"{kind} cannot be combined with {slow}, as it would keep overestimated candidates and compare "
+            f"them with metrics ({names}) of the fast simulation; use ranking.kind: absolute, and evaluate the "
+            "result in the slow simulation"
         )
     return None
 
 
 def _check_slow(method: MethodOptions, kind: str, report: Report) -> None:
-    """Check that there are generations of which some candidates can be evaluated in a second simulation."""
+    """Check that generations have candidates to evaluate in a second simulation."""
     if method.operation == "steady_state":
         reason = (
-            "in steady state there are no generations of which the best could be chosen; take operation: "
-            "generational, or kind: absolute"
+            "steady state has no generations from which to choose the best; use operation: generational, or "
+            "kind: absolute"
         )
     elif METHODS.get(kind).by_instance:
-        reason = f"{kind} races its candidates in one simulation; take another method, or kind: absolute"
+        reason = f"{kind} races its candidates in one simulation; use another method, or kind: absolute"
     else:
         return
     report(("ranking", "kind"), reason)
 
 
 def _check_metrics(checked: Checked, report: Report) -> None:
-    """Check that no metric of the fitness is called like the one that a ranking adds to the record."""
+    """Check that no metric of the fitness has the name that a ranking adds to the record."""
     fitness, ranking = checked.get("fitness"), checked.get("ranking")
     if (
         isinstance(ranking, SlowOptions)
@@ -134,27 +133,27 @@ def _check_metrics(checked: Checked, report: Report) -> None:
     ):
         report(
             ("fitness",),
-            f"{METRIC} is what the ranking {ranking.kind} calls the fitness in the slow simulation; give the "
-            "simulation's metric another name",
+            f"the ranking {ranking.kind} uses the name {METRIC} for the fitness in the slow simulation; rename "
+            "the simulation's metric",
         )
 
 
 def _check_validation(checked: Checked, report: Report) -> None:
-    """Check that a validation has enough episodes for one fitness, as the ranking makes it."""
+    """Check that a validation has enough episodes for one fitness value of the ranking."""
     options, ranking = checked.get("validate"), checked.get("ranking")
     if options is None or ranking is None or options.episodes in {AUTO, 0}:
         return
     if not makes_fitness(ranking, options.episodes):
         report(
             ("validate", "episodes"),
-            f"must be at least ranking.episodes, {ranking.episodes}, of which a fitness is made, not "
+            f"must be at least ranking.episodes, {ranking.episodes}, for one fitness value, not "
             f"{options.episodes}",
         )
 
 
 def makes_fitness(ranking: RankingOptions, episodes: int) -> bool:
-    """Return whether so many episodes are enough for one fitness, as the ranking makes it."""
+    """Return whether `episodes` are enough for one fitness value of the ranking."""
     kind = ranking_of(ranking)
     if kind.samples is Ranking.samples or is_plug_in(kind):
-        return episodes >= ranking.episodes  # without asking the code of plug-ins
+        return episodes >= ranking.episodes  # does not run the code of plug-ins
     return len(kind(ranking).samples([0.0] * episodes)) > 0

@@ -16,13 +16,10 @@ _INTRODUCTION = """\
 
 <!-- Made by `python -m swarmwright.experiment.reference`; change the descriptions in the code, not here. -->
 
-An experiment is one YAML 1.2 file: what is evolved, on which simulation, how, and where. Unknown keys, keys
-that occur twice and values of the wrong type are errors, reported with file and line, all at once (within a
-mission or a robot, one at a time). A commented file to start from comes from `swarmwright new minisim`, the
-JSON Schema for editors from `swarmwright schema`. For an editor with the YAML language server, write the
-schema to a file and begin the experiment with `# yaml-language-server: $schema=experiment.schema.json`.
-
-Only `simulation` is required.
+An experiment is a YAML 1.2 file; only `simulation` is required. Unknown or duplicate keys and values of the
+wrong type are errors, reported with file and line. `swarmwright new minisim` prints a commented example,
+`swarmwright schema` the JSON Schema for editors: write it to a file and begin the experiment with
+`# yaml-language-server: $schema=experiment.schema.json`.
 """
 _OF_ROS = {
     "Sensor": "an entry of sensors",
@@ -33,13 +30,13 @@ _OF_ROS = {
     "Area": "spawn (area)",
     "Metric": "an entry of metrics",
 }
-"""Sections of `simulation: {ros: ..}`, by the names of their models."""
+"""Titles of the sections of `simulation: {ros: ..}`, by model."""
 _MORE = {"modules": "[Modules](modules.md) says what each behaviour and condition computes."}
-"""What follows the description of a kind of controller."""
+"""Texts after the description of a kind of controller."""
 
 
 def reference() -> str:
-    """Return the page as Markdown; of built-in components only."""
+    """Return the page as Markdown, for built-in components only."""
     schema = experiment_schema(only_built_in=True)
     lines = [_INTRODUCTION, "## Keys", ""]
     lines += _table(schema["properties"], set(schema["required"]), schema)
@@ -66,8 +63,8 @@ def reference() -> str:
 
 
 def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
-    """The options of a section: those that are the same for every kind, then the others of each."""
-    # Without classes in files.
+    """Yield the options of a section: common options, then those of each kind."""
+    # Skip classes in files.
     variants = [
         variant_schema
         for variant_schema in schema["properties"][name]["oneOf"]
@@ -75,11 +72,11 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
     ]
     shared = _shared([variant["properties"] for variant in variants])
     if shared:
-        yield from ("", "Every kind has these options, unless its own table below has them otherwise.")
+        yield from ("", "Options of all kinds, unless a kind's own table differs:")
         if name == "method":
             steady = [f"`{kind}`" for kind in METHODS.built_in if METHODS.get(kind).steady_state]
             listed = f"{', '.join(steady[:-1])} and {steady[-1]}"
-            yield f"`operation: steady_state`, and with it `in_flight`, is for {listed} alone."
+            yield f"Only {listed} support `operation: steady_state`."
         yield ""
         yield from _table(shared, set(), schema)
     for variant in variants:
@@ -99,13 +96,13 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
 
 
 def _kind(variant: dict[str, Any]) -> dict[str, Any]:
-    """Return the schema of the option `kind`; an empty one where there is none."""
+    """Return the schema of the option `kind`, or an empty mapping."""
     found: dict[str, Any] = variant.get("properties", {}).get("kind", {})
     return found
 
 
 def _shared(variants: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the options that all variants have, most of them in this form."""
+    """Return the options of all variants, in the form of the majority."""
     first, *others = variants
     found = {}
     for key in first:
@@ -117,12 +114,12 @@ def _shared(variants: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _launchers(schema: dict[str, Any]) -> Iterator[str]:
-    """What starts servers: the options that all have, then those of each."""
+    """Yield the options of launchers: common options, then those of each."""
     shared = options_schema(LauncherOptions)
     yield from ("", "## servers (launcher)", "")
     yield (
-        "What starts servers, here or elsewhere, see [Use clusters](../how-to/use-clusters.md). Every "
-        "launcher has these options beside `launcher`, its name, and its own ones below."
+        "Launchers start servers on this or other machines, see [Use clusters](../how-to/use-clusters.md). "
+        "Options of all launchers, beside `launcher`, the name:"
     )
     yield ""
     yield from _table(
@@ -156,7 +153,7 @@ def _simulation(title: str) -> Iterator[str]:
     yield ""
     yield f"## metrics of {title}"
     yield ""
-    metrics = "What `fitness` may be made of, beside `fitness`, the simulation's own"
+    metrics = "For the expression `fitness`, beside `fitness`, the simulation's own"
     yield f"{metrics}; with the default parameters."
     yield ""
     yield "| metric | unit | meaning |"

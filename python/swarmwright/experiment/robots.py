@@ -1,4 +1,4 @@
-"""The robot of an experiment in the arena, whose parts can be set or varied."""
+"""The robot of an experiment in the arena, whose components can be set or varied."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -12,12 +12,12 @@ from swarmwright.experiment.parameter_files import resolve
 from swarmwright.simulations import catalogue
 
 DEFAULT = "e-puck-rm1.1"
-"""The robot of missions that name none."""
+"""Default robot of missions."""
 _KEY = ("parameters", "robot")
 
 
 def robot_of(parameters: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as the arena's parameter has it
-    """Return the robot that the arena has with parameters: theirs, the mission's, or the default.
+    """Return the robot of the arena: that of the parameters, of the mission, or the default.
 
     None for several kinds.
     """
@@ -30,7 +30,7 @@ def robot_of(parameters: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as the are
 
 
 def mission_of(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the arena's parameter has it
-    """Return a mission as a mapping, also one that is built in; None where there is no such."""
+    """Return a mission as a mapping, also for a built-in name; None if it does not exist."""
     if isinstance(given, Mapping):
         return given
     if given is None:
@@ -40,7 +40,7 @@ def mission_of(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the
 
 
 def subject_of(simulation: str, label: str, parameters: Mapping[str, Any]) -> str:
-    """Return what titles of figures call a simulation: its label, with the title of its mission if any.
+    """Return the name of a simulation in titles of figures: its label and the title of its mission, if any.
 
     Args:
         simulation: its name.
@@ -55,7 +55,7 @@ def subject_of(simulation: str, label: str, parameters: Mapping[str, Any]) -> st
 
 
 def mission_name(given: Any) -> Any:  # noqa: ANN401 - as the arena's parameter has it
-    """Return the longer one of a built-in mission's two names; anything else as it is."""
+    """Return the longer name of a built-in mission; other values unchanged."""
     long = (mission["also"] for mission in _engine.missions() if mission["also"] and mission["name"] == given)
     return next(long, given)
 
@@ -63,15 +63,14 @@ def mission_name(given: Any) -> Any:  # noqa: ANN401 - as the arena's parameter 
 def written_out(
     values: dict[str, Any], paths: Iterable[tuple[str, ...]], folder: Callable[[Path_], Path]
 ) -> dict[str, Any]:
-    """Return an experiment's values in which the robot is a mapping, where parts of it are to be set.
+    """Expand the robot in an experiment's values to a mapping if its components will be set.
 
-    A name has no parts, and parts alone are no robot. Nothing is written out where another robot is set, or
-    where a mistake stands for the robot or the mission.
+    Values stay unchanged if another robot is set, or if the robot or the mission is invalid.
 
     Args:
         values: of the experiment.
-        paths: what is to be set.
-        folder: of a key of the parameters: what the path of a file there is relative to.
+        paths: of the settings.
+        folder: returns the base folder of paths at a key of the parameters.
     """
     set_ = list(paths)
     simulation, parameters = values.get("simulation"), values.get("parameters") or {}
@@ -98,10 +97,9 @@ def written_out(
 def kinds_instead(
     values: Mapping[str, Any], paths: Iterable[tuple[str, ...]], folder: Callable[[Path_], Path]
 ) -> str | None:
-    """Return the key of the kinds of robots of an experiment of which parts of the one robot are to be set.
+    """Return the key of the kinds of robots if settings address components of a single robot.
 
-    None where there are no kinds, or where the parts belong to a robot that is given or set beside them.
-    Arguments as for `written_out`.
+    None without kinds, or if the robot is given or set explicitly. Arguments as for `written_out`.
     """
     set_ = list(paths)
     simulation, parameters = values.get("simulation"), values.get("parameters") or {}
@@ -120,7 +118,7 @@ def kinds_instead(
 
 
 def is_part(path: tuple[str, ...]) -> bool:
-    """Return whether a key is a part of the one robot."""
+    """Return whether a key is a component of the single robot."""
     return path[:2] == _KEY and len(path) > 2
 
 
@@ -136,9 +134,9 @@ def _is_other(path: tuple[str, ...]) -> bool:
 
 
 def kinds(simulation: str, parameters: dict[str, Any]) -> list[Kind]:
-    """Return the kinds of agents of a simulation that is known here, in the order of the agents.
+    """Return the kinds of agents of a simulation, in the order of the agents.
 
-    Empty where all agents are alike, or where it is not known what each kind has.
+    Empty if all agents are alike or the kinds are unknown.
     """
     try:
         groups = catalogue.groups(simulation, parameters)

@@ -1,4 +1,4 @@
-"""The JSON Schema of experiment files, made from the typed options and the registries."""
+"""The JSON Schema of experiment files, generated from options models and registries."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _IN_FILE = {"type": "string", "pattern": r"\.py:[^:]+$"}
 
 
 def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of experiment files, of plug-ins too unless `only_built_in`."""
+    """Return the JSON Schema (2020-12) of experiment files, with plug-ins unless `only_built_in`."""
     schema = _tidy(add_descriptions(Document).model_json_schema())
     definitions: dict[str, Any] = schema.pop("$defs", {})
     for name, registry in REGISTRIES.items():
@@ -77,7 +77,7 @@ def options_schema(model: type[Options]) -> dict[str, Any]:
 
 
 def _describe_launchers(servers: dict[str, Any], definitions: dict[str, Any], *, only_built_in: bool) -> None:
-    """Add what launchers take to the schema of `servers`."""
+    """Add the options of launchers to the schema of `servers`."""
     kinds = sorted(LAUNCHERS.built_in) if only_built_in else LAUNCHERS.names()
     for kind in kinds:
         variant = options_schema(LAUNCHERS.get(kind).options_model)
@@ -90,7 +90,7 @@ def _describe_launchers(servers: dict[str, Any], definitions: dict[str, Any], *,
 
 
 def _moved(node: Any, title: str) -> Any:  # noqa: ANN401 - any JSON value
-    """Return a schema with its references to definitions that were renamed to begin with a title."""
+    """Update the references of a schema to definitions renamed with a title as prefix."""
     if isinstance(node, dict):
         return {
             key: value.replace("#/$defs/", f"#/$defs/{title}") if key == "$ref" else _moved(value, title)
@@ -100,7 +100,7 @@ def _moved(node: Any, title: str) -> Any:  # noqa: ANN401 - any JSON value
 
 
 def _tidy(node: Any) -> Any:  # noqa: ANN401 - any JSON value
-    """Drop pydantic's generated titles; put descriptions on one line."""
+    """Drop pydantic's generated titles, and join the lines of descriptions."""
     if isinstance(node, dict):
         return {
             key: " ".join(value.split()) if key == "description" and isinstance(value, str) else _tidy(value)

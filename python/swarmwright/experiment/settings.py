@@ -1,4 +1,4 @@
-"""Settings from the command line, KEY.PATH=VALUE: what is otherwise than an experiment file says."""
+"""Settings from the command line, KEY.PATH=VALUE, which override an experiment file."""
 
 import copy
 import re
@@ -25,32 +25,32 @@ from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
 SIZES = ("sensors", "actuators")
-"""What parameters of a simulation, such as the arena's robot, may announce differently."""
+"""Keys whose announced values may depend on parameters, such as the arena's robot."""
 ANNOUNCED = (*SIZES, "requirements")
-"""What another simulation announces differently."""
+"""Keys whose announced values depend on the simulation."""
 _HINT = "write KEY=VALUE, such as method.generations=50 or 'controller.hidden=[8, 4]'"
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One value that is set."""
+    """A setting."""
 
     path: tuple[str, ...]
     value: Any
     text: str
-    """As it was given, with the option's name: what messages begin with."""
+    """The text with the option's name, for messages."""
 
     @property
     def first(self) -> bool:
-        """Whether other settings build on it: a kind, or the simulation."""
+        """Whether other settings depend on it: a kind, or the simulation."""
         kind = len(self.path) == 2 and self.path[0] in DEFAULT_KINDS and self.path[1] == "kind"
         return kind or self.path == ("simulation",)
 
 
 def parse_settings(texts: Iterable[str]) -> list[Setting]:
-    """Read settings such as `method.generations=50`; the values are YAML.
+    """Parse settings such as `method.generations=50`; the values are YAML.
 
-    Raises InputError with all that cannot be read, a line each.
+    Raises InputError with all problems, one per line.
     """
     require_list("settings", texts, "settings such as method.generations=50")
     settings, problems = [], []
@@ -96,14 +96,14 @@ def _setting(text: str) -> Setting:
 def restricted(
     settings: Iterable[Setting], keys: Collection[str], reason: str, values: Mapping[str, Any], *, ask: bool
 ) -> None:
-    """Raise InputError for settings of other keys than these, a line each.
+    """Raise InputError for settings of other keys, one line each.
 
     Args:
-        settings: what is set.
-        keys: what may be set.
-        reason: why no others, the end of a sentence.
-        values: all of the experiment.
-        ask: whether a simulation that is named by its class may be imported, to be asked for its parameters.
+        settings: to check.
+        keys: the allowed keys.
+        reason: why other keys are not allowed, the end of a sentence.
+        values: of the experiment.
+        ask: whether the class of a simulation may be imported, to find its parameters.
     """
     problems = []
     for setting in settings:
@@ -111,7 +111,7 @@ def restricted(
         if key in keys:
             continue
         known = {*values["parameters"]}
-        with suppress(SwarmwrightError):  # it is not here
+        with suppress(SwarmwrightError):  # not available here
             known |= {*catalogue.parameter_names(values["simulation"])} if ask else set()
         found = [] if key in TOP else [*right_places(key, "", values, known)]
         belongs = f"unknown key; it belongs to another section: {' or '.join(found)}"
@@ -121,21 +121,21 @@ def restricted(
 
 
 def refuse_seed(texts: Iterable[str]) -> None:
-    """Raise InputError where a seed is set, the method's or that of episodes, which another option names."""
+    """Raise InputError for settings of a seed, for which there is a separate option."""
     for setting in parse_settings(texts):
         if setting.path in {("seed",), ("parameters", "seed")}:
-            raise InputError(f"{setting.text}: has no effect here; the seed of episodes is the option --seed")
+            raise InputError(f"{setting.text}: has no effect here; set the seed of episodes with --seed")
 
 
 def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = True) -> Source:
-    """Return what a file says with settings in the place of its own values; see `Experiment.load`.
+    """Apply settings to the values of a file; see `Experiment.load`.
 
-    What cannot be set is noted among the source's problems.
+    Settings that cannot be applied are added to the source's problems.
 
     Args:
-        source: what the file says.
-        settings: what is set.
-        new_budget: whether a limit that is set takes the place of all limits of the file.
+        source: of the file.
+        settings: to apply.
+        new_budget: whether a new limit replaces all limits of the file.
     """
     ordered = _in_order(settings)
     if not ordered or not isinstance(source.values, Mapping | None):
@@ -166,7 +166,7 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
                 changed,
                 setting,
                 setting.path[:2],
-                f"is not used here: there are kinds of robots; set what belongs to one, such as {example}",
+                f"has no effect, as there are kinds of robots; set a component of a kind, such as {example}",
             )
             continue
         _assign(changed, setting)
@@ -174,7 +174,7 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
 
 
 def _in_order(settings: Iterable[Setting]) -> list[Setting]:
-    """Return settings with those first on which others build, but after the whole section given before."""
+    """Sort settings so that those on which others depend come first, but after their whole section."""
     ordered: list[Setting] = []
     for setting in settings:
         place = len(ordered)
@@ -188,7 +188,7 @@ def _in_order(settings: Iterable[Setting]) -> list[Setting]:
 
 
 def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
-    """Drop the limits of the file where settings have one, so that it means the same for any file."""
+    """Drop the limits of the file if settings have a limit."""
     given = sets_limit(
         {
             setting.path[1]: setting.value
@@ -204,7 +204,7 @@ def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
 
 
 def _start_anew(source: Source, setting: Setting) -> None:
-    """Drop the options of a section that gets another kind, see `kept_options`."""
+    """Drop the options of a section whose kind changes, see `kept_options`."""
     section = setting.path[0]
     new = setting.value or DEFAULT_KINDS[section]
     old = source.values.get(section)
@@ -217,27 +217,27 @@ def _start_anew(source: Source, setting: Setting) -> None:
 
 
 def kept_options(section: str, kind: Any) -> list[str]:  # noqa: ANN401 - any value of a file
-    """Return the options of a file's section that are kept where it gets another kind: they mean the same.
+    """Return the options that a section keeps when its kind changes.
 
-    A budget and a target are kept, and what all rankings have; other options are another kind's, even those
-    of the same name.
+    These are the budget and the target of methods, and the common options of rankings; other options of the
+    same name belong to the old kind.
     """
     if section == "ranking":
         return [name for name in RankingOptions.model_fields if name != "kind"]
     if section != "method":
         return []
     try:
-        # A class in a file is imported when the options are checked, from the folder that it is named in.
+        # A class in a file is imported later, when the options are checked.
         asked = isinstance(kind, str) and not METHODS.is_in_file(kind)
         race = METHODS.get(kind).by_instance if asked else False
-    except InputError:  # is reported when the options are checked
+    except InputError:  # reported when the options are checked
         return []
-    # A generation of a race is one instance, and their number no budget.
+    # In a race a generation is an instance, so their number is no budget.
     return ["target", *(name for name in LIMITS if not (race and name == "generations"))]
 
 
 def _other_simulation(source: Source, setting: Setting) -> None:
-    """Drop what the file says that its own simulation announces, where the other one can be asked itself."""
+    """Drop values that the new simulation announces itself."""
     if setting.value == source.values.get("simulation") or not isinstance(setting.value, str):
         return
     if catalogue.has_description(setting.value):
@@ -247,12 +247,12 @@ def _other_simulation(source: Source, setting: Setting) -> None:
 
 
 def assign(values: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  # noqa: ANN401 - as in a file
-    """Set what is at a path below the first key, as `--set` does. Raises InputError where it cannot be set.
+    """Set a value at a path, as `--set` does. Raises InputError if that is not possible.
 
     Args:
-        values: of an experiment, with its `simulation`; they are changed.
+        values: of an experiment, with its `simulation`; changed in place.
         path: keys and numbers of items.
-        value: None takes the key back to its default.
+        value: None resets the key to its default.
     """
     source = Source("", values)
     _assign(source, Setting(path, value, format_path(path)))
@@ -270,11 +270,11 @@ def _assign(source: Source, setting: Setting) -> None:
             if not part.isdecimal() or int(part) >= len(container):
                 count = len(container)
                 numbers = f"its items are 0 to {count - 1}" if count else "it is empty"
-                _complain(source, setting, path, f"is a list, which has no item {part!r}; {numbers}")
+                _complain(source, setting, path, f"is a list without an item {part!r}; {numbers}")
                 return
             key = int(part)
         elif not isinstance(container, dict):
-            _complain(source, setting, path, f"is {format_value(container)}, which has no part {part!r}")
+            _complain(source, setting, path, f"is {format_value(container)}, which has no key {part!r}")
             return
         path = (*path, key)
         if last and setting.value is None and isinstance(container, dict):
@@ -286,7 +286,7 @@ def _assign(source: Source, setting: Setting) -> None:
                 if path[0] != "parameters" and setting.path[index + 1].isdecimal():
                     number, whole = setting.path[index + 1], format_path(path)
                     _complain(
-                        source, setting, path, f"is not given, so there is no item {number}; set {whole}=[..]"
+                        source, setting, path, f"is not set, so it has no item {number}; set {whole}=[..]"
                     )
                     return
                 container[part] = {}
@@ -298,7 +298,7 @@ def _assign(source: Source, setting: Setting) -> None:
 
 
 def _with_parts(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 - any parameter
-    """Return a parameter whose parts are to be set: what is in the file, or of the mission, that it names."""
+    """Expand a parameter given by name, a file or a mission, so that its components can be set."""
     simulation = source.values.get("simulation")
     if path[:1] != ("parameters",) or not isinstance(simulation, str):
         return name
@@ -324,14 +324,14 @@ def _with_parts(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 
 
 
 def _complain(source: Source, setting: Setting, path: Path_, message: str) -> None:
-    # A place of its own: what the file itself has at this path is checked as well.
+    # A separate path, as the file's own value at this path is checked as well.
     place: Path_ = (*path, setting.text)
     source.options[place] = setting.text
     source.problems.append((place, 0, f"{format_path(path)} {message}"))
 
 
 def _forget(source: Source, path: Path_, *, but: Collection[Path_] = ()) -> None:
-    """Forget where the values at and below a path came from."""
+    """Forget the origin of the values at and below a path."""
     for places in (source.lines, source.options):
         for place in [part for part in places if part[: len(path)] == path and part not in but]:
             del places[place]

@@ -1,4 +1,4 @@
-"""`start_from`: controllers that evolution starts from, read once and kept in the experiment."""
+"""`start_from`: controllers to start evolution from, read once and stored in the experiment."""
 
 import json
 from collections.abc import Container, Iterator, Mapping, Sequence
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
 Entry = dict[str, Any]
-"""One controller: `architecture`, `weights`, what it is `from`, and `genome` where that is another one."""
+"""A controller: `architecture`, `weights`, its origin `from`, and `genome` if that differs."""
 _OF_RUN = frozenset({"run", "generation", "candidate"})
 _SHOWN_CHARACTERS = 60
-"""Characters of a value in a message."""
+"""Maximum characters of a value in a message."""
 
 
 def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever the file says
-    """Return the controllers that `start_from` names.
+    """Read the controllers of `start_from`.
 
     Args:
-        value: a path, a mapping, or a list of these; see the key.
-        folder: paths are relative to it.
+        value: a path, a mapping, or a list of these.
+        folder: base of relative paths.
 
-    Raises InputError when one cannot be read.
+    Raises InputError if a controller cannot be read.
     """
     if isinstance(value, str | PathLike):
         return [_of_path(folder / value, fspath(value))]
@@ -56,11 +56,11 @@ def _of_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
             number is not None and (isinstance(number, bool) or not isinstance(number, int) or number < 0)
             for number in numbers
         ):
-            raise InputError("generation and candidate must be numbers from 0 on")
+            raise InputError("generation and candidate must be integers of at least 0")
         return _of_run(folder / run, fspath(run), *numbers)
     if isinstance(value.get("architecture"), Mapping) and isinstance(value.get("weights"), list):
         return dict(value)
-    raise InputError("a mapping is written {run: PATH, generation: G, candidate: N}, the last two as wanted")
+    raise InputError("a mapping must have the form {run: PATH, generation: G, candidate: N}, with the last two optional")
 
 
 def _of_path(path: Path, name: str) -> Entry:
@@ -85,15 +85,15 @@ def _of_run(path: Path, name: str, candidate: int | None, generation: int | None
 
 
 def entry_of(specification: Mapping[str, Any], name: str) -> Entry:
-    """Return the entry of a controller; name: what it is from."""
+    """Build the entry of a controller. name: its origin."""
     architecture = {key: value for key, value in specification.items() if key != "weights"}
     return {"from": name, "architecture": architecture, "weights": list(specification["weights"])}
 
 
 def start_genomes(experiment: "Experiment", representation: Representation) -> Genomes | None:
-    """Return the genomes that the method starts from, (controllers, genome_size); None where it has none.
+    """Return the genomes to start from, (controllers, genome_size), or None.
 
-    Raises InputError when they are not of this representation.
+    Raises InputError if they do not match the representation.
     """
     if experiment.start_from is not None:
         try:
@@ -107,14 +107,14 @@ def start_genomes(experiment: "Experiment", representation: Representation) -> G
 
 
 def samples_around_start(experiment: "Experiment") -> bool:
-    """Whether a given controller is the center of the method's first sample, and no candidate itself."""
+    """Whether the method samples around a given controller instead of evaluating it."""
     return method_of(experiment.method).start_as == "center"
 
 
 def genomes_of(start_from: Sequence[Entry], representation: Representation) -> Genomes:
     """Return the genomes of controllers, (controllers, genome_size).
 
-    Raises InputError when a controller has another architecture than this representation's.
+    Raises InputError if a controller's architecture does not match the representation.
     """
     wanted = json.loads(json.dumps(representation.architecture()))
     rows = []
@@ -125,8 +125,8 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
         if differing:
             options = type(representation.options).model_fields
             raise InputError(
-                f"{name} is {describe_controller(architecture)}; the controllers of this experiment are "
-                f"{describe_controller(wanted)}: they differ in "
+                f"{name} is {describe_controller(architecture)}, but controllers of this experiment are "
+                f"{describe_controller(wanted)}; they differ in "
                 f"{', '.join(_difference(key, architecture, wanted, options) for key in differing)}"
             )
         try:
@@ -144,13 +144,12 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
         if weights.tobytes() != np.array(entry["weights"], dtype=np.float32).tobytes():
             if "genome" not in entry:
                 raise InputError(
-                    f"{name}: has values of a controller of the kind {architecture['kind']}, but not its "
-                    "genome, from which evolution starts; name the folder of its run, or its best.json"
+                    f"{name}: has the values of a controller of the kind {architecture['kind']}, but not its "
+                    "genome; use the folder of its run, or its best.json"
                 )
             raise InputError(
-                f"{name}: its genome gives other values in this experiment than the file has: the options of "
-                "the controller, such as ranges, are others than those that it was evolved with, or the file "
-                "was edited"
+                f"{name}: its genome and values do not match in this experiment, because options of the "
+                "controller, such as ranges, have changed, or the file was edited"
             )
         rows.append(genome)
     return np.stack(rows)
@@ -163,7 +162,7 @@ def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str
 
 
 def _difference(key: str, one: Mapping[str, Any], other: Mapping[str, Any], options: Container[str]) -> str:
-    """Return what differs: `output_range ([-2, 2], here [-1, 1]; set controller.output_range)`."""
+    """Describe a difference: `output_range ([-2, 2], here [-1, 1]; set controller.output_range)`."""
     values = [
         format_value(each[key], _SHOWN_CHARACTERS + 1) if key in each else "none" for each in (one, other)
     ]
@@ -174,7 +173,7 @@ def _difference(key: str, one: Mapping[str, Any], other: Mapping[str, Any], opti
 
 
 def _comparable(value: Any) -> Any:  # noqa: ANN401 - any value of a specification
-    """Return what counts of it: how many agents a group of a team has does not."""
+    """Return a value without the numbers of agents in groups of a team."""
     if not isinstance(value, list):
         return value
     return [

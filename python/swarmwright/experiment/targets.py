@@ -1,4 +1,4 @@
-"""Where candidates are evaluated besides: another simulation, or models sampled around the run's own."""
+"""Targets of a transfer: other simulations, or models sampled around the run's simulation."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,34 +23,34 @@ from swarmwright.simulations.names import make_absolute
 from swarmwright.simulations.user_code.permission import require_named
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
-"""Keys of an experiment that a file of a target may have."""
+"""Keys that the file of a target may have."""
 _CONDITIONS = ("simulation", "parameters", "fitness", "broker", "prefix")
-"""Keys that decide what an episode is, or which simulator runs it."""
+"""Keys that determine an episode or its simulator."""
 _FILES = (".yaml", ".yml")
 _REASON = "does not belong to a target"
 _RULE = (
-    "a target has only keys that say where candidates are evaluated, such as simulation, parameters, fitness "
-    "and servers; remove others"
+    "a target may have only keys for the evaluation of candidates, such as simulation, parameters, fitness and "
+    "servers; remove others"
 )
 
 Entry = str | Mapping[str, Any]
-"""A target as an experiment holds it: the name of a simulation, or its `name` and the keys that differ."""
+"""A target in an experiment: the name of a simulation, or a `name` and the differing keys."""
 
 
 @dataclass(frozen=True)
 class OtherSimulation:
-    """A simulation with another name, or what differs in the experiment.
+    """Another simulation, or differing keys of the experiment.
 
-    name: of a simulation, as in experiments, or of a file (.yaml) with keys of an experiment.
+    name: of a simulation as in experiments, or of a .yaml file with keys of an experiment.
     """
 
     name: str
     changes: Mapping[str, Any] | None = field(default=None, hash=False)
-    """The keys that differ, where no file has to be read."""
+    """The differing keys, if they are not in a file."""
 
     @classmethod
     def of(cls, entry: Entry) -> "OtherSimulation":
-        """Return the target that an experiment holds."""
+        """Build the target from an experiment's entry."""
         if isinstance(entry, str):
             return cls(entry)
         changes = {key: value for key, value in entry.items() if key != "name"}
@@ -58,12 +58,12 @@ class OtherSimulation:
 
     @property
     def places(self) -> bool:
-        """Whether it says itself where its episodes are evaluated."""
+        """Whether it sets its own servers or broker."""
         values = self._source().values if self._has_keys else None
         return isinstance(values, Mapping) and not {"servers", "broker"}.isdisjoint(values)
 
     def experiments(self, experiment: Experiment, count: int) -> list[Experiment]:  # noqa: ARG002 - as targets have it
-        """Return the experiment of all episodes. Raises InputError where it cannot be changed like this."""
+        """Return the changed experiment of all episodes. Raises InputError if the change is invalid."""
         experiment = alone(experiment)
         if self._has_keys:
             changed = with_source(experiment, self._source(), only=CHANGED, reason=_REASON, rule=_RULE)
@@ -72,16 +72,13 @@ class OtherSimulation:
             changed = experiment.replace(simulation=self.name)
         except InputError as error:
             raise InputError(
-                f"{self.name}: {error}\nTo change parameters as well, name a file (.yaml) with the keys "
+                f"{self.name}: {error}\nTo change parameters as well, give a .yaml file with the keys "
                 "'simulation' and 'parameters' instead of the simulation"
             ) from error
         return [_with_sizes(changed, experiment)]
 
     def code(self, experiment: Experiment) -> str | None:
-        """Return the class or the command that is executed, where it is another than the experiment's.
-
-        Nothing is imported for it.
-        """
+        """Return the class or command of the target, if it differs from the experiment's, without importing."""
         said = self._source().values.get("simulation") if self._has_keys else self.name
         if isinstance(said, Mapping):  # a command
             said = self.experiments(experiment, 1)[0].simulation
@@ -97,11 +94,11 @@ class OtherSimulation:
 
 @dataclass(frozen=True)
 class PseudoReality:
-    """Models of the run's own simulation, sampled around its parameters, one for each episode.
+    """Models of the run's simulation, sampled around its parameters, one per episode.
 
     After Ligot and Birattari, "Simulation-only experiments to mimic the effects of the reality gap in the
-    automatic design of robot swarms", Swarm Intelligence 14, 2020, doi:10.1007/s11721-019-00175-w: what is
-    lost from one model to others tells designs that are robust from those that are not, without robots.
+    automatic design of robot swarms", Swarm Intelligence 14, 2020, doi:10.1007/s11721-019-00175-w: the loss of
+    fitness between models shows which designs are robust, without robots.
     """
 
     ranges: tuple[Range, ...]
@@ -109,7 +106,7 @@ class PseudoReality:
     places = False
 
     def experiments(self, experiment: Experiment, count: int) -> list[Experiment]:
-        """Return an experiment with sampled parameters for each episode; the same for all runs."""
+        """Return an experiment with sampled parameters for each episode, the same for all runs."""
         experiment = alone(experiment)
         return [self._sampled(experiment, model) for model in range(count)]
 
@@ -133,27 +130,27 @@ Target = OtherSimulation | PseudoReality
 
 
 def targets_of(to: Iterable[Entry], ranges: Sequence[Range]) -> list[Target]:
-    """Return what candidates are transferred to. Raises InputError for nothing, or the same one twice."""
+    """Build the targets of a transfer. Raises InputError without any, or for duplicates."""
     targets: list[Target] = [OtherSimulation.of(entry) for entry in to]
     names = [target.name for target in targets]
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
-        raise InputError(f"to: {doubled} is named twice")
+        raise InputError(f"to: {doubled} is given twice")
     if ranges:
         targets.append(PseudoReality(tuple(ranges)))
     if not targets:
-        raise InputError("nothing to transfer to: name simulations, or parameters that vary")
+        raise InputError("nothing to transfer to; give simulations or parameters to vary")
     return targets
 
 
 def targets_at_end(experiment: Experiment) -> list[Target]:
-    """Return what the best candidates of a run are transferred to when it ends. Raises InputError."""
+    """Return the targets for the best candidates at the end of a run. Raises InputError."""
     options = experiment.validate
     return targets_of(options.to, _ranges(experiment)) if options.transfers else []
 
 
 def slow_of(experiment: Experiment) -> OtherSimulation | None:
-    """Return the slow simulation that an experiment's ranking evaluates in; None of other rankings."""
+    """Return the slow simulation of an experiment's ranking; None for other rankings."""
     ranking = experiment.ranking
     return OtherSimulation.of(ranking.slow) if isinstance(ranking, SlowOptions) else None
 
@@ -162,28 +159,28 @@ def _ranges(experiment: Experiment) -> list[Range]:
     options = experiment.validate
     if options.pseudo_reality:
         require_e_pucks(experiment)
-    # Messages begin with the key already.
+    # Messages already begin with the key.
     vary = ranges_of(options.vary, prefix="")
     return [*(E_PUCKS if options.pseudo_reality else ()), *vary]
 
 
 def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
-    """Return why controllers of `here` do not fit, None where they do or that is not known."""
+    """Return why controllers of `here` do not match `there`; None if they match or it is unknown."""
     sizes = [(experiment.sensors, experiment.actuators) for experiment in (here, there)]
     if not steers_agents(here) or None in (*sizes[0], *sizes[1]) or sizes[0] == sizes[1]:
         return None
     own, others = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
-    return f"{name}: the run's controllers have {own}, agents of {there.label} have {others}"
+    return f"{name}: the run's controllers have {own}, but agents of {there.label} have {others}"
 
 
 def is_same(there: Experiment, here: Experiment) -> bool:
-    """Whether a target is the simulation of `here` with the same parameters, fitness and broker."""
+    """Whether two experiments have the same simulation, parameters, fitness and broker."""
     first, second = there.to_mapping(), here.to_mapping()
     return all(first.get(key) == second.get(key) for key in _CONDITIONS)
 
 
 def alone(experiment: Experiment) -> Experiment:
-    """Return an experiment without the other simulations that it names."""
+    """Return an experiment without its other simulations."""
     ranking = experiment.ranking
     if isinstance(ranking, SlowOptions):
         ranking = AbsoluteOptions(episodes=ranking.episodes, seeds=ranking.seeds, failed=ranking.failed)
@@ -191,21 +188,21 @@ def alone(experiment: Experiment) -> Experiment:
 
 
 def _with_sizes(changed: Experiment, experiment: Experiment) -> Experiment:
-    """Return it with the controllers' sizes, to which servers' are compared, where its own are not known."""
+    """Add the controllers' sizes, for comparison with servers, if those of the target are unknown."""
     if changed.sensors is not None or catalogue.has_description(changed.simulation):
         return changed
     return dataclasses.replace(changed, sensors=experiment.sensors, actuators=experiment.actuators)
 
 
 def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, Any]:
-    """Return the sections that name simulations, with the contents of files in the place of their names.
+    """Return the sections with other simulations, with files replaced by their contents.
 
     Args:
-        experiment: checked, but for its targets.
-        source: what it was read from.
-        ask: whether simulations that are named by their classes may be imported, to compare their sensors.
+        experiment: checked except for its targets.
+        source: of the experiment.
+        ask: whether classes of simulations may be imported, to compare their sensors.
 
-    Raises InputError with every problem, a line each.
+    Raises InputError with all problems, one per line.
     """
     changed: dict[str, Any] = {}
     entries, problems = [], []
@@ -227,7 +224,7 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, 
         problems += _range_problems(experiment, source)
         names = [OtherSimulation.of(entry).name for entry in entries]
         doubled = [name for index, name in enumerate(names) if name in names[:index]]
-        problems += [f"{source.locate(('validate', 'to'))}{name} is named twice" for name in doubled[:1]]
+        problems += [f"{source.locate(('validate', 'to'))}{name} is given twice" for name in doubled[:1]]
     if problems:
         raise InputError("\n".join(problems))
     return changed
@@ -236,7 +233,7 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, 
 def _described(
     experiment: Experiment, options: TransferabilityOptions, source: Source
 ) -> TransferabilityOptions:
-    """Return options with the metrics that describe behaviour. Raises InputError with its place."""
+    """Fill in the metrics that describe behaviour. Raises InputError with the position."""
     if not catalogue.has_description(experiment.simulation):
         return options
     there = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
@@ -248,7 +245,7 @@ def _described(
 
 
 def _range_problems(experiment: Experiment, source: Source) -> list[str]:
-    """Return what keeps models from being sampled, with its place."""
+    """Return the problems of sampling models, with the position."""
     key = "pseudo_reality" if experiment.validate.pseudo_reality else "vary"
     try:
         ranges = _ranges(experiment)
@@ -261,13 +258,13 @@ def _range_problems(experiment: Experiment, source: Source) -> list[str]:
 
 
 def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_, *, ask: bool) -> Entry:
-    """Return one target with everything that it needs. Raises InputError with its place."""
+    """Return a complete target. Raises InputError with the position."""
     folder = Path(source.name).parent if source.name and not source.is_option(path) else Path()
     if ask and (folder / STORE).exists():
         _require_trusted(entry, folder)
     if isinstance(entry, Mapping):
         if not ask:
-            return entry  # as a run holds it
+            return entry  # as stored in a run
         keys = {key: value for key, value in entry.items() if key != "name"}
         name, place = OtherSimulation.of(entry).name, source.locate(path)
         return _with_keys(experiment, name, _part(source, path, keys), place)
@@ -294,15 +291,15 @@ def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_,
 
 
 def _require_trusted(entry: Entry, run: Path) -> None:
-    """Raise InputError before a class is imported that a run folder names as a target and is not trusted."""
+    """Raise InputError for an untrusted class that a run folder names as a target."""
     simulation = entry if isinstance(entry, str) else entry.get("simulation")
     if isinstance(simulation, str) and is_python(simulation):
         require_named(make_absolute(simulation, run))
 
 
 def _part(source: Source, path: Path_, values: Mapping[str, Any]) -> Source:
-    """Return what stands at a path as a source of its own, whose lines are those of the file."""
-    if path not in source.lines and path[:-1] in source.lines and path[-1] == 0:  # one target needs no list
+    """Return the values at a path as a separate source with the lines of the file."""
+    if path not in source.lines and path[:-1] in source.lines and path[-1] == 0:  # a single target needs no list
         path = path[:-1]
     lines = {place[len(path) :]: line for place, line in source.lines.items() if place[: len(path)] == path}
     return Source(source.name, dict(values), lines, above=path)
@@ -311,7 +308,7 @@ def _part(source: Source, path: Path_, values: Mapping[str, Any]) -> Source:
 def _with_keys(
     experiment: Experiment, name: str, said: Source, place: str, *, ask: bool = True
 ) -> dict[str, Any]:
-    """Return a target with the keys that it changes, as they are after checks."""
+    """Return a target with its changed keys after checks."""
     changed = with_source(alone(experiment), said, only=CHANGED, reason=_REASON, rule=_RULE, ask=ask)
     _require_fit(name, _with_sizes(changed, experiment), experiment, place)
     values = changed.to_mapping()

@@ -1,7 +1,7 @@
-"""Methods that are not installed here, and classes in files, which reading a run does not import.
+"""Stand-ins for methods that are not installed, and for classes in files that reading a run does not import.
 
 Runs whose method is not installed can be read and evaluated, but not resumed. A class in a file is imported
-where it is used, if the user trusts it.
+when it is used, if the user trusts it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from swarmwright.simulations.user_code.permission import require_file, trusts_fi
 
 
 class UnavailableOptions(MethodOptions):
-    """Options of a method that is not known here, as they were recorded."""
+    """Recorded options of an unavailable method."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -34,7 +34,7 @@ class UnavailableOptions(MethodOptions):
 
 
 class UnavailableMethod(Method):
-    """In the place of a method that is not installed here: nothing of its options can be checked."""
+    """Stand-in for a method that is not installed, whose options cannot be checked."""
 
     kind: ClassVar[str] = "unavailable"
     options_model = UnavailableOptions
@@ -46,22 +46,22 @@ class UnavailableMethod(Method):
 
     @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:  # noqa: ARG003
-        """Return nothing."""
+        """Return no problems."""
         return {}
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:  # noqa: ARG003
-        """Return None: it has started."""
+        """Return None, as the run has started."""
         return None
 
     @property
     def budget(self) -> int:
-        """Not known."""
+        """Unknown."""
         raise NotImplementedError
 
     @property
     def population_fitness(self) -> Fitness:
-        """Not known."""
+        """Unknown."""
         raise NotImplementedError
 
     def _ask(self) -> Genomes:
@@ -72,7 +72,7 @@ class UnavailableMethod(Method):
 
 
 class UnreadRankingOptions(RankingOptions):
-    """Options of a ranking in a file that was not imported, as they were recorded."""
+    """Recorded options of a ranking in a file that was not imported."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -81,7 +81,7 @@ class UnreadRankingOptions(RankingOptions):
 
 
 class UnreadRanking(Ranking):
-    """In the place of a ranking in a file that was not imported."""
+    """Stand-in for a ranking in a file that was not imported."""
 
     kind: ClassVar[str] = "unread"
     options_model = UnreadRankingOptions
@@ -91,7 +91,7 @@ class UnreadRanking(Ranking):
 
 
 def method_of(options: MethodOptions) -> type[Method]:
-    """Return the class of a method by its options; a stand-in where these were read without it."""
+    """Return the class of a method by its options, or a stand-in if it was not imported."""
     if isinstance(options, UnavailableOptions):
         return UnavailableMethod
     kind: str = options.kind
@@ -99,7 +99,7 @@ def method_of(options: MethodOptions) -> type[Method]:
 
 
 def ranking_of(options: RankingOptions) -> type[Ranking]:
-    """Return the class of a ranking by its options; a stand-in where these were read without it."""
+    """Return the class of a ranking by its options, or a stand-in if it was not imported."""
     if isinstance(options, UnreadRankingOptions):
         return UnreadRanking
     kind: str = options.kind
@@ -107,29 +107,28 @@ def ranking_of(options: RankingOptions) -> type[Ranking]:
 
 
 def is_unread(section: str, options: MethodOptions | RankingOptions) -> bool:
-    """Whether options are those of a class in a file that was not imported when they were read."""
+    """Whether options belong to a class in a file that was not imported."""
     stand_in = isinstance(options, UnavailableOptions | UnreadRankingOptions)
     return stand_in and REGISTRIES[section].is_in_file(options.kind)
 
 
 def unreadable(options: RankingOptions) -> str | None:
-    """Return why a run's ranking cannot be used to show what it makes of results; None where it can.
+    """Return why a run's ranking cannot be used to show its results, or None.
 
-    Its code is not executed only to show a run, unless the user trusts it already.
+    Its code is not executed just to show a run, unless the user already trusts it.
     """
     if not is_unread("ranking", options) or trusts_file(options.kind):
         return None
     return (
-        f"the ranking {display_name(options.kind)} makes it of the episodes, and its code is not of a run "
-        "that was made here by this user; to trust it, give `swarmwright evaluate` --trust (in Python, "
-        "Run.open(folder, trust=True))"
+        f"it is computed by the ranking {display_name(options.kind)}, whose code comes from a run of another "
+        "user or machine; to trust it, use `swarmwright evaluate --trust`, or Run.open(folder, trust=True)"
     )
 
 
 def options_with_code(section: str, options: Any) -> Any:  # noqa: ANN401 - options of a method or a ranking
-    """Return options as the class checks them, which is imported if a run named its file.
+    """Check options by their class, which is imported if it is in a file of a run.
 
-    Raises InputError for a class that is not trusted, or not right, and for options that it refuses.
+    Raises InputError for an untrusted or invalid class, and for options that it refuses.
     """
     if not is_unread(section, options):
         return options
@@ -143,36 +142,35 @@ def options_with_code(section: str, options: Any) -> Any:  # noqa: ANN401 - opti
 
 
 def require(options: MethodOptions, folder: Path | None) -> None:
-    """Raise InputError for the options of a method that is not installed here.
+    """Raise InputError for the options of a method that is not installed.
 
-    folder: of the run, whose copy of the method's code is named.
+    folder: of the run, whose copy of the method's code is mentioned.
     """
     if not isinstance(options, UnavailableOptions) or is_unread("method", options):
         return
     if options.kind not in REGISTRIES["method"].names():
-        _refuse(options.kind, f"no package that is installed here has the method {options.kind!r}", folder)
+        _refuse(options.kind, f"no installed package provides the method {options.kind!r}", folder)
     try:
         REGISTRIES["method"].get(options.kind)
     except InputError as error:
         _refuse(options.kind, str(error), folder)
     raise InputError(
-        f"method.kind: {options.kind!r} has been installed since the run was opened; open it again"
+        f"method.kind: {options.kind!r} was installed after the run was opened; open the run again"
     )
 
 
 def _refuse(kind: str, reason: str, folder: Path | None) -> NoReturn:
     found = [] if folder is None else copies(folder, ["method"])
     copied = "".join(
-        f"; the run used its module {module}, of which {place} is a copy" for module, place in found
+        f"; the run used its module {module}, copied to {place}" for module, place in found
     )
     raise InputError(
-        f"method.kind: {reason}{copied}. Install the package that provides {kind!r}: resuming the run needs "
-        "the method, everything else does not"
+        f"method.kind: {reason}{copied}. To resume the run, install the package that provides {kind!r}"
     )
 
 
 def not_installed(values: Mapping[str, Any]) -> list[str]:
-    """Return the sections of an experiment, `controller` or `ranking`, whose kind no package here has."""
+    """Return the sections of an experiment, `controller` or `ranking`, whose kind is not installed."""
     kinds = {
         section: values[section].get("kind")
         for section in ("controller", "ranking")
@@ -188,7 +186,7 @@ def not_installed(values: Mapping[str, Any]) -> list[str]:
 
 
 def copies(folder: Path, sections: Sequence[str]) -> Sequence[tuple[str, Path]]:
-    """Return what the last version of a run's copy has of sections that are plug-ins: modules, and places."""
+    """Return module and path of plug-in sections in the last version of a run's copy."""
     versions = sorted(int(path.name) for path in (folder / FOLDER).glob("*") if path.name.isdecimal())
     copy = Copy.find(folder, versions[-1]) if versions else None
     if copy is None:

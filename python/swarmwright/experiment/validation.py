@@ -1,4 +1,4 @@
-"""From what a file says to checked options: all problems at once, each with its place."""
+"""Conversion of a file's values to checked options, with the positions of all problems."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -30,16 +30,16 @@ def check(
     folder: Path | None = None,
     lenient: Collection[str] = (),
 ) -> Checked:
-    """Check what a file (or mapping) says.
+    """Check the values of a file or mapping.
 
     Args:
         source: the file.
-        ask: whether a simulation that is named by its class may be imported, to be asked what it announces.
-        folder: that paths are relative to; default: the file's.
-        lenient: sections that need not be known: a method that is not installed, a method or a ranking in a
-            file that is not imported, as of a run that is only read.
+        ask: whether the class of a simulation may be imported.
+        folder: base of relative paths; default: the folder of the file.
+        lenient: sections that may be unavailable, for a run that is only read: a method that is not installed,
+            or a method or ranking in a file.
 
-    Raise InputError with every problem, a line each, in the file's order.
+    Raises InputError with all problems, one per line, in the order of the file.
     """
     problems = [(path, line, message) for path, line, message in source.problems]
 
@@ -49,14 +49,14 @@ def check(
     checked: Checked = {}
     if not isinstance(source.values, Mapping):
         found = "is empty" if source.values is None else f"holds {format_value(source.values)}"
-        begins = "an experiment is a mapping that begins like 'simulation: minisim'"
+        begins = "an experiment is a mapping such as 'simulation: minisim'"
         report((), f"{found}; {begins}{_importable(source)}")
     elif "experiment" in source.values and "simulation" not in source.values:
-        report((), "is a sweep file, which 'swarmwright sweep' runs; an experiment names its simulation")
+        report((), "is a sweep file, not an experiment; run it with 'swarmwright sweep'")
     elif is_mission(source.values):
         report((), _NO_EXPERIMENT.format(source.name or "FILE.yaml"))
     else:
-        # A section left empty ("method:") means its defaults.
+        # An empty section ("method:") has its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
         here = _with_simulation(values, folder or source.folder(("simulation",)), report, ask=ask)
         values, files, unread = _with_files(source, values, report, ask=here)
@@ -67,7 +67,7 @@ def check(
         placed = _in_right_place(values, here, _in_files(files, report))
         with _stand_ins({"method", "ranking"} if not ask else lenient):
             checked = check_values(values, here, placed, ask=ask, unread=unread)
-        if ask and "method" not in lenient and checked.get("method") is not None:  # a run can be read without
+        if ask and "method" not in lenient and checked.get("method") is not None:  # not needed to read a run
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:
                 report(("method", "kind"), missing)
@@ -76,7 +76,7 @@ def check(
         lines = [
             ((0, line) if line else source.order(path), _spoken(source, path, line, message))
             for path, line, message in problems
-            # What a duplicate key holds is not complained about a second time.
+            # Do not report problems within duplicate keys.
             if line or path not in broken
         ]
         raise InputError("\n".join(text for _, text in sorted(lines, key=lambda entry: entry[0])))
@@ -85,7 +85,7 @@ def check(
 
 @contextmanager
 def _stand_ins(sections: Collection[str]) -> Iterator[None]:
-    """Within the block, sections need not be known here, and none is imported from a file."""
+    """Allow unavailable sections within the block, without importing from files."""
     with ExitStack() as stack:
         if "method" in sections:
             stack.enter_context(REGISTRIES["method"].lenient(UnavailableMethod))
@@ -96,17 +96,17 @@ def _stand_ins(sections: Collection[str]) -> Iterator[None]:
 
 
 _NO_EXPERIMENT = (
-    "is a mission, not an experiment, which names it: simulation: arena, and parameters: {{mission: {}}}; "
-    "'swarmwright new arena' prints an experiment"
+    "is a mission, not an experiment; use it as parameters: {{mission: {}}} with simulation: arena, as "
+    "printed by 'swarmwright new arena'"
 )
 _EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "validate", "timeouts", "faults"})
 
 
 def _importable(source: Source) -> str:
-    """Return how an experiment is made of what may be a session of FREVO, or a drawn model."""
+    """Return a hint for files that may be a FREVO session or a drawn model."""
     if not str(source.values).startswith("<"):
         return ""
-    return "; 'swarmwright import' makes one of a FREVO session or a drawn model"
+    return "; convert a FREVO session or a drawn model with 'swarmwright import'"
 
 
 def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
@@ -116,7 +116,7 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
 
 
 def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
-    """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
+    """Resolve a simulation's file relative to the experiment; return whether it can be asked."""
     simulation = values.get("simulation")
     if isinstance(simulation, str) and simulation.endswith((".fmu", ".ssp")):
         simulation = {"fmu": simulation}
@@ -133,7 +133,7 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
             if known_library in simulation
         )
         written = f"{library}:{name or 'NAME'}"
-        report(("simulation",), f"an environment is named in one word, without a space; write {written}")
+        report(("simulation",), f"environments are written without a space; write {written}")
         values["simulation"] = written
         return False
     if isinstance(simulation, Mapping):
@@ -159,14 +159,14 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
 
 
 def _in_files(files: Mapping[Path_, Source], report: Report) -> Report:
-    """Return a report that names file and line of what stands in a file that a parameter names.
+    """Wrap a report to add file and line of values in parameters' files.
 
-    files: by the place of what they stand for, from the parameter's name on.
+    files: by the path of the value that they replace, from the parameter's name on.
     """
 
     def told(path: Path_, message: str) -> None:
         place = path[1:] if path[:1] == ("parameters",) else ()
-        # From the inside out: a mission's file may name one of a robot.
+        # From the inside out, as a mission's file may contain a robot's file.
         for length in range(len(place), 0, -1):
             if place[:length] in files:
                 message = files[place[:length]].locate(place[length:]) + message
@@ -177,7 +177,7 @@ def _in_files(files: Mapping[Path_, Source], report: Report) -> Report:
 
 
 def _in_right_place(values: Mapping[str, Any], here: bool, report: Report) -> Report:
-    """Return a report that says of keys in a wrong section in which one they belong."""
+    """Wrap a report to add the right section of misplaced keys."""
 
     def told(path: Path_, message: str) -> None:
         if path and len(path) <= 2 and isinstance(path[-1], str):
@@ -192,10 +192,7 @@ def _in_right_place(values: Mapping[str, Any], here: bool, report: Report) -> Re
 def _with_files(
     source: Source, values: dict[str, Any], report: Report, *, ask: bool
 ) -> tuple[dict[str, Any], dict[Path_, Source], bool]:
-    """Return the values with files in the place of parameters that name them, the files, and their state.
-
-    The last one is whether a file could not be read.
-    """
+    """Replace parameters' files by their contents; return the values, the files, and whether any is unreadable."""
     simulation, parameters = values.get("simulation"), values.get("parameters")
     if not isinstance(simulation, str) or not isinstance(parameters, Mapping):
         return values, {}, False
@@ -210,7 +207,7 @@ def _with_files(
 
 
 def _with_controllers(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
-    """Return the values with the controllers that evolution starts from in the place of their paths."""
+    """Replace the paths of `start_from` by the controllers."""
     if values.get("start_from") is None:
         return values
     try:
@@ -223,7 +220,7 @@ def _with_controllers(source: Source, values: dict[str, Any], report: Report) ->
 def _with_modules(
     source: Source, values: dict[str, Any], folder: Path | None, report: Report
 ) -> dict[str, Any]:
-    """Return the values with absolute paths of files in which behaviours and conditions are."""
+    """Make the paths of files with behaviours and conditions absolute."""
     controller = values.get("controller")
     if not isinstance(controller, Mapping) or controller.get("kind") != "modules":
         return values
@@ -239,9 +236,9 @@ def _with_modules(
 def _with_classes(
     source: Source, values: dict[str, Any], folder: Path | None, report: Report, *, ask: bool
 ) -> dict[str, Any]:
-    """Return the values with absolute paths of files in which methods and rankings are.
+    """Make the paths of files with methods and rankings absolute.
 
-    `method: file.py:Class` stands for `method: {kind: file.py:Class}`.
+    `method: file.py:Class` is short for `method: {kind: file.py:Class}`.
     """
     found = dict(values)
     for name in ("method", "ranking"):
@@ -251,7 +248,7 @@ def _with_classes(
             continue
         place: Path_ = (name, "kind") if isinstance(section, Mapping) else (name,)
         here = folder or source.folder(place)
-        # What a run names without a copy is checked where it is imported, if the run is only read.
+        # If a run is only read, a class without a copy is checked when it is imported.
         told = partial(report, place) if ask else _ignored
         options = section if isinstance(section, Mapping) else {}
         found[name] = {**options, "kind": _module(kind, here, told)}
@@ -259,13 +256,13 @@ def _with_classes(
 
 
 def _ignored(message: str) -> None:
-    """Take a message that is told elsewhere."""
+    """Ignore a message that is reported elsewhere."""
 
 
 def _with_launchers(
     source: Source, values: dict[str, Any], folder: Path | None, report: Report
 ) -> dict[str, Any]:
-    """Return the values with checked options of launchers in the place of what stands under `servers`."""
+    """Replace the launchers under `servers` by their checked options."""
     if not names_launchers(values.get("servers")):
         return values
     here = folder or source.folder(("servers",))
