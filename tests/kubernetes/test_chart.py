@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from swarmwright import Experiment, optimize
-from swarmwright.experiment.experiment import ELSEWHERE
+from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD
 from tests.conftest import PROGRAM, ROOT, free_port
 from tests.kubernetes.cluster import until
 from tests.kubernetes.conftest import IMAGE, Cluster
@@ -125,7 +125,7 @@ def test_the_job_waits_and_is_resumed_with_what_resume_takes(binaries: Path, tmp
     assert said(run) == ["resume", str(run), *waits, *kept]
     # As `resume` has them.
     script = container["command"][2]
-    assert {key for key in ELSEWHERE | {"method"} if f"--set={key}" not in script} == set()
+    assert {key for key in KEYS_OUTSIDE_RECORD | {"method"} if f"--set={key}" not in script} == set()
     # An experiment that says how long to wait is not overridden.
     longer = "tool.experiment=timeouts: {discovery: 900}"
     assert "timeouts.discovery=300" not in str(templates(binaries, longer)["tool"])

@@ -11,13 +11,13 @@ from swarmwright.analysis.sweep_folders import keys_of_grid
 from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import shorten
 from swarmwright.common.values import flatten
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD, Experiment
 from swarmwright.experiment.robots import mission_name, mission_of, robot_of
 from swarmwright.runs.run import Run
 from swarmwright.simulations.catalogue import ARENA, description, find_built_in
 from swarmwright.simulations.user_code.copying import Copy, compute_digest, display_name
 
-_NO_GROUP = ELSEWHERE | {"seed"}
+_NO_GROUP = KEYS_OUTSIDE_RECORD | {"seed"}
 """Keys of an experiment in which runs of a group may differ."""
 _NAME_CHARACTERS = 120
 """Characters of a name, beyond which groups are numbered and a note explains them."""

@@ -27,7 +27,7 @@ from swarmwright.common.statistics import Estimate, estimate
 from swarmwright.common.untrusted import escape_line
 from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
-from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.runs.choice import choose
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.post_evaluation import (
@@ -270,7 +270,7 @@ class Match(NamedTuple):
         """Return it from the arguments of `compare_controllers`; raises likewise."""
         both = Contender.of("A", first), Contender.of("B", second)
         if experiment is not None:
-            return cls(*both, experiment_of(experiment))
+            return cls(*both, as_experiment(experiment))
         runs = [(contender.run, contender.generation) for contender in both if contender.run is not None]
         if not runs:
             raise InputError(

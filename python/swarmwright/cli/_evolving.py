@@ -269,7 +269,8 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
             output.text(f"Servers: {event.text}.")
     if run.ended is not None and (run.ended != "generations" or run.generations < run.experiment.generations):
         output.text(
-            f"Ended because {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}."
+            "Ended because "
+            f"{run.experiment.budget.describe_end(run.ended, run.generations, run.evaluations)}."
         )
     speed = format_rate(run.evaluations / max(run.seconds, 1e-3))
     output.text(f"{run.evaluations} evaluations in {format_duration(run.seconds)} ({speed} a second).")

@@ -353,7 +353,8 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     if run.ended is not None:
         output.text(
-            f"  ended because {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}"
+            "  ended because "
+            f"{run.experiment.budget.describe_end(run.ended, run.generations, run.evaluations)}"
         )
     if run.experiment.method.operation == "steady_state":
         window = run.experiment.method.in_flight

@@ -136,7 +136,7 @@ def command(
     If the simulation's code was edited after the run, the copy in RUN is used, with a message.
     """
     from swarmwright import Run
-    from swarmwright.experiment.experiment import ELSEWHERE
+    from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD
     from swarmwright.experiment.settings import refuse_seed
     from swarmwright.runs.code import resolve_experiment
     from swarmwright.runs.edits import differences
@@ -179,7 +179,7 @@ def command(
         )
     opened = Run.open(run)
     repeats = episodes is None and seed is None and curve is None
-    only = ELSEWHERE - {"validate"} if repeats else settable()
+    only = KEYS_OUTSIDE_RECORD - {"validate"} if repeats else settable()
     reason = (
         "--set changes the conditions, so the result cannot be compared with the record; add --episodes N"
         if repeats
@@ -325,9 +325,9 @@ def _names(text: str | None) -> list[str] | Literal["all"]:
 
 def settable() -> frozenset[str]:
     """Return the keys of an experiment that can be set for new episodes."""
-    from swarmwright.experiment.experiment import ELSEWHERE
+    from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD
 
-    return frozenset(ELSEWHERE - {"validate"} | {"parameters", "fitness", "ranking", "simulation"})
+    return frozenset(KEYS_OUTSIDE_RECORD - {"validate"} | {"parameters", "fitness", "ranking", "simulation"})
 
 
 def _show(output: Output, evaluation: "ControllerEvaluation", seeds: str) -> None:

@@ -204,12 +204,12 @@ def _resolve_simulation(simulation: str) -> str:
         return simulation
     from swarmwright.common.errors import InputError
     from swarmwright.common.simulation_names import is_command
-    from swarmwright.experiment.commands import missing
+    from swarmwright.experiment.commands import find_missing
     from swarmwright.experiment.derived import place_of
     from swarmwright.experiment.experiment import Experiment
 
     experiment = Experiment.load(simulation)
-    problem = missing(experiment.simulation) if is_command(experiment.simulation) else None
+    problem = find_missing(experiment.simulation) if is_command(experiment.simulation) else None
     if problem is not None:
         raise InputError(f"{place_of(experiment, 'simulation')}{problem}")
     return experiment.simulation

@@ -21,11 +21,11 @@ def broker_problem(urls: str) -> str | None:
 
     Messages never repeat a URL, as it may contain secrets.
     """
-    several = urls.split(",")
-    for number, url in enumerate(several, 1):
+    addresses = urls.split(",")
+    for number, url in enumerate(addresses, 1):
         problem = _problem(url.strip())
         if problem is not None:
-            return problem if len(several) == 1 else f"(address {number} of {len(several)}) {problem}"
+            return problem if len(addresses) == 1 else f"(address {number} of {len(addresses)}) {problem}"
     return None
 
 
@@ -36,8 +36,8 @@ def _problem(url: str) -> str | None:
     except ValueError:
         return f"is not a broker address; {example}"
     if parts.scheme not in SCHEMES:
-        known = ", ".join(f"{scheme}://" for scheme in SCHEMES)
-        return f"must begin with one of {known}; {example}"
+        schemes = ", ".join(f"{scheme}://" for scheme in SCHEMES)
+        return f"must begin with one of {schemes}; {example}"
     if parts.username is not None or parts.password is not None:
         return (
             "must not contain a user or a password; set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD "
@@ -72,7 +72,7 @@ def _socket_problem(path: str) -> str | None:
     return None
 
 
-def for_other_machines(urls: str) -> str:
+def drop_unix_sockets(urls: str) -> str:
     """Return a broker's addresses without Unix sockets, which other machines cannot use; may be empty."""
     return ",".join(url for url in urls.split(",") if not url.strip().startswith("unix:"))
 

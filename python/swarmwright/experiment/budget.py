@@ -17,7 +17,7 @@ def sets_limit(options: Mapping[str, object]) -> bool:
     return any(options.get(limit) is not None for limit in LIMITS)
 
 
-Ended = Literal["generations", "evaluations", "seconds", "target"]
+EndReason = Literal["generations", "evaluations", "seconds", "target"]
 """Reason why a run is done."""
 
 
@@ -30,11 +30,11 @@ class Budget:
     seconds: float | None
 
     @classmethod
-    def of(cls, options: "MethodOptions") -> Self:
+    def from_options(cls, options: "MethodOptions") -> Self:
         """Return the budget in a method's options."""
         return cls(options.generation_limit, options.evaluations, options.seconds)
 
-    def nearest(self, generations: int, evaluations: int, seconds: float) -> tuple[Limit, float]:
+    def find_nearest(self, generations: int, evaluations: int, seconds: float) -> tuple[Limit, float]:
         """Return the limit with the largest used share, and this share, 0 to 1."""
         shares: dict[Limit, float] = {}
         if self.generations is not None:
@@ -48,7 +48,7 @@ class Budget:
         name = max(shares, key=lambda share: shares[share])
         return name, min(shares[name], 1.0)
 
-    def expected_generations(self, generations: int, evaluations: int) -> int:
+    def estimate_generations(self, generations: int, evaluations: int) -> int:
         """Estimate the number of generations of the run after these generations and evaluations."""
         expected = [max(generations, 1)] if self.generations is None else [self.generations]
         if self.evaluations is not None and evaluations:
@@ -56,14 +56,14 @@ class Budget:
             expected = [fitting] if self.generations is None else [*expected, fitting]
         return max(min(expected), generations, 1)
 
-    def words(self, ended: Ended, generations: int, evaluations: int) -> str:
+    def describe_end(self, ended: EndReason, generations: int, evaluations: int) -> str:
         """Return why a run ended after these generations and evaluations."""
         done = f"all {self.generations} generations are done"
         if self.generations is not None and generations < self.generations:
             # Only methods that restart with larger populations use up the evaluations earlier.
             whole = self.generations
             done = (
-                f"the evaluations are used after {generations} of {whole} generations, because restarts have "
+                f"the evaluations are used after {generations} of {whole} generations, as restarts have "
                 f"enlarged the population; method.restart: none runs all {whole}"
             )
         used = f"the next generation would exceed {self.evaluations} evaluations"
@@ -75,6 +75,8 @@ class Budget:
         return {
             "generations": done,
             "evaluations": used,
-            "seconds": f"the time limit of {self.seconds:g} seconds is reached" if self.seconds is not None else "",
+            "seconds": f"the time limit of {self.seconds:g} seconds is reached"
+            if self.seconds is not None
+            else "",
             "target": "the target is reached",
         }[ended]

@@ -19,7 +19,7 @@ from swarmwright.controllers.kinds.team import TeamOptions, check_counts, larges
 from swarmwright.controllers.networks import NetworkOptions
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
-from swarmwright.experiment.evolved import problems, unknown
+from swarmwright.experiment.evolved import iter_problems, iter_unknown
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.ranking_checks import check_ranking
 from swarmwright.experiment.start_from import genomes_of, samples_around_start
@@ -40,25 +40,25 @@ def check_parameters(simulation: str | None, parameters: dict[str, Any], report:
         parameters: of the experiment.
         report: called with each problem.
     """
-    for path, problem in _unsendable(parameters, ("parameters",)):
+    for path, problem in _iter_unsendable(parameters, ("parameters",)):
         report(path, problem)
         return
     if simulation is None:
         return
-    known = catalogue.parameter_names(simulation)
-    for key, problem in unknown(simulation, parameters):
+    names = catalogue.parameter_names(simulation)
+    for key, problem in iter_unknown(simulation, parameters):
         report(("parameters", key), problem)
     everything = catalogue.takes_any(simulation)
-    given = {key: value for key, value in parameters.items() if everything or key in known}
-    for mistake in catalogue.parameter_mistakes(simulation, given):
-        _report_parameter(mistake, given, report)
+    checkable = {key: value for key, value in parameters.items() if everything or key in names}
+    for mistake in catalogue.parameter_mistakes(simulation, checkable):
+        _report_parameter(mistake, checkable, report)
 
 
-def _report_parameter(mistake: ParameterMistake, given: Mapping[str, Any], report: Report) -> None:
+def _report_parameter(mistake: ParameterMistake, parameters: Mapping[str, Any], report: Report) -> None:
     """Report why a parameter is refused, with its position in the file."""
-    if mistake.field == "mission.robots" and _has_own_radius(given):
+    if mistake.field == "mission.robots" and _has_own_radius(parameters):
         mistake = ParameterMistake("robot.radius", f"{mistake.reason}, or a smaller radius")
-    if mistake.parameter in given:
+    if mistake.parameter in parameters:
         report(("parameters", *parse_path(mistake.field)), mistake.reason)
     else:  # its default conflicts with other parameters
         report(("parameters", mistake.parameter), f"parameter {mistake}")
@@ -70,17 +70,17 @@ def _has_own_radius(parameters: Mapping[str, Any]) -> bool:
     return isinstance(robot, Mapping) and "radius" in robot and not isinstance(mission, Mapping)
 
 
-def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
+def _iter_unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
     """Yield values that JSON cannot represent."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             if isinstance(key, str):
-                yield from _unsendable(inner, (*path, key))
+                yield from _iter_unsendable(inner, (*path, key))
             else:
                 yield path, f"a key must be text, not {format_value(key)}"
     elif isinstance(value, list | tuple):
         for index, inner in enumerate(value):
-            yield from _unsendable(inner, (*path, index))
+            yield from _iter_unsendable(inner, (*path, index))
     elif isinstance(value, float) and not math.isfinite(value):
         yield path, f"must be a finite number, not {value}"
     elif not (value is None or isinstance(value, bool | int | float | str)):
@@ -89,7 +89,7 @@ def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa
 
 def check_values(
     values: dict[str, Any],
-    here: bool,
+    is_available: bool,
     report: Report,
     *,
     ask: bool,
@@ -99,7 +99,7 @@ def check_values(
 
     Args:
         values: of the file, with the contents of files that it names.
-        here: whether the simulation can be asked.
+        is_available: whether the simulation can be asked.
         report: called with each problem.
         ask: whether code named in the file may be imported.
         unread: whether the file of a parameter could not be read, so that the simulation cannot be asked.
@@ -114,7 +114,7 @@ def check_values(
         }
     except ValidationError as error:
         for path, message in problems_of(error, Document):
-            form = _right_form(path, values)
+            form = _suggest_form(path, values)
             report(path, f"{message}{form}" if form else message)
     for name, registry in REGISTRIES.items():
         section = values.get(name, {})
@@ -123,19 +123,19 @@ def check_values(
     check_ranking(checked, report)
     parameters = values.get("parameters", {})
     if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
-        check_parameters(values["simulation"] if here else None, dict(parameters), report)
+        check_parameters(values["simulation"] if is_available else None, dict(parameters), report)
     if "simulation" in checked:
-        _check_measured(checked["simulation"] if here and ask else None, report)
+        _check_measured(checked["simulation"] if is_available and ask else None, report)
         if unread:
             checked["controller"] = None
         else:
-            _fill_in(checked, here, report)
-            _check_groups(checked, here, report)
+            _fill_in(checked, is_available, report)
+            _check_groups(checked, is_available, report)
         reads_code = not ask and getattr(checked.get("controller"), "in_files", False)
         representation = None if reads_code else _check_representation(checked, report)
         _check_method(checked, representation, report)
-        _check_evolved(checked, here, report)
-        if here and is_command(checked["simulation"]):
+        _check_evolved(checked, is_available, report)
+        if is_available and is_command(checked["simulation"]):
             from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 
             commands.check(checked, values, report)
@@ -159,7 +159,7 @@ def _check_start(checked: Checked, representation: Representation | None, report
         report(("start_from",), problem)
 
 
-def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
+def _suggest_form(path: Path_, values: Mapping[str, Any]) -> str:
     """Return how to write a section that consists only of its kind: `method: cma_es`."""
     if len(path) != 1 or path[0] not in REGISTRIES:
         return ""
@@ -168,8 +168,8 @@ def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
         return ""
     if kind.endswith(".py") and REGISTRIES[str(path[0])].in_files:
         return f"; for a class in a file, write {kind}:Class"
-    near = suggestions.nearest(kind, names)
-    return "" if near is None else f"; write {{kind: {near}}}"
+    suggestion = suggestions.nearest(kind, names)
+    return "" if suggestion is None else f"; write {{kind: {suggestion}}}"
 
 
 def _check_section(
@@ -205,7 +205,7 @@ def _check_measured(simulation: str | None, report: Report) -> None:
         report(("simulation",), problem)
 
 
-def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str, report: Report) -> None:
+def _check_needed_metrics(checked: Checked, available: list[str] | None, title: str, report: Report) -> None:
     """Check that the metrics that the method needs beside fitness are given and exist.
 
     known: metrics of the simulation; None if only its servers know them.
@@ -218,27 +218,31 @@ def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str,
     if option is None:
         return
     names = method.needed_metrics
-    if known is not None and not known:
+    if available is not None and not available:
         report(("method", option), f"{kind} needs metrics beside the fitness, but {title} reports none")
         return
     if not names:
-        there = "the simulation's metrics" if known is None else f"the metrics of {title}: {', '.join(known)}"
-        report(("method", option), f"is missing; name at least one of {there}")
+        source = (
+            "the simulation's metrics"
+            if available is None
+            else f"the metrics of {title}: {', '.join(available)}"
+        )
+        report(("method", option), f"is missing; name at least one of {source}")
     for name in names:
-        if known is not None and name not in known:
-            problem = suggestions.unknown("metric", name, known)
+        if available is not None and name not in available:
+            problem = suggestions.unknown("metric", name, available)
             if (option, name) == ("objectives", "fitness"):
                 problem = "fitness is always the first objective and is maximized; leave it out"
             report(("method", option, name), problem)
 
 
-def _check_groups(checked: Checked, here: bool, report: Report) -> None:
+def _check_groups(checked: Checked, is_available: bool, report: Report) -> None:
     """Fill in the groups of a team that the simulation declares, and compare them with the file."""
     options = checked.get("controller")
     if not isinstance(options, TeamOptions):
         return
     try:
-        declared = catalogue.groups(checked["simulation"], checked["parameters"]) if here else []
+        declared = catalogue.groups(checked["simulation"], checked["parameters"]) if is_available else []
     except InputError:  # has been reported
         checked["controller"] = None
         return
@@ -246,9 +250,9 @@ def _check_groups(checked: Checked, here: bool, report: Report) -> None:
         if declared:
             checked["controller"] = with_groups(options, declared, checked["simulation"])
             return
-        if here and catalogue.find_built_in(checked["simulation"]) is not None:
-            raise FieldError(("controller", "kind"), _no_groups(checked["simulation"]))
-        if here or not catalogue.has_description(checked["simulation"]):
+        if is_available and catalogue.find_built_in(checked["simulation"]) is not None:
+            raise FieldError(("controller", "kind"), _explain_missing_groups(checked["simulation"]))
+        if is_available or not catalogue.has_description(checked["simulation"]):
             check_counts(options)
         for name in ("sensors", "actuators"):
             if checked[name] is None:
@@ -258,7 +262,7 @@ def _check_groups(checked: Checked, here: bool, report: Report) -> None:
         checked["controller"] = None
 
 
-def _no_groups(simulation: str) -> str:
+def _explain_missing_groups(simulation: str) -> str:
     """Return why a team cannot control the agents of a built-in simulation with these parameters."""
     hint = {
         "minisim": "set the parameter defenderSteering: controller to control defenders, too",
@@ -281,14 +285,14 @@ def _check_representation(checked: Checked, report: Report) -> Representation | 
     if sensors is None or actuators is None:
         return None
     try:
-        made: Representation = component(options, sensors=sensors, actuators=actuators)
+        representation: Representation = component(options, sensors=sensors, actuators=actuators)
     except FieldError as error:
         report(error.path, error.reason)
         return None
     except InputError as error:
         report(("controller",), str(error))
         return None
-    return made
+    return representation
 
 
 def _check_method(checked: Checked, representation: Representation | None, report: Report) -> None:
@@ -303,18 +307,20 @@ def _check_method(checked: Checked, representation: Representation | None, repor
             report(("method", name), reason)
 
 
-def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
+def _check_evolved(checked: Checked, is_available: bool, report: Report) -> None:
     """Check that evolved parameters are not fixed ones and match the simulation."""
     options, parameters = checked.get("controller"), checked["parameters"]
     if isinstance(options, ParameterSetOptions):
-        here = here and not any(_unsendable(parameters, ()))
-        for path, message in problems(checked["simulation"], parameters, options.parameters, here=here):
+        is_available = is_available and not any(_iter_unsendable(parameters, ()))
+        for path, message in iter_problems(
+            checked["simulation"], parameters, options.parameters, is_available=is_available
+        ):
             report(path, message)
 
 
-def _fill_in(checked: Checked, here: bool, report: Report) -> None:
+def _fill_in(checked: Checked, is_available: bool, report: Report) -> None:
     """Fill in values that the simulation announces; check that the file does not contradict them."""
-    if not here:
+    if not is_available:
         checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
         _check_needed_metrics(checked, None, "", report)
         return
@@ -334,72 +340,73 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
     if options is not None and not announced["sensors"] and REGISTRIES["controller"].get(options.kind).steers:
         report(
             ("controller", "kind"),
-            f"{options.kind} controls agents, but agents of {announced['title']} control themselves (they have "
-            "no sensors); use parameter_set",
+            f"{options.kind} controls agents, but agents of {announced['title']} control themselves (they "
+            "have no sensors); use parameter_set",
         )
     checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
-    known = list(announced["metrics"])
-    _check_needed_metrics(checked, known, announced["title"], report)
+    metrics = list(announced["metrics"])
+    _check_needed_metrics(checked, metrics, announced["title"], report)
     if checked["fitness"] is not None:
-        problem = FitnessExpression(checked["fitness"]).unknown(known, announced["title"])
+        problem = FitnessExpression(checked["fitness"]).unknown(metrics, announced["title"])
         if problem is not None:
             if is_command(checked["simulation"]):
                 problem += "; list the metrics of a command in simulation.metrics: [NAME, ..]"
             report(("fitness",), problem)
 
 
-_REACHED = {"tanh": (-1.0, 1.0), "sigmoid": (0.0, 1.0), "clamp": (0.0, 1.0), "relu": (0.0, math.inf)}
+_OUTPUT_RANGES = {"tanh": (-1.0, 1.0), "sigmoid": (0.0, 1.0), "clamp": (0.0, 1.0), "relu": (0.0, math.inf)}
 """Lowest and highest output of a node, by activation; other activations are unlimited."""
 
 
-def setting_warnings(experiment: Experiment) -> list[str]:
+def find_setting_warnings(experiment: Experiment) -> list[str]:
     """Return warnings about changed keys without effect or with an undesired effect."""
     method, validate = experiment.method, experiment.validate
-    found = []
+    warnings = []
     if method.operation != "steady_state":
-        found += [
+        warnings += [
             f"method.{key} has no effect with operation: {method.operation}"
-            for key in _set_in(method, "in_flight")
+            for key in _iter_changed(method, "in_flight")
         ]
     if not validate.transfers:
-        found += [
+        warnings += [
             f"validate.{key} has no effect without validate.to, validate.vary or validate.pseudo_reality"
-            for key in _set_in(validate, "seeds", "random")
+            for key in _iter_changed(validate, "seeds", "random")
         ]
     if experiment.start_from is not None and samples_around_start(experiment) and validate.episodes == 0:
-        found.append(
-            f"start_from: {method.kind} samples around the controller without keeping it; with validate: false, "
-            "the run does not show whether its best is better"
+        warnings.append(
+            f"start_from: {method.kind} samples around the controller without keeping it; with validate: "
+            "false, the run does not show whether its best is better"
         )
     ranking = experiment.ranking
     if method.needed_metrics and ranking.seeds == "new":
         episodes = ranking.episodes
-        found.append(
-            f"ranking.seeds: new makes {method.kind} compare candidates across seeds, so that those with easy "
-            f"seeds survive; use seeds: same with more episodes (ranking.episodes is {episodes}), and evaluate "
-            "the result on held-out seeds"
+        warnings.append(
+            f"ranking.seeds: new makes {method.kind} compare candidates across seeds, so that those with "
+            f"easy seeds survive; use seeds: same with more episodes (ranking.episodes is {episodes}), and "
+            "evaluate the result on held-out seeds"
         )
     if isinstance(ranking, MultiFidelityOptions) and ranking.seeds == "new" and (ranking.memory or 1) > 1:
-        found.append(
-            f"ranking.memory: {ranking.memory} with seeds: new corrects fitness by differences on other seeds; "
-            "leave it out, or use seeds: same"
+        warnings.append(
+            f"ranking.memory: {ranking.memory} with seeds: new corrects fitness by differences on other "
+            "seeds; leave it out, or use seeds: same"
         )
-    return [*found, *_without_influence(experiment)]
+    return [*warnings, *_iter_constant_fitness(experiment)]
 
 
-def _without_influence(experiment: Experiment) -> Iterator[str]:
+def _iter_constant_fitness(experiment: Experiment) -> Iterator[str]:
     """Yield warnings about settings with which all controllers have the same fitness."""
     simulation, parameters, controller = experiment.simulation, experiment.parameters, experiment.controller
     if steers_agents(experiment) and simulation in titles() and steers_itself(simulation, parameters):
         yield (
-            f"controller: {controller.kind} controls agents, but agents of {simulation} control themselves with "
-            "these parameters, so all candidates have the same fitness; change the parameters, or evolve them "
-            "with controller: {kind: parameter_set}"
+            f"controller: {controller.kind} controls agents, but agents of {simulation} control "
+            "themselves with "
+            "these parameters, so all candidates have the same fitness; change the parameters, or evolve "
+            "them with controller: {kind: parameter_set}"
         )
-    if isinstance(controller, NetworkOptions) and controller.last_activation in _REACHED:
-        (low, high), (least, greatest) = controller.outputs, _REACHED[controller.last_activation]
-        if greatest <= low or high <= least:
-            reached = f"{least:g} to {greatest:g}" if math.isfinite(greatest) else f"{least:g} or more"
+    if isinstance(controller, NetworkOptions) and controller.last_activation in _OUTPUT_RANGES:
+        (low, high), (least, most) = controller.outputs, _OUTPUT_RANGES[controller.last_activation]
+        if most <= low or high <= least:
+            reached = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
             yield (
                 f"controller.output_range: [{low:g}, {high:g}] is outside the outputs of "
                 f"{controller.last_activation}, {reached}, so actuators are constant for all controllers"
@@ -416,7 +423,7 @@ def _without_influence(experiment: Experiment) -> Iterator[str]:
                 )
 
 
-def _set_in(options: Options, *keys: str) -> Iterator[str]:
+def _iter_changed(options: Options, *keys: str) -> Iterator[str]:
     """Yield the keys whose values differ from the defaults."""
     fields = type(options).model_fields
     return (key for key in keys if getattr(options, key) != fields[key].default)

@@ -31,7 +31,7 @@ from swarmwright.simulations.fitness import FITNESS_NAME, ExpressionError, Fitne
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
-WRONG = "command"
+INVALID = "command"
 """Name that stands for a simulation with an invalid definition."""
 _MARGIN_S = 30.0
 """Seconds added to the command's time limit for files and messages."""
@@ -50,51 +50,51 @@ def name_of(
         base: the folder of relative paths; None for that of a run, whose files were checked.
         report: called with each problem.
     """
-    wrong: list[Path_] = []
+    invalid: list[Path_] = []
 
     def note(path: Path_, message: str) -> None:
-        wrong.append(path)
+        invalid.append(path)
         report(("simulation", *path), message)
 
-    given = dict(definition)
-    for key, text in (("simulation", given.get("fitness")), ("", values.get("fitness"))):
-        own = _expression(text)
-        if isinstance(own, str) and key:
-            note(("fitness",), own)
+    fields = dict(definition)
+    for key, text in (("simulation", fields.get("fitness")), ("", values.get("fitness"))):
+        expression = _parse_expression(text)
+        if isinstance(expression, str) and key:
+            note(("fitness",), expression)
         elif (
-            isinstance(own, FitnessExpression)
+            isinstance(expression, FitnessExpression)
             and not key
-            and "fitness" not in given
-            and not own.uses_simulation_fitness
+            and "fitness" not in fields
+            and not expression.uses_simulation_fitness
         ):
-            given["fitness"] = own.text
-    if "fmu" in given and "actuators" not in given and not _steers(values):
-        given["actuators"] = []
-    options, problems = read_definition(given, Path(), base)
+            fields["fitness"] = expression.text
+    if "fmu" in fields and "actuators" not in fields and not _controls_agents(values):
+        fields["actuators"] = []
+    options, problems = read_definition(fields, Path(), base)
     for path, message in problems:
         note(path, message)
     unknown: list[tuple[str, str]] = []
     if isinstance(options, RosOptions):
-        unknown = _unknown_metrics(options, list(options.metrics))
+        unknown = _find_unknown_metrics(options, list(options.metrics))
     elif isinstance(options, FmuOptions) and base is not None:
-        unknown = _unknown_metrics(options, list(options.rebase(base).columns))
+        unknown = _find_unknown_metrics(options, list(options.rebase(base).columns))
     for key, message in unknown:
         if key == "fitness" and key not in definition:  # the experiment's fitness
-            wrong.append((key,))
+            invalid.append((key,))
             report((key,), message)
         else:
             note((key,), message)
-    return WRONG if options is None or wrong else options.name
+    return INVALID if options is None or invalid else options.name
 
 
-def _steers(values: Mapping[str, Any]) -> bool:
+def _controls_agents(values: Mapping[str, Any]) -> bool:
     """Return whether the experiment's controller controls agents, as far as known."""
     controller = values.get("controller")
     kind = controller.get("kind") if isinstance(controller, Mapping) else None
     return kind not in REGISTRIES["controller"].names() or REGISTRIES["controller"].get(str(kind)).steers
 
 
-def _expression(text: Any) -> FitnessExpression | str | None:  # noqa: ANN401 - whatever the file says
+def _parse_expression(text: Any) -> FitnessExpression | str | None:  # noqa: ANN401 - whatever the file says
     """Parse an expression; return it, its problem as text, or None without an expression."""
     if not isinstance(text, str):
         return None
@@ -137,7 +137,7 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
         checked["timeouts"] = timeouts.model_copy(update={"step": step})
 
 
-def missing(name: str) -> str | None:
+def find_missing(name: str) -> str | None:
     """Return a requirement of a simulation's command that this machine lacks, "key: reason", or None."""
     definition = parse_name(name)
     if isinstance(definition, FmuOptions):
@@ -153,8 +153,8 @@ def missing(name: str) -> str | None:
     )
     if problem is not None:
         return f"{'python' if isinstance(definition, RosOptions) else 'command'}: {problem}"
-    found = (bags.explain_missing_library(logs.choose_format(log, options.log_format)) for log in options.log)
-    reason = next(filter(None, found), None)
+    reasons = (bags.explain_missing_library(logs.choose_format(log, options.log_format)) for log in options.log)
+    reason = next(filter(None, reasons), None)
     return None if reason is None else f"log: {reason}"
 
 
@@ -166,9 +166,11 @@ def _check_controller(options: CommandOptions, checked: Mapping[str, Any], repor
     if steers and options.controller == "none":
         report(
             ("controller", "kind"),
-            f"{controller.kind} controls agents, but the command receives no controller. To evolve parameters "
+            f"{controller.kind} controls agents, but the command receives no controller. To evolve "
+            "parameters "
             "of the command, write controller: {kind: parameter_set, parameters: {NAME: {type: real, range: "
-            "[0, 1]}}}; to pass controllers to it, set simulation.controller, for example to json or stepwise",
+            "[0, 1]}}}; to pass controllers to it, set simulation.controller, for example to json or "
+            "stepwise",
         )
     elif steers:
         for name in ("sensors", "actuators"):
@@ -182,8 +184,8 @@ def _check_controller(options: CommandOptions, checked: Mapping[str, Any], repor
     if options.takes_controller and checked["mode"] in {"stepwise", "batched"}:
         report(
             ("mode",),
-            f"{checked['mode']} keeps controllers in this process, but the command receives its controller as "
-            "a file; leave the key out",
+            f"{checked['mode']} keeps controllers in this process, but the command receives its "
+            "controller as a file; leave the key out",
         )
 
 
@@ -194,7 +196,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
     parameters = [*catalogue.parameter_names(checked["simulation"]), *checked["parameters"], *evolved]
     if options.controller == "stepwise":
         parameters = []
-    known = [*IN_A_COMMAND, *parameters]
+    names = [*IN_A_COMMAND, *parameters]
     templates: list[tuple[Path_, Template]] = [
         (("simulation", key), word)
         for key, words in (
@@ -210,18 +212,18 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
     ]
     for path, template in templates:
         for name in template.names:
-            if name not in known:
-                hint = suggest_or_list(name, known)
+            if name not in names:
+                hint = suggest_or_list(name, names)
                 report(path, f"{{{name}}} is neither a placeholder nor a parameter{hint}")
     if options.controller != "stepwise":
         files: list[tuple[Path_, Template]] = [
-            (("simulation", "files"), placeholders.file(path, text)) for path, text in _files(options)
+            (("simulation", "files"), placeholders.file(path, text)) for path, text in _read_files(options)
         ]
         _check_text(checked, [*templates, *files], IN_A_COMMAND, options.choices, report)
         used = {name for _, template in [*templates, *files] for name in template.names}
-        given: list[Path_] = [("parameters", name) for name in checked["parameters"]]
-        given += [("controller", "parameters", name) for name in evolved]
-        for path in given:
+        paths: list[Path_] = [("parameters", name) for name in checked["parameters"]]
+        paths += [("controller", "parameters", name) for name in evolved]
+        for path in paths:
             name = str(path[-1])
             if name in used and name != "seed" and name in IN_A_COMMAND:
                 report(
@@ -234,7 +236,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
 def _check_text(
     checked: Mapping[str, Any],
     templates: Sequence[tuple[Path_, Template]],
-    own: Iterable[str],
+    reserved: Iterable[str],
     choices: Mapping[str, Sequence[Any]],
     report: Report,
 ) -> None:
@@ -253,47 +255,49 @@ def _check_text(
         if isinstance(parameter, CategoricalParameter)
         for choice in parameter.choices
     ]
-    known = catalogue.description(checked["simulation"])["parameters"]
-    declared = {name: declared_parameter["default"] for name, declared_parameter in known.items()}
-    given = {name for _, name, _ in values} | set(evolved)
+    parameters = catalogue.description(checked["simulation"])["parameters"]
+    declared = {name: declared_parameter["default"] for name, declared_parameter in parameters.items()}
+    explicit = {name for _, name, _ in values} | set(evolved)
     defaults = [
         (("simulation", "parameters"), name, problem)
         for name, problem in declared.items()
-        if name not in given
+        if name not in explicit
     ]
     for path, name, value in [*values, *defaults]:
         if name in choices and not is_choice(value, choices[name]):
             listed = ", ".join(map(format_value, choices[name]))
             report(path, f"must be one of {listed} (simulation.choices.{name}), not {format_value(value)}")
             continue
-        found = Values(dict.fromkeys(own), {name: value}, choices, declared)
+        replacements = Values(dict.fromkeys(reserved), {name: value}, choices, declared)
         problems = [
-            template.problem(name, found)
+            template.problem(name, replacements)
             for _, template in templates
-            if name in template.names and name not in found.built_in
+            if name in template.names and name not in replacements.built_in
         ]
         reason = next(filter(None, problems), None)
         if reason is not None:
             report(path, reason)
 
 
-def _files(options: CommandOptions) -> Iterator[tuple[str, str]]:
+def _read_files(options: CommandOptions) -> Iterator[tuple[str, str]]:
     """Yield the readable files of the work folder with their texts."""
     return work_files.iterate_texts(options.files, Path(options.folder))
 
 
-def warning_of(experiment: "Experiment") -> str | None:
+def find_warning(experiment: "Experiment") -> str | None:
     """Return a warning before a command's episodes, or None."""
     options = parse_name(experiment.simulation)
-    return options.uneven_steps if isinstance(options, FmuOptions) else _without_effect(experiment, options)
+    return (
+        options.uneven_steps if isinstance(options, FmuOptions) else _warn_about_unused(experiment, options)
+    )
 
 
-def _without_effect(experiment: "Experiment", options: Definition) -> str | None:
+def _warn_about_unused(experiment: "Experiment", options: Definition) -> str | None:
     """Return a warning about parameters that do not reach a simulation's command, or None."""
     if not isinstance(options, CommandOptions) or options.controller == "stepwise":
         return None
     texts = [*options.command, *options.environment.values(), *(options.compile or ())]
-    texts += [text for _, text in _files(options)]
+    texts += [text for _, text in _read_files(options)]
     used = {name for text in texts for name in names_in(text)}
     file = parameter_file.FILES[options.parameters_format]
     if "parameters" in used or _is_named(file, options):
@@ -306,10 +310,10 @@ def _without_effect(experiment: "Experiment", options: Definition) -> str | None
     if not unused:
         return None
     placeholders = ", ".join(f"{{{name}}}" for name in unused)
-    them = "it" if len(unused) == 1 else "them"
+    pronoun = "it" if len(unused) == 1 else "them"
     text = (
         f"command: contains neither {placeholders} nor {{parameters}} (the path of {file}), so the program "
-        f"receives {them} only if it opens {file} in its work folder"
+        f"receives {pronoun} only if it opens {file} in its work folder"
     )
     if unused == ["seed"]:
         text += "; for a program without random numbers, set simulation.determinism: bitwise"
@@ -329,11 +333,11 @@ def _is_named(file: str, options: CommandOptions) -> bool:
     return False
 
 
-def _unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list[tuple[str, str]]:
+def _find_unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list[tuple[str, str]]:
     """Return the problems of expressions over these metrics: key and message."""
     unknown_metrics = []
     for key, text in (("done", options.done), ("fitness", options.fitness)):
-        expression = _expression(text)
+        expression = _parse_expression(text)
         if isinstance(expression, str) and key == "done":
             unknown_metrics.append((key, expression))
         elif isinstance(expression, FitnessExpression):
@@ -341,8 +345,8 @@ def _unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list
             for name in used:
                 if name not in names:
                     hint = did_you_mean(name, names)
-                    there = hint or f"; available: {', '.join(names) or 'none'}"
-                    unknown_metrics.append((key, f"{name!r} is not a metric{there}"))
+                    available = hint or f"; available: {', '.join(names) or 'none'}"
+                    unknown_metrics.append((key, f"{name!r} is not a metric{available}"))
     return unknown_metrics
 
 
@@ -354,25 +358,25 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
         elif checked["servers"] not in (1, "in-process"):
             report(
                 ("servers",),
-                "only one server can drive the robots; write servers: 1, or set simulation.start to a command "
-                "that starts a simulator for each server",
+                "only one server can drive the robots; write servers: 1, or set simulation.start to a "
+                "command that starts a simulator for each server",
             )
     controller = checked.get("controller")
     evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
     parameters = [*checked["parameters"], *evolved]
     of_reset = [*parameters, "seed"]
     at_start = INSTANCE_PLACEHOLDERS
-    places: list[tuple[Path_, str, list[str]]] = [
+    fields: list[tuple[Path_, str, list[str]]] = [
         (("simulation", "environment", name), text, list(at_start))
         for name, text in options.environment.items()
     ]
-    places += [(("simulation", "start"), word, list(at_start)) for word in options.start or ()]
+    fields += [(("simulation", "start"), word, list(at_start)) for word in options.start or ()]
     reset = options.reset.command or ()
-    places += [(("simulation", "reset", "command"), word, [*at_start, *of_reset]) for word in reset]
-    for path, text, known in places:
+    fields += [(("simulation", "reset", "command"), word, [*at_start, *of_reset]) for word in reset]
+    for path, text, names in fields:
         for name in names_in(text):
-            if name not in known:
-                hint = suggest_or_list(name, known)
+            if name not in names:
+                hint = suggest_or_list(name, names)
                 report(path, f"{{{name}}} is not a placeholder{hint}")
     used = {name for word in reset for name in names_in(word)}
     words = [
@@ -384,7 +388,8 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
         if name in at_start and name in used:
             report(
                 ("parameters" if name in checked["parameters"] else "controller", name),
-                f"{{{name}}} in simulation.reset.command does not stand for this parameter; rename the parameter",
+                f"{{{name}}} in simulation.reset.command does not stand for this parameter; rename the "
+                "parameter",
             )
         if options.reset.parameters is None and name not in used:
             section = "parameters" if name in checked["parameters"] else "controller"

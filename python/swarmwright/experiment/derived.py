@@ -21,21 +21,23 @@ _KEY = "_evaluation_key"
 """Attribute that caches an experiment's `evaluation_key`."""
 
 
-def given_source(experiment: "Experiment", key: str) -> Source | None:
+def find_source(experiment: "Experiment", key: str) -> Source | None:
     """Return the experiment's file if it exists and contains a key, else None."""
     if experiment.path is not None:
         with suppress(InputError):
             source = read(experiment.path)
-            found = source.values.get(key) if isinstance(source.values, Mapping) else None
-            other = isinstance(found, str) and found != getattr(experiment, key)  # another value was set
-            if found is not None and not other:
+            value = source.values.get(key) if isinstance(source.values, Mapping) else None
+            is_overridden = isinstance(value, str) and value != getattr(
+                experiment, key
+            )  # another value was set
+            if value is not None and not is_overridden:
                 return source
     return None
 
 
 def place_of(experiment: "Experiment", key: str) -> str:
     """Return the position of a key, `file.yaml:3: simulation: `, as far as known."""
-    source = given_source(experiment, key)
+    source = find_source(experiment, key)
     return f"{key}: " if source is None else source.locate((key,))
 
 
@@ -53,10 +55,10 @@ def evaluation_key(experiment: "Experiment") -> bytes | None:
 
     Types count: 1 differs from 1.0.
     """
-    kept: dict[str, Any] = vars(experiment)
-    if _KEY not in kept:
-        kept[_KEY] = _evaluation_key(experiment)
-    key: bytes | None = kept[_KEY]
+    attributes: dict[str, Any] = vars(experiment)
+    if _KEY not in attributes:
+        attributes[_KEY] = _evaluation_key(experiment)
+    key: bytes | None = attributes[_KEY]
     return key
 
 

@@ -21,7 +21,7 @@ Checked = dict[str, Any]
 _SERVERS = ("auto", "local", "in-process")
 AUTO = "auto"
 """Value of `validate.episodes` and `faults.audit` for an automatic choice."""
-MOST_SERVERS = 1024
+MAX_SERVERS = 1024
 """Upper limit of servers started by a number."""
 _MOST_EPISODES = 100_000
 """Upper limit of episodes in a validation."""
@@ -29,11 +29,11 @@ _LARGEST_VALIDATION = 1_000_000
 """Upper limit of episodes of all candidates in a validation."""
 
 
-def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, int) and not isinstance(value, bool):
-        if 1 <= value <= MOST_SERVERS:
+        if 1 <= value <= MAX_SERVERS:
             return value
-        raise ValueError(f"must be at least 1 and at most {MOST_SERVERS}, not {value}")
+        raise ValueError(f"must be at least 1 and at most {MAX_SERVERS}, not {value}")
     if isinstance(value, str) and value in _SERVERS:
         return value
     if isinstance(value, tuple) and all(isinstance(entry, LauncherOptions) for entry in value):
@@ -47,9 +47,9 @@ def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 
 Servers = Annotated[
     Any,
-    BeforeValidator(_servers),
+    BeforeValidator(_parse_servers),
     WithJsonSchema(
-        {"anyOf": [{"enum": list(_SERVERS)}, {"type": "integer", "minimum": 1, "maximum": MOST_SERVERS}]}
+        {"anyOf": [{"enum": list(_SERVERS)}, {"type": "integer", "minimum": 1, "maximum": MAX_SERVERS}]}
     ),
 ]
 
@@ -78,26 +78,26 @@ class Requirements(Options):
     """Number of agents that the server must support."""
 
 
-_WAIT, _TREAT = _engine.TIMEOUTS, _engine.FAULTS
+_TIMEOUTS, _FAULTS = _engine.TIMEOUTS, _engine.FAULTS
 """Defaults of the engine and of experiments."""
 
 
 class Timeouts(Options):
     """Time limits, in seconds."""
 
-    connect: float = Field(default=_WAIT["connect"], ge=0, le=31 * 86_400)
+    connect: float = Field(default=_TIMEOUTS["connect"], ge=0, le=31 * 86_400)
     """For a broker that does not answer yet at the start; the option `--wait` takes precedence."""
-    discovery: float = Field(default=_WAIT["discovery"], gt=0, le=86_400)
+    discovery: float = Field(default=_TIMEOUTS["discovery"], gt=0, le=86_400)
     """For a matching server at the start. If all servers or the broker are lost, or no server succeeds any
-    more, the run waits for this time or longer (see `step`), then it ends and can be resumed. Servers that the
-    run starts have this time, at least 30 s, to start."""
-    step: float = Field(default=_WAIT["step"], gt=0, le=86_400)
+    more, the run waits for this time or longer (see `step`), then it ends and can be resumed. Servers that
+    the run starts have this time, at least 30 s, to start."""
+    step: float = Field(default=_TIMEOUTS["step"], gt=0, le=86_400)
     """For the next message of a server (in offloaded mode the result), before its work goes to another
     server."""
-    least: float = Field(default=_WAIT["least"], gt=0, le=86_400)
-    """A server that is silent unusually long, and at least for this time, counts as slow; another server gets a
-    backup of its work. At most `step`."""
-    episode: float = Field(default=_WAIT["episode"], gt=0, le=31 * 86_400)
+    least: float = Field(default=_TIMEOUTS["least"], gt=0, le=86_400)
+    """A server that is silent unusually long, and at least for this time, counts as slow; another server gets
+    a backup of its work. At most `step`."""
+    episode: float = Field(default=_TIMEOUTS["episode"], gt=0, le=31 * 86_400)
     """For a whole stepwise episode, before it goes to another server."""
     keep_alive: int | None = Field(default=None, ge=1, le=3600)
     """Keep-alive interval of connections to the broker, in whole seconds, within which silent failures are
@@ -108,7 +108,7 @@ class Timeouts(Options):
         return {} if self.keep_alive is None else {"SWARMWRIGHT_KEEP_ALIVE": str(self.keep_alive)}
 
 
-def _audit(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_audit(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if value == AUTO:
         return AUTO
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1:
@@ -118,37 +118,37 @@ def _audit(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 
 
 class Faults(Options):
-    """Treatment of failing, slow and wrong servers and evaluations; see [faults](../explanation/faults.md)."""
+    """Treatment of failing, slow and wrong servers and evaluations."""
 
-    attempts: int = Field(default=_TREAT["attempts"], ge=1, le=1000)
+    attempts: int = Field(default=_FAULTS["attempts"], ge=1, le=1000)
     """Attempts at an evaluation before it counts as failed. Failures that may be caused by the server or by
     another evaluation do not count. For simulations with bitwise determinism, two failures suffice."""
-    quarantine: int = Field(default=_TREAT["quarantine"], ge=1, le=1000)
+    quarantine: int = Field(default=_FAULTS["quarantine"], ge=1, le=1000)
     """Servers that may crash or hang on an evaluation before it counts as failed; at least 3 for servers that
     the run did not start."""
-    backup: bool = _TREAT["backup"]
+    backup: bool = _FAULTS["backup"]
     """Whether idle servers repeat the work of slow or silent ones; the first result counts."""
     audit: Annotated[
         Any,
-        BeforeValidator(_audit),
+        BeforeValidator(_parse_audit),
         WithJsonSchema({"anyOf": [{"enum": ["auto"]}, {"type": "number", "minimum": 0, "maximum": 1}]}),
     ] = "auto"
-    """Evaluations to audit, that is, to repeat on another server and compare. auto: 30 or 1 % at the end of the
-    run, with a warning if results differ. A share from 0 to 1: also during the run, on servers that declare
-    their determinism; if two disagree, a third one decides, and the evaluations of the outvoted server are
-    repeated. 0: none."""
+    """Evaluations to audit, that is, to repeat on another server and compare. auto: 30 or 1 % at the end of
+    the run, with a warning if results differ. A share from 0 to 1: also during the run, on servers that
+    declare their determinism; if two disagree, a third one decides, and the evaluations of the outvoted
+    server are repeated. 0: none."""
 
     @property
     def audit_share(self) -> float:
         """Share of evaluations to audit during the run."""
         return 0.0 if self.audit == AUTO else float(self.audit)
 
-    def for_engine(self) -> dict[str, Any]:
+    def to_engine_values(self) -> dict[str, Any]:
         """Convert the section for the engine."""
         return {**self.model_dump(), "audit": self.audit_share}
 
 
-def _episodes(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_episodes(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if value == AUTO or (
         isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _MOST_EPISODES
     ):
@@ -159,7 +159,7 @@ def _episodes(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     )
 
 
-def _switched(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_validation(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if value is None or value is True:
         return {}
     if value is False:
@@ -173,7 +173,7 @@ _TARGET = {"anyOf": [{"type": "string", "minLength": 1}, {"type": "object"}]}
 _ENDS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 
 
-def _targets(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_targets(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str | Mapping):
         value = [value]
     if isinstance(value, list | tuple) and all(isinstance(entry, str | Mapping) and entry for entry in value):
@@ -183,7 +183,7 @@ def _targets(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     )
 
 
-def _ranges(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_ranges(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if not isinstance(value, Mapping):
         raise ValueError(
             f"must map keys to ranges, such as {{parameters.speed: [0.4, 0.8]}}, not {format_value(value)}"
@@ -208,7 +208,7 @@ class Validate(Options):
 
     episodes: Annotated[
         Any,
-        BeforeValidator(_episodes),
+        BeforeValidator(_parse_episodes),
         WithJsonSchema(
             {"anyOf": [{"enum": ["auto"]}, {"type": "integer", "minimum": 0, "maximum": 100_000}]}
         ),
@@ -217,21 +217,21 @@ class Validate(Options):
     `ranking.episodes`, limited to 5 % of the run's episodes; 20 if fitness does not depend on the seed; none
     if fewer than 10 remain."""
     candidates: int = Field(default=5, ge=1, le=100)
-    """Number of candidates, the best ones with different controllers. With `episodes: auto`, fewer if the limit
-    requires it."""
+    """Number of candidates, the best ones with different controllers. With `episodes: auto`, fewer if the
+    limit requires it."""
     seed: int | None = Field(default=None, ge=0, le=2**62)
     """Simulation seed of the first episode, followed by the next seeds unused by the run. Default:
     parameters.seed + 1,000,000,000."""
     to: Annotated[
         list[Any],
-        BeforeValidator(_targets),
+        BeforeValidator(_parse_targets),
         WithJsonSchema({"anyOf": [*_TARGET["anyOf"], {"type": "array", "items": _TARGET}]}),
     ] = Field(default=[])
     """Other simulations for the candidates: names, keys that differ from the experiment ({name: harder,
     parameters: {numDefenders: 4}}), or .yaml files with such keys, relative to this one."""
     vary: Annotated[
         dict[str, Any],
-        BeforeValidator(_ranges),
+        BeforeValidator(_parse_ranges),
         WithJsonSchema({"type": "object", "additionalProperties": _ENDS}),
     ] = Field(default={})
     """Ranges of parameters for randomly sampled models of the simulation, one per seed:
@@ -269,24 +269,25 @@ class Document(Options):
 
     simulation: str = Field(min_length=1)
     """Title of a built-in simulation, or of another one that a server on the broker offers (`arena-NAME`: the
-    arena's missions in the simulator NAME). Or a Python class, path/to/file.py:Class (relative to this file) or
-    package.module:Class. Or an environment, gymnasium:CartPole-v1 or pettingzoo:NAME. Or a mapping:
-    {command: ..}, a program to run for each episode; {fmu: ..}, or the path of a .fmu or .ssp file; {ros: ..},
-    robots of a ROS system."""
+    arena's missions in the simulator NAME). Or a Python class, path/to/file.py:Class (relative to this file)
+    or package.module:Class. Or an environment, gymnasium:CartPole-v1 or pettingzoo:NAME. Or a mapping:
+    {command: ..}, a program to run for each episode; {fmu: ..}, or the path of a .fmu or .ssp file; {ros:
+    ..}, robots of a ROS system."""
     requirements: Requirements | None = None
     """Capabilities that a simulation server must have. Default: the announced dimensions of the simulation,
     otherwise 2 dimensions."""
     parameters: dict[str, Any] = Field(default={})
-    """Parameters of the simulation. `seed`, from 0 to 2^62, is the seed of the first episode, from which those
-    of all other episodes are counted."""
+    """Parameters of the simulation. `seed`, from 0 to 2^62, is the seed of the first episode, from which
+    those of all other episodes are counted."""
     sensors: int | None = Field(default=None, ge=1, le=1_000_000)
     """Sensor values of an agent. Required only if the simulation does not announce them."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)
     """Actuator values of an agent. Required only if the simulation does not announce them."""
     fitness: str | None = Field(default=None, min_length=1)
     """Fitness of an episode, an expression over numbers, the simulation's metrics and its own `fitness`:
-    "arrived - 0.01 * steps". Available are + - * / **, comparisons, and, or, not, `a if condition else b`, abs,
-    clip, max, min, sqrt. Without a finite value, the episode fails. Default: the simulation's fitness."""
+    "arrived - 0.01 * steps". Available are + - * / **, comparisons, and, or, not, `a if condition else b`,
+    abs, clip, max, min, sqrt. Without a finite value, the episode fails. Default: the simulation's
+    fitness."""
     start_from: StartFrom = None
     """Controllers to start from: a run folder (its best), a controller file (best.json), `{run: PATH,
     generation: G, candidate: N}`, or a list of these; paths are relative to this file. They become the first
@@ -298,9 +299,9 @@ class Document(Options):
     """The optimization algorithm and its budget."""
     ranking: dict[str, Any] = Field(default={})
     """Aggregation of episodes to fitness."""
-    validation: Annotated[Validate, BeforeValidator(_switched, json_schema_input_type=bool | Validate)] = (
-        Field(default_factory=Validate, alias="validate")
-    )
+    validation: Annotated[
+        Validate, BeforeValidator(_parse_validation, json_schema_input_type=bool | Validate)
+    ] = Field(default_factory=Validate, alias="validate")
     """Evaluation of the best candidates on held-out seeds at the end of the run; false for none."""
     mode: Literal["auto", "stepwise", "batched", "offloaded"] = "auto"
     """How servers on a broker evaluate, without effect on the fitness. stepwise: every step of every agent is
@@ -312,8 +313,8 @@ class Document(Options):
     worker processes. in-process: all in this process. Or launchers of servers, {launcher: slurm, count: 200,
     partition: long}, short slurm:200, or a list of these, with any broker."""
     broker: str | None = None
-    """Address of an external broker: mqtt://HOST:PORT, mqtts://, ws://, wss:// or unix://PATH; for the brokers
-    of a cluster, several separated by commas. The environment provides user and password:
+    """Address of an external broker: mqtt://HOST:PORT, mqtts://, ws://, wss:// or unix://PATH; for the
+    brokers of a cluster, several separated by commas. The environment provides user and password:
     SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or SWARMWRIGHT_PASSWORD_FILE). Default: an embedded
     broker."""
     prefix: str = ""

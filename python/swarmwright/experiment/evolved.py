@@ -16,8 +16,8 @@ _TRIED_SHARE = 0.4391
 _EVOLVED: Path_ = ("controller", "parameters")
 
 
-def problems(
-    simulation: str, parameters: Mapping[str, Any], evolved: Mapping[str, Parameter], *, here: bool
+def iter_problems(
+    simulation: str, parameters: Mapping[str, Any], evolved: Mapping[str, Parameter], *, is_available: bool
 ) -> Iterator[tuple[Path_, str]]:
     """Yield position and reason of conflicts between evolved parameters, fixed ones and the simulation.
 
@@ -26,21 +26,21 @@ def problems(
     for name in evolved:
         if name in parameters:
             yield (*_EVOLVED, name), "is also one of the experiment's parameters; remove it there"
-    if not here:
+    if not is_available:
         return
-    for name, message in unknown(simulation, evolved):
+    for name, message in iter_unknown(simulation, evolved):
         yield (*_EVOLVED, name), message
-    yield from _undeclared_booleans(simulation, evolved)
+    yield from _iter_undeclared_booleans(simulation, evolved)
     everything = catalogue.takes_any(simulation)
     names = catalogue.parameter_names(simulation)
-    known = {name: parameter for name, parameter in evolved.items() if everything or name in names}
+    evaluable = {name: parameter for name, parameter in evolved.items() if everything or name in names}
     fixed = {name: value for name, value in parameters.items() if name not in evolved}
-    if len(known) < len(evolved) or catalogue.parameter_mistakes(simulation, fixed):
+    if len(evaluable) < len(evolved) or catalogue.parameter_mistakes(simulation, fixed):
         return
-    found = list(_refusals(simulation, fixed, known))
-    yield from found
-    if not found and not all(
-        catalogue.steers_itself(simulation, values) for _, _, values in _corners(fixed, known)
+    refusals = list(_iter_refusals(simulation, fixed, evaluable))
+    yield from refusals
+    if not refusals and not all(
+        catalogue.steers_itself(simulation, values) for _, _, values in _iter_corners(fixed, evaluable)
     ):
         title = catalogue.title(simulation)
         cure = "use a controller of agents, such as layered"
@@ -52,49 +52,54 @@ def problems(
         )
 
 
-def _undeclared_booleans(simulation: str, evolved: Mapping[str, Parameter]) -> Iterator[tuple[Path_, str]]:
+def _iter_undeclared_booleans(
+    simulation: str, evolved: Mapping[str, Parameter]
+) -> Iterator[tuple[Path_, str]]:
     """Yield booleans that a simulation would receive as 0 and 1, as it does not declare them."""
     for name, parameter in evolved.items():
         if not (isinstance(parameter, CategoricalParameter) and parameter.are_booleans):
             continue
         if not catalogue.declares_boolean(simulation, name):
             message = (
-                f"booleans need a Python class in which the default of {name} is True or False; write [0, 1] or "
+                f"booleans need a Python class in which the default of {name} is True or False; write [0, "
+                "1] or "
                 '["false", "true"], as the simulation expects'
             )
             yield (*_EVOLVED, name, "choices"), message
 
 
-def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
+def iter_unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield each name that is not a parameter of a simulation, with a message."""
     if catalogue.takes_any(simulation):
         return
-    known, title = catalogue.parameter_names(simulation), catalogue.title(simulation)
+    names_known, title = catalogue.parameter_names(simulation), catalogue.title(simulation)
     for name in names:
-        if name not in known:
+        if name not in names_known:
             yield (
                 name,
-                UnknownKey(f"unknown parameter of {title}", suggest_or_list(name, known, "known parameters")),
+                UnknownKey(
+                    f"unknown parameter of {title}", suggest_or_list(name, names_known, "known parameters")
+                ),
             )
 
 
-def _refusals(
+def _iter_refusals(
     simulation: str, fixed: Mapping[str, Any], evolved: Mapping[str, Parameter]
 ) -> Iterator[tuple[Path_, str]]:
-    found: dict[tuple[str, str], tuple[Any, str]] = {}
-    for name, _, values in _corners(fixed, evolved):
+    refusals: dict[tuple[str, str], tuple[Any, str]] = {}
+    for name, _, values in _iter_corners(fixed, evolved):
         mistakes = catalogue.parameter_mistakes(simulation, values)
         if not mistakes:
             continue
         # If another parameter is reported, the changed value caused it.
         wrong, reason = mistakes[0] if mistakes[0].field in evolved else (name, str(mistakes[0]))
         # An invalid value is refused beside every value of the others.
-        found.setdefault((wrong, repr(values[wrong])), (values[wrong], reason))
-    for (wrong, _), (refused, reason) in found.items():
+        refusals.setdefault((wrong, repr(values[wrong])), (values[wrong], reason))
+    for (wrong, _), (refused, reason) in refusals.items():
         hint, parameter = "", evolved[wrong]
         # If a limit is refused as well, the fraction of the number in between is not the reason.
         if isinstance(parameter, RealParameter) and all(
-            (wrong, repr(end)) not in found for end in _limits(parameter)
+            (wrong, repr(end)) not in refusals for end in _limits(parameter)
         ):
             hint = "; for an integer parameter, write type: integer"
         if type(refused) is int and catalogue.declares_boolean(simulation, wrong):
@@ -102,7 +107,7 @@ def _refusals(
         yield (*_EVOLVED, wrong), f"{catalogue.title(simulation)} refuses {refused!r}: {reason}{hint}"
 
 
-def _corners(
+def _iter_corners(
     fixed: Mapping[str, Any], evolved: Mapping[str, Parameter]
 ) -> Iterator[tuple[str, Any, dict[str, Any]]]:
     """Yield each parameter with each of its extreme values, and all parameters with this value.

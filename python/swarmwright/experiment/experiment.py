@@ -17,21 +17,21 @@ from swarmwright.common.values import flatten, hashable, plain_values, read_only
 from swarmwright.common.yaml import Source, dump, read
 from swarmwright.controllers import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
-from swarmwright.experiment.derived import given_source, steers_agents
+from swarmwright.experiment.derived import find_source, steers_agents
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
-from swarmwright.experiment.launcher_entries import Entries, written
+from swarmwright.experiment.launcher_entries import Entries, to_file_value
 from swarmwright.experiment.robots import subject_of
-from swarmwright.experiment.settings import ANNOUNCED, SIZES, apply, parse_settings, restricted
-from swarmwright.experiment.start_from import start_genomes
+from swarmwright.experiment.settings import ANNOUNCED, SIZES, apply, check_allowed, parse_settings
+from swarmwright.experiment.start_from import find_start_genomes
 from swarmwright.experiment.unavailable import (
     UnavailableOptions,
     UnreadRankingOptions,
-    copies,
+    find_copies,
+    find_not_installed,
     method_of,
-    not_installed,
     options_with_code,
     ranking_of,
-    require,
+    require_method,
 )
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.rankings import Ranking, RankingOptions
@@ -60,27 +60,27 @@ def check_fits(experiment: "Experiment", source: Source) -> None:
     values = source.values
     simulation, parameters = values.get("simulation"), values.get("parameters", {})
     sizes = {name: getattr(experiment, name) for name in SIZES}
-    kept = all(values.get(name) == size for name, size in sizes.items())
-    if not (kept and isinstance(simulation, str) and isinstance(parameters, Mapping)):
+    has_same_sizes = all(values.get(name) == size for name, size in sizes.items())
+    if not (has_same_sizes and isinstance(simulation, str) and isinstance(parameters, Mapping)):
         return
     if catalogue.find_built_in(simulation) is None or None in sizes.values() or not steers_agents(experiment):
         return
-    found = announced_sizes(simulation, dict(parameters))
-    if found is None or found == sizes:
+    announced = find_announced_sizes(simulation, dict(parameters))
+    if announced is None or announced == sizes:
         return
-    has, needs = (_words(counts) for counts in (found, sizes))
+    has, needs = (_format_sizes(counts) for counts in (announced, sizes))
     robot = parameters.get(_ROBOT)
-    whose = f"the robot {robot}" if isinstance(robot, str) else f"{simulation} with these parameters"
+    subject = f"the robot {robot}" if isinstance(robot, str) else f"{simulation} with these parameters"
     fitting = [
         name
-        for name in _robots(simulation)
-        if announced_sizes(simulation, {**parameters, _ROBOT: name}) == sizes
+        for name in _list_robots(simulation)
+        if find_announced_sizes(simulation, {**parameters, _ROBOT: name}) == sizes
     ]
     cure = f"; matching robots: {', '.join(fitting)}" if fitting else ""
-    raise InputError(f"controller: was evolved for {needs}, but {whose} has {has}{cure}")
+    raise InputError(f"controller: was evolved for {needs}, but {subject} has {has}{cure}")
 
 
-def announced_sizes(simulation: str, parameters: dict[str, Any]) -> dict[str, int] | None:
+def find_announced_sizes(simulation: str, parameters: dict[str, Any]) -> dict[str, int] | None:
     """Return the numbers of sensors and actuators of agents.
 
     None for simulations of other servers and for invalid parameters.
@@ -94,18 +94,18 @@ def announced_sizes(simulation: str, parameters: dict[str, Any]) -> dict[str, in
     return {name: announced[name] for name in SIZES}
 
 
-def _words(sizes: Mapping[str, int]) -> str:
+def _format_sizes(sizes: Mapping[str, int]) -> str:
     return " and ".join(f"{count} {name if count != 1 else name[:-1]}" for name, count in sizes.items())
 
 
-def _robots(simulation: str) -> list[str]:
+def _list_robots(simulation: str) -> list[str]:
     """Return the names of robots that a simulation knows."""
     return _engine.robots() if _ROBOT in catalogue.parameter_names(simulation) else []
 
 
 LARGEST_GENOME = 1_000_000
 """Upper limit of genes of a controller, as in the engine."""
-ELSEWHERE = frozenset(
+KEYS_OUTSIDE_RECORD = frozenset(
     {"servers", "broker", "prefix", "mode", "timeouts", "faults", "requirements", "validate"}
 )
 """Keys without effect on the record: where and how it is computed, and what follows."""
@@ -145,13 +145,13 @@ class Experiment:
     path: Path | None = field(default=None, compare=False)
     """The file from which it was loaded."""
 
-    def __init__(self, *given: Never, path: Path | None = None, **values: Any) -> None:  # noqa: ANN401 - fields
+    def __init__(self, *positional: Never, path: Path | None = None, **values: Any) -> None:  # noqa: ANN401 - fields
         """Store checked values of all fields; dictionaries and lists in them become read-only."""
         names = {item.name for item in fields(self)} - {"path"}
-        if given or values.keys() != names:
+        if positional or values.keys() != names:
             raise InputError(
-                "create experiments by Experiment.load(path), or by Experiment.from_mapping({..}) with the keys "
-                "of an experiment file, such as {'simulation': 'minisim'}"
+                "create experiments by Experiment.load(path), or by Experiment.from_mapping({..}) with "
+                "the keys of an experiment file, such as {'simulation': 'minisim'}"
             )
         for name, value in {**values, "path": path}.items():
             object.__setattr__(self, name, read_only(value))
@@ -179,10 +179,10 @@ class Experiment:
         """
         file = path_of("path", path, "an experiment file")
         require_list("settings", settings, "settings such as method.generations=50")
-        other = describe_other_file(file) if file.is_file() else None
-        if other is not None:
-            raise InputError(other)
-        return cls._checked(apply(read(file), parse_settings(settings)), file)
+        problem = describe_other_file(file) if file.is_file() else None
+        if problem is not None:
+            raise InputError(problem)
+        return cls._check_source(apply(read(file), parse_settings(settings)), file)
 
     def with_settings(
         self,
@@ -205,13 +205,13 @@ class Experiment:
         """
         parsed = parse_settings(settings)
         if only is not None:
-            restricted(parsed, only, reason, self.to_mapping(), ask=ask)
+            check_allowed(parsed, only, reason, self.to_mapping(), ask=ask)
         if not parsed:
             return self
         source = apply(Source("", values=self.to_mapping()), parsed, new_budget=only is None)
         if ask:
             check_fits(self, source)
-        changed = self._checked(source, None, ask=ask, lenient=self._keeps_unavailable(source.values))
+        changed = self._check_source(source, None, ask=ask, lenient=self._keeps_unavailable(source.values))
         return dataclasses.replace(changed, path=self.path)
 
     @classmethod
@@ -223,10 +223,10 @@ class Experiment:
         Raises InputError with every problem.
         """
         require_list("settings", settings, "settings such as method.generations=50")
-        return cls._from(values, settings)
+        return cls._build(values, settings)
 
     @classmethod
-    def _from(
+    def _build(
         cls, values: Mapping[str, Any], settings: Iterable[str] = (), *, lenient: Collection[str] = ()
     ) -> Self:
         """Create an experiment from plain values, see `from_mapping`; for `lenient`, see `check`."""
@@ -237,10 +237,10 @@ class Experiment:
             kind = type(simulation).__name__
             raise InputError(f"simulation: is an object of the class {kind}; pass the class {kind} itself")
         source = apply(Source("", values=plain_values(values)), parse_settings(settings))
-        return cls._checked(source, None, lenient=lenient)
+        return cls._check_source(source, None, lenient=lenient)
 
     @classmethod
-    def _checked(
+    def _check_source(
         cls,
         source: Source,
         path: Path | None,
@@ -254,9 +254,9 @@ class Experiment:
         loaded = cls(**check(source, ask=ask, folder=folder, lenient=lenient), path=path)
         if not (loaded.validate.transfers or isinstance(loaded.ranking, SlowOptions)):
             return loaded
-        from swarmwright.experiment.targets import resolved  # noqa: PLC0415 - it imports this module
+        from swarmwright.experiment.targets import resolve_targets  # noqa: PLC0415 - it imports this module
 
-        return dataclasses.replace(loaded, **resolved(loaded, source, ask=ask))
+        return dataclasses.replace(loaded, **resolve_targets(loaded, source, ask=ask))
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, including all defaults; keys without a value are left out."""
@@ -270,7 +270,7 @@ class Experiment:
                 if value.get("fitness", "") == self.fitness:  # comes from the experiment
                     del value["fitness"]
             if item.name == "servers" and isinstance(value, tuple):
-                value = written(value)
+                value = to_file_value(value)
             if item.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)
                 if item.name == "method" and self.method.generation_limit is None:
@@ -285,7 +285,7 @@ class Experiment:
         name = f" of {self.path}" if self.path is not None else ""
         values = flatten(self.to_mapping())
         return facts(
-            f"Experiment{name}: {self.label}", [(key, shortened(value)) for key, value in values.items()]
+            f"Experiment{name}: {self.label}", [(key, shorten(value)) for key, value in values.items()]
         )
 
     @check_arguments
@@ -329,12 +329,12 @@ class Experiment:
                 values[name] = change.model_dump() if hasattr(change, "model_dump") else change
         parameters = values.get("parameters")
         if same_simulation and isinstance(parameters, Mapping) and parameters != self.parameters:
-            announced = announced_sizes(self.simulation, dict(parameters)) or {}
+            announced = find_announced_sizes(self.simulation, dict(parameters)) or {}
             for name, size in announced.items():
                 # Read the file only if necessary.
-                if name not in changes and values.get(name) != size and given_source(self, name) is None:
+                if name not in changes and values.get(name) != size and find_source(self, name) is None:
                     values.pop(name, None)
-        changed = self._from(values, lenient=self._keeps_unavailable(values))
+        changed = self._build(values, lenient=self._keeps_unavailable(values))
         return dataclasses.replace(changed, path=self.path)
 
     @staticmethod
@@ -360,13 +360,13 @@ class Experiment:
 
         That is a method that is not installed, or a method or ranking in a file that was not imported.
         """
-        kept = set()
+        names = set()
         for name, options in (("method", self.method), ("ranking", self.ranking)):
             section = values.get(name)
             unknown = isinstance(options, UnavailableOptions | UnreadRankingOptions)
             if unknown and isinstance(section, Mapping) and section.get("kind") == options.kind:
-                kept.add(name)
-        return kept
+                names.add(name)
+        return names
 
     @property
     def label(self) -> str:
@@ -386,7 +386,7 @@ class Experiment:
     @property
     def budget(self) -> Budget:
         """Limits of the run: generations, evaluations and seconds."""
-        return Budget.of(self.method)
+        return Budget.from_options(self.method)
 
     @check_arguments
     def representation(self, sensors: int | None = None, actuators: int | None = None) -> Representation:
@@ -406,17 +406,17 @@ class Experiment:
         if sensors is None or actuators is None:
             missing = "sensors" if sensors is None else "actuators"
             raise InputError(
-                f"{missing}: unknown, as {self.simulation!r} is not built in; set 'sensors' and 'actuators' in "
-                "the experiment, or use a server that announces them"
+                f"{missing}: unknown, as {self.simulation!r} is not built in; set 'sensors' and "
+                "'actuators' in the experiment, or use a server that announces them"
             )
         component = REPRESENTATIONS.get(self.controller.kind)
-        made = component(self.controller, sensors=sensors, actuators=actuators)
-        if made.genome_size > LARGEST_GENOME:
+        representation = component(self.controller, sensors=sensors, actuators=actuators)
+        if representation.genome_size > LARGEST_GENOME:
             raise InputError(
-                f"controller: {made.genome_size} genes exceed the limit of {LARGEST_GENOME}; use fewer hidden "
-                "nodes"
+                f"controller: {representation.genome_size} genes exceed the limit of {LARGEST_GENOME}; "
+                "use fewer hidden nodes"
             )
-        return made
+        return representation
 
     def new_method(self, representation: Representation | None = None) -> Method:
         """Return the method, at its start, to be asked for genomes and told their fitness.
@@ -426,12 +426,12 @@ class Experiment:
         Raises InputError when the method cannot evolve the representation or start from the given
         controllers, or when the experiment is that of a run whose method is not installed here.
         """
-        require(self.method, None if self.path is None else self.path.parent)
+        require_method(self.method, None if self.path is None else self.path.parent)
         if representation is None:
             representation = self.representation()
         options = options_with_code("method", self.method)
         method = method_of(options)(options, representation, seed=self.seed)
-        start = start_genomes(self, representation)
+        start = find_start_genomes(self, representation)
         if start is not None:
             try:
                 method.start_from(start)
@@ -460,37 +460,37 @@ class Experiment:
         return seed
 
 
-def experiment_of(given: Experiment | Mapping[str, Any] | str | PathLike[str]) -> Experiment:
+def as_experiment(source: Experiment | Mapping[str, Any] | str | PathLike[str]) -> Experiment:
     """Return an experiment from an object, a file or a mapping. Raises InputError as `Experiment.load`."""
-    if isinstance(given, str | PathLike):
-        return Experiment.load(given)
-    if isinstance(given, Mapping):
-        return Experiment.from_mapping(given)
-    instance("experiment", given, Experiment, "Experiment.load(file) or Experiment.from_mapping({..})")
-    return given
+    if isinstance(source, str | PathLike):
+        return Experiment.load(source)
+    if isinstance(source, Mapping):
+        return Experiment.from_mapping(source)
+    instance("experiment", source, Experiment, "Experiment.load(file) or Experiment.from_mapping({..})")
+    return source
 
 
-def recorded_experiment(values: Mapping[str, Any], folder: Path | None = None) -> Experiment:
+def build_recorded_experiment(values: Mapping[str, Any], folder: Path | None = None) -> Experiment:
     """Build the experiment of a run from plain values, without importing code.
 
     folder: of the run, the base of relative paths.
     """
-    return Experiment._checked(Source("", values=dict(values)), None, ask=False, folder=folder)
+    return Experiment._check_source(Source("", values=dict(values)), None, ask=False, folder=folder)
 
 
-def stored_experiment(store: "StoreReader", values: Mapping[str, Any] | None = None) -> Experiment:
+def load_stored_experiment(store: "StoreReader", values: Mapping[str, Any] | None = None) -> Experiment:
     """Load the experiment from a run's store. Raises InputError if it cannot be used here.
 
     values: of the experiment, if already read from the store.
     """
     folder = store.file.parent
     try:
-        experiment = recorded_experiment(store.experiment() if values is None else values, folder)
+        experiment = build_recorded_experiment(store.experiment() if values is None else values, folder)
     except InputError as error:
         used = store.experiment() if values is None else values
         copied = "".join(
-            f"; the run used the module {module}, of which {place} is a copy: install its package"
-            for module, place in copies(folder, not_installed(used))
+            f"; the run used the module {module}, of which {path} is a copy: install its package"
+            for module, path in find_copies(folder, find_not_installed(used))
         )
         raise InputError(
             f"{folder}: the experiment in {store.file.name} cannot be used: {error}{copied}"
@@ -498,12 +498,12 @@ def stored_experiment(store: "StoreReader", values: Mapping[str, Any] | None = N
     return dataclasses.replace(experiment, path=folder / "experiment.yaml")
 
 
-def checked_again(experiment: Experiment) -> Experiment:
+def check_again(experiment: Experiment) -> Experiment:
     """Check an experiment again, as its code may have been edited, and return it.
 
     Raises InputError with all problems.
     """
-    loaded = Experiment._checked(Source("", values=experiment.to_mapping()), None)
+    loaded = Experiment._check_source(Source("", values=experiment.to_mapping()), None)
     return dataclasses.replace(loaded, path=experiment.path)
 
 
@@ -534,9 +534,9 @@ def with_source(
         raise InputError(
             f"{source.locate(())}expected a mapping with keys of an experiment such as 'simulation'"
         )
-    others = [key for key in source.values if key not in only]
-    if others:
-        lines = [f"{source.locate((key,))}{reason}" for key in others]
+    refused = [key for key in source.values if key not in only]
+    if refused:
+        lines = [f"{source.locate((key,))}{reason}" for key in refused]
         raise InputError("\n".join(lines) + (f"; {rule}" if len(lines) == 1 else f"\n{rule}"))
     values = experiment.to_mapping()
     if source.values.get("simulation", experiment.simulation) != experiment.simulation:
@@ -546,10 +546,10 @@ def with_source(
         both = key == "parameters" and isinstance(value, Mapping)
         values[key] = {**values.get(key, {}), **value} if both else value
     merged = dataclasses.replace(source, values=values)
-    return Experiment._checked(merged, None, ask=ask, lenient=experiment._keeps_unavailable(values))
+    return Experiment._check_source(merged, None, ask=ask, lenient=experiment._keeps_unavailable(values))
 
 
-def shortened(value: object) -> str:
+def shorten(value: object) -> str:
     """Shorten a value to a line of text."""
     text = str(value)
     return text if len(text) <= 100 else f"{text[:99]}…"

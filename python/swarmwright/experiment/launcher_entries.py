@@ -34,43 +34,43 @@ def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # n
     """
     if isinstance(value, str):
         try:
-            value = of_text(value, ())
+            value = parse_text(value, ())
         except InputError as error:
             report((), str(error))
             return None
-    several = isinstance(value, list | tuple)
-    made = [
-        _entry(entry, folder, (lambda path, message, at=at: report((*at, *path), message)))  # type: ignore[misc] # the default binds it
+    is_list = isinstance(value, list | tuple)
+    parsed = [
+        _parse_entry(entry, folder, (lambda path, message, at=at: report((*at, *path), message)))  # type: ignore[misc] # the default binds it
         for entry, at in (
-            (entry, (index,) if several else ()) for index, entry in enumerate(value if several else [value])
+            (entry, (index,) if is_list else ()) for index, entry in enumerate(value if is_list else [value])
         )
     ]
-    entries = tuple(launcher for launcher in made if launcher is not None)
-    if len(entries) < len(made):
+    entries = tuple(launcher for launcher in parsed if launcher is not None)
+    if len(entries) < len(parsed):
         return None
     if not entries:
         report((), "must have a launcher, such as {launcher: slurm, count: 4}")
         return None
-    problem = _together(entries)
+    problem = _explain_conflict(entries)
     if problem is not None:
         report((), problem)
         return None
     return entries
 
 
-def _together(entries: Entries) -> str | None:
+def _explain_conflict(entries: Entries) -> str | None:
     """Return why entries cannot be combined, or None."""
     if sum(entry.launcher == "process" for entry in entries) > 1:
         return "has two entries for process; combine them into one with the total count"
     return None
 
 
-def _entry(value: Any, folder: Path, report: Report) -> LauncherOptions | None:  # noqa: ANN401 - whatever a file says
+def _parse_entry(value: Any, folder: Path, report: Report) -> LauncherOptions | None:  # noqa: ANN401 - whatever a file says
     if isinstance(value, LauncherOptions):
         return value
     if isinstance(value, str):
         try:
-            return of_text(value, ())[0]
+            return parse_text(value, ())[0]
         except InputError as error:
             report((), str(error))
             return None
@@ -87,12 +87,12 @@ def _entry(value: Any, folder: Path, report: Report) -> LauncherOptions | None: 
         report(("launcher",), str(error))
         return None
     try:
-        made = model.model_validate(dict(value))
+        options = model.model_validate(dict(value))
     except ValidationError as error:
         for path, message in problems_of(error, model):
             report(path, message)
         return None
-    return _with_paths(made, folder)
+    return _with_paths(options, folder)
 
 
 def _with_paths(options: LauncherOptions, folder: Path) -> LauncherOptions:
@@ -105,7 +105,7 @@ def _with_paths(options: LauncherOptions, folder: Path) -> LauncherOptions:
     return options.model_copy(update=changes) if changes else options
 
 
-def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
+def parse_text(text: str, defaults: Sequence[LauncherOptions]) -> Entries:
     """Parse a text such as `slurm:200` or `slurm:100,process:2` into entries.
 
     given: the experiment's entries, whose other options apply to launchers of the same name.
@@ -113,16 +113,16 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
     Raises:
         InputError: the text is invalid, or a launcher needs options that only an experiment can set.
     """
-    made = []
+    entries = []
     for part in text.split(","):
         match = _TEXT.fullmatch(part.strip())
         if match is None:
             # In `slurm:-3` only the number is wrong.
-            known = part.partition(":")[0].strip() in LAUNCHERS.names()
-            hint = "" if known else did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
-            if any(launcher.launcher == part.strip() for launcher in given):
+            is_launcher = part.partition(":")[0].strip() in LAUNCHERS.names()
+            hint = "" if is_launcher else did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
+            if any(launcher.launcher == part.strip() for launcher in defaults):
                 hint = "; leave it out to start those of the experiment"
-            words = "" if known or part != text else f"{', '.join(WORDS)}, a number, or "
+            words = "" if is_launcher or part != text else f"{', '.join(WORDS)}, a number, or "
             raise InputError(
                 f"must be {words}a launcher with a number of servers, such as slurm:4 or slurm:4..200, "
                 f"not {part!r}{hint}"
@@ -132,11 +132,11 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
         if match[3] is not None:
             number = {"min": int(match[2]), "max": int(match[3])}
         model = LAUNCHERS.get(kind).options_model
-        base = next((launcher for launcher in given if launcher.launcher == kind), None)
+        base = next((launcher for launcher in defaults if launcher.launcher == kind), None)
         values: dict[str, Any] = {"launcher": kind} if base is None else base.model_dump(exclude_unset=True)
         try:
-            others = {key: value for key, value in values.items() if key not in {"count", "min", "max"}}
-            made.append(model.model_validate({**others, "launcher": kind, **number}))
+            options = {key: value for key, value in values.items() if key not in {"count", "min", "max"}}
+            entries.append(model.model_validate({**options, "launcher": kind, **number}))
         except ValidationError as error:
             path, message = problems_of(error, model)[0]
             key = ".".join(map(str, path))
@@ -144,10 +144,10 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
                 raise InputError(f"{part}: {message}") from error
             hint = f"; set it in the experiment, servers: {{launcher: {kind}, {key}: ..}}"
             raise InputError(f"{part}: {key}: {message}{'' if key in number else hint}") from error
-    problem = _together(tuple(made))
+    problem = _explain_conflict(tuple(entries))
     if problem is not None:
         raise InputError(problem)
-    return tuple(made)
+    return tuple(entries)
 
 
 def files_of(entries: Entries) -> list[str]:
@@ -155,12 +155,12 @@ def files_of(entries: Entries) -> list[str]:
     return list(dict.fromkeys(file for entry in entries if entry.code is None for file in entry.files))
 
 
-def with_files(entries: Entries, given: Entries) -> Entries:
+def with_files(entries: Entries, experiment_entries: Entries) -> Entries:
     """Add the files of the experiment's entries, which the simulation needs, to other entries.
 
     given: the experiment's entries.
     """
-    files = files_of(given)
+    files = files_of(experiment_entries)
     return tuple(
         entry.model_copy(update={"files": files})
         if files and entry.code is None and "files" not in entry.model_fields_set
@@ -169,7 +169,7 @@ def with_files(entries: Entries, given: Entries) -> Entries:
     )
 
 
-def written(entries: Entries) -> Any:  # noqa: ANN401 - a mapping or a list
+def to_file_value(entries: Entries) -> Any:  # noqa: ANN401 - a mapping or a list
     """Convert entries to the form of experiment files, with all defaults; a single entry as a mapping."""
-    found = [entry.model_dump(exclude_none=True) for entry in entries]
-    return found[0] if len(found) == 1 else found
+    mappings = [entry.model_dump(exclude_none=True) for entry in entries]
+    return mappings[0] if len(mappings) == 1 else mappings

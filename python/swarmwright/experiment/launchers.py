@@ -43,8 +43,8 @@ class LauncherOptions(Options):
     code: str | None = Field(default=None, min_length=1)
     """Folder on the servers' machines with the code of a custom simulation. Default: the code is copied."""
     files: list[str] = Field(default=[])
-    """Further files of the simulation to copy with its code: paths or patterns such as maps/*.json, relative to
-    the folder of its file or, for `pkg.world:World`, of its package."""
+    """Further files of the simulation to copy with its code: paths or patterns such as maps/*.json, relative
+    to the folder of its file or, for `pkg.world:World`, of its package."""
     environment: dict[str, str] = Field(default={})
     """Further environment variables of the servers."""
     start_timeout: float = Field(default=120.0, gt=0, le=86_400)
@@ -59,17 +59,17 @@ class LauncherOptions(Options):
         return self.max is not None
 
     @property
-    def fewest(self) -> int:
+    def initial_count(self) -> int:
         """Initial number of servers."""
         return (self.min or 1) if self.is_elastic else self.count
 
     @property
-    def most(self) -> int:
+    def max_count(self) -> int:
         """Maximum number of servers."""
         return self.max if self.max is not None else self.count
 
     @model_validator(mode="after")
-    def _consistent(self) -> "LauncherOptions":
+    def _check_consistency(self) -> "LauncherOptions":
         if self.min is not None and self.max is None:
             raise ValueError("min needs max, as the number of servers scales between the two")
         if self.min is not None and self.max is not None and self.min > self.max:

@@ -33,7 +33,7 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 }
 
 
-def with_right_place(
+def with_right_section(
     message: str, key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]
 ) -> str:
     """Extend the message about an unknown key by the section to which it belongs.
@@ -48,21 +48,21 @@ def with_right_place(
     if not isinstance(message, UnknownKey):
         return message
     subject = message.subject
-    kinds = _kinds_with(key, section)
+    kinds = _find_kinds_with(key, section)
     if kinds:
         return f"{subject}; it is an option of other kinds: {', '.join(kinds)}"
-    found = " or ".join(right_places(key, section, values, parameters))
-    if not found:
+    sections = " or ".join(iter_right_sections(key, section, values, parameters))
+    if not sections:
         return message
-    near = nearest(key, parameters if section == "parameters" else _keys_of(section, values))
+    suggestion = nearest(key, parameters if section == "parameters" else _keys_of(section, values))
     # Prefer "episodes" of this section for "episode" to the same key of another section.
-    if near is None or not (near.startswith(key) or key.startswith(near)):
-        return f"{subject}; it belongs to another section: {found}"
+    if suggestion is None or not (suggestion.startswith(key) or key.startswith(suggestion)):
+        return f"{subject}; it belongs to another section: {sections}"
     # Names of parameters may coincide with keys elsewhere.
-    return message if section == "parameters" else f"{message} Another section has {found}"
+    return message if section == "parameters" else f"{message} Another section has {sections}"
 
 
-def right_places(
+def iter_right_sections(
     key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]
 ) -> Iterator[str]:
     """Yield the paths where a key belongs, `method.population`; arguments as in `with_right_place`."""
@@ -83,7 +83,7 @@ def _keys_of(section: str, values: Mapping[str, Any]) -> Collection[str]:
     return next((_keys(model) for name, model in _models(values) if name == section), ())
 
 
-def _kinds_with(key: str, section: str) -> list[str]:
+def _find_kinds_with(key: str, section: str) -> list[str]:
     """Return the kinds of a method, controller or ranking with an option of this name."""
     if section not in REGISTRIES:
         return []

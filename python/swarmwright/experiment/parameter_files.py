@@ -27,8 +27,8 @@ def resolve(
 ) -> tuple[dict[str, Any], dict[yaml.Path_, yaml.Source]]:
     """Replace paths of files in parameters by their contents.
 
-    Also returns the files by the path of the value that they replace, from the parameter's name on. Parameters
-    with unreadable files are left out.
+    Also returns the files by the path of the value that they replace, from the parameter's name on.
+    Parameters with unreadable files are left out.
 
     A text for a parameter of type object is a path. If the parameter may also be a name, and for robots in
     missions and in lists of kinds, only texts that end in .yaml, .yml or .json are paths; those of robots are
@@ -43,12 +43,12 @@ def resolve(
     """
     result = dict(parameters)
     files: dict[yaml.Path_, yaml.Source] = {}
-    for name, named in _objects(simulation, ask=ask):
+    for name, may_be_name in _iter_objects(simulation, ask=ask):
         value = result.get(name)
         if not isinstance(value, str):
             continue
         path = Path(value)
-        if named and path.suffix not in _FILES:
+        if may_be_name and path.suffix not in _FILES:
             continue
         try:
             files[(name,)] = _read(folder((name,)) / value)
@@ -62,13 +62,19 @@ def resolve(
     for name in lists:
         if name not in result:
             continue
-        own = files.get((name,))
-        result[name], wrong = _with_robots(
-            (name,), result[name], folder if own is None else partial(_beside, own), files
+        source = files.get((name,))
+        result[name], problems = _resolve_robots(
+            (name,), result[name], folder if source is None else partial(_get_folder, source), files
         )
-        for place, message in wrong:
-            report(*((place, message) if own is None else ((name,), own.locate(place[1:]) + message)))
-        if wrong:
+        for path_of_value, message in problems:
+            report(
+                *(
+                    (path_of_value, message)
+                    if source is None
+                    else ((name,), source.locate(path_of_value[1:]) + message)
+                )
+            )
+        if problems:
             del result[name]
     return result, files
 
@@ -77,8 +83,8 @@ def _require_mission(source: yaml.Source) -> None:
     """Raise InputError for an experiment or a sweep instead of a mission."""
     if not is_mission(source.values) and {"simulation", "experiment"} & set(source.values):
         raise InputError(
-            f"{source.name}: is an experiment, not a mission with walls, start, metrics and fitness; print an "
-            "example with 'swarmwright new arena --mission foraging --mission-file'"
+            f"{source.name}: is an experiment, not a mission with walls, start, metrics and fitness; "
+            "print an example with 'swarmwright new arena --mission foraging --mission-file'"
         )
 
 
@@ -87,12 +93,12 @@ def is_mission(values: Mapping[str, Any]) -> bool:
     return "walls" in values and not {"simulation", "experiment"} & set(values)
 
 
-def _beside(source: yaml.Source, _place: yaml.Path_) -> Path:
+def _get_folder(source: yaml.Source, _path: yaml.Path_) -> Path:
     return Path(source.name).parent
 
 
-def _with_robots(
-    place: yaml.Path_,
+def _resolve_robots(
+    path: yaml.Path_,
     value: Any,  # noqa: ANN401 - any value of a file
     folder: Callable[[yaml.Path_], Path],
     files: dict[yaml.Path_, yaml.Source],
@@ -102,22 +108,22 @@ def _with_robots(
     Also returns the problems by key. The files are added to `files`.
     """
     if isinstance(value, list):
-        found = [_with_robots((*place, index), kind, folder, files) for index, kind in enumerate(value)]
-        return [kind for kind, _ in found], [name for _, wrong in found for name in wrong]
+        resolved = [_resolve_robots((*path, index), kind, folder, files) for index, kind in enumerate(value)]
+        return [kind for kind, _ in resolved], [name for _, problems in resolved for name in problems]
     if not isinstance(value, Mapping):
         return value, []
-    result, wrong = dict(value), []
-    robot, at = result.get("robot"), (*place, "robot")
+    result, problems = dict(value), []
+    robot, at = result.get("robot"), (*path, "robot")
     if isinstance(robot, str) and Path(robot).suffix in _FILES:
         try:
             files[at] = _read(folder(at) / robot)
             result["robot"] = dict(files[at].values)
         except InputError as error:
-            wrong.append((at, str(error)))
+            problems.append((at, str(error)))
     if "robots" in result:
-        result["robots"], others = _with_robots((*place, "robots"), result["robots"], folder, files)
-        wrong += others
-    return result, wrong
+        result["robots"], inner_problems = _resolve_robots((*path, "robots"), result["robots"], folder, files)
+        problems += inner_problems
+    return result, problems
 
 
 def _read(path: Path) -> yaml.Source:
@@ -133,7 +139,7 @@ def read_object(path: Path) -> dict[str, Any]:
     """
     try:
         text = read_bytes(path, _LARGEST_FILE_BYTES).decode("utf-8-sig")
-        value = json.loads(text, parse_constant=_no_number)
+        value = json.loads(text, parse_constant=_refuse_constant)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file{suggest_file(path)}") from None
     except OSError as error:
@@ -147,7 +153,7 @@ def read_object(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
     if not isinstance(value, dict):
-        raise InputError(f"{path}: holds {_kind(value)}; expected an object, {{...}}")
+        raise InputError(f"{path}: holds {_describe_kind(value)}; expected an object, {{...}}")
     return value
 
 
@@ -158,13 +164,13 @@ def _read_json(path: Path) -> yaml.Source:
 def _read_yaml(path: Path) -> yaml.Source:
     source = yaml.read(path)
     if source.problems:
-        told = (
-            yaml.Source(source.name, lines={place: line}).locate(place) + message
-            for place, line, message in source.problems
+        lines = (
+            yaml.Source(source.name, lines={path_of_problem: line}).locate(path_of_problem) + message
+            for path_of_problem, line, message in source.problems
         )
-        raise InputError("\n".join(told))
+        raise InputError("\n".join(lines))
     if not isinstance(source.values, Mapping):
-        raise InputError(f"{path}: holds {_kind(source.values)}; expected keys and values")
+        raise InputError(f"{path}: holds {_describe_kind(source.values)}; expected keys and values")
     return source
 
 
@@ -174,20 +180,20 @@ def _has_missions(simulation: str, *, ask: bool) -> bool:
     )
 
 
-def _objects(simulation: str, *, ask: bool) -> Iterator[tuple[str, bool]]:
+def _iter_objects(simulation: str, *, ask: bool) -> Iterator[tuple[str, bool]]:
     """Yield the names of parameters of type object, and whether they may be names instead."""
-    known = catalogue.find_built_in(simulation) is not None
-    if known or (ask and is_python(simulation) and catalogue.has_missions(simulation)):
+    is_built_in = catalogue.find_built_in(simulation) is not None
+    if is_built_in or (ask and is_python(simulation) and catalogue.has_missions(simulation)):
         for name, parameter in catalogue.description(simulation)["parameters"].items():
             if parameter["type"] in ("object", "name or object"):
                 yield name, parameter["type"] != "object"
 
 
-def _kind(value: Any) -> str:  # noqa: ANN401 - any JSON value
+def _describe_kind(value: Any) -> str:  # noqa: ANN401 - any JSON value
     if value is None:
         return "nothing"
     return "a list" if isinstance(value, list) else "text" if isinstance(value, str) else "a single value"
 
 
-def _no_number(word: str) -> NoReturn:
+def _refuse_constant(word: str) -> NoReturn:
     raise ValueError(f"{word} is not a finite number")

@@ -25,43 +25,43 @@ class Range:
     path: tuple[str, ...]
     low: float
     high: float
-    given: str = field(default="vary: ", compare=False)
+    prefix: str = field(default="vary: ", compare=False)
     """Prefix in messages."""
 
     def __str__(self) -> str:
         """Return prefix, key and values: `--vary parameters.speedDefenders=0.4..0.8`."""
-        return f"{self.given}{format_path(self.path)}={self.low}..{self.high}"
+        return f"{self.prefix}{format_path(self.path)}={self.low}..{self.high}"
 
     @classmethod
     def parse(cls, text: str) -> "Range":
         """Parse `parameters.speedDefenders=0.4..0.8`. Raises InputError."""
         try:
-            path, rest = key_path(text)
-            return cls(path, *_ends(rest), given="--vary ").checked()
+            path, remainder = key_path(text)
+            return cls(path, *_parse_ends(remainder), prefix="--vary ").check()
         except InputError as error:
             raise InputError(f"--vary {text}: {error}") from None
 
     @classmethod
-    def of(cls, key: str, values: Any, given: str = "vary: ") -> "Range":  # noqa: ANN401 - whatever a caller gives
+    def from_values(cls, key: str, values: Any, prefix: str = "vary: ") -> "Range":  # noqa: ANN401 - whatever a caller gives
         """Build the range of a key, `parameters.speedDefenders`. Raises InputError.
 
         given: prefix in messages.
         """
         try:
-            path, rest = key_path(f"{key}=")
-            if rest or not isinstance(values, Sequence) or len(values) != 2:
+            path, remainder = key_path(f"{key}=")
+            if remainder or not isinstance(values, Sequence) or len(values) != 2:
                 raise InputError("expected a key and the lowest and highest value")
             low, high = (number("the lowest and highest value", value) for value in values)
-            return cls(path, low, high, given).checked()
+            return cls(path, low, high, prefix).check()
         except InputError as error:
-            raise InputError(f"{given}{key}: {error}") from None
+            raise InputError(f"{prefix}{key}: {error}") from None
 
-    def checked(self) -> "Range":
+    def check(self) -> "Range":
         """Check the range and return it. Raises InputError if it is invalid."""
         if self.path[0] != "parameters":
-            meant = format_path(("parameters", *self.path))
+            suggestion = format_path(("parameters", *self.path))
             is_key = self.path[0] in {item.name for item in fields(Experiment)}
-            hint = "" if is_key else f"; did you mean {meant}?"
+            hint = "" if is_key else f"; did you mean {suggestion}?"
             raise InputError(f"only parameters of the simulation can be varied{hint}")
         if self.path == ("parameters", "seed"):
             raise InputError("parameters.seed: cannot be varied, as every episode has its own seed")
@@ -69,7 +69,7 @@ class Range:
             raise InputError(f"the lowest value {self.low:g} exceeds the highest, {self.high:g}")
         return self
 
-    def at(self, share: float) -> float:
+    def interpolate(self, share: float) -> float:
         """Return the value at a share of the range, from 0 to below 1."""
         if isinstance(self.low, int) and isinstance(self.high, int):
             return self.low + int(share * (self.high - self.low + 1))
@@ -79,21 +79,21 @@ class Range:
 _HINT = "write KEY=LOW..HIGH, such as parameters.speedDefenders=0.4..0.8"
 
 
-def _ends(text: str) -> tuple[float, float]:
+def _parse_ends(text: str) -> tuple[float, float]:
     """Parse `0.4..0.8`; in `.5...7`, the third point belongs to the second number."""
-    places = [found.start() for found in re.finditer(r"(?=\.\.)", text)]
-    pairs = [(text[:at].strip(), text[at + 2 :].strip()) for at in places]
+    positions = [match.start() for match in re.finditer(r"(?=\.\.)", text)]
+    pairs = [(text[:at].strip(), text[at + 2 :].strip()) for at in positions]
     if not pairs:
         raise InputError(_HINT)
     for low, high in pairs:
-        first, last = _number(low), _number(high)
+        first, last = _parse_number(low), _parse_number(high)
         if first is not None and last is not None:
             return first, last
-    wrong = next(end for end in pairs[0] if _number(end) is None)
+    wrong = next(end for end in pairs[0] if _parse_number(end) is None)
     raise InputError(f"{wrong!r} is not a number; {_HINT}")
 
 
-def _number(text: str) -> float | None:
+def _parse_number(text: str) -> float | None:
     """Parse an integer or a finite number; None for other texts."""
     try:
         return int(text)
@@ -130,12 +130,12 @@ def ranges_of(vary: Mapping[str, Sequence[float]] | Iterable[Range], prefix: str
 
     prefix: of keys in messages.
     """
-    given: Any = vary
-    if isinstance(given, list | tuple) and all(isinstance(item, Range) for item in given):
-        paths = [item.path for item in given]
-        twice = next((item for index, item in enumerate(given) if item.path in paths[:index]), None)
-        if twice is not None:
-            raise InputError(f"{twice}: the parameter has two ranges; give one")
-        return list(given)
-    named = mapping("vary", given, "{'parameters.speedDefenders': (0.4, 0.8)}")
-    return [Range.of(key, values, prefix) for key, values in named.items()]
+    values: Any = vary
+    if isinstance(values, list | tuple) and all(isinstance(item, Range) for item in values):
+        paths = [item.path for item in values]
+        duplicate = next((item for index, item in enumerate(values) if item.path in paths[:index]), None)
+        if duplicate is not None:
+            raise InputError(f"{duplicate}: the parameter has two ranges; give one")
+        return list(values)
+    named = mapping("vary", values, "{'parameters.speedDefenders': (0.4, 0.8)}")
+    return [Range.from_values(key, values, prefix) for key, values in named.items()]

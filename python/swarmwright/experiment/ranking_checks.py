@@ -76,11 +76,13 @@ def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: 
     if ranking.episodes <= ranking.first_test:
         report(
             ("ranking", "episodes"),
-            f"{ranking.episodes} is too few for a race with its first test after {ranking.first_test} episodes "
-            "(first_test); increase episodes or decrease first_test",
+            f"{ranking.episodes} is too few for a race with its first test after {ranking.first_test} "
+            "episodes (first_test); increase episodes or decrease first_test",
         )
     if method.operation == "steady_state":
-        reason = "steady state has no generations that can race; use operation: generational, or kind: absolute"
+        reason = (
+            "steady state has no generations that can race; use operation: generational, or kind: absolute"
+        )
     elif METHODS.get(kind).by_instance:
         reason = f"{kind} already races its candidates over generations; use kind: absolute"
     else:
@@ -103,8 +105,8 @@ def metrics_problem(ranking: object, method: object) -> str | None:
         slow: str = ranking.kind
         return (
             f"{kind} cannot be combined with {slow}, as it would keep overestimated candidates and compare "
-            f"them with metrics ({names}) of the fast simulation; use ranking.kind: absolute, and evaluate the "
-            "result in the slow simulation"
+            f"them with metrics ({names}) of the fast simulation; use ranking.kind: absolute, and "
+            "evaluate the result in the slow simulation"
         )
     return None
 
@@ -133,8 +135,8 @@ def _check_metrics(checked: Checked, report: Report) -> None:
     ):
         report(
             ("fitness",),
-            f"the ranking {ranking.kind} uses the name {METRIC} for the fitness in the slow simulation; rename "
-            "the simulation's metric",
+            f"the ranking {ranking.kind} uses the name {METRIC} for the fitness in the slow simulation; "
+            "rename the simulation's metric",
         )
 
 

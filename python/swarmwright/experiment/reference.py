@@ -35,34 +35,34 @@ _MORE = {"modules": "[Modules](modules.md) says what each behaviour and conditio
 """Texts after the description of a kind of controller."""
 
 
-def reference() -> str:
+def format_reference() -> str:
     """Return the page as Markdown, for built-in components only."""
     schema = experiment_schema(only_built_in=True)
     lines = [_INTRODUCTION, "## Keys", ""]
-    lines += _table(schema["properties"], set(schema["required"]), schema)
+    lines += _iter_table(schema["properties"], set(schema["required"]), schema)
     for name in ("requirements", "validate", "timeouts", "faults"):
         definition = schema["$defs"][name.capitalize()]
         lines += ["", f"## {name}", "", definition["description"], ""]
-        lines += _table(definition["properties"], set(definition.get("required", [])), schema)
-    lines += _launchers(schema)
+        lines += _iter_table(definition["properties"], set(definition.get("required", [])), schema)
+    lines += _iter_launchers(schema)
     lines += ["", "## simulation (command)", "", schema["$defs"]["Command"]["description"], ""]
-    lines += _table(schema["$defs"]["Command"]["properties"], {"command"}, schema)
+    lines += _iter_table(schema["$defs"]["Command"]["properties"], {"command"}, schema)
     lines += ["", "## simulation (FMU)", "", schema["$defs"]["Fmu"]["description"], ""]
-    lines += _table(schema["$defs"]["Fmu"]["properties"], {"fmu"}, schema)
+    lines += _iter_table(schema["$defs"]["Fmu"]["properties"], {"fmu"}, schema)
     lines += ["", "## simulation (ROS)", "", schema["$defs"]["Ros"]["description"], ""]
-    lines += _table(schema["$defs"]["Ros"]["properties"], {"ros", "step"}, schema)
+    lines += _iter_table(schema["$defs"]["Ros"]["properties"], {"ros", "step"}, schema)
     for name, title in _OF_ROS.items():
         definition = schema["$defs"][f"Ros{name}"]
         lines += ["", f"### {title}", "", definition["description"], ""]
-        lines += _table(definition["properties"], set(definition.get("required", [])), schema)
+        lines += _iter_table(definition["properties"], set(definition.get("required", [])), schema)
     for name in DEFAULT_KINDS:
-        lines += ["", f"## {name}", "", schema["properties"][name]["description"], *_kinds(name, schema)]
+        lines += ["", f"## {name}", "", schema["properties"][name]["description"], *_iter_kinds(name, schema)]
     for title in catalogue.titles():
-        lines += ["", *_simulation(title)]
+        lines += ["", *_iter_simulation(title)]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
+def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
     """Yield the options of a section: common options, then those of each kind."""
     # Skip classes in files.
     variants = [
@@ -70,7 +70,7 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
         for variant_schema in schema["properties"][name]["oneOf"]
         if "const" in _kind(variant_schema)
     ]
-    shared = _shared([variant["properties"] for variant in variants])
+    shared = _find_shared([variant["properties"] for variant in variants])
     if shared:
         yield from ("", "Options of all kinds, unless a kind's own table differs:")
         if name == "method":
@@ -78,7 +78,7 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
             listed = f"{', '.join(steady[:-1])} and {steady[-1]}"
             yield f"Only {listed} support `operation: steady_state`."
         yield ""
-        yield from _table(shared, set(), schema)
+        yield from _iter_table(shared, set(), schema)
     for variant in variants:
         kind = _kind(variant)["const"]
         yield from ("", f"### {name}: {{kind: {kind}}}{' (default)' if kind == DEFAULT_KINDS[name] else ''}")
@@ -92,28 +92,28 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
         }
         if options:
             yield ""
-            yield from _table(options, set(variant.get("required", [])), schema)
+            yield from _iter_table(options, set(variant.get("required", [])), schema)
 
 
 def _kind(variant: dict[str, Any]) -> dict[str, Any]:
     """Return the schema of the option `kind`, or an empty mapping."""
-    found: dict[str, Any] = variant.get("properties", {}).get("kind", {})
-    return found
+    kind_schema: dict[str, Any] = variant.get("properties", {}).get("kind", {})
+    return kind_schema
 
 
-def _shared(variants: list[dict[str, Any]]) -> dict[str, Any]:
+def _find_shared(variants: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the options of all variants, in the form of the majority."""
-    first, *others = variants
-    found = {}
+    first, *more = variants
+    shared = {}
     for key in first:
         forms = [variant[key] for variant in variants if key in variant]
         usual = max(forms, key=forms.count)
-        if others and len(forms) == len(variants) and 2 * forms.count(usual) > len(variants):
-            found[key] = usual
-    return found
+        if more and len(forms) == len(variants) and 2 * forms.count(usual) > len(variants):
+            shared[key] = usual
+    return shared
 
 
-def _launchers(schema: dict[str, Any]) -> Iterator[str]:
+def _iter_launchers(schema: dict[str, Any]) -> Iterator[str]:
     """Yield the options of launchers: common options, then those of each."""
     shared = options_schema(LauncherOptions)
     yield from ("", "## servers (launcher)", "")
@@ -122,7 +122,7 @@ def _launchers(schema: dict[str, Any]) -> Iterator[str]:
         "Options of all launchers, beside `launcher`, the name:"
     )
     yield ""
-    yield from _table(
+    yield from _iter_table(
         {key: value for key, value in shared["properties"].items() if key != "launcher"}, set(), schema
     )
     for kind in sorted(LAUNCHERS.built_in):
@@ -134,10 +134,10 @@ def _launchers(schema: dict[str, Any]) -> Iterator[str]:
         }
         yield from ("", f"### servers: {{launcher: {kind}}}", "", definition["description"], "")
         if options:
-            yield from _table(options, set(definition["required"]), schema)
+            yield from _iter_table(options, set(definition["required"]), schema)
 
 
-def _simulation(title: str) -> Iterator[str]:
+def _iter_simulation(title: str) -> Iterator[str]:
     described = catalogue.description(title)
     yield f"## parameters of {title}"
     yield ""
@@ -149,7 +149,7 @@ def _simulation(title: str) -> Iterator[str]:
     yield "|---|---|---|---|"
     for name, parameter in described["parameters"].items():
         kind, meaning = (str(parameter.get(part, "")) for part in ("type", "description"))
-        yield _row(f"`{name}`", kind, _code(parameter.get("default")), meaning)
+        yield _format_row(f"`{name}`", kind, _format_code(parameter.get("default")), meaning)
     yield ""
     yield f"## metrics of {title}"
     yield ""
@@ -159,46 +159,46 @@ def _simulation(title: str) -> Iterator[str]:
     yield "| metric | unit | meaning |"
     yield "|---|---|---|"
     for name, metric in described["metrics"].items():
-        yield _row(f"`{name}`", metric["unit"], metric["description"])
+        yield _format_row(f"`{name}`", metric["unit"], metric["description"])
 
 
-def _table(properties: dict[str, Any], required: set[str], schema: dict[str, Any]) -> Iterator[str]:
+def _iter_table(properties: dict[str, Any], required: set[str], schema: dict[str, Any]) -> Iterator[str]:
     yield "| key | type | default | meaning |"
     yield "|---|---|---|---|"
     for name, key in properties.items():
-        default = "required" if name in required else _code(key.get("default"))
-        yield _row(f"`{name}`", _type(key, schema), default, key.get("description", ""))
+        default = "required" if name in required else _format_code(key.get("default"))
+        yield _format_row(f"`{name}`", _format_type(key, schema), default, key.get("description", ""))
 
 
-def _row(*cells: str) -> str:
+def _format_row(*cells: str) -> str:
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
 
-def _code(value: Any) -> str:  # noqa: ANN401 - any JSON value
+def _format_code(value: Any) -> str:  # noqa: ANN401 - any JSON value
     return "" if value is None else f"`{json.dumps(value)}`"
 
 
-def _type(key: dict[str, Any], schema: dict[str, Any]) -> str:
+def _format_type(key: dict[str, Any], schema: dict[str, Any]) -> str:
     if "$ref" in key:
         return "mapping"
     if "const" in key:
-        return _code(key["const"])
+        return _format_code(key["const"])
     if "enum" in key:
         return ", ".join(f"`{value}`" for value in key["enum"])
     if "anyOf" in key:
-        types = (_type(option, schema) for option in key["anyOf"] if option.get("type") != "null")
+        types = (_format_type(option, schema) for option in key["anyOf"] if option.get("type") != "null")
         return " or ".join(dict.fromkeys(types))
     if key.get("type") == "array":
-        items = _type(key["items"], schema)
+        items = _format_type(key["items"], schema)
         return f"list of ({items})" if "anyOf" in key["items"] else f"list of {items}"
     words: dict[str, str] = {"object": "mapping", "string": "text"}
     kind: str | list[str] = key["type"]
     if isinstance(kind, list):
         return " or ".join(words.get(word, word) for word in kind)
-    return words.get(kind, kind) + _limits(key)
+    return words.get(kind, kind) + _format_limits(key)
 
 
-def _limits(key: dict[str, Any]) -> str:
+def _format_limits(key: dict[str, Any]) -> str:
     below, above = key.get("minimum"), key.get("maximum")
     if below is not None and above is not None:
         ends = (str(end) if isinstance(end, int) else f"{end:.12g}" for end in (below, above))
@@ -216,4 +216,4 @@ def _limits(key: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(reference())
+    sys.stdout.write(format_reference())

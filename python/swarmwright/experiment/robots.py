@@ -21,21 +21,21 @@ def robot_of(parameters: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as the are
 
     None for several kinds.
     """
-    of_mission = mission_of(parameters.get("mission")) or {}
+    mission = mission_of(parameters.get("mission")) or {}
     robots = parameters.get("robots")
-    if isinstance(robots, list) or (robots is None and isinstance(of_mission.get("robots"), list)):
+    if isinstance(robots, list) or (robots is None and isinstance(mission.get("robots"), list)):
         return None
-    own = parameters.get("robot")
-    return of_mission.get("robot", DEFAULT) if own is None else own
+    explicit = parameters.get("robot")
+    return mission.get("robot", DEFAULT) if explicit is None else explicit
 
 
-def mission_of(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the arena's parameter has it
+def mission_of(mission: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the arena's parameter has it
     """Return a mission as a mapping, also for a built-in name; None if it does not exist."""
-    if isinstance(given, Mapping):
-        return given
-    if given is None:
-        given = catalogue.description(catalogue.ARENA)["parameters"]["mission"]["default"]
-    texts = (mission["text"] for mission in _engine.missions() if given in (mission["name"], mission["also"]))
+    if isinstance(mission, Mapping):
+        return mission
+    if mission is None:
+        mission = catalogue.description(catalogue.ARENA)["parameters"]["mission"]["default"]
+    texts = (entry["text"] for entry in _engine.missions() if mission in (entry["name"], entry["also"]))
     return next((parse(text, "").values for text in texts), None)
 
 
@@ -47,20 +47,20 @@ def subject_of(simulation: str, label: str, parameters: Mapping[str, Any]) -> st
         label: of the simulation, as `Experiment.label`.
         parameters: of the experiment.
     """
-    given = parameters.get("mission")
+    mission = parameters.get("mission")
     if catalogue.find_built_in(simulation) == catalogue.ARENA:
-        found = mission_of(given)
-        given = (found or {}).get("title") or (given if isinstance(given, str) else None)
-    return f"{label}, {given}" if isinstance(given, str) and given else label
+        definition = mission_of(mission)
+        mission = (definition or {}).get("title") or (mission if isinstance(mission, str) else None)
+    return f"{label}, {mission}" if isinstance(mission, str) and mission else label
 
 
-def mission_name(given: Any) -> Any:  # noqa: ANN401 - as the arena's parameter has it
+def mission_name(mission: Any) -> Any:  # noqa: ANN401 - as the arena's parameter has it
     """Return the longer name of a built-in mission; other values unchanged."""
-    long = (mission["also"] for mission in _engine.missions() if mission["also"] and mission["name"] == given)
-    return next(long, given)
+    long = (entry["also"] for entry in _engine.missions() if entry["also"] and entry["name"] == mission)
+    return next(long, mission)
 
 
-def written_out(
+def expand_robot(
     values: dict[str, Any], paths: Iterable[tuple[str, ...]], folder: Callable[[Path_], Path]
 ) -> dict[str, Any]:
     """Expand the robot in an experiment's values to a mapping if its components will be set.
@@ -80,11 +80,11 @@ def written_out(
         return values
     if not isinstance(parameters, Mapping):
         return values
-    wrong: list[Path_] = []
-    found, _ = resolve(simulation, parameters, folder, lambda path, _: wrong.append(path), ask=False)
-    if wrong or mission_of(found.get("mission")) is None:
+    invalid: list[Path_] = []
+    resolved, _ = resolve(simulation, parameters, folder, lambda path, _: invalid.append(path), ask=False)
+    if invalid or mission_of(resolved.get("mission")) is None:
         return values
-    robot = robot_of(found)
+    robot = robot_of(resolved)
     if isinstance(robot, Mapping):
         parts = dict(robot)
     elif robot in _engine.robots():
@@ -94,7 +94,7 @@ def written_out(
     return {**values, "parameters": {**parameters, "robot": parts}}
 
 
-def kinds_instead(
+def find_kinds_instead(
     values: Mapping[str, Any], paths: Iterable[tuple[str, ...]], folder: Callable[[Path_], Path]
 ) -> str | None:
     """Return the key of the kinds of robots if settings address components of a single robot.
@@ -109,11 +109,11 @@ def kinds_instead(
         return None
     if not isinstance(parameters, Mapping) or parameters.get("robot") is not None:
         return None
-    found, _ = resolve(simulation, parameters, folder, lambda *_: None, ask=False)
-    if isinstance(found.get("robots"), list):
+    resolved, _ = resolve(simulation, parameters, folder, lambda *_: None, ask=False)
+    if isinstance(resolved.get("robots"), list):
         return "parameters.robots"
-    of_mission = mission_of(found.get("mission")) or {}
-    several = found.get("robots") is None and isinstance(of_mission.get("robots"), list)
+    mission = mission_of(resolved.get("mission")) or {}
+    several = resolved.get("robots") is None and isinstance(mission.get("robots"), list)
     return "parameters.mission.robots" if several else None
 
 
@@ -133,7 +133,7 @@ def _is_other(path: tuple[str, ...]) -> bool:
     return path in whole or any(path[: len(prefix)] == prefix for prefix in below)
 
 
-def kinds(simulation: str, parameters: dict[str, Any]) -> list[Kind]:
+def list_kinds(simulation: str, parameters: dict[str, Any]) -> list[Kind]:
     """Return the kinds of agents of a simulation, in the order of the agents.
 
     Empty if all agents are alike or the kinds are unknown.
@@ -147,15 +147,14 @@ def kinds(simulation: str, parameters: dict[str, Any]) -> list[Kind]:
         return []
     return [
         Kind(
-            group.name, group.agents,
-            group.own_sensor_names or _padded(group.sensor_names, "sensor", group.sensors, whole["sensors"]),
-            group.own_actuator_names
-            or _padded(group.actuator_names, "actuator", group.actuators, whole["actuators"]),
+            group.name, group.agents, group.own_sensor_names or _pad_names(group.sensor_names, "sensor",
+            group.sensors, whole["sensors"]), group.own_actuator_names or _pad_names(group.actuator_names,
+            "actuator", group.actuators, whole["actuators"]),
         )
         for group in groups
     ]  # fmt: skip
 
 
-def _padded(names: Sequence[str], what: str, count: int, most: int) -> Names:
-    known = names or tuple(f"{what} {index}" for index in range(count))
-    return (*known, *(None for _ in range(most - len(known))))
+def _pad_names(names: Sequence[str], label: str, count: int, most: int) -> Names:
+    listed = names or tuple(f"{label} {index}" for index in range(count))
+    return (*listed, *(None for _ in range(most - len(listed))))

@@ -52,7 +52,7 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
     for title, model in (("Command", CommandOptions), ("Fmu", FmuOptions), ("Ros", RosOptions)):
         mapping = _tidy(add_descriptions(model).model_json_schema())
         inner = {f"{title}{name}": definition for name, definition in mapping.pop("$defs", {}).items()}
-        definitions |= _moved({**inner, title: mapping}, title)
+        definitions |= _prefix_references({**inner, title: mapping}, title)
     schema["properties"]["simulation"] = {
         "description": schema["properties"]["simulation"]["description"],
         "anyOf": [
@@ -89,14 +89,16 @@ def _describe_launchers(servers: dict[str, Any], definitions: dict[str, Any], *,
     servers["anyOf"] += [*entries, {"type": "array", "items": {"anyOf": entries}, "minItems": 1}]
 
 
-def _moved(node: Any, title: str) -> Any:  # noqa: ANN401 - any JSON value
+def _prefix_references(node: Any, title: str) -> Any:  # noqa: ANN401 - any JSON value
     """Update the references of a schema to definitions renamed with a title as prefix."""
     if isinstance(node, dict):
         return {
-            key: value.replace("#/$defs/", f"#/$defs/{title}") if key == "$ref" else _moved(value, title)
+            key: value.replace("#/$defs/", f"#/$defs/{title}")
+            if key == "$ref"
+            else _prefix_references(value, title)
             for key, value in node.items()
         }
-    return [_moved(item, title) for item in node] if isinstance(node, list) else node
+    return [_prefix_references(item, title) for item in node] if isinstance(node, list) else node
 
 
 def _tidy(node: Any) -> Any:  # noqa: ANN401 - any JSON value

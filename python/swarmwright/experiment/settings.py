@@ -16,9 +16,9 @@ from swarmwright.common.problems import format_value
 from swarmwright.common.yaml import Path_, Source, format_path, parse
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.document import DEFAULT_KINDS
-from swarmwright.experiment.misplaced import TOP, right_places
+from swarmwright.experiment.misplaced import TOP, iter_right_sections
 from swarmwright.experiment.parameter_files import resolve
-from swarmwright.experiment.robots import is_part, kinds_instead, mission_of, written_out
+from swarmwright.experiment.robots import expand_robot, find_kinds_instead, is_part, mission_of
 from swarmwright.methods import METHODS
 from swarmwright.methods.rankings import RankingOptions
 from swarmwright.simulations import catalogue
@@ -41,7 +41,7 @@ class Setting:
     """The text with the option's name, for messages."""
 
     @property
-    def first(self) -> bool:
+    def is_base(self) -> bool:
         """Whether other settings depend on it: a kind, or the simulation."""
         kind = len(self.path) == 2 and self.path[0] in DEFAULT_KINDS and self.path[1] == "kind"
         return kind or self.path == ("simulation",)
@@ -54,10 +54,10 @@ def parse_settings(texts: Iterable[str]) -> list[Setting]:
     """
     require_list("settings", texts, "settings such as method.generations=50")
     settings, problems = [], []
-    for given_text in texts:
-        text = argument("settings", given_text, "a list of texts such as method.generations=50")
+    for item in texts:
+        text = argument("settings", item, "a list of texts such as method.generations=50")
         try:
-            settings.append(_setting(text))
+            settings.append(_parse_setting(text))
         except InputError as error:
             problems.append(f"--set {text}: {error}")
     if problems:
@@ -82,7 +82,7 @@ def key_path(text: str) -> tuple[tuple[str, ...], str]:
     return tuple(path), text[at + 1 :]
 
 
-def _setting(text: str) -> Setting:
+def _parse_setting(text: str) -> Setting:
     path, value = key_path(text)
     try:
         source = parse(value, "")
@@ -93,7 +93,7 @@ def _setting(text: str) -> Setting:
     return Setting(path, source.values, f"--set {text}")
 
 
-def restricted(
+def check_allowed(
     settings: Iterable[Setting], keys: Collection[str], reason: str, values: Mapping[str, Any], *, ask: bool
 ) -> None:
     """Raise InputError for settings of other keys, one line each.
@@ -110,12 +110,12 @@ def restricted(
         key = setting.path[0]
         if key in keys:
             continue
-        known = {*values["parameters"]}
+        parameters = {*values["parameters"]}
         with suppress(SwarmwrightError):  # not available here
-            known |= {*catalogue.parameter_names(values["simulation"])} if ask else set()
-        found = [] if key in TOP else [*right_places(key, "", values, known)]
-        belongs = f"unknown key; it belongs to another section: {' or '.join(found)}"
-        problems.append(f"{setting.text}: {belongs if found else f'{key}: {reason}'}")
+            parameters |= {*catalogue.parameter_names(values["simulation"])} if ask else set()
+        sections = [] if key in TOP else [*iter_right_sections(key, "", values, parameters)]
+        belongs = f"unknown key; it belongs to another section: {' or '.join(sections)}"
+        problems.append(f"{setting.text}: {belongs if sections else f'{key}: {reason}'}")
     if problems:
         raise InputError("\n".join(problems))
 
@@ -137,7 +137,7 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
         settings: to apply.
         new_budget: whether a new limit replaces all limits of the file.
     """
-    ordered = _in_order(settings)
+    ordered = _sort(settings)
     if not ordered or not isinstance(source.values, Mapping | None):
         return source
     values, paths = copy.deepcopy(dict(source.values or {})), [assignment.path for assignment in ordered]
@@ -145,10 +145,10 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
     def folder(path: Path_) -> Path:
         return source.folder(("parameters", *path))
 
-    kinds = kinds_instead(values, paths, folder)
+    kinds = find_kinds_instead(values, paths, folder)
     changed = Source(
         source.name,
-        written_out(values, paths, folder),
+        expand_robot(values, paths, folder),
         dict(source.lines),
         list(source.problems),
         dict(source.options),
@@ -156,13 +156,13 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
     if new_budget:
         _drop_limits(changed, ordered)
     for setting in ordered:
-        if setting.path[1:] == ("kind",) and setting.first:
-            _start_anew(changed, setting)
-        elif setting.first:
-            _other_simulation(changed, setting)
+        if setting.path[1:] == ("kind",) and setting.is_base:
+            _reset_section(changed, setting)
+        elif setting.is_base:
+            _drop_announced(changed, setting)
         if kinds is not None and is_part(setting.path):
             example = ".".join((f"{kinds}.0.robot", *setting.path[2:]))
-            _complain(
+            _report(
                 changed,
                 setting,
                 setting.path[:2],
@@ -173,23 +173,25 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
     return changed
 
 
-def _in_order(settings: Iterable[Setting]) -> list[Setting]:
+def _sort(settings: Iterable[Setting]) -> list[Setting]:
     """Sort settings so that those on which others depend come first, but after their whole section."""
     ordered: list[Setting] = []
     for setting in settings:
-        place = len(ordered)
-        if setting.first:
+        position = len(ordered)
+        if setting.is_base:
             wholes = [
-                index for index, other in enumerate(ordered) if other.path in {setting.path, setting.path[:1]}
+                index
+                for index, previous in enumerate(ordered)
+                if previous.path in {setting.path, setting.path[:1]}
             ]
-            place = wholes[-1] + 1 if wholes else 0
-        ordered.insert(place, setting)
+            position = wholes[-1] + 1 if wholes else 0
+        ordered.insert(position, setting)
     return ordered
 
 
 def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
     """Drop the limits of the file if settings have a limit."""
-    given = sets_limit(
+    has_limit = sets_limit(
         {
             setting.path[1]: setting.value
             for setting in settings
@@ -197,26 +199,26 @@ def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
         }
     )
     method = source.values.get("method")
-    if given and isinstance(method, dict):
+    if has_limit and isinstance(method, dict):
         for name in LIMITS:
             method.pop(name, None)
             _forget(source, ("method", name))
 
 
-def _start_anew(source: Source, setting: Setting) -> None:
+def _reset_section(source: Source, setting: Setting) -> None:
     """Drop the options of a section whose kind changes, see `kept_options`."""
     section = setting.path[0]
     new = setting.value or DEFAULT_KINDS[section]
     old = source.values.get(section)
     kind = old.get("kind", DEFAULT_KINDS[section]) if isinstance(old, Mapping) else DEFAULT_KINDS[section]
     if new != kind or not isinstance(old, Mapping):
-        names = kept_options(section, new) if isinstance(old, Mapping) else []
-        kept = {name: old[name] for name in names if name in old}
-        source.values[section] = kept
-        _forget(source, (section,), but=[(section,), *((section, name) for name in kept)])
+        names = list_kept_options(section, new) if isinstance(old, Mapping) else []
+        options = {name: old[name] for name in names if name in old}
+        source.values[section] = options
+        _forget(source, (section,), but=[(section,), *((section, name) for name in options)])
 
 
-def kept_options(section: str, kind: Any) -> list[str]:  # noqa: ANN401 - any value of a file
+def list_kept_options(section: str, kind: Any) -> list[str]:  # noqa: ANN401 - any value of a file
     """Return the options that a section keeps when its kind changes.
 
     These are the budget and the target of methods, and the common options of rankings; other options of the
@@ -228,15 +230,15 @@ def kept_options(section: str, kind: Any) -> list[str]:  # noqa: ANN401 - any va
         return []
     try:
         # A class in a file is imported later, when the options are checked.
-        asked = isinstance(kind, str) and not METHODS.is_in_file(kind)
-        race = METHODS.get(kind).by_instance if asked else False
+        is_known = isinstance(kind, str) and not METHODS.is_in_file(kind)
+        race = METHODS.get(kind).by_instance if is_known else False
     except InputError:  # reported when the options are checked
         return []
     # In a race a generation is an instance, so their number is no budget.
     return ["target", *(name for name in LIMITS if not (race and name == "generations"))]
 
 
-def _other_simulation(source: Source, setting: Setting) -> None:
+def _drop_announced(source: Source, setting: Setting) -> None:
     """Drop values that the new simulation announces itself."""
     if setting.value == source.values.get("simulation") or not isinstance(setting.value, str):
         return
@@ -270,11 +272,11 @@ def _assign(source: Source, setting: Setting) -> None:
             if not part.isdecimal() or int(part) >= len(container):
                 count = len(container)
                 numbers = f"its items are 0 to {count - 1}" if count else "it is empty"
-                _complain(source, setting, path, f"is a list without an item {part!r}; {numbers}")
+                _report(source, setting, path, f"is a list without an item {part!r}; {numbers}")
                 return
             key = int(part)
         elif not isinstance(container, dict):
-            _complain(source, setting, path, f"is {format_value(container)}, which has no key {part!r}")
+            _report(source, setting, path, f"is {format_value(container)}, which has no key {part!r}")
             return
         path = (*path, key)
         if last and setting.value is None and isinstance(container, dict):
@@ -285,19 +287,19 @@ def _assign(source: Source, setting: Setting) -> None:
             if isinstance(container, dict) and container.get(part) is None:
                 if path[0] != "parameters" and setting.path[index + 1].isdecimal():
                     number, whole = setting.path[index + 1], format_path(path)
-                    _complain(
+                    _report(
                         source, setting, path, f"is not set, so it has no item {number}; set {whole}=[..]"
                     )
                     return
                 container[part] = {}
             if isinstance(container[key], str):
-                container[key] = _with_parts(source, path, container[key])
+                container[key] = _expand(source, path, container[key])
             container = container[key]
     _forget(source, path)
     source.options[path] = setting.text
 
 
-def _with_parts(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 - any parameter
+def _expand(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 - any parameter
     """Expand a parameter given by name, a file or a mission, so that its components can be set."""
     simulation = source.values.get("simulation")
     if path[:1] != ("parameters",) or not isinstance(simulation, str):
@@ -308,30 +310,30 @@ def _with_parts(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 
         of_kind = path[-1] == "robot" and path[1] in {"mission", "robots"}
         return {"preset": name} if of_kind and name in _engine.robots() else name
     parameter = str(path[1])
-    wrong: list[Path_] = []
-    found, _ = resolve(
+    invalid: list[Path_] = []
+    resolved, _ = resolve(
         simulation,
         {parameter: name},
         lambda _: source.folder(path),
-        lambda place, _: wrong.append(place),
+        lambda problem_path, _: invalid.append(problem_path),
         ask=False,
     )
-    if wrong:  # reported when the experiment is checked
+    if invalid:  # reported when the experiment is checked
         return name
     if parameter == "mission" and catalogue.find_built_in(simulation) == catalogue.ARENA:
-        return mission_of(found[parameter]) or name
-    return found[parameter]
+        return mission_of(resolved[parameter]) or name
+    return resolved[parameter]
 
 
-def _complain(source: Source, setting: Setting, path: Path_, message: str) -> None:
+def _report(source: Source, setting: Setting, path: Path_, message: str) -> None:
     # A separate path, as the file's own value at this path is checked as well.
-    place: Path_ = (*path, setting.text)
-    source.options[place] = setting.text
-    source.problems.append((place, 0, f"{format_path(path)} {message}"))
+    key: Path_ = (*path, setting.text)
+    source.options[key] = setting.text
+    source.problems.append((key, 0, f"{format_path(path)} {message}"))
 
 
 def _forget(source: Source, path: Path_, *, but: Collection[Path_] = ()) -> None:
     """Forget the origin of the values at and below a path."""
-    for places in (source.lines, source.options):
-        for place in [part for part in places if part[: len(path)] == path and part not in but]:
-            del places[place]
+    for origins in (source.lines, source.options):
+        for origin in [part for part in origins if part[: len(path)] == path and part not in but]:
+            del origins[origin]

@@ -28,7 +28,7 @@ _SHOWN_CHARACTERS = 60
 """Maximum characters of a value in a message."""
 
 
-def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever the file says
+def read_entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever the file says
     """Read the controllers of `start_from`.
 
     Args:
@@ -38,17 +38,17 @@ def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever
     Raises InputError if a controller cannot be read.
     """
     if isinstance(value, str | PathLike):
-        return [_of_path(folder / value, fspath(value))]
+        return [_read_path(folder / value, fspath(value))]
     if isinstance(value, Mapping):
-        return [_of_mapping(value, folder)]
+        return [_read_mapping(value, folder)]
     if isinstance(value, Sequence) and value:
-        return [entry for item in value for entry in entries(item, folder)]
+        return [entry for item in value for entry in read_entries(item, folder)]
     raise InputError(
         f"must be the path of a run or of a controller, or a list of these, not {format_value(value)}"
     )
 
 
-def _of_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
+def _read_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
     run = value.get("run")
     if isinstance(run, str | PathLike) and value.keys() <= _OF_RUN:
         numbers = [value.get("candidate"), value.get("generation")]
@@ -57,40 +57,42 @@ def _of_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
             for number in numbers
         ):
             raise InputError("generation and candidate must be integers of at least 0")
-        return _of_run(folder / run, fspath(run), *numbers)
+        return _read_run(folder / run, fspath(run), *numbers)
     if isinstance(value.get("architecture"), Mapping) and isinstance(value.get("weights"), list):
         return dict(value)
-    raise InputError("a mapping must have the form {run: PATH, generation: G, candidate: N}, with the last two optional")
+    raise InputError(
+        "a mapping must have the form {run: PATH, generation: G, candidate: N}, with the last two optional"
+    )
 
 
-def _of_path(path: Path, name: str) -> Entry:
+def _read_path(path: Path, name: str) -> Entry:
     if path.is_dir():
-        return _of_run(path, name, None, None)
-    entry, genome = entry_of(Controller.load(path).specification, name), genome_beside(path)
+        return _read_run(path, name, None, None)
+    entry, genome = make_entry(Controller.load(path).specification, name), genome_beside(path)
     return entry if genome is None else {**entry, "genome": genome}
 
 
-def _of_run(path: Path, name: str, candidate: int | None, generation: int | None) -> Entry:
-    from swarmwright.experiment.experiment import stored_experiment  # noqa: PLC0415 - it imports this module
+def _read_run(path: Path, name: str, candidate: int | None, generation: int | None) -> Entry:
+    from swarmwright.experiment.experiment import load_stored_experiment  # noqa: PLC0415 - it imports this module
 
     store = StoreReader(find_store(path))
     evaluation = store.evaluation(candidate, generation)
-    experiment = stored_experiment(store)
+    experiment = load_stored_experiment(store)
     specification = experiment.representation().specification(evaluation.genome)
-    entry = entry_of(
+    entry = make_entry(
         specification, f"{name}, candidate {evaluation.candidate} of generation {evaluation.generation}"
     )
     genome = shortest(evaluation.genome)
     return entry if genome == entry["weights"] else {**entry, "genome": genome}
 
 
-def entry_of(specification: Mapping[str, Any], name: str) -> Entry:
+def make_entry(specification: Mapping[str, Any], name: str) -> Entry:
     """Build the entry of a controller. name: its origin."""
     architecture = {key: value for key, value in specification.items() if key != "weights"}
     return {"from": name, "architecture": architecture, "weights": list(specification["weights"])}
 
 
-def start_genomes(experiment: "Experiment", representation: Representation) -> Genomes | None:
+def find_start_genomes(experiment: "Experiment", representation: Representation) -> Genomes | None:
     """Return the genomes to start from, (controllers, genome_size), or None.
 
     Raises InputError if they do not match the representation.
@@ -100,10 +102,10 @@ def start_genomes(experiment: "Experiment", representation: Representation) -> G
             return genomes_of(experiment.start_from, representation)
         except InputError as error:
             raise InputError(f"start_from: {error}") from error
-    given = representation.start_genome
-    if given is None or method_of(experiment.method).no_start(experiment.method, 1) is not None:
+    start = representation.start_genome
+    if start is None or method_of(experiment.method).no_start(experiment.method, 1) is not None:
         return None
-    return given.reshape(1, -1)
+    return start.reshape(1, -1)
 
 
 def samples_around_start(experiment: "Experiment") -> bool:
@@ -116,18 +118,18 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
 
     Raises InputError if a controller's architecture does not match the representation.
     """
-    wanted = json.loads(json.dumps(representation.architecture()))
+    required = json.loads(json.dumps(representation.architecture()))
     rows = []
     for entry in start_from:
         name = entry.get("from", "controller")
         architecture = entry["architecture"]
-        differing = list(_differing(architecture, wanted))
+        differing = list(_iter_differences(architecture, required))
         if differing:
             options = type(representation.options).model_fields
             raise InputError(
                 f"{name} is {describe_controller(architecture)}, but controllers of this experiment are "
-                f"{describe_controller(wanted)}; they differ in "
-                f"{', '.join(_difference(key, architecture, wanted, options) for key in differing)}"
+                f"{describe_controller(required)}; they differ in "
+                + ", ".join(_describe_difference(key, architecture, required, options) for key in differing)
             )
         try:
             genome = np.array(entry.get("genome", entry["weights"]), dtype=np.float32)
@@ -155,24 +157,26 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
     return np.stack(rows)
 
 
-def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
-    for key in dict.fromkeys([*other, *one]):
-        if _comparable(one.get(key)) != _comparable(other.get(key)):
+def _iter_differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:
+    for key in dict.fromkeys([*second, *first]):
+        if _make_comparable(first.get(key)) != _make_comparable(second.get(key)):
             yield str(key)
 
 
-def _difference(key: str, one: Mapping[str, Any], other: Mapping[str, Any], options: Container[str]) -> str:
+def _describe_difference(
+    key: str, first: Mapping[str, Any], second: Mapping[str, Any], options: Container[str]
+) -> str:
     """Describe a difference: `output_range ([-2, 2], here [-1, 1]; set controller.output_range)`."""
     values = [
-        format_value(each[key], _SHOWN_CHARACTERS + 1) if key in each else "none" for each in (one, other)
+        format_value(each[key], _SHOWN_CHARACTERS + 1) if key in each else "none" for each in (first, second)
     ]
     if key == "groups" or max(map(len, values)) > _SHOWN_CHARACTERS:
         return key
-    advice = f"; set controller.{key}" if key in options and key in one else ""
+    advice = f"; set controller.{key}" if key in options and key in first else ""
     return f"{key} ({values[0]}, here {values[1]}{advice})"
 
 
-def _comparable(value: Any) -> Any:  # noqa: ANN401 - any value of a specification
+def _make_comparable(value: Any) -> Any:  # noqa: ANN401 - any value of a specification
     """Return a value without the numbers of agents in groups of a team."""
     if not isinstance(value, list):
         return value

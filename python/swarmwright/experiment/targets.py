@@ -13,7 +13,7 @@ from swarmwright.common.suggestions import unknown
 from swarmwright.common.yaml import Path_, Source, format_path, read
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import STORE, Validate
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment, with_source
+from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD, Experiment, with_source
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.methods.rankings.absolute import AbsoluteOptions
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
@@ -22,15 +22,15 @@ from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import make_absolute
 from swarmwright.simulations.user_code.permission import require_named
 
-CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
+CHANGED = KEYS_OUTSIDE_RECORD - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
 """Keys that the file of a target may have."""
 _CONDITIONS = ("simulation", "parameters", "fitness", "broker", "prefix")
 """Keys that determine an episode or its simulator."""
 _FILES = (".yaml", ".yml")
 _REASON = "does not belong to a target"
 _RULE = (
-    "a target may have only keys for the evaluation of candidates, such as simulation, parameters, fitness and "
-    "servers; remove others"
+    "a target may have only keys for the evaluation of candidates, such as simulation, parameters, "
+    "fitness and servers; remove others"
 )
 
 Entry = str | Mapping[str, Any]
@@ -49,7 +49,7 @@ class OtherSimulation:
     """The differing keys, if they are not in a file."""
 
     @classmethod
-    def of(cls, entry: Entry) -> "OtherSimulation":
+    def from_entry(cls, entry: Entry) -> "OtherSimulation":
         """Build the target from an experiment's entry."""
         if isinstance(entry, str):
             return cls(entry)
@@ -57,14 +57,14 @@ class OtherSimulation:
         return cls(str(entry.get("name") or changes.get("simulation") or "other parameters"), changes)
 
     @property
-    def places(self) -> bool:
+    def sets_servers(self) -> bool:
         """Whether it sets its own servers or broker."""
         values = self._source().values if self._has_keys else None
         return isinstance(values, Mapping) and not {"servers", "broker"}.isdisjoint(values)
 
-    def experiments(self, experiment: Experiment, count: int) -> list[Experiment]:  # noqa: ARG002 - as targets have it
+    def make_experiments(self, experiment: Experiment, count: int) -> list[Experiment]:  # noqa: ARG002 - as targets have it
         """Return the changed experiment of all episodes. Raises InputError if the change is invalid."""
-        experiment = alone(experiment)
+        experiment = without_targets(experiment)
         if self._has_keys:
             changed = with_source(experiment, self._source(), only=CHANGED, reason=_REASON, rule=_RULE)
             return [_with_sizes(changed, experiment)]
@@ -77,12 +77,12 @@ class OtherSimulation:
             ) from error
         return [_with_sizes(changed, experiment)]
 
-    def code(self, experiment: Experiment) -> str | None:
-        """Return the class or command of the target, if it differs from the experiment's, without importing."""
-        said = self._source().values.get("simulation") if self._has_keys else self.name
-        if isinstance(said, Mapping):  # a command
-            said = self.experiments(experiment, 1)[0].simulation
-        return said if isinstance(said, str) and is_python(said) else None
+    def find_code(self, experiment: Experiment) -> str | None:
+        """Return the class or command of a different simulation, without importing it."""
+        simulation = self._source().values.get("simulation") if self._has_keys else self.name
+        if isinstance(simulation, Mapping):  # a command
+            simulation = self.make_experiments(experiment, 1)[0].simulation
+        return simulation if isinstance(simulation, str) and is_python(simulation) else None
 
     @property
     def _has_keys(self) -> bool:
@@ -97,24 +97,24 @@ class PseudoReality:
     """Models of the run's simulation, sampled around its parameters, one per episode.
 
     After Ligot and Birattari, "Simulation-only experiments to mimic the effects of the reality gap in the
-    automatic design of robot swarms", Swarm Intelligence 14, 2020, doi:10.1007/s11721-019-00175-w: the loss of
-    fitness between models shows which designs are robust, without robots.
+    automatic design of robot swarms", Swarm Intelligence 14, 2020, doi:10.1007/s11721-019-00175-w: the loss
+    of fitness between models shows which designs are robust, without robots.
     """
 
     ranges: tuple[Range, ...]
     name: str = "pseudo-reality"
-    places = False
+    sets_servers = False
 
-    def experiments(self, experiment: Experiment, count: int) -> list[Experiment]:
+    def make_experiments(self, experiment: Experiment, count: int) -> list[Experiment]:
         """Return an experiment with sampled parameters for each episode, the same for all runs."""
-        experiment = alone(experiment)
-        return [self._sampled(experiment, model) for model in range(count)]
+        experiment = without_targets(experiment)
+        return [self._sample(experiment, model) for model in range(count)]
 
-    def _sampled(self, experiment: Experiment, model: int) -> Experiment:
+    def _sample(self, experiment: Experiment, model: int) -> Experiment:
         stream = Stream(0, "pseudo-reality", 0, model)
         shares = stream.unit(len(self.ranges)).tolist()
         settings = [
-            f"{format_path(interval.path)}={interval.at(share)!r}"
+            f"{format_path(interval.path)}={interval.interpolate(share)!r}"
             for interval, share in zip(self.ranges, shares, strict=True)
         ]
         try:
@@ -131,7 +131,7 @@ Target = OtherSimulation | PseudoReality
 
 def targets_of(to: Iterable[Entry], ranges: Sequence[Range]) -> list[Target]:
     """Build the targets of a transfer. Raises InputError without any, or for duplicates."""
-    targets: list[Target] = [OtherSimulation.of(entry) for entry in to]
+    targets: list[Target] = [OtherSimulation.from_entry(entry) for entry in to]
     names = [target.name for target in targets]
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
@@ -152,7 +152,7 @@ def targets_at_end(experiment: Experiment) -> list[Target]:
 def slow_of(experiment: Experiment) -> OtherSimulation | None:
     """Return the slow simulation of an experiment's ranking; None for other rankings."""
     ranking = experiment.ranking
-    return OtherSimulation.of(ranking.slow) if isinstance(ranking, SlowOptions) else None
+    return OtherSimulation.from_entry(ranking.slow) if isinstance(ranking, SlowOptions) else None
 
 
 def _ranges(experiment: Experiment) -> list[Range]:
@@ -164,22 +164,27 @@ def _ranges(experiment: Experiment) -> list[Range]:
     return [*(E_PUCKS if options.pseudo_reality else ()), *vary]
 
 
-def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
+def explain_mismatch(name: str, target: Experiment, experiment: Experiment) -> str | None:
     """Return why controllers of `here` do not match `there`; None if they match or it is unknown."""
-    sizes = [(experiment.sensors, experiment.actuators) for experiment in (here, there)]
-    if not steers_agents(here) or None in (*sizes[0], *sizes[1]) or sizes[0] == sizes[1]:
+    sizes = [(experiment.sensors, experiment.actuators) for experiment in (experiment, target)]
+    if not steers_agents(experiment) or None in (*sizes[0], *sizes[1]) or sizes[0] == sizes[1]:
         return None
-    own, others = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
-    return f"{name}: the run's controllers have {own}, but agents of {there.label} have {others}"
+    sizes_text, target_sizes_text = (
+        f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes
+    )
+    return (
+        f"{name}: the run's controllers have {sizes_text}, but agents of {target.label} have "
+        f"{target_sizes_text}"
+    )
 
 
-def is_same(there: Experiment, here: Experiment) -> bool:
+def is_same(first_experiment: Experiment, second_experiment: Experiment) -> bool:
     """Whether two experiments have the same simulation, parameters, fitness and broker."""
-    first, second = there.to_mapping(), here.to_mapping()
+    first, second = first_experiment.to_mapping(), second_experiment.to_mapping()
     return all(first.get(key) == second.get(key) for key in _CONDITIONS)
 
 
-def alone(experiment: Experiment) -> Experiment:
+def without_targets(experiment: Experiment) -> Experiment:
     """Return an experiment without its other simulations."""
     ranking = experiment.ranking
     if isinstance(ranking, SlowOptions):
@@ -194,7 +199,7 @@ def _with_sizes(changed: Experiment, experiment: Experiment) -> Experiment:
     return dataclasses.replace(changed, sensors=experiment.sensors, actuators=experiment.actuators)
 
 
-def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, Any]:
+def resolve_targets(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, Any]:
     """Return the sections with other simulations, with files replaced by their contents.
 
     Args:
@@ -208,21 +213,21 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, 
     entries, problems = [], []
     if isinstance(experiment.ranking, SlowOptions):
         try:
-            entry = _resolved(experiment, experiment.ranking.slow, source, ("ranking", "slow"), ask=ask)
+            entry = _resolve_target(experiment, experiment.ranking.slow, source, ("ranking", "slow"), ask=ask)
             changed["ranking"] = experiment.ranking.model_copy(update={"slow": entry})
             if ask and isinstance(experiment.ranking, TransferabilityOptions):
-                changed["ranking"] = _described(experiment, changed["ranking"], source)
+                changed["ranking"] = _fill_in_descriptor(experiment, changed["ranking"], source)
         except InputError as error:
             problems.append(str(error))
     for index, entry in enumerate(experiment.validate.to):
         try:
-            entries.append(_resolved(experiment, entry, source, ("validate", "to", index), ask=ask))
+            entries.append(_resolve_target(experiment, entry, source, ("validate", "to", index), ask=ask))
         except InputError as error:
             problems.append(str(error))
     changed["validate"] = experiment.validate.model_copy(update={"to": entries})
     if ask and not problems:
         problems += _range_problems(experiment, source)
-        names = [OtherSimulation.of(entry).name for entry in entries]
+        names = [OtherSimulation.from_entry(entry).name for entry in entries]
         doubled = [name for index, name in enumerate(names) if name in names[:index]]
         problems += [f"{source.locate(('validate', 'to'))}{name} is given twice" for name in doubled[:1]]
     if problems:
@@ -230,18 +235,18 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, 
     return changed
 
 
-def _described(
+def _fill_in_descriptor(
     experiment: Experiment, options: TransferabilityOptions, source: Source
 ) -> TransferabilityOptions:
     """Fill in the metrics that describe behaviour. Raises InputError with the position."""
     if not catalogue.has_description(experiment.simulation):
         return options
-    there = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
+    metrics = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
     for index, name in enumerate(options.descriptor):
-        if name not in there:
-            place = source.locate(("ranking", "descriptor", index))
-            raise InputError(f"{place}{unknown('metric', name, there)}")
-    return options.model_copy(update={"descriptor": options.descriptor or there})
+        if name not in metrics:
+            position = source.locate(("ranking", "descriptor", index))
+            raise InputError(f"{position}{unknown('metric', name, metrics)}")
+    return options.model_copy(update={"descriptor": options.descriptor or metrics})
 
 
 def _range_problems(experiment: Experiment, source: Source) -> list[str]:
@@ -251,13 +256,13 @@ def _range_problems(experiment: Experiment, source: Source) -> list[str]:
         ranges = _ranges(experiment)
         key = "vary" if experiment.validate.vary else key
         if ranges:
-            PseudoReality(tuple(ranges)).experiments(alone(experiment), 1)
+            PseudoReality(tuple(ranges)).make_experiments(without_targets(experiment), 1)
     except InputError as error:
         return [f"{source.locate(('validate', key))}{error}"]
     return []
 
 
-def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_, *, ask: bool) -> Entry:
+def _resolve_target(experiment: Experiment, entry: Entry, source: Source, path: Path_, *, ask: bool) -> Entry:
     """Return a complete target. Raises InputError with the position."""
     folder = Path(source.name).parent if source.name and not source.is_option(path) else Path()
     if ask and (folder / STORE).exists():
@@ -266,27 +271,27 @@ def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_,
         if not ask:
             return entry  # as stored in a run
         keys = {key: value for key, value in entry.items() if key != "name"}
-        name, place = OtherSimulation.of(entry).name, source.locate(path)
-        return _with_keys(experiment, name, _part(source, path, keys), place)
+        name, position = OtherSimulation.from_entry(entry).name, source.locate(path)
+        return _build_target(experiment, name, _part(source, path, keys), position)
     if entry.endswith(_FILES):
         try:
-            said = read(folder / entry)
+            file = read(folder / entry)
         except InputError as error:
             raise InputError(f"{source.locate(path)}{error}") from error
-        return _with_keys(experiment, entry, said, source.locate(path), ask=ask)
+        return _build_target(experiment, entry, file, source.locate(path), ask=ask)
     if entry.endswith((".fmu", ".ssp")):
         keys = {"simulation": entry, "parameters": dict(experiment.parameters)}
-        said = Source("", keys) if source.is_option(path) else _part(source, path, keys)
-        return _with_keys(experiment, entry, said, source.locate(path), ask=ask)
+        file = Source("", keys) if source.is_option(path) else _part(source, path, keys)
+        return _build_target(experiment, entry, file, source.locate(path), ask=ask)
     if is_python(entry):
         entry = make_absolute(entry, folder)
     if ask:
         target = OtherSimulation(entry)
         try:
-            (there,) = target.experiments(experiment, 1)
+            (target_experiment,) = target.make_experiments(experiment, 1)
         except InputError as error:
             raise InputError(f"{source.locate(path)}{error}") from error
-        _require_fit(entry, there, experiment, source.locate(path))
+        _require_fit(entry, target_experiment, experiment, source.locate(path))
     return entry
 
 
@@ -299,26 +304,34 @@ def _require_trusted(entry: Entry, run: Path) -> None:
 
 def _part(source: Source, path: Path_, values: Mapping[str, Any]) -> Source:
     """Return the values at a path as a separate source with the lines of the file."""
-    if path not in source.lines and path[:-1] in source.lines and path[-1] == 0:  # a single target needs no list
+    if (
+        path not in source.lines and path[:-1] in source.lines and path[-1] == 0
+    ):  # a single target needs no list
         path = path[:-1]
-    lines = {place[len(path) :]: line for place, line in source.lines.items() if place[: len(path)] == path}
+    lines = {
+        line_path[len(path) :]: line
+        for line_path, line in source.lines.items()
+        if line_path[: len(path)] == path
+    }
     return Source(source.name, dict(values), lines, above=path)
 
 
-def _with_keys(
-    experiment: Experiment, name: str, said: Source, place: str, *, ask: bool = True
+def _build_target(
+    experiment: Experiment, name: str, file: Source, position: str, *, ask: bool = True
 ) -> dict[str, Any]:
     """Return a target with its changed keys after checks."""
-    changed = with_source(alone(experiment), said, only=CHANGED, reason=_REASON, rule=_RULE, ask=ask)
-    _require_fit(name, _with_sizes(changed, experiment), experiment, place)
+    changed = with_source(
+        without_targets(experiment), file, only=CHANGED, reason=_REASON, rule=_RULE, ask=ask
+    )
+    _require_fit(name, _with_sizes(changed, experiment), experiment, position)
     values = changed.to_mapping()
-    kept = {key: values[key] for key in said.values if key in values}
-    if isinstance(said.values.get("parameters"), Mapping):
-        kept["parameters"] = {key: values["parameters"][key] for key in said.values["parameters"]}
-    return {"name": name, **kept}
+    keys = {key: values[key] for key in file.values if key in values}
+    if isinstance(file.values.get("parameters"), Mapping):
+        keys["parameters"] = {key: values["parameters"][key] for key in file.values["parameters"]}
+    return {"name": name, **keys}
 
 
-def _require_fit(name: str, there: Experiment, experiment: Experiment, place: str) -> None:
-    problem = unfit(name, there, experiment)
+def _require_fit(name: str, target: Experiment, experiment: Experiment, position: str) -> None:
+    problem = explain_mismatch(name, target, experiment)
     if problem is not None:
-        raise InputError(f"{place}{problem}")
+        raise InputError(f"{position}{problem}")

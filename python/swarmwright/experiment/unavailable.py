@@ -42,7 +42,7 @@ class UnavailableMethod(Method):
     steady_state = True
 
     def __init__(self, options: MethodOptions, representation: Representation, *, seed: int) -> None:  # noqa: ARG002
-        require(options, None)
+        require_method(options, None)
 
     @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:  # noqa: ARG003
@@ -112,7 +112,7 @@ def is_unread(section: str, options: MethodOptions | RankingOptions) -> bool:
     return stand_in and REGISTRIES[section].is_in_file(options.kind)
 
 
-def unreadable(options: RankingOptions) -> str | None:
+def explain_unreadable(options: RankingOptions) -> str | None:
     """Return why a run's ranking cannot be used to show its results, or None.
 
     Its code is not executed just to show a run, unless the user already trusts it.
@@ -137,11 +137,11 @@ def options_with_code(section: str, options: Any) -> Any:  # noqa: ANN401 - opti
     try:
         return model.model_validate(options.model_dump(exclude_none=True))
     except ValidationError as error:
-        found = problems_of(error, model, (section,))
-        raise InputError("\n".join(f"{format_path(path)}: {words}" for path, words in found)) from error
+        problems = problems_of(error, model, (section,))
+        raise InputError("\n".join(f"{format_path(path)}: {words}" for path, words in problems)) from error
 
 
-def require(options: MethodOptions, folder: Path | None) -> None:
+def require_method(options: MethodOptions, folder: Path | None) -> None:
     """Raise InputError for the options of a method that is not installed.
 
     folder: of the run, whose copy of the method's code is mentioned.
@@ -160,16 +160,14 @@ def require(options: MethodOptions, folder: Path | None) -> None:
 
 
 def _refuse(kind: str, reason: str, folder: Path | None) -> NoReturn:
-    found = [] if folder is None else copies(folder, ["method"])
-    copied = "".join(
-        f"; the run used its module {module}, copied to {place}" for module, place in found
-    )
+    modules = [] if folder is None else find_copies(folder, ["method"])
+    copied = "".join(f"; the run used its module {module}, copied to {path}" for module, path in modules)
     raise InputError(
         f"method.kind: {reason}{copied}. To resume the run, install the package that provides {kind!r}"
     )
 
 
-def not_installed(values: Mapping[str, Any]) -> list[str]:
+def find_not_installed(values: Mapping[str, Any]) -> list[str]:
     """Return the sections of an experiment, `controller` or `ranking`, whose kind is not installed."""
     kinds = {
         section: values[section].get("kind")
@@ -185,11 +183,11 @@ def not_installed(values: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def copies(folder: Path, sections: Sequence[str]) -> Sequence[tuple[str, Path]]:
+def find_copies(folder: Path, sections: Sequence[str]) -> Sequence[tuple[str, Path]]:
     """Return module and path of plug-in sections in the last version of a run's copy."""
     versions = sorted(int(path.name) for path in (folder / FOLDER).glob("*") if path.name.isdecimal())
     copy = Copy.find(folder, versions[-1]) if versions else None
     if copy is None:
         return []
-    kept = [copy.parts[section] for section in sections if section in copy.parts]
-    return [(part.module or part.main, copy.main_path(part)) for part in kept]
+    parts = [copy.parts[section] for section in sections if section in copy.parts]
+    return [(part.module or part.main, copy.main_path(part)) for part in parts]

@@ -13,9 +13,9 @@ from swarmwright.common.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, STORE, Checked
 from swarmwright.experiment.launcher_entries import entries_of, names_launchers
-from swarmwright.experiment.misplaced import with_right_place
+from swarmwright.experiment.misplaced import with_right_section
 from swarmwright.experiment.parameter_files import is_mission, resolve
-from swarmwright.experiment.start_from import entries
+from swarmwright.experiment.start_from import read_entries
 from swarmwright.experiment.unavailable import UnavailableMethod, UnreadRanking
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
@@ -36,7 +36,8 @@ def check(
         source: the file.
         ask: whether the class of a simulation may be imported.
         folder: base of relative paths; default: the folder of the file.
-        lenient: sections that may be unavailable, for a run that is only read: a method that is not installed,
+        lenient: sections that may be unavailable, for a run that is only read: a method that is not
+        installed,
             or a method or ranking in a file.
 
     Raises InputError with all problems, one per line, in the order of the file.
@@ -48,9 +49,9 @@ def check(
 
     checked: Checked = {}
     if not isinstance(source.values, Mapping):
-        found = "is empty" if source.values is None else f"holds {format_value(source.values)}"
+        content = "is empty" if source.values is None else f"holds {format_value(source.values)}"
         begins = "an experiment is a mapping such as 'simulation: minisim'"
-        report((), f"{found}; {begins}{_importable(source)}")
+        report((), f"{content}; {begins}{_suggest_import(source)}")
     elif "experiment" in source.values and "simulation" not in source.values:
         report((), "is a sweep file, not an experiment; run it with 'swarmwright sweep'")
     elif is_mission(source.values):
@@ -58,15 +59,15 @@ def check(
     else:
         # An empty section ("method:") has its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
-        here = _with_simulation(values, folder or source.folder(("simulation",)), report, ask=ask)
-        values, files, unread = _with_files(source, values, report, ask=here)
+        is_available = _with_simulation(values, folder or source.folder(("simulation",)), report, ask=ask)
+        values, files, unread = _with_files(source, values, report, ask=is_available)
         values = _with_controllers(source, values, report)
         values = _with_modules(source, values, folder, report)
         values = _with_classes(source, values, folder, report, ask=ask)
         values = _with_launchers(source, values, folder, report)
-        placed = _in_right_place(values, here, _in_files(files, report))
-        with _stand_ins({"method", "ranking"} if not ask else lenient):
-            checked = check_values(values, here, placed, ask=ask, unread=unread)
+        placed = _report_in_sections(values, is_available, _report_in_files(files, report))
+        with _use_stand_ins({"method", "ranking"} if not ask else lenient):
+            checked = check_values(values, is_available, placed, ask=ask, unread=unread)
         if ask and "method" not in lenient and checked.get("method") is not None:  # not needed to read a run
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:
@@ -74,7 +75,7 @@ def check(
     if problems:
         broken = {path for path, line, _ in problems if line}
         lines = [
-            ((0, line) if line else source.order(path), _spoken(source, path, line, message))
+            ((0, line) if line else source.order(path), _format_problem(source, path, line, message))
             for path, line, message in problems
             # Do not report problems within duplicate keys.
             if line or path not in broken
@@ -84,7 +85,7 @@ def check(
 
 
 @contextmanager
-def _stand_ins(sections: Collection[str]) -> Iterator[None]:
+def _use_stand_ins(sections: Collection[str]) -> Iterator[None]:
     """Allow unavailable sections within the block, without importing from files."""
     with ExitStack() as stack:
         if "method" in sections:
@@ -102,14 +103,14 @@ _NO_EXPERIMENT = (
 _EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "validate", "timeouts", "faults"})
 
 
-def _importable(source: Source) -> str:
+def _suggest_import(source: Source) -> str:
     """Return a hint for files that may be a FREVO session or a drawn model."""
     if not str(source.values).startswith("<"):
         return ""
     return "; convert a FREVO session or a drawn model with 'swarmwright import'"
 
 
-def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
+def _format_problem(source: Source, path: Path_, line: int, message: str) -> str:
     if not line:
         return source.locate(path) + message
     return Source(source.name, lines={path: line}).locate(path) + message
@@ -142,7 +143,7 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
         simulation = values["simulation"] = commands.name_of(
             simulation, values, None if (folder / STORE).exists() else folder, report
         )
-        ask = ask and simulation != commands.WRONG
+        ask = ask and simulation != commands.INVALID
     if not isinstance(simulation, str):
         return False
     if not is_python(simulation):
@@ -158,41 +159,41 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     return ask
 
 
-def _in_files(files: Mapping[Path_, Source], report: Report) -> Report:
+def _report_in_files(files: Mapping[Path_, Source], report: Report) -> Report:
     """Wrap a report to add file and line of values in parameters' files.
 
     files: by the path of the value that they replace, from the parameter's name on.
     """
 
-    def told(path: Path_, message: str) -> None:
-        place = path[1:] if path[:1] == ("parameters",) else ()
+    def report_in_file(path: Path_, message: str) -> None:
+        value_path = path[1:] if path[:1] == ("parameters",) else ()
         # From the inside out, as a mission's file may contain a robot's file.
-        for length in range(len(place), 0, -1):
-            if place[:length] in files:
-                message = files[place[:length]].locate(place[length:]) + message
-                place = place[:length]
-        report((*path[:1], *place) if place else path, message)
+        for length in range(len(value_path), 0, -1):
+            if value_path[:length] in files:
+                message = files[value_path[:length]].locate(value_path[length:]) + message
+                value_path = value_path[:length]
+        report((*path[:1], *value_path) if value_path else path, message)
 
-    return told
+    return report_in_file
 
 
-def _in_right_place(values: Mapping[str, Any], here: bool, report: Report) -> Report:
+def _report_in_sections(values: Mapping[str, Any], is_available: bool, report: Report) -> Report:
     """Wrap a report to add the right section of misplaced keys."""
 
-    def told(path: Path_, message: str) -> None:
+    def report_in_section(path: Path_, message: str) -> None:
         if path and len(path) <= 2 and isinstance(path[-1], str):
-            known = catalogue.parameter_names(values["simulation"]) if here else ()
+            parameters = catalogue.parameter_names(values["simulation"]) if is_available else ()
             section = str(path[0]) if len(path) == 2 else ""
-            message = with_right_place(message, path[-1], section, values, known)
+            message = with_right_section(message, path[-1], section, values, parameters)
         report(path, message)
 
-    return told
+    return report_in_section
 
 
 def _with_files(
     source: Source, values: dict[str, Any], report: Report, *, ask: bool
 ) -> tuple[dict[str, Any], dict[Path_, Source], bool]:
-    """Replace parameters' files by their contents; return the values, the files, and whether any is unreadable."""
+    """Replace parameters' files; return the values, the files, and whether any is unreadable."""
     simulation, parameters = values.get("simulation"), values.get("parameters")
     if not isinstance(simulation, str) or not isinstance(parameters, Mapping):
         return values, {}, False
@@ -211,7 +212,7 @@ def _with_controllers(source: Source, values: dict[str, Any], report: Report) ->
     if values.get("start_from") is None:
         return values
     try:
-        return {**values, "start_from": entries(values["start_from"], source.folder(("start_from",)))}
+        return {**values, "start_from": read_entries(values["start_from"], source.folder(("start_from",)))}
     except SwarmwrightError as error:
         report(("start_from",), str(error))
         return {**values, "start_from": None}
@@ -228,8 +229,10 @@ def _with_modules(
     for key in ("behaviours", "conditions"):
         names = controller.get(key)
         if isinstance(names, list | tuple):
-            here = folder or source.folder(("controller", key))
-            controller[key] = [_module(name, here, partial(report, ("controller", key))) for name in names]
+            base = folder or source.folder(("controller", key))
+            controller[key] = [
+                _resolve_name(name, base, partial(report, ("controller", key))) for name in names
+            ]
     return {**values, "controller": controller}
 
 
@@ -240,22 +243,22 @@ def _with_classes(
 
     `method: file.py:Class` is short for `method: {kind: file.py:Class}`.
     """
-    found = dict(values)
+    result = dict(values)
     for name in ("method", "ranking"):
         section = values.get(name)
         kind = section.get("kind") if isinstance(section, Mapping) else section
         if not isinstance(kind, str) or not REGISTRIES[name].is_in_file(kind):
             continue
-        place: Path_ = (name, "kind") if isinstance(section, Mapping) else (name,)
-        here = folder or source.folder(place)
+        key: Path_ = (name, "kind") if isinstance(section, Mapping) else (name,)
+        base = folder or source.folder(key)
         # If a run is only read, a class without a copy is checked when it is imported.
-        told = partial(report, place) if ask else _ignored
+        report_class = partial(report, key) if ask else _ignore
         options = section if isinstance(section, Mapping) else {}
-        found[name] = {**options, "kind": _module(kind, here, told)}
-    return found
+        result[name] = {**options, "kind": _resolve_name(kind, base, report_class)}
+    return result
 
 
-def _ignored(message: str) -> None:
+def _ignore(message: str) -> None:
     """Ignore a message that is reported elsewhere."""
 
 
@@ -265,19 +268,19 @@ def _with_launchers(
     """Replace the launchers under `servers` by their checked options."""
     if not names_launchers(values.get("servers")):
         return values
-    here = folder or source.folder(("servers",))
-    found = entries_of(values["servers"], here, lambda path, message: report(("servers", *path), message))
-    return {**values, "servers": "auto" if found is None else found}
+    base = folder or source.folder(("servers",))
+    launchers = entries_of(values["servers"], base, lambda path, message: report(("servers", *path), message))
+    return {**values, "servers": "auto" if launchers is None else launchers}
 
 
-def _module(name: Any, folder: Path, report: Callable[[str], None]) -> Any:  # noqa: ANN401 - any value of a file
+def _resolve_name(name: Any, folder: Path, report: Callable[[str], None]) -> Any:  # noqa: ANN401 - any value of a file
     if not isinstance(name, str) or not is_in_file(name):
         return name
     if not (folder / STORE).exists():
         return make_absolute(name, folder)
-    found = resolve_run_name(name, folder)
+    absolute_name = resolve_run_name(name, folder)
     try:
-        permission.require_file(found)
+        permission.require_file(absolute_name)
     except InputError as error:
         report(str(error))
-    return found
+    return absolute_name

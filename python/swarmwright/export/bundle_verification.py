@@ -19,7 +19,7 @@ from swarmwright.common.json_text import loads
 from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.modules.grammar import PYTHON_KIND
 from swarmwright.controllers.source.text import check_prefix
-from swarmwright.experiment.experiment import recorded_experiment
+from swarmwright.experiment.experiment import build_recorded_experiment
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.bundle import (
@@ -219,7 +219,7 @@ def check_fitness(
     stated = float(evaluation["fitness"])
     parts = [earlier["episodes"] for earlier in [*evaluation.get("earlier", []), evaluation]]
     try:
-        experiment = recorded_experiment(evaluation["experiment"])
+        experiment = build_recorded_experiment(evaluation["experiment"])
     except SwarmwrightError as error:  # a plug-in is missing
         report.unverified["fitness"] = str(error)
         return

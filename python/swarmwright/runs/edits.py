@@ -9,7 +9,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
 from swarmwright.common.values import flatten
 from swarmwright.common.yaml import dump, read
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment, stored_experiment
+from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD, Experiment, load_stored_experiment
 from swarmwright.runs.store import StoreReader
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Change:
     @property
     def matters(self) -> bool:
         """Whether results depend on it, rather than only where and how they are computed."""
-        return self.key.partition(".")[0] not in ELSEWHERE
+        return self.key.partition(".")[0] not in KEYS_OUTSIDE_RECORD
 
     def __str__(self) -> str:
         """Return the key and both values."""
@@ -57,8 +57,8 @@ def changes(run: "Run") -> tuple[list[Change], Experiment]:
     present = store.experiment()
     if text == dump(present).encode():
         return [], run.experiment
-    written = Experiment._checked(read(file), file, ask=False)
-    recorded = run.experiment if present == opened else stored_experiment(store, present)
+    written = Experiment._check_source(read(file), file, ask=False)
+    recorded = run.experiment if present == opened else load_stored_experiment(store, present)
     # A missing key means its default value in both.
     return differences(recorded.to_mapping(), written.to_mapping()), written
 
@@ -112,7 +112,7 @@ def adopt_file_edits(run: "Run", requested: Experiment) -> tuple[Experiment, lis
             f"\n{remedy}To continue this run, restore these values, or delete the file to have it written "
             f"again. To use the new values, start another run: swarmwright optimize {run.path / FILE}"
         )
-    moved = [change for change in edited_keys if change.key.partition(".")[0] in ELSEWHERE]
+    moved = [change for change in edited_keys if change.key.partition(".")[0] in KEYS_OUTSIDE_RECORD]
     if not moved:
         return run.experiment, []
     sections = {change.key.partition(".")[0] for change in moved}

@@ -14,7 +14,7 @@ from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.files import write_text
 from swarmwright.common.html import table
-from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.post_evaluation import EPISODES, EvaluationOptions, PostEvaluation, evaluate_candidates
 from swarmwright.runs.store.lookup import explain_missing_best
@@ -187,7 +187,7 @@ def learning_curve(
     leaders = {index: run._store.leader(history[index].generation) for index in indices}
     distinct = list({evaluation.number: evaluation for evaluation in leaders.values()}.values())
     experiment = (
-        resolve_experiment(run, history[-1].generation) if experiment is None else experiment_of(experiment)
+        resolve_experiment(run, history[-1].generation) if experiment is None else as_experiment(experiment)
     )
     evaluated = {
         candidate.number: candidate for candidate in evaluate_candidates(run, distinct, experiment, where)

@@ -20,7 +20,7 @@ from swarmwright.common.html import facts
 from swarmwright.common.statistics import Estimate, estimate, quantile
 from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
-from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.methods.rankings import Ranking
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.store import Evaluation
@@ -333,7 +333,7 @@ def post_evaluate(
     from swarmwright.runs.run import Run, open_run  # noqa: PLC0415 - it imports this module
 
     if experiment is not None:
-        experiment = experiment_of(experiment)
+        experiment = as_experiment(experiment)
     where = EvaluationOptions.of(episodes, seed, broker, servers, on_progress, metrics)
     if controller is not None:
         if candidate is not None or generation is not None:
@@ -344,7 +344,7 @@ def post_evaluate(
             run = open_run(run)
         used = run._store.collect_seeds() if isinstance(run, Run) else set()
         if experiment is None:
-            experiment = resolve_experiment(run, None) if isinstance(run, Run) else experiment_of(run)
+            experiment = resolve_experiment(run, None) if isinstance(run, Run) else as_experiment(run)
         if not isinstance(controller, Controller):
             controller = Controller.load(controller)
         return evaluate_controllers({"controller": controller}, experiment, where, used)[0]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.values import ComparedByValue
-from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.methods.rankings.race import Race
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.instances import instances
@@ -109,7 +109,7 @@ def repeat(
 
     run = open_run(run)
     if experiment is not None:
-        experiment = experiment_of(experiment)
+        experiment = as_experiment(experiment)
     recorded = run.evaluation(candidate, generation)
     parts = instances(run, recorded)
     ran = _count_episodes(run, recorded)

@@ -17,8 +17,8 @@ from swarmwright.common.html import facts, picture, png_of
 from swarmwright.common.processes import StablePath
 from swarmwright.common.statistics import Summary
 from swarmwright.controllers.controller import Controller
-from swarmwright.experiment.budget import Ended
-from swarmwright.experiment.experiment import Experiment, stored_experiment
+from swarmwright.experiment.budget import EndReason
+from swarmwright.experiment.experiment import Experiment, load_stored_experiment
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.runs.export import write_table
@@ -118,7 +118,7 @@ class Run:
     @cached_property
     def experiment(self) -> Experiment:
         """The experiment of the run."""
-        return stored_experiment(self._store, self._values)
+        return load_stored_experiment(self._store, self._values)
 
     @property
     def name(self) -> str:
@@ -288,10 +288,10 @@ class Run:
         return self.sessions[-1].outcome if self.sessions else None
 
     @property
-    def ended(self) -> Ended | None:
+    def ended(self) -> EndReason | None:
         """What ended a finished run: `generations`, `evaluations`, `seconds` or `target`; otherwise None."""
         ended: Any = self._store.find_end_reason(now=self._outcome is None) if self.state == "done" else ""
-        return ended if ended in get_args(Ended) else None
+        return ended if ended in get_args(EndReason) else None
 
     @property
     def interrupted(self) -> bool:

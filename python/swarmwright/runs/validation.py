@@ -31,9 +31,9 @@ from swarmwright.controllers import Representation
 from swarmwright.experiment.derived import reports_slow
 from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.start_from import samples_around_start, start_genomes
+from swarmwright.experiment.start_from import find_start_genomes, samples_around_start
 from swarmwright.experiment.targets import slow_of
-from swarmwright.experiment.unavailable import unreadable
+from swarmwright.experiment.unavailable import explain_unreadable
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC
@@ -227,7 +227,7 @@ def load_run_validation(run: "Run") -> Validation | None:
     if values["candidates"][0]["number"] != run.evaluation().number:
         return None  # the run has continued, and has another best candidate
     experiment = run.experiment
-    reason = unreadable(experiment.ranking)
+    reason = explain_unreadable(experiment.ranking)
     if reason is not None:
         warn_once(f"{run.path}: held-out fitness is unavailable: {reason}")
         return None
@@ -437,7 +437,7 @@ class _Work:
         if not samples_around_start(self._experiment):
             return
         representation = self._experiment.representation(self._backend.sensors, self._backend.actuators)
-        start = start_genomes(self._experiment, representation)
+        start = find_start_genomes(self._experiment, representation)
         if start is None:
             return
         seeds = self._plan.seeds[: self.done]

@@ -340,8 +340,8 @@ def test_what_a_picture_shows_needs_a_picture(program: Any, tmp_path: Path) -> N
             assert f"{option[0]} needs a file to write: add --save FILE." in result.stderr
     assert program("replay", "run", "--show", "rays", "--save", "x.png").returncode == 0
     for option in (["--set", "parameters.seed=3"],):
-        assert "the seed of episodes is the option --seed" in program("replay", "run", *option).stderr
-        assert "the seed of episodes is the option --seed" in program("evaluate", "run", *option).stderr
+        assert "set the seed of episodes with --seed" in program("replay", "run", *option).stderr
+        assert "set the seed of episodes with --seed" in program("evaluate", "run", *option).stderr
 
 
 @pytest.mark.slow

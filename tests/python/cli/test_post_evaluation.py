@@ -225,7 +225,7 @@ def test_a_controller_of_a_file(program: Any, noisy: Path) -> None:
         *(
             (
                 [place, "--controller", "mine.json", "--episodes", "2", "--set", f"{key}=4"],
-                f"--set {key}=4: has no effect here; the seed of episodes is the option --seed",
+                f"--set {key}=4: has no effect here; set the seed of episodes with --seed",
             )
             for place in (str(noisy), "run")
             for key in ("seed", "parameters.seed")

@@ -92,7 +92,7 @@ def test_a_terminal_shows_how_far_it_is(run: str, tmp_path: Path, command: tuple
         ((*SLOWER, "--csv", "nowhere/loss.csv"), "'nowhere/loss.csv': there is no folder 'nowhere'"),
         (
             (*SLOWER, "--vary", "parameters.speedDefenders=0.5..1"),
-            "--vary parameters.speedDefenders=0.5..1: this parameter has a range already; give it once",
+            "--vary parameters.speedDefenders=0.5..1: the parameter has two ranges; give one",
         ),
         ((*SLOWER, "--seeds", "1"), "1 is not in the range 2<=x"),
         (("--to", "gazebo"), "unknown simulation 'gazebo'"),

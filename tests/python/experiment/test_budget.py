@@ -125,9 +125,8 @@ def test_larger_populations_use_up_the_budget_in_fewer_generations(tmp_path: Pat
     assert run.ended == "generations"
     shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
     assert (
-        "ended because restarts have enlarged the population: the evaluations of 300 generations of the "
-        "first "
-        f"size were enough for {run.generations}; method.restart: none runs all 300\n"
+        f"ended because the evaluations are used after {run.generations} of 300 generations, as "
+        "restarts have enlarged the population; method.restart: none runs all 300\n"
     ) in shown
 
 
@@ -177,10 +176,10 @@ def test_a_run_can_be_prolonged_and_not_cut(tmp_path: Path) -> None:
 
 
 def test_generations_that_are_expected() -> None:
-    assert Budget(10, None, None).expected_generations(0, 0) == 10
-    assert Budget(None, 100, None).expected_generations(2, 40) == 5
-    assert Budget(4, 100, None).expected_generations(2, 40) == 4
-    assert Budget(None, None, 5.0).expected_generations(7, 40) == 7
+    assert Budget(10, None, None).estimate_generations(0, 0) == 10
+    assert Budget(None, 100, None).estimate_generations(2, 40) == 5
+    assert Budget(4, 100, None).estimate_generations(2, 40) == 4
+    assert Budget(None, None, 5.0).estimate_generations(7, 40) == 7
 
 
 def test_the_time_left_of_races_is_that_of_the_generations_left(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, optimize
-from swarmwright.experiment.checks import setting_warnings
+from swarmwright.experiment.checks import find_setting_warnings
 
 STEADY = {"operation": "steady_state"}
 TRANSFERRED = {"vary": {"parameters.speedDefenders": [0.4, 0.8]}}
@@ -25,9 +25,9 @@ TRANSFERRED = {"vary": {"parameters.speedDefenders": [0.4, 0.8]}}
 def test_keys_without_effect(method: dict[str, Any], validate: dict[str, Any], keys: list[str]) -> None:
     values = {"simulation": "minisim", "method": method, "validate": validate}
     experiment = Experiment.from_mapping(values)
-    assert [text.split()[0] for text in setting_warnings(experiment)] == keys
+    assert [text.split()[0] for text in find_setting_warnings(experiment)] == keys
     written_out = Experiment.from_mapping(experiment.to_mapping())
-    assert setting_warnings(written_out) == setting_warnings(experiment)
+    assert find_setting_warnings(written_out) == find_setting_warnings(experiment)
 
 
 @pytest.mark.parametrize("seeds", ["same", "new"])
@@ -39,7 +39,7 @@ def test_elites_of_lucky_seeds_are_warned_of(seeds: str) -> None:
     ):
         values = {"simulation": "minisim", "method": method, "ranking": {"seeds": seeds}}
         expected = [["ranking.seeds:", "new"]] if seeds == "new" and method["kind"] != "nnga" else []
-        found = setting_warnings(Experiment.from_mapping(values))
+        found = find_setting_warnings(Experiment.from_mapping(values))
         assert [text.split()[:2] for text in found] == expected
 
 
@@ -54,16 +54,16 @@ def test_elites_of_lucky_seeds_are_warned_of(seeds: str) -> None:
 )
 def test_differences_on_other_seeds_are_warned_of(options: dict[str, Any], warned: bool) -> None:
     ranking = {"kind": "multi_fidelity", "slow": "minisim", **options}
-    found = setting_warnings(Experiment.from_mapping({"simulation": "minisim", "ranking": ranking}))
+    found = find_setting_warnings(Experiment.from_mapping({"simulation": "minisim", "ranking": ranking}))
     assert [text.split(" with ")[0] for text in found] == (["ranking.memory: 5"] if warned else [])
 
 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"parameters": {"steering": "rule"}}, ["those of minisim steer themselves"]),
+        ({"parameters": {"steering": "rule"}}, ["agents of minisim control themselves"]),
         ({"parameters": {"steering": "rule"}, "controller": {"kind": "parameter_set"}}, []),
-        ({"controller": {"output_range": [5, 9]}}, ["[5, 9] is beyond all outputs of tanh, -1 to 1"]),
+        ({"controller": {"output_range": [5, 9]}}, ["[5, 9] is outside the outputs of tanh, -1 to 1"]),
         ({"controller": {"activation": "sigmoid", "output_range": [-2, -1]}}, ["of sigmoid, 0 to 1"]),
         ({"controller": {"activation": "sigmoid", "output_range": [-2, 0.5]}}, []),
         ({"controller": {"activation": "relu", "output_range": [-2, 0]}}, ["of relu, 0 or more"]),
@@ -75,7 +75,7 @@ def test_settings_with_which_no_controller_matters(values: dict[str, Any], words
         values["controller"]["parameters"] = {"avoidance": {"type": "real", "range": [0, 2]}}
     elif "controller" in values:
         values["controller"] = {"kind": "layered", **values["controller"]}
-    found = setting_warnings(Experiment.from_mapping({"simulation": "minisim", **values}))
+    found = find_setting_warnings(Experiment.from_mapping({"simulation": "minisim", **values}))
     assert len(found) == len(words)
     assert all(part in text for part, text in zip(words, found, strict=True))
 
@@ -95,7 +95,7 @@ def test_a_nest_that_is_its_own_source_is_warned_of(nest: str, count: int) -> No
         "metrics": {"x": {"kind": "returns", "sources": ["a"], "nest": nest}},
         "fitness": "x",
     }
-    found = setting_warnings(
+    found = find_setting_warnings(
         Experiment.from_mapping({"simulation": "arena", "parameters": {"mission": mission}})
     )
     assert len(found) == count

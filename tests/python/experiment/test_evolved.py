@@ -91,7 +91,7 @@ MISTAKES = [
     (
         "parameters: {steering: rule, avoidance: 2}",
         "avoidance: {type: real, range: [0, 5]}",
-        "6: controller.parameters.avoidance: is also in the experiment's parameters; remove it",
+        "6: controller.parameters.avoidance: is also one of the experiment's parameters; remove it",
     ),
     (
         "parameters: {steering: rule}",
@@ -111,12 +111,12 @@ MISTAKES = [
     (
         "parameters: {maxSteps: 9}",
         "avoidance: {type: real, range: [0, 5]}",
-        "4: controller.kind: parameter_set steers no agents, but agents of minisim must be steered; set para",
+        "4: controller.kind: parameter_set controls no agents, but agents of minisim must be controlled; set",
     ),
     (
         "parameters: {}",
         "steering: {type: categorical, choices: [rule, controller]}",
-        "4: controller.kind: parameter_set steers no agents",
+        "4: controller.kind: parameter_set controls no agents",
     ),
 ]
 
@@ -135,7 +135,7 @@ def test_what_does_not_fit_is_told_with_its_line(
 
 
 def test_a_simulation_without_a_rule_needs_another_controller() -> None:
-    with pytest.raises(InputError, match="of emergency_exit must be steered; use a controller that"):
+    with pytest.raises(InputError, match="of emergency_exit must be controlled; use a controller of"):
         Experiment.from_mapping(
             {
                 "simulation": "emergency_exit",
@@ -238,7 +238,7 @@ def test_a_real_number_for_a_parameter_of_integers(tmp_path: Path) -> None:
         Experiment.load(file)
     found = str(raised.value)
     assert found.startswith(f"{file}:7: controller.parameters.maxSteps: minisim refuses 18.7"), found
-    assert found.endswith("; for a parameter of integers write type: integer"), found
+    assert found.endswith("; for an integer parameter, write type: integer"), found
     assert "\n" not in found
 
 
@@ -272,7 +272,7 @@ def test_the_parameter_that_is_wrong_is_named(tmp_path: Path) -> None:
     found = str(raised.value).replace(f"{file}:", "").splitlines()
     assert [line.partition(" refuses ")[0] for line in found] == ["7: controller.parameters.big: world"] * 2
     assert [line.partition(" refuses ")[2] for line in found] == [
-        f"{value}: {value} found, expected a boolean; for a boolean write {{type: categorical, choices: "
+        f"{value}: {value} found, expected a boolean; for a boolean, write {{type: categorical, choices: "
         "[true, false]}"
         for value in (0, 1)
     ]
@@ -347,5 +347,7 @@ def test_booleans_need_a_class_that_declares_them(
     Path("steered.py").write_text(STEERED)
     evolved = {name: {"type": "categorical", "choices": [True, False]}}
     controller = {"kind": "parameter_set", "parameters": evolved}
-    with pytest.raises(InputError, match=rf"controller\.parameters\.{name}\.choices: booleans need a class"):
+    with pytest.raises(
+        InputError, match=rf"controller\.parameters\.{name}\.choices: booleans need a Python class"
+    ):
         Experiment.from_mapping({"simulation": simulation, "controller": controller, "fitness": "m"})

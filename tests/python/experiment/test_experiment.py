@@ -106,11 +106,11 @@ def test_only_the_simulation_is_required() -> None:
         ),
         (
             "method: {kind: nsga2, objectives: [steps]}\n",
-            "my.yaml:2: method.objectives: must name a direction for each metric, ",
+            "my.yaml:2: method.objectives: must map each metric to a direction, ",
         ),
         (
             "method: {kind: nsga2, objectives: {fitness: maximize, steps: minimize}}\n",
-            "my.yaml:2: method.objectives.fitness: fitness is always the first objective, and maximized; leave it out",
+            "my.yaml:2: method.objectives.fitness: fitness is always the first objective and is maximized; leave it out",
         ),
         (
             "method: {kind: map_elites, measures: {steps: [0, 15, 5]}}\n",
@@ -131,11 +131,11 @@ def test_only_the_simulation_is_required() -> None:
         ("servers: 0\n", "my.yaml:2: servers: must be at least 1 and at most 1024, not 0"),
         (
             "servers: locl\n",
-            "my.yaml:2: servers: must be auto, local, in-process, a number of servers, or what starts them, such as slurm:4, not 'locl'; did you mean 'local'?",
+            "my.yaml:2: servers: must be auto, local, in-process, a number of servers or a launcher such as slurm:4, not 'locl'; did you mean 'local'?",
         ),
         (
             "servers: true\n",
-            "my.yaml:2: servers: must be auto, local, in-process, a number of servers, or what starts them, such as slurm:4, not true",
+            "my.yaml:2: servers: must be auto, local, in-process, a number of servers or a launcher such as slurm:4, not true",
         ),
         ("requirements: {max_agents: 3}\n", "my.yaml:2: requirements.dimensions: is missing"),
         (
@@ -149,8 +149,8 @@ def test_only_the_simulation_is_required() -> None:
         ),
         ("prefix: /a\n", "my.yaml:2: prefix: must begin with neither '/' nor '$'"),
         ("broker: localhost\n", "my.yaml:2: broker: must begin with one of mqtt://, mqtts://, ws://, wss://"),
-        ("broker: mqtt://\n", "my.yaml:2: broker: names no host; write it like mqtt://host:1883"),
-        ("broker: mqtt://h:99999\n", "my.yaml:2: broker: has a port that is not a number from 1 to 65535"),
+        ("broker: mqtt://\n", "my.yaml:2: broker: has no host; write it like mqtt://host:1883"),
+        ("broker: mqtt://h:99999\n", "my.yaml:2: broker: has an invalid port, which must be from 1 to 65535"),
         ("sensors: 3\n", "my.yaml:2: sensors: minisim has 4, not 3; leave the key out"),
         (
             "parameters: {maxStep: 3}\n",
@@ -232,8 +232,11 @@ def test_all_mistakes_come_at_once_in_the_order_of_the_file(tmp_path: Path) -> N
         ("- 1\n", "holds [1]"),
         ("minisim\n", "holds 'minisim'"),
         ("seed: 1\n", "simulation: is missing"),
-        ("simulation: {gymnasium: Acrobot-v1}\n", "in one word, without a space; write gymnasium:Acrobot-v1"),
-        ("simulation: {pettingzoo: }\n", "in one word, without a space; write pettingzoo:NAME"),
+        (
+            "simulation: {gymnasium: Acrobot-v1}\n",
+            "environments are written without a space; write gymnasium:Acrobot-v1",
+        ),
+        ("simulation: {pettingzoo: }\n", "environments are written without a space; write pettingzoo:NAME"),
     ],
 )
 def test_what_is_no_experiment(text: str, words: str, tmp_path: Path) -> None:
@@ -257,7 +260,7 @@ def test_a_foreign_simulation_is_fine_until_it_is_run() -> None:
         {"simulation": "gazebo", "parameters": {"anything": [1, {"x": None}]}}
     )
     assert experiment.requirements.dimensions == 2
-    with pytest.raises(InputError, match="sensors: not known: 'gazebo' is not built in"):
+    with pytest.raises(InputError, match="sensors: unknown, as 'gazebo' is not built in"):
         _ = experiment.genome_size
     assert experiment.replace(sensors=3, actuators=2, controller={"hidden": []}).genome_size == 8
 
@@ -550,7 +553,7 @@ def test_junk_is_an_input_error_and_nothing_else(values: dict[Any, Any], named: 
 
 
 def test_genomes_without_bounds_are_refused() -> None:
-    with pytest.raises(InputError, match="controller: 100070006 genes are too many, at most 1000000"):
+    with pytest.raises(InputError, match="controller: 100070006 genes exceed the limit of 1000000"):
         _ = Experiment.from_mapping(
             {"simulation": "minisim", "controller": {"kind": "fully_meshed", "hidden": 10_000}}
         ).genome_size

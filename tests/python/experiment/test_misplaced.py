@@ -28,9 +28,9 @@ BASE = "simulation: minisim\nmethod: {kind: nnga, population: 6}\n"
         ("methd=nnga", "unknown key; did you mean 'method'?"),
         (
             "ranking.episode=3",
-            "unknown key; did you mean 'episodes'? In another section there is timeouts.episode",
+            "unknown key; did you mean 'episodes'? Another section has timeouts.episode",
         ),
-        ("seeds=3", "did you mean 'seed'? In another section there is ranking.seeds or validate.seeds"),
+        ("seeds=3", "did you mean 'seed'? Another section has ranking.seeds or validate.seeds"),
         ("parameters.maxStep=3", "unknown parameter of minisim; did you mean 'maxSteps'?"),
     ],
 )

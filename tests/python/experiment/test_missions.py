@@ -194,7 +194,7 @@ def test_a_robot_that_a_mission_misses_is_told_with_the_line_of_the_mission(tmp_
     where = f"{tmp_path}/mine.yaml:4: robots[1].robot: {tmp_path}/nope.yaml: there is no such file"
     assert str(caught.value) == f"{swarm}:3: parameters.mission: {where}"
     swarm.write_text('simulation: arena\nparameters:\n  mission: "a\\0b.yaml"\n')
-    with pytest.raises(InputError, match="a path cannot hold the character NUL"):
+    with pytest.raises(InputError, match="a path must not contain NUL"):
         Experiment.load(swarm)
 
 
@@ -396,7 +396,7 @@ def test_what_follows_from_a_mission_that_is_missing_is_not_told(controller: str
         ("", "holds nothing; expected keys and values"),
         (
             "simulation: arena\n",
-            "is an experiment, not a mission, which has walls, start, metrics and fitness",
+            "is an experiment, not a mission with walls, start, metrics and fitness",
         ),
     ):
         if text is not None:
@@ -410,6 +410,6 @@ def test_what_follows_from_a_mission_that_is_missing_is_not_told(controller: str
 
 def test_a_mission_in_the_place_of_an_experiment(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(MISSION)
-    words = rf"is a mission, not an experiment, which names it: .*{{mission: {tmp_path}/mine.yaml}}; 'swarmwr"
+    words = rf"is a mission, not an experiment; use it as .*{{mission: {tmp_path}/mine.yaml}} .*'swarmwr"
     with pytest.raises(InputError, match=words):
         Experiment.load(tmp_path / "mine.yaml")

@@ -94,7 +94,7 @@ def test_a_ranking_of_another_kind_keeps_its_episodes_and_seeds(file: Path) -> N
     assert found["level"] == 0.05, "another level than that of an aggregate"
     for order in (["ranking.kind=race", "ranking.episodes=8"], ["ranking.episodes=8", "ranking.kind=race"]):
         assert Experiment.load(file, order).ranking.episodes == 8
-    with pytest.raises(InputError, match=r"ranking\.episodes=3: 3 leaves nothing to race for"):
+    with pytest.raises(InputError, match=r"ranking\.episodes=3: 3 is too few for a race"):
         Experiment.load(file, ["ranking.kind=race", "ranking.episodes=3"])
 
 
@@ -150,8 +150,8 @@ def test_all_problems_come_at_once_with_those_of_the_file(file: Path) -> None:
         "my.yaml:4: mode: must be one of auto, stepwise, batched, offloaded, not 'x'",
         "--set method.generatons=5: unknown key; did you mean 'generations'?",
         "--set controller.hidden=[8, x]: controller.hidden[1]: must be an integer, not 'x'",
-        "--set parameters.agents.1=[1, 1]: parameters.agents is a list, which has no item '1'; its items are 0 to 0",
-        "--set parameters.maxSteps.first=4: parameters.maxSteps is 9, which has no part 'first'",
+        "--set parameters.agents.1=[1, 1]: parameters.agents is a list without an item '1'; its items are 0 to 0",
+        "--set parameters.maxSteps.first=4: parameters.maxSteps is 9, which has no key 'first'",
         "--set faults={audti: 1}: faults.audti: unknown key; did you mean 'audit'?",
         "--set controler.kind=layered: controler: unknown key; did you mean 'controller'?",
     ]
@@ -219,7 +219,7 @@ def test_controllers_that_do_not_fit_another_robot() -> None:
     assert found.startswith(
         "controller: was evolved for 24 sensors and 2 actuators, but the robot foot-bot has "
     )
-    assert "; robots that fit: e-puck-rm1.1" in found
+    assert "; matching robots: e-puck-rm1.1" in found
     assert "leave the key out" not in found
     assert experiment.with_settings(["parameters.robot=e-puck-rm1.1"]).sensors == 24
 
@@ -279,8 +279,8 @@ def test_parts_of_the_robots_of_kinds() -> None:
         with pytest.raises(InputError) as caught:
             changed("parameters.robot.drive.noise=0.1", **parameters)
         assert str(caught.value) == (
-            "--set parameters.robot.drive.noise=0.1: parameters.robot is not used here: there are kinds of "
-            f"robots; set what belongs to one, such as parameters.{key}.0.robot.drive.noise"
+            "--set parameters.robot.drive.noise=0.1: parameters.robot has no effect, as there are kinds of "
+            f"robots; set a component of a kind, such as parameters.{key}.0.robot.drive.noise"
         )
 
 
@@ -305,12 +305,12 @@ def test_parts_of_a_mission_in_a_file_or_with_a_name(tmp_path: Path) -> None:
     assert "none.yaml: there is no such file" in str(caught.value)
     # A part of text that stands for nothing else.
     file.write_text("simulation: gazebo\nparameters: {mission: decision}\n")
-    with pytest.raises(InputError, match=r"parameters\.mission is 'decision', which has no part 'robots'"):
+    with pytest.raises(InputError, match=r"parameters\.mission is 'decision', which has no key 'robots'"):
         Experiment.load(file, ["parameters.mission.robots=3"])
 
 
 def test_a_metric_called_like_that_of_the_ranking() -> None:
     values = {"simulation": "minisim", "fitness": "slow_fitness * 2"}
     ranking = {"kind": "multi_fidelity", "slow": {"parameters": {"maxSteps": 50}}}
-    with pytest.raises(InputError, match="fitness: slow_fitness is what the ranking multi_fidelity calls"):
+    with pytest.raises(InputError, match="fitness: the ranking multi_fidelity uses the name slow_fitness"):
         Experiment.from_mapping({**values, "ranking": ranking})

@@ -118,11 +118,11 @@ def test_genes_that_are_not_weights_are_kept_too(tmp_path: Path) -> None:
     assert own.start_from is not None
     assert own.start_from[0]["genome"] == next_one.start_from[0]["genome"]  # type: ignore[index]
     run.best.controller.save(tmp_path / "without.json")
-    with pytest.raises(InputError, match="evolution starts; name the folder of its run"):
+    with pytest.raises(InputError, match="but not its genome; use the folder of its run"):
         Experiment.from_mapping({**tuned, "start_from": str(tmp_path / "without.json")})
     wider = {"kind": "parameter_set", "parameters": {"maxSteps": {"type": "integer", "range": [5, 400]}}}
     for start in (run.path, run.path / "best.json"):
-        with pytest.raises(InputError, match="its genome gives other values"):
+        with pytest.raises(InputError, match="its genome and values do not match"):
             Experiment.from_mapping({**tuned, "controller": wider, "start_from": str(start)})
 
 
@@ -178,12 +178,12 @@ def test_a_file_may_hold_any_genome(genome: object, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"controller": {"hidden": [4]}}, "is layered, 4-8-1, tanh; the controllers of this experiment are layered, 4-4-1, tanh: they differ in hidden \\(\\[8\\], here \\[4\\]; set controller.hidden\\)"),
+        ({"controller": {"hidden": [4]}}, "is layered, 4-8-1, tanh, but controllers of this experiment are layered, 4-4-1, tanh; they differ in hidden \\(\\[8\\], here \\[4\\]; set controller.hidden\\)"),
         ({"controller": {"output_range": [0, 1]}}, "they differ in output_range \\(\\[-1.0, 1.0\\], here \\[0.0, 1.0\\]; set controller.output_range\\)"),
-        ({"controller": {"kind": "fully_meshed"}}, "the controllers of this experiment are fully_meshed"),
+        ({"controller": {"kind": "fully_meshed"}}, "controllers of this experiment are fully_meshed"),
         ({"start_from": "nowhere"}, "start_from: .*nowhere: file not found"),
         ({"start_from": 5}, "must be the path of a run or of a controller"),
-        ({"start_from": {"run": "x", "candidat": 3}}, "a mapping is written"),
+        ({"start_from": {"run": "x", "candidat": 3}}, "a mapping must have the form"),
         ({"method": {"population": 10}, "start_from": 12}, "12 controllers exceed the 10"),
     ],
 )  # fmt: skip

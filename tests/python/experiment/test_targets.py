@@ -41,10 +41,10 @@ def test_ranges_are_read(text: str, path: tuple[str, ...], low: float, high: flo
         ("parameters.a=low..high", "'low' is not a number"),
         ("parameters.a=0..nan", "'nan' is not a number"),
         ("parameters.a=0..inf", "'inf' is not a number"),
-        ("parameters.a=2..1", "the first is greater than the second"),
+        ("parameters.a=2..1", "exceeds the highest"),
         ("method.severity=0..1", "only parameters of the simulation can be varied"),
         ("speedDefenders=0..1", "varied; did you mean parameters.speedDefenders?"),
-        ("parameters.seed=0..1", "every episode has a seed of its own anyway"),
+        ("parameters.seed=0..1", "every episode has its own seed"),
     ],
 )
 def test_what_is_no_range_is_refused(text: str, said: str) -> None:
@@ -54,19 +54,19 @@ def test_what_is_no_range_is_refused(text: str, said: str) -> None:
 
 @given(st.integers(-5, 5), st.integers(0, 9), st.floats(0, 1, exclude_max=True))
 def test_values_are_within(low: int, width: int, share: float) -> None:
-    whole = Range(("parameters", "a"), low, low + width).at(share)
+    whole = Range(("parameters", "a"), low, low + width).interpolate(share)
     assert isinstance(whole, int)
     assert low <= whole <= low + width
-    assert low <= Range(("parameters", "a"), float(low), low + width).at(share) <= low + width
+    assert low <= Range(("parameters", "a"), float(low), low + width).interpolate(share) <= low + width
 
 
 def test_models_are_the_same_for_all_runs_and_each_differs() -> None:
     target = PseudoReality((Range(("parameters", "speedDefenders"), 0.2, 0.9),))
-    models = [one.parameters["speedDefenders"] for one in target.experiments(EXPERIMENT, 40)]
+    models = [one.parameters["speedDefenders"] for one in target.make_experiments(EXPERIMENT, 40)]
     assert len(set(models)) == 40
     assert min(models) < 0.3
     assert max(models) > 0.8
-    other = target.experiments(EXPERIMENT.replace(seed=9), 50)
+    other = target.make_experiments(EXPERIMENT.replace(seed=9), 50)
     assert [one.parameters["speedDefenders"] for one in other[:40]] == models
     assert {one.seed for one in other} == {9}
 
@@ -75,26 +75,26 @@ def test_a_file_changes_the_keys_that_it_has(tmp_path: Path) -> None:
     path = tmp_path / "faster.yaml"
     path.write_text("parameters: {numDefenders: 2}\nservers: in-process\n")
     target = OtherSimulation(str(path))
-    (changed,) = target.experiments(EXPERIMENT, 30)
+    (changed,) = target.make_experiments(EXPERIMENT, 30)
     expected = EXPERIMENT.replace(parameters={"numDefenders": 2}, servers="in-process")
     assert changed == expected
-    assert target.places
+    assert target.sets_servers
     path.write_text("simulation: minisim\n")
-    assert not OtherSimulation(str(path)).places
-    assert target.experiments(EXPERIMENT, 30) == [EXPERIMENT]
+    assert not OtherSimulation(str(path)).sets_servers
+    assert target.make_experiments(EXPERIMENT, 30) == [EXPERIMENT]
 
 
 def test_another_simulation_has_its_own_parameters(tmp_path: Path) -> None:
     path = tmp_path / "stadium.yaml"
     path.write_text("simulation: emergency_exit\nparameters:\n  numAgents: 3\n")
-    (changed,) = OtherSimulation(str(path)).experiments(EXPERIMENT, 30)
+    (changed,) = OtherSimulation(str(path)).make_experiments(EXPERIMENT, 30)
     assert changed.parameters == {"numAgents": 3}
     assert changed.sensors != EXPERIMENT.sensors
 
 
 def test_a_simulation_on_a_broker_has_the_sensors_of_the_run() -> None:
     target = OtherSimulation("gazebo")
-    (changed,) = target.experiments(EXPERIMENT.replace(servers=None, broker="mqtt://localhost"), 30)
+    (changed,) = target.make_experiments(EXPERIMENT.replace(servers=None, broker="mqtt://localhost"), 30)
     assert (changed.sensors, changed.actuators) == (EXPERIMENT.sensors, EXPERIMENT.actuators)
     assert (changed.simulation, changed.parameters) == ("gazebo", EXPERIMENT.parameters)
 
@@ -132,18 +132,18 @@ def test_mistakes_in_a_file_have_its_lines(tmp_path: Path) -> None:
     target = OtherSimulation(str(path))
     path.write_text("parameters:\n  speedDefender: 1\n")
     with pytest.raises(InputError, match=r"wrong\.yaml:2: parameters\.speedDefender: .*did you mean"):
-        target.experiments(EXPERIMENT, 30)
+        target.make_experiments(EXPERIMENT, 30)
     path.write_text("simulation: minisim\nmethod: nnga\nseed: 3\n")
     with pytest.raises(InputError) as found:
-        target.experiments(EXPERIMENT, 30)
+        target.make_experiments(EXPERIMENT, 30)
     assert [line.split(":")[1:3] for line in str(found.value).splitlines()[:2]] == [
         ["2", " method"], ["3", " seed"],
     ]  # fmt: skip
     assert str(found.value).count("does not belong to a target") == 2
-    assert str(found.value).count("a target has only keys that say where candidates are evaluated") == 1
+    assert str(found.value).count("a target may have only keys for the evaluation of candidates") == 1
     path.write_text("- 1\n")
     with pytest.raises(InputError, match="expected a mapping"):
-        target.experiments(EXPERIMENT, 30)
+        target.make_experiments(EXPERIMENT, 30)
 
 
 def test_the_conditions_that_candidates_were_evolved_in_are_recognised(tmp_path: Path) -> None:
@@ -157,7 +157,7 @@ def test_the_conditions_that_candidates_were_evolved_in_are_recognised(tmp_path:
         ("broker: mqtt://localhost\nservers: auto\n", False),
     ):
         path.write_text(words)
-        (there,) = OtherSimulation(str(path)).experiments(EXPERIMENT, 1)
+        (there,) = OtherSimulation(str(path)).make_experiments(EXPERIMENT, 1)
         assert is_same(there, EXPERIMENT) == same, words
 
 
@@ -166,7 +166,7 @@ def test_there_is_something_to_transfer_to_and_only_once() -> None:
     assert [one.name for one in targets_of(["a", "b"], ranges)] == ["a", "b", "pseudo-reality"]
     with pytest.raises(InputError, match="nothing to transfer to"):
         targets_of([], [])
-    with pytest.raises(InputError, match="a is named twice"):
+    with pytest.raises(InputError, match="a is given twice"):
         targets_of(["a", "b", "a"], [])
     with pytest.raises(InputError, match=r"vary: parameters\.x: expected a key and the lowest and highest"):
         ranges_of({"parameters.x": (0, 1, 2)})
@@ -177,17 +177,17 @@ def test_e_pucks_get_other_noise() -> None:
         return Experiment.from_mapping({"simulation": "arena", "parameters": {"robot": robot}})
 
     require_e_pucks(swarm("e-puck-rm1.2"))
-    models = PseudoReality(E_PUCKS).experiments(swarm("e-puck-rm1.2"), 20)
+    models = PseudoReality(E_PUCKS).make_experiments(swarm("e-puck-rm1.2"), 20)
     robots = [one.parameters["robot"] for one in models]
     assert {robot["preset"] for robot in robots} == {"e-puck-rm1.2"}
     noise = [robot["sensors"]["light"]["noise"] for robot in robots]
     assert len(set(noise)) == 20
     assert 0 <= min(noise) < 0.3 < 0.6 < max(noise) <= 0.9
     other = swarm({"preset": "e-puck-rm1.1", "radius": 0.04})
-    (robot,) = [one.parameters["robot"] for one in PseudoReality(E_PUCKS).experiments(other, 1)]
+    (robot,) = [one.parameters["robot"] for one in PseudoReality(E_PUCKS).make_experiments(other, 1)]
     assert (robot["radius"], robot["preset"]) == (0.04, "e-puck-rm1.1")
     for robot in ("kilobot", {"preset": "foot-bot"}):
-        with pytest.raises(InputError, match="ranges are known of the arena's e-puck"):
+        with pytest.raises(InputError, match="needs robots of one kind in the arena, e-puck"):
             require_e_pucks(swarm(robot))
     kinds = [{"robot": "e-puck-rm1.1", "count": 3}, {"robot": {"preset": "e-puck-rm1.1"}, "count": 2}]
     mission = {"walls": {"rectangle": [2, 2]}, "start": {"disc": {"radius": 0.5}}, "fitness": "order"}
@@ -195,9 +195,9 @@ def test_e_pucks_get_other_noise() -> None:
         with pytest.raises(InputError, match="of one kind"):
             require_e_pucks(Experiment.from_mapping({"simulation": "arena", "parameters": parameters}))
     of_mission = {"simulation": "arena", "parameters": {"mission": {**mission, "robot": "e-puck-rm1.2"}}}
-    (sampled,) = PseudoReality(E_PUCKS).experiments(Experiment.from_mapping(of_mission), 1)
+    (sampled,) = PseudoReality(E_PUCKS).make_experiments(Experiment.from_mapping(of_mission), 1)
     assert sampled.parameters["robot"]["preset"] == "e-puck-rm1.2"
-    with pytest.raises(InputError, match="ranges are known"):
+    with pytest.raises(InputError, match="needs robots of one kind"):
         require_e_pucks(EXPERIMENT)
 
 
@@ -206,8 +206,8 @@ def test_the_robot_of_a_mission_varies() -> None:
         {"simulation": "arena", "parameters": {"mission": "object_retrieval"}}
     )
     ranges = ranges_of({"parameters.robot.mass": (0.5, 0.9)})
-    robots = [one.parameters["robot"] for one in PseudoReality(tuple(ranges)).experiments(retrieval, 5)]
+    robots = [one.parameters["robot"] for one in PseudoReality(tuple(ranges)).make_experiments(retrieval, 5)]
     assert len({robot["mass"] for robot in robots}) == 5
     assert all(0.5 <= robot["mass"] <= 0.9 and robot["drive"]["wheel_base"] == 0.1 for robot in robots)
-    with pytest.raises(InputError, match="ranges are known of the arena's e-puck"):
+    with pytest.raises(InputError, match="needs robots of one kind in the arena, e-puck"):
         require_e_pucks(retrieval)

@@ -418,7 +418,8 @@ def test_a_simulation_without_metrics_is_refused(tmp_path: Path) -> None:
     )
     (tmp_path / "x.yaml").write_text("simulation: bare.py:Bare\nmethod: {kind: map_elites}\n")
     with pytest.raises(
-        InputError, match=r"method\.measures: bare reports no metrics, which map_elites needs"
+        InputError,
+        match=r"method\.measures: map_elites needs metrics beside the fitness, but bare reports none",
     ):
         Experiment.load(tmp_path / "x.yaml")
 

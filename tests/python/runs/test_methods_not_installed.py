@@ -157,7 +157,7 @@ def test_it_is_not_resumed(go_on: Callable[[Run], Run], run: Run) -> None:
 def test_what_to_install_is_said(run: Run) -> None:
     with pytest.raises(InputError) as caught:
         resume(run)
-    assert "no package that is installed here has the method 'draw'" in str(caught.value)
+    assert "no installed package provides the method 'draw'" in str(caught.value)
     assert f"its module drawing, of which {run.path / 'code/1/method/drawing.py'} is a copy" in str(
         caught.value
     )

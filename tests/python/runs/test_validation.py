@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from swarmwright import Experiment, InputError, Run, Simulation, compare, evaluate, optimize, resume
 from swarmwright.cli._commands import program
 from swarmwright.cli._validation import validation_lines
-from swarmwright.experiment.checks import setting_warnings
+from swarmwright.experiment.checks import find_setting_warnings
 from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, choose_unseen_seeds
 from swarmwright.runs.store import StoreReader, StoreWriter
 from swarmwright.runs.store.database import seal_facts
@@ -621,6 +621,8 @@ def test_a_controller_among_the_candidates_is_not_evaluated_again(tmp_path: Path
 def test_without_a_validation_a_warning_says_that_the_start_is_not_kept() -> None:
     experiment = Experiment.from_mapping(PEAK | {"validate": False})
     assert [
-        one for one in setting_warnings(experiment) if one.startswith("start_from: cma_es samples around")
+        one
+        for one in find_setting_warnings(experiment)
+        if one.startswith("start_from: cma_es samples around")
     ]
-    assert not setting_warnings(Experiment.from_mapping(PEAK))
+    assert not find_setting_warnings(Experiment.from_mapping(PEAK))

@@ -69,9 +69,7 @@ def test_integers_of_numpy_serve_as_well(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_an_object_in_the_place_of_a_class() -> None:
-    with pytest.raises(
-        InputError, match=r"^simulation: is an object of the class Walk; give the class itself, "
-    ):
+    with pytest.raises(InputError, match=r"^simulation: is an object of the class Walk; pass the class "):
         Experiment.from_mapping({"simulation": Walk()})
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, Run, export_controller, optimize, post_evaluate
-from swarmwright.experiment.robots import kinds
+from swarmwright.experiment.robots import list_kinds
 from swarmwright.simulations import catalogue
 from tests.python.records import same_record
 
@@ -167,7 +167,7 @@ def test_mistakes_say_what_and_where(changes: dict[str, Any], message: str) -> N
 
 def test_what_each_kind_has_is_known() -> None:
     robots = [one | {"count": 2 + index} for index, one in enumerate(ROBOTS)]
-    wheels, floating, cars = kinds("arena", {"robots": robots})
+    wheels, floating, cars = list_kinds("arena", {"robots": robots})
     assert [one.agents for one in (wheels, floating, cars)] == [2, 3, 4]
     # All hear the longest message; what is sent and driven differs.
     for one in (wheels, floating, cars):
@@ -189,12 +189,12 @@ def test_kinds_with_other_sensors_have_names_of_their_own() -> None:
     ]
     for one in robots:
         one["robot"]["drive"] = {"kind": "differential", "wheel_base": 0.06, "max_speed": 0.2}  # type: ignore[index]
-    of_a, of_b, of_c = kinds("arena", {"robots": robots})
+    of_a, of_b, of_c = list_kinds("arena", {"robots": robots})
     assert [name for name in of_a.sensors if name] == ["proximity 0", "proximity 1", "light 0", "light 1"]
     assert [name for name in of_b.sensors if name] == ["light 0", "light 1", "light 2"]
     assert not {i for i, name in enumerate(of_a.sensors) if name} & {
         i for i, name in enumerate(of_b.sensors) if name
     }
     assert [name for name in of_c.sensors if name]
-    assert kinds("arena", {}) == []
-    assert kinds("minisim", {}) == []
+    assert list_kinds("arena", {}) == []
+    assert list_kinds("minisim", {}) == []

@@ -104,7 +104,7 @@ def test_agents_that_steer_themselves(mode: str) -> None:
     assert len(set(here)) == 3
     walk = {"kind": "parameter_set", "parameters": {"steps": {"type": "integer", "range": [1, 4]}}}
     with pytest.raises(
-        InputError, match="parameter_set steers no agents, but agents of walk must be steered"
+        InputError, match="parameter_set controls no agents, but agents of walk must be controlled"
     ):
         experiment(Walk, parameters={}, controller=walk)
 
@@ -134,7 +134,7 @@ def test_simulations_without_sensors_and_actuators(mode: str, tmp_path: Path) ->
     same_record(run, optimize(one, servers="in-process", out=tmp_path / "here"))
     assert Experiment.load(tmp_path / "run" / "experiment.yaml").replace(seed=2).genome_size == 1
     with pytest.raises(
-        InputError, match=r"controller\.kind: layered steers agents, but those of rule control"
+        InputError, match=r"controller\.kind: layered controls agents, but agents of rule control"
     ):
         experiment(Rule, parameters={})
 

@@ -29,8 +29,8 @@ from swarmwright.common.errors import InputError, PlugInError
 from swarmwright.common.files import write_whole
 from swarmwright.common.plug_in_code import report_failures
 from swarmwright.experiment.derived import with_environment
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.launcher_entries import written
+from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD, Experiment
+from swarmwright.experiment.launcher_entries import to_file_value
 from swarmwright.methods import METHODS
 from swarmwright.runs import picture
 from swarmwright.runs.run import Run
@@ -90,7 +90,7 @@ def choose_servers(
             return [choice] * jobs
         choice = max(count_processors(), jobs)  # for all runs together
     if isinstance(choice, tuple):  # sequential runs, each with all servers
-        return [written(choice)]
+        return [to_file_value(choice)]
     if broker is not None and not isinstance(servers, int):
         return [None] * min(jobs or _count_parallel_runs(experiments, broker), most)
     count = choice if isinstance(choice, int) else max(automatic_count(), jobs or 1)
@@ -134,7 +134,7 @@ def _count_parallel_evaluations(experiment: Experiment) -> int:
     return (candidates or _ASSUMED_POPULATION) * experiment.ranking.episodes
 
 
-_LEFT_OUT = (ELSEWHERE - {"validate"}) | {"seed"}
+_LEFT_OUT = (KEYS_OUTSIDE_RECORD - {"validate"}) | {"seed"}
 
 
 def write(sweep: Sweep, tasks: Sequence[Task]) -> None:

@@ -14,7 +14,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import is_in_file, is_python
 from swarmwright.common.yaml import format_path
 from swarmwright.experiment.budget import LIMITS
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment, recorded_experiment
+from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD, Experiment, build_recorded_experiment
 from swarmwright.experiment.settings import parse_settings
 from swarmwright.runs.code import find_copy, resolve_experiment
 from swarmwright.runs.edits import differences
@@ -101,7 +101,7 @@ def load_recorded_sweep(
         label, folder, values_of_variant, keys = entries[index]
         run = runs[index]
         try:
-            recorded = recorded_experiment(values_of_variant)
+            recorded = build_recorded_experiment(values_of_variant)
             experiment = (
                 _restore_without_run(values_of_variant, recorded, code)
                 if run is None
@@ -264,6 +264,6 @@ def _apply_settings(file: Path, variants: Sequence[Variant], settings: Sequence[
 
 def _make_key(experiment: Experiment) -> str:
     """Return a key that is equal for experiments that differ only in where they are computed."""
-    excluded = ELSEWHERE - {"validate"}
+    excluded = KEYS_OUTSIDE_RECORD - {"validate"}
     values = {key: value for key, value in experiment.to_mapping().items() if key not in excluded}
     return json.dumps(values, sort_keys=True, default=str)

@@ -17,8 +17,8 @@ from swarmwright.common.problems import format_value
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.yaml import Source
 from swarmwright.experiment.budget import LIMITS, sets_limit
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.settings import assign, kept_options, key_path
+from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD, Experiment
+from swarmwright.experiment.settings import assign, key_path, list_kept_options
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations.names import make_absolute
 from swarmwright.simulations.user_code.copying import display_name
@@ -170,7 +170,7 @@ def _select_kept_options(
     options = getattr(base, section)
     if kind == options.kind:
         return {}
-    names = set(kept_options(section, kind))
+    names = set(list_kept_options(section, kind))
     options_set = {key.removeprefix("method."): change for key, change in changes.items()}
     if section == "method" and sets_limit(options_set):
         names -= set(LIMITS)
@@ -255,7 +255,7 @@ def is_whole(value: Any) -> bool:  # noqa: ANN401 - whatever the file says
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-_IRRELEVANT_KEYS = ELSEWHERE | {"sensors", "actuators"}
+_IRRELEVANT_KEYS = KEYS_OUTSIDE_RECORD | {"sensors", "actuators"}
 """Keys that say where to compute, or that a server may have announced."""
 
 

@@ -24,7 +24,7 @@ from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, reason
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.common.errors import SwarmwrightError
-from swarmwright.experiment.experiment import recorded_experiment
+from swarmwright.experiment.experiment import build_recorded_experiment
 from swarmwright.runs.optimization.generation import Generation
 from swarmwright.runs.optimization.memory import progress
 from swarmwright.servers.evaluation import reports as incidents
@@ -140,7 +140,7 @@ class Worker:
 
 
 def _variant(values: Json) -> Variant:
-    experiment = recorded_experiment(values["experiment"])
+    experiment = build_recorded_experiment(values["experiment"])
     if values["path"] is not None:
         experiment = dataclasses.replace(experiment, path=Path(values["path"]))
     return Variant(values["label"], values["folder"], experiment)

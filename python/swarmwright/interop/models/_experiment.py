@@ -18,7 +18,7 @@ from swarmwright.common.yaml import dump, parse, remove_locations
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.importing import Imported
-from swarmwright.experiment.start_from import entry_of
+from swarmwright.experiment.start_from import make_entry
 from swarmwright.experiment.validation import check
 from swarmwright.interop.models._files import list_files
 from swarmwright.interop.models._files import load as load_part
@@ -482,7 +482,7 @@ def load(
     try:
         source = parse(text, name)
         if draft.behaviour is not None:
-            source.values["start_from"] = entry_of(draft.behaviour, machine or "behaviour")
+            source.values["start_from"] = make_entry(draft.behaviour, machine or "behaviour")
         experiment = Experiment(**check(source))
     except InputError as error:
         files = ", ".join(str(part.path) for part in model.parts)

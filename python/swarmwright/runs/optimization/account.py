@@ -123,7 +123,7 @@ class Account:
     def expected_generations(self, generations: int | None = None) -> int:
         """Estimate the run's total number of generations after these, by default after the stored ones."""
         so_far = self.stored if generations is None else generations
-        return self._budget.expected_generations(so_far, self.evaluations)
+        return self._budget.estimate_generations(so_far, self.evaluations)
 
     def report(self, summary: Summary, waiting_for: str) -> Generation:
         """Build the progress report for a callback.
@@ -134,7 +134,7 @@ class Account:
         """
         elapsed = self._measure_elapsed()
         total_seconds = self._earlier_seconds + elapsed
-        budget, share = self._budget.nearest(summary.generation + 1, summary.evaluations, total_seconds)
+        budget, share = self._budget.find_nearest(summary.generation + 1, summary.evaluations, total_seconds)
         remaining = 0 if self._method.done else max(self.max_evaluations - self._method.evaluations, 0)
         seconds_left = remaining * elapsed / max(self._method.evaluations - self._resumed_at, 1)
         if self._budget.generations is not None:  # races have generations of very different sizes

@@ -52,7 +52,7 @@ class Generation:
 def format_progress(budget: Budget, last: Generation | None, *, short: bool = False) -> str:
     """Format the used part of the budget that ends the run first: `3 of 20 generations`."""
     done = 0 if last is None else last.generation + 1
-    limit = budget.nearest(0, 0, 0.0)[0] if last is None else last.budget
+    limit = budget.find_nearest(0, 0, 0.0)[0] if last is None else last.budget
     if limit == "generations":
         whole = budget.generations
         return f"{done}/{whole}" if short else f"{done} of {whole} generations"

@@ -22,7 +22,7 @@ from swarmwright.common.plug_in_code import count, is_plug_in, locate_method, nu
 from swarmwright.common.statistics import Figures, figures_of, summarize
 from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers import Representation
-from swarmwright.experiment.budget import Ended
+from swarmwright.experiment.budget import EndReason
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
 from swarmwright.methods.rankings import Ranking
@@ -71,7 +71,7 @@ class Strategy(ABC):
         """Return the strategy for the next generation."""
         return self
 
-    def find_exhausted_budget(self) -> Ended:
+    def find_exhausted_budget(self) -> EndReason:
         """Return which budget a finished method has used up."""
         method, last = self.loop.method, self.loop.budget.generations
         if method.by_instance and (last is None or method.generation + 1 < last):
@@ -135,7 +135,7 @@ class Loop:
         return self.account.evaluations
 
     @property
-    def ended(self) -> Ended | None:
+    def ended(self) -> EndReason | None:
         """Why the run has ended, None while it can continue.
 
         May ask the method for a generation to see whether it fits into the budget.

@@ -21,14 +21,14 @@ from swarmwright.common.processes import StablePath, use_threads
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers import Representation
-from swarmwright.experiment.checks import setting_warnings
+from swarmwright.experiment.checks import find_setting_warnings
 from swarmwright.experiment.derived import (
     has_python_modules,
     place_of,
     reports_slow,
     steers_agents,
 )
-from swarmwright.experiment.experiment import Experiment, checked_again, experiment_of
+from swarmwright.experiment.experiment import Experiment, as_experiment, check_again
 from swarmwright.runs import picture
 from swarmwright.runs.code import Continuation, collect_code, find_copy, plan_continuation
 from swarmwright.runs.folders import check_names, default_folder, is_replaceable, is_run, remove_run
@@ -141,7 +141,7 @@ def optimize(
     if isinstance(experiment, str | PathLike):
         experiment = Experiment.load(experiment)
     else:
-        experiment = checked_again(experiment_of(experiment))
+        experiment = check_again(as_experiment(experiment))
     if seed is not None:
         experiment = experiment.replace(seed=seed)
     if out is not None and not is_replaceable(path_of("out", out, "a folder for the results")):
@@ -152,7 +152,7 @@ def optimize(
     at_end.allow(experiment)
     if broker is None:
         _check_construction(experiment, servers)
-    for text in setting_warnings(experiment):
+    for text in find_setting_warnings(experiment):
         warn_once(text)
     folder: StablePath | None = None
     requested = None if out is None else StablePath(Path(out))

@@ -15,9 +15,9 @@ from swarmwright.common.problems import problems_of
 from swarmwright.common.revision import revision
 from swarmwright.common.yaml import format_path
 from swarmwright.controllers import Representation
-from swarmwright.experiment.budget import Ended
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.unavailable import method_of, require
+from swarmwright.experiment.budget import EndReason
+from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD, Experiment
+from swarmwright.experiment.unavailable import method_of, require_method
 from swarmwright.methods import Method
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.search import SearchMethod
@@ -82,7 +82,7 @@ class Resumption:
             has_other_validation=experiment.validate != run.experiment.validate,
         )
 
-    def check_goes_on(self, run: Run, ended: Ended | None) -> None:
+    def check_goes_on(self, run: Run, ended: EndReason | None) -> None:
         """Raise NothingLeftError if another limit ends the run despite a larger budget.
 
         Args:
@@ -99,7 +99,7 @@ class Resumption:
         )
         raise NothingLeftError(
             f"{run.path}: nothing is left to evaluate with this budget, since "
-            f"{budget.words(ended, run.generations, run.evaluations)}; {remedy}"
+            f"{budget.describe_end(ended, run.generations, run.evaluations)}; {remedy}"
         )
 
     @cached_property
@@ -122,10 +122,10 @@ def extend_experiment(
 
     Raises InputError if anything else is changed, or the budget is less than the run has used.
     """
-    require(experiment.method, run.path)
+    require_method(experiment.method, run.path)
     # Do not import the simulation class: the run may continue with another class.
     new = experiment.with_settings(
-        settings, only=ELSEWHERE | {"method"}, reason="it is fixed when a run begins", ask=False
+        settings, only=KEYS_OUTSIDE_RECORD | {"method"}, reason="it is fixed when a run begins", ask=False
     )
     changes = {name: value for name, value in budget.items() if value is not None}
     if changes:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Genome, Genomes
-from swarmwright.experiment.budget import Ended
+from swarmwright.experiment.budget import EndReason
 from swarmwright.runs.optimization.loop import Loop, Strategy
 from swarmwright.servers.evaluation.base import Backend, Controllers, Results, weights_of
 from swarmwright.servers.rows import GenerationResult, Journal
@@ -45,7 +45,7 @@ class SteadyState(Strategy):
         """Return whether the budget holds; the method itself plans complete generations."""
         return self.loop.account.evaluations <= most
 
-    def find_exhausted_budget(self) -> Ended:
+    def find_exhausted_budget(self) -> EndReason:
         """Return which budget a finished method has used up."""
         method, last = self.loop.method, self.loop.budget.generations
         whole = last is not None and method.evaluations >= last * method.generation_size

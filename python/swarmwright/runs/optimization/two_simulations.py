@@ -171,11 +171,11 @@ def open_simulations(
             yield backend
         return
     assert isinstance(ranking, SlowRanking)
-    code = target.code(experiment)
+    code = target.find_code(experiment)
     if code is not None:
         require_named(code)  # before it is imported
-    (slow_experiment,) = target.experiments(experiment, 1)
-    slow_options: dict[str, Any] = {} if target.places else {"broker": broker, "servers": servers}
+    (slow_experiment,) = target.make_experiments(experiment, 1)
+    slow_options: dict[str, Any] = {} if target.sets_servers else {"broker": broker, "servers": servers}
     if slow_experiment.broker is None and catalogue.is_local(slow_experiment.simulation):
         slow_options.pop("broker", None)
     brokers = [

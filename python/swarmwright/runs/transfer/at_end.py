@@ -17,7 +17,7 @@ from swarmwright.common.warn_once import warn_once
 from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, slow_of, targets_at_end
-from swarmwright.experiment.unavailable import unreadable
+from swarmwright.experiment.unavailable import explain_unreadable
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.post_evaluation import choose_unseen_seeds, decode_numbers, encode_numbers
 from swarmwright.runs.run import Run, open_written_run
@@ -43,7 +43,7 @@ def check(experiment: Experiment, broker: str | None = None) -> None:
     named = [("validate", target) for target in targets_at_end(experiment)]
     for key, target in [*([] if slow is None else [("ranking", slow)]), *named]:
         try:
-            check_target(target, target.experiments(experiment, 1)[0], experiment, broker)
+            check_target(target, target.make_experiments(experiment, 1)[0], experiment, broker)
         except InputError as error:
             raise InputError(f"{place_of(experiment, key)}{error}") from error
 
@@ -70,7 +70,7 @@ def allow(experiment: Experiment, run: Run | None = None) -> None:
 
 def _codes(experiment: Experiment, targets: Iterable[Target]) -> Iterator[str]:
     for target in targets:
-        name = target.code(experiment) if isinstance(target, OtherSimulation) else None
+        name = target.find_code(experiment) if isinstance(target, OtherSimulation) else None
         if name is not None:
             yield name
 
@@ -239,7 +239,7 @@ def load_transfers(run: Run) -> tuple[Transferred, ...]:
     if stored is None or stored["source"] is None or stored["numbers"][0] != run.evaluation().number:
         return ()
     candidates = tuple(Candidate(*candidate) for candidate in stored["candidates"])
-    reason = unreadable(run.experiment.ranking)
+    reason = explain_unreadable(run.experiment.ranking)
     if reason is not None:
         warn_once(f"{run.path}: fitness in other simulations is unavailable: {reason}")
         return ()

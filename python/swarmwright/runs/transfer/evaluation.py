@@ -12,7 +12,7 @@ from swarmwright.common.arrays import Genomes
 from swarmwright.common.errors import InputError, RunError, with_message
 from swarmwright.common.random_numbers import Streams
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.targets import Target, unfit
+from swarmwright.experiment.targets import Target, explain_mismatch
 from swarmwright.runs.post_evaluation import evaluate_genomes
 from swarmwright.runs.store import Evaluation
 from swarmwright.runs.transfer.transferred import Candidate
@@ -65,7 +65,7 @@ class Plan:
             streams = Streams(experiment.seed, "transfer", 0, list(range(random)))
             genomes.append(experiment.representation().initials(streams))
             chosen += [Candidate(None, index, None) for index in range(random)]
-        changed = [(target, target.experiments(experiment, seeds)) for target in targets]
+        changed = [(target, target.make_experiments(experiment, seeds)) for target in targets]
         return cls(experiment, changed, tuple(chosen), np.concatenate(genomes).astype(np.float32))
 
     def check(self, broker: str | None) -> None:
@@ -91,7 +91,7 @@ def check_target(
             require_here(target_experiment)
         except InputError as error:
             raise InputError(f"{target.name}: {error}") from error
-    problem = unfit(target.name, target_experiment, source)
+    problem = explain_mismatch(target.name, target_experiment, source)
     if problem is not None:
         raise InputError(problem)
 
@@ -139,9 +139,9 @@ class Work:
         Raises InputError and RunError with the target's name.
         """
         try:
-            if not target.places:
+            if not target.sets_servers:
                 experiments = [self._prefixed(changed) for changed in experiments]
-            where = self._where(experiments[0], placed=target.places)
+            where = self._where(experiments[0], placed=target.sets_servers)
             if len(experiments) == 1:
                 return self._fitness(experiments[0], plan.genomes, self._seeds, where)
             with open_once(experiments[0], *where, most=len(plan.genomes)) as where:

@@ -16,9 +16,9 @@ from swarmwright.common.errors import InputError, PlugInError, SimulationError
 from swarmwright.common.plug_in_code import is_plug_in, locate_method, numbers
 from swarmwright.common.yaml import format_path
 from swarmwright.controllers import Representation
-from swarmwright.experiment.document import MOST_SERVERS
+from swarmwright.experiment.document import MAX_SERVERS
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.launcher_entries import WORDS, Entries, entries_of, of_text, with_files
+from swarmwright.experiment.launcher_entries import WORDS, Entries, entries_of, parse_text, with_files
 from swarmwright.servers.rows import Journal, WarningEntry
 from swarmwright.servers.server_use import ServerUses
 from swarmwright.simulations.fitness import FitnessExpression
@@ -274,14 +274,14 @@ def resolve_servers(experiment: Experiment, servers: Servers | None) -> ServerCh
     """
     if servers is None:
         return experiment.servers
-    if isinstance(servers, int) and servers > MOST_SERVERS:
-        raise InputError(f"servers: must be at least 1 and at most {MOST_SERVERS}, not {servers}")
+    if isinstance(servers, int) and servers > MAX_SERVERS:
+        raise InputError(f"servers: must be at least 1 and at most {MAX_SERVERS}, not {servers}")
     experiment_entries = experiment.servers if isinstance(experiment.servers, tuple) else ()
     if isinstance(servers, str) and servers.isdecimal():
         raise InputError(f"servers: {servers!r} is a text; write the number {int(servers)}")
     if isinstance(servers, str) and servers not in WORDS:
         try:
-            return with_files(of_text(servers, experiment_entries), experiment_entries)
+            return with_files(parse_text(servers, experiment_entries), experiment_entries)
         except InputError as error:
             raise InputError(f"servers: {error}") from error
     if isinstance(servers, Mapping | Sequence) and not isinstance(servers, str):

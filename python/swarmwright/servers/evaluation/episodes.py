@@ -20,7 +20,7 @@ from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictures
 from swarmwright.display.pictures import save as save_pictures
 from swarmwright.experiment.derived import fitness_expression
-from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.simulations import catalogue, near_names
 from swarmwright.simulations.fitness import Fault
 
@@ -347,7 +347,7 @@ def _load_experiment(simulation: object, parameters: Mapping[str, Any] | None) -
         isinstance(simulation, str) and simulation.endswith((".yaml", ".yml"))
     )
     if file or isinstance(simulation, Experiment | Mapping):
-        experiment = experiment_of(simulation)  # type: ignore[arg-type] # checked above
+        experiment = as_experiment(simulation)  # type: ignore[arg-type] # checked above
         experiment = experiment if not parameters else experiment.replace(parameters=dict(parameters))
     elif isinstance(simulation, str | type):
         experiment = Experiment.from_mapping({"simulation": simulation, "parameters": dict(parameters or {})})

@@ -20,8 +20,8 @@ from swarmwright.common.untrusted import escape_line
 from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.derived import has_python_modules, place_of, steers_agents
-from swarmwright.experiment.evolved import unknown
-from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.experiment.evolved import iter_unknown
+from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.servers.evaluation.base import BROKERLESS, Backend, Controllers, Progress, Results, Servers
 from swarmwright.servers.evaluation.code_failures import build_error
@@ -89,7 +89,7 @@ def evaluate(
     See also: `evaluate_episodes`, for the fitness and metrics of each episode; `post_evaluate`, for a
     candidate of a run.
     """
-    experiment = experiment_of(experiment)
+    experiment = as_experiment(experiment)
     _check_ranking(experiment, generation)
     rows = _check_genomes(genomes)
     if is_here(experiment, broker, servers):
@@ -167,7 +167,7 @@ def evaluate_episodes(
 
     See also: `evaluate`, for the fitness alone.
     """
-    experiment = experiment_of(experiment)
+    experiment = as_experiment(experiment)
     _check_ranking(experiment, generation)
     names = select_metrics(experiment, metrics)
     return _evaluate(experiment, _check_genomes(genomes), generation, names, broker, servers, on_progress)
@@ -268,7 +268,7 @@ def simulate(
 
     See also: `Run.replay`, to watch an episode; `Episodes`, to steer the agents by your own code.
     """
-    experiment = experiment_of(experiment)
+    experiment = as_experiment(experiment)
     if controller is not None:
         instance("controller", controller, Controller, "Controller.load(path)")
     with report_failures():
@@ -372,7 +372,7 @@ def check_fit(
     """
     if controller.parameters:
         if catalogue.has_description(simulation):
-            for name, message in unknown(simulation, controller.parameters):
+            for name, message in iter_unknown(simulation, controller.parameters):
                 raise InputError(f"{label}: {name}: {message}")
         return
     if (controller.sensors, controller.actuators) != (sensors, actuators):

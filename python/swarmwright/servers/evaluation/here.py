@@ -69,10 +69,10 @@ def require_here(experiment: Experiment) -> None:
     if is_command(simulation):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 
-        problem = commands.missing(simulation)
+        problem = commands.find_missing(simulation)
         if problem is not None:
             raise InputError(f"{place_of(experiment, 'simulation')}{problem}")
-        warning = commands.warning_of(experiment)
+        warning = commands.find_warning(experiment)
         if warning is not None:
             warn_once(f"{place_of(experiment, 'simulation')}{warning}")
     notice = catalogue.get_notice(simulation, experiment.parameters)

@@ -312,7 +312,7 @@ def _pool(
         metrics=metrics,
         visual=visual,
         timeouts=experiment.timeouts.model_dump(),
-        faults=experiment.faults.for_engine(),
+        faults=experiment.faults.to_engine_values(),
         alone=alone,
         controller=None if machines is None else with_digests(machines),
         account=account,

@@ -19,7 +19,7 @@ from swarmwright.display.pictures import Pictured, PictureRecording
 from swarmwright.display.pictures import record as record_pictures
 from swarmwright.display.pictures import save as save_pictures
 from swarmwright.experiment.derived import fitness_expression
-from swarmwright.experiment.robots import kinds
+from swarmwright.experiment.robots import list_kinds
 from swarmwright.servers.evaluation import remote
 from swarmwright.servers.evaluation.evaluate import check_fit
 from swarmwright.servers.evaluation.module_code import is_in_python
@@ -163,7 +163,9 @@ class ShownEpisode:
             (described["sensor_names"], described["actuator_names"]) if described is not None else ((), ())
         )
         robot_kinds = (
-            kinds(self.experiment.simulation, self.experiment.parameters) if described is not None else ()
+            list_kinds(self.experiment.simulation, self.experiment.parameters)
+            if described is not None
+            else ()
         )
         try:
             seconds = catalogue.step_seconds(self.experiment.simulation)

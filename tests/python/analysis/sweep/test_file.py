@@ -331,7 +331,7 @@ def test_a_part_of_an_option_of_another_kind(tmp_path: Path) -> None:
 
 
 def test_a_part_of_what_has_none_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"with .*method\.population is 6, which has no part 'x'"):
+    with pytest.raises(InputError, match=r"with .*method\.population is 6, which has no key 'x'"):
         sweep(tmp_path, "experiment: base.yaml\ngrid: {method.population.x: [1]}\n")
     with pytest.raises(InputError, match=r"also sets all of 'parameters\.a'"):
         sweep(tmp_path, "experiment: base.yaml\ngrid: {parameters.a: [1], parameters.a.b: [1]}\n")

@@ -262,8 +262,8 @@ def test_a_session_that_is_taken_for_an_experiment(edited: Edited, program: Any,
     again = program("optimize", tmp_path / "session.yaml")
     assert again.stderr == refused.stderr.replace(other.name, "session.yaml")
     (tmp_path / "model.xml").write_text("<icomponent/>")
-    assert "'swarmwright import' makes one of" in program("optimize", "model.xml").stderr
-    with pytest.raises(InputError, match="'swarmwright import' makes one of a FREVO session"):
+    assert "with 'swarmwright import'" in program("optimize", "model.xml").stderr
+    with pytest.raises(InputError, match="convert a FREVO session"):
         Experiment.load(tmp_path / "session.yaml")
 
 

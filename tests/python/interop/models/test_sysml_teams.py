@@ -114,7 +114,7 @@ def test_numbers_of_several_kinds_of_agents_are_evolved_and_written_back(tmp_pat
         (
             MINISIM,
             WITHOUT_CONTROLLER,
-            "minisim has one with these parameters; set the parameter defenderSteering: controller",
+            "minisim has one kind with these parameters; set the parameter defenderSteering: controller",
         ),
         (
             MINISIM,

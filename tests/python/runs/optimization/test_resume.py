@@ -106,7 +106,7 @@ def test_the_command_raises_any_limit(
             {"evaluations": 9000},
             "all 3 generations are done; raise that limit as well: --generations N",
         ),
-        ({"evaluations": 60}, {"evaluations": 61}, "the next generation would not fit into 61 evaluations"),
+        ({"evaluations": 60}, {"evaluations": 61}, "the next generation would exceed 61 evaluations"),
         ({"generations": 3, "target": -99.0}, {"generations": 9}, "the target is reached; .* start_from="),
     ],
 )

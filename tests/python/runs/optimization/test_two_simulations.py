@@ -292,7 +292,7 @@ def test_a_changed_class_is_not_used_silently(tmp_path: Path) -> None:
         ),
         (
             {"method": {"kind": "nnga", "operation": "steady_state"}},
-            r"x\.yaml:\d+: ranking\.kind: in steady state there are no generations",
+            r"x\.yaml:\d+: ranking\.kind: steady state has no generations",
         ),
         ({"method": {"kind": "racing"}}, r"x\.yaml:\d+: ranking\.kind: racing races its candidates"),
         (

@@ -189,9 +189,12 @@ def test_a_finished_run_can_get_one(tmp_path: Path) -> None:
         ({"to": "gone.yaml"}, r"noisy\.yaml:\d+: validate\.to.*gone\.yaml: there is no such file"),
         (
             {"to": ["emergency_exit"]},
-            r"(?s)noisy\.yaml:\d+: validate\.to\[0\]: emergency_exit: .*numDefenders: .*name a file",
+            r"(?s)noisy\.yaml:\d+: validate\.to\[0\]: emergency_exit: .*numDefenders: .*give a .yaml file",
         ),
-        ({"to": [{"simulation": "emergency_exit"}]}, "controllers have 4 sensors and 1 actuators, agents of"),
+        (
+            {"to": [{"simulation": "emergency_exit"}]},
+            "controllers have 4 sensors and 1 actuators, but agents of",
+        ),
         (
             {"to": [{"parameters": {"speed": 1}}]},
             r"noisy\.yaml:\d+: validate\.to\[0\]\.parameters\.speed: unknown",
@@ -202,9 +205,9 @@ def test_a_finished_run_can_get_one(tmp_path: Path) -> None:
         ),
         (
             {"to": ["harder.yaml", "harder.yaml"]},
-            r"noisy\.yaml:\d+: validate\.to: harder\.yaml is named twice",
+            r"noisy\.yaml:\d+: validate\.to: harder\.yaml is given twice",
         ),
-        ({"to": 3}, r"validate\.to: must be simulations or files"),
+        ({"to": 3}, r"validate\.to: must list simulations or files"),
         ({"seeds": 1}, r"validate\.seeds: must be at least 2"),
         ({"vary": {"parameters.speedDefenders": 3}}, "must be the lowest and the highest value"),
         (
@@ -212,7 +215,7 @@ def test_a_finished_run_can_get_one(tmp_path: Path) -> None:
             r"noisy\.yaml:\d+: validate\.vary: parameters\.speedy=0\.\.1: unknown parameter",
         ),
         ({"vary": {"method.step": [0, 1]}}, "only parameters of the simulation can be varied"),
-        ({"pseudo_reality": True}, r"noisy\.yaml:\d+: validate\.pseudo_reality: .*ranges are known"),
+        ({"pseudo_reality": True}, r"noisy\.yaml:\d+: validate\.pseudo_reality: .*needs robots of one kind"),
     ],
 )
 def test_mistakes_are_found_when_the_file_is_read(

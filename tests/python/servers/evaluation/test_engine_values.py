@@ -149,7 +149,7 @@ def test_descriptions_and_scenes_have_their_types(title: str) -> None:
 
 def test_the_engines_defaults_are_those_of_an_experiment() -> None:
     assert Timeouts().model_dump() == _engine.TIMEOUTS
-    assert Faults().for_engine() == _engine.FAULTS
+    assert Faults().to_engine_values() == _engine.FAULTS
 
 
 @pytest.mark.parametrize(

@@ -256,7 +256,7 @@ def test_a_parameter_with_the_name_of_a_placeholder_is_refused_in_episodes(
             {},
             r"neither \{weight\}, \{speed\}, \{seed\} nor \{parameters\} \(the path of parameters",
         ),
-        (": {speed};", {}, r"neither \{seed\} nor .* get it unless .*; a program that draws no random"),
+        (": {speed};", {}, r"neither \{seed\} nor .* receives it only if .*; for a program without random"),
         (": {speed};", {"determinism": "bitwise"}, None),
         (": {speed};", {"environment": {"SEED": "{seed}"}}, None),
         (":;", {"files": ["world.sdf"]}, r"^simulation: command: contains neither \{speed\} nor"),

@@ -32,7 +32,7 @@ def problem(folder: Path, old: str, new: str) -> str:
         (
             "{log}",
             "{lgo}",
-            "e.yaml:3: simulation.command: {lgo} is not a placeholder, and no parameter has this",
+            "e.yaml:3: simulation.command: {lgo} is neither a placeholder nor a parameter",
         ),
         (
             "{log}",
@@ -59,12 +59,12 @@ def problem(folder: Path, old: str, new: str) -> str:
         (
             'fitness: "-distance"',
             "",
-            "fitness: is missing; write it as an expression over the metrics distance",
+            "fitness: is missing; write an expression over the metrics distance",
         ),
         (
             YAML.splitlines()[-1],
             "",
-            "layered steers agents, but the command gets no controller. To",
+            "layered controls agents, but the command receives no controller. To",
         ),
         ("metrics:", "controller: json\n  metrics:", "parameter_set has no controller to write as a file"),
         ("metrics:", "timeout: 10s\n  metrics:", "e.yaml:5: simulation.timeout: must be a number, not '10s'"),
@@ -116,7 +116,7 @@ def test_a_parameter_takes_no_placeholder_s_place(tmp_path: Path, where: dict[st
 
 def test_sensors_and_actuators_are_needed_for_controllers(tmp_path: Path) -> None:
     said = problem(tmp_path, YAML[1:], "simulation: {command: x, controller: stepwise}\n")
-    assert "simulation.sensors: is missing: how many sensors an agent has" in said
+    assert "simulation.sensors: is missing; give the number of sensors of an agent" in said
     assert "simulation.actuators: is missing" in said
 
 

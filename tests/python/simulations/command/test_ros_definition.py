@@ -151,7 +151,7 @@ def test_namespaces_are_those_of_ros(robots: list[str]) -> None:
 def test_fitness_is_needed() -> None:
     values = with_()
     del values["fitness"]
-    with pytest.raises(InputError, match="fitness: is missing; write it as an expression over the metrics"):
+    with pytest.raises(InputError, match="fitness: is missing; write an expression over the metrics"):
         Experiment.from_mapping(values)
 
 

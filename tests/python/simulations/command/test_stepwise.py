@@ -191,7 +191,7 @@ def test_metrics_are_a_list_of_names(traced: Traced) -> None:
     assert simulate(experiment(metrics=["pid", "free"], fitness="pid + free")) == 5
     named = experiment(metrics=["pid"], fitness="pid").simulation
     assert named == experiment(metrics={"pid": "last"}, fitness="pid").simulation
-    announce = r"'fre' is not a metric of .*metrics of a command are announced by simulation.metrics: \[NAME"
+    announce = r"'fre' is not a metric of .*list the metrics of a command in simulation.metrics: \[NAME"
     with pytest.raises(InputError, match=announce):
         experiment(metrics=["pid", "free"], fitness="fre")
     with pytest.raises(

@@ -290,7 +290,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("simulation: none.fmu", "simulation.fmu: none.fmu: there is no such file"),
     ("simulation: broken.fmu", "simulation.fmu: broken.fmu: is not an FMU, or is damaged: "),
     ("simulation: empty.fmu", "simulation.fmu: empty.fmu: is not an FMU, or is damaged: "),
-    ("simulation: {fmu: Vehicle.fmu}", "fitness: is missing; write it as an expression over the metrics "),
+    ("simulation: {fmu: Vehicle.fmu}", "fitness: is missing; write an expression over the metrics "),
     ("simulation: Vehicle.fmu\nfitness: -distanc", "did you mean 'distance'?"),
     ("simulation: {fmu: Vehicle.fmu, sensors: [goal_z]}", "has no variable 'goal_z'; did you mean 'goal_"),
     ("simulation: {fmu: Vehicle.fmu, sensors: [trouble]}", "trouble of Vehicle.fmu is of the type String"),

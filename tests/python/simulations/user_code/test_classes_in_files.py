@@ -225,7 +225,7 @@ def test_other_code_that_a_store_names_is_not_executed(
         ("method={kind: search.py:Hill, population: 0}", r"method\.population: must be at least 1, not 0"),
         (
             "method=search.py",
-            r"method=search\.py: .*; a class in a file is named like search\.py:Class",
+            r"method=search\.py: .*; for a class in a file, write search\.py:Class",
         ),
         ("controller.kind=search.py:Hill", r"unknown controller"),
     ],

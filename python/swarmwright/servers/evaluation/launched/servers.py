@@ -84,14 +84,16 @@ class LaunchedServers:
                 )
             for entry in self._entries:
                 options = entry.options
-                entry.target, entry.counted_at = options.fewest, time.monotonic()
+                entry.target, entry.counted_at = options.initial_count, time.monotonic()
                 entry.compare_with_budget()
                 if entry.is_spent:
                     entry.target = 0
                     self._warn_once(f"{entry.budget_message}; starting none of its servers")
-                self._reserved[entry.name] = [self._new_id() for _ in range(options.most)]  # see `_start`
+                self._reserved[entry.name] = [
+                    self._new_id() for _ in range(options.max_count)
+                ]  # see `_start`
                 if options.is_elastic:
-                    entry.scaling = Scaling(options.fewest, options.most, options.idle)
+                    entry.scaling = Scaling(options.initial_count, options.max_count, options.idle)
                 with entry.prefix_errors():
                     entry.launcher.open()
             for entry in self._entries:

@@ -10,7 +10,7 @@ from typing import Any
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import is_python
-from swarmwright.experiment.broker_address import for_other_machines
+from swarmwright.experiment.broker_address import drop_unix_sockets
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.launcher_entries import Entries
 from swarmwright.servers.broker.credentials import check_environment, prepare
@@ -58,7 +58,7 @@ def start(
     modules = [] if machines is None else names_of([machines])
     hosts = {name: _host(entry) for name, entry in zip(names, entries, strict=True)}
     if broker is None:
-        most = sum(entry.most for entry in entries)
+        most = sum(entry.max_count for entry in entries)
         if most > MAX_EMBEDDED:
             raise InputError(
                 f"servers: {most} servers are too many for the embedded broker, which admits {MAX_EMBEDDED}; "
@@ -132,7 +132,7 @@ def _make_specification(
     credentials = external or access.servers.get(name, Credentials())
     address = access.address_for(host)
     if not is_local:
-        address = for_other_machines(address)
+        address = drop_unix_sockets(address)
     if not address:
         raise InputError(
             f"broker: servers of {options.launcher} run on other machines, which cannot use a Unix socket; "
