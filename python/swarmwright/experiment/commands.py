@@ -153,7 +153,9 @@ def find_missing(name: str) -> str | None:
     )
     if problem is not None:
         return f"{'python' if isinstance(definition, RosOptions) else 'command'}: {problem}"
-    reasons = (bags.explain_missing_library(logs.choose_format(log, options.log_format)) for log in options.log)
+    reasons = (
+        bags.explain_missing_library(logs.choose_format(log, options.log_format)) for log in options.log
+    )
     reason = next(filter(None, reasons), None)
     return None if reason is None else f"log: {reason}"
 
