@@ -211,7 +211,7 @@ def test_an_agent_that_is_not_there_is_told(opened: Chrome) -> None:
     base = opened.current_url.partition("#")[0]
     opened.get(f"{base}#agent=999")
     eventually(lambda: text(opened, "who") == "Agent 999", "the agent of the address")
-    assert text(opened, "missing") == "There is none. Agents are 0 to 5."
+    assert text(opened, "missing") == "No such agent. Agents are 0 to 5."
     opened.get(f"{base}#agent=4")
     eventually(lambda: text(opened, "who") == "Agent 4", "the agent of the address")
     assert not opened.find_element(By.ID, "missing").is_displayed()
@@ -724,7 +724,7 @@ def test_ten_thousand_robots(browser: Chrome, tmp_path: Path) -> None:
     assert episode["stride"] == 2, "scenes are left out"
     press(browser, Keys.ARROW_RIGHT)
     assert text(browser, "now") == "step 1 of 450", "but not steps"
-    x = browser.execute_script("return player.world.worldPlace(0)[0]")
+    x = browser.execute_script("return player.world.worldPosition(0)[0]")
     assert x == pytest.approx(0.2 + 1.4 / 450, abs=1e-4)
     assert pixels(browser, "world", "free")[0] > 200
     press(browser, "n")

@@ -1,4 +1,4 @@
-// Which part of a map is seen: zoomed by the wheel, two fingers, keys or buttons, and dragged.
+// The visible part of a map: zoomed by the wheel, two fingers, keys or buttons, and dragged.
 
 const LARGEST_ZOOM = 400;
 
@@ -13,7 +13,7 @@ class Camera {
     [this.x, this.y] = [this.width / 2, this.height / 2];
   }
 
-  // The part of the canvas in which the map is drawn: left, top, width and height in pixels.
+  // box: the part of the canvas with the map; left, top, width and height in pixels.
   fitInto(box) {
     this.box = box;
     this.whole = Math.min(box.width / this.width, box.height / this.height);
@@ -29,17 +29,17 @@ class Camera {
     return [box.left + box.width / 2 + (x - this.x) * scale, box.top + box.height / 2 - (y - this.y) * scale];
   }
 
-  // The place in the world at a pixel.
-  place(px, py) {
+  // Returns the position in the world at a pixel.
+  position(px, py) {
     const { box, scale } = this;
     return [this.x + (px - box.left - box.width / 2) / scale, this.y - (py - box.top - box.height / 2) / scale];
   }
 
-  // Zooms so that what is at a pixel stays there.
+  // Zooms and keeps the position at a pixel.
   zoomBy(factor, px, py) {
-    const [x, y] = this.place(px, py);
+    const [x, y] = this.position(px, py);
     this.zoom = Math.min(Math.max(this.zoom * factor, 1), LARGEST_ZOOM);
-    const [nowX, nowY] = this.place(px, py);
+    const [nowX, nowY] = this.position(px, py);
     this.x += x - nowX;
     this.y += y - nowY;
     this.keepInside();
@@ -56,7 +56,7 @@ class Camera {
     this.keepInside();
   }
 
-  // Nothing beside the map is seen where the map is larger than the box.
+  // Limits the view to the map; centres the map if it is smaller than the box.
   keepInside() {
     const half = [this.box.width / 2 / this.scale, this.box.height / 2 / this.scale];
     const within = (at, extent, part) => (2 * part >= extent ? extent / 2 : Math.min(Math.max(at, part), extent - part));
@@ -65,7 +65,7 @@ class Camera {
   }
 }
 
-// Moves a camera by the pointer. `moved` is called after each change, `clicked` with the pixel of a click.
+// Moves a camera by the pointer. Calls `moved` after each change, and `clicked` with the pixel of a click.
 class Pointer {
   constructor(canvas, camera, moved, clicked) {
     Object.assign(this, { canvas, camera, moved, clicked, down: new Map(), way: 0 });

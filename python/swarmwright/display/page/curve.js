@@ -1,7 +1,7 @@
-// A number over the steps, of one episode or several; what has been played is drawn strongly, the rest thinly.
+// A number over the steps of one or several episodes; a thick line up to the current step, then a thin line.
 
 class Curve {
-  // several: for each episode its numbers, null where there is none. colors: names of theirs, again where there are more.
+  // several: the numbers of each episode, null for missing numbers. colors: names of colours, repeated if there are fewer.
   constructor(canvas, several, colors) {
     Object.assign(this, { canvas, several, colors: several.map((_, index) => colors[index % colors.length]) });
     this.longest = several.reduce((most, values) => (values.length > most.length ? values : most), []);
@@ -9,30 +9,30 @@ class Curve {
     for (const values of several)
       for (const value of values)
         if (value !== null) [low, high] = [Math.min(low, value), Math.max(high, value)];
-    this.known = low <= high;
-    if (!this.known) [low, high] = [0, 1];
+    this.hasNumbers = low <= high;
+    if (!this.hasNumbers) [low, high] = [0, 1];
     [this.lowest, this.highest] = [low, high];
     const margin = high > low ? 0.06 * (high - low) : Math.max(Math.abs(high) * 0.1, 0.5);
     [this.low, this.high] = [low - margin, high + margin];
   }
 
-  // `only`: a small chart, with the least and the greatest number alone.
+  // only: draw a small chart with the smallest and the largest number.
   draw(time, only = false) {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     const color = theme();
     const c = fit(this.canvas, width, height);
     this.context = c;
     c.font = FONT;
-    const numbers = !this.known ? [] : only ? [...new Set([this.lowest, this.highest])] : this.numbers(4);
+    const numbers = !this.hasNumbers ? [] : only ? [...new Set([this.lowest, this.highest])] : this.numbers(4);
     const apart = Math.abs(numbers[1] - numbers[0]);
     this.texts = numbers.map((value) => [value, wordsApart(value, apart)]);
     this.left = Math.max(26, ...this.texts.map(([, text]) => c.measureText(text).width + 10));
     const numbered = this.several.length > 1 && !only;
-    // The last number stands in the middle below the last step.
+    // The last number is centred below the last step.
     const right = Math.max(numbered ? 26 : 10, c.measureText(String(this.longest.length - 1)).width / 2 + 3);
     this.box = { width: width - this.left - right, height: height - (only ? 18 : 44), top: only ? 10 : 8 };
     this.axes(color, only);
-    if (!this.known) {
+    if (!this.hasNumbers) {
       c.textAlign = "center";
       c.fillText("no finite number", this.left + this.box.width / 2, height / 2);
       return;
@@ -56,42 +56,42 @@ class Curve {
     if (numbered) this.ends(color);
   }
 
-  // The numbers of the episodes beside the ends of their curves, moved apart where they would lie on each other.
+  // Draws the numbers of the episodes beside the ends of their curves, without overlaps.
   ends(color) {
     const { context: c, box } = this;
-    const found = this.several
+    const lastPoints = this.several
       .map((values, index) => ({ index, at: values.findLastIndex((value) => value !== null) }))
       .filter(({ at }) => at >= 0)
       .map(({ index, at }) => ({ index, at, y: this.y(this.several[index][at]) }))
-      .sort((one, other) => one.y - other.y || one.index - other.index);
-    const row = Math.min(12, box.height / Math.max(found.length - 1, 1));
-    const places = found.map(({ y }) => y);
-    for (let i = 1; i < places.length; i++) places[i] = Math.max(places[i], places[i - 1] + row);
+      .sort((a, b) => a.y - b.y || a.index - b.index);
+    const row = Math.min(12, box.height / Math.max(lastPoints.length - 1, 1));
+    const positions = lastPoints.map(({ y }) => y);
+    for (let i = 1; i < positions.length; i++) positions[i] = Math.max(positions[i], positions[i - 1] + row);
     let lowest = box.top + box.height + 4;
-    for (let i = places.length - 1; i >= 0; i--, lowest -= row) places[i] = Math.min(places[i], lowest);
+    for (let i = positions.length - 1; i >= 0; i--, lowest -= row) positions[i] = Math.min(positions[i], lowest);
     const edge = this.left + box.width;
     c.textAlign = "left";
     c.textBaseline = "middle";
-    found.forEach(({ index, at, y }, i) => {
+    lastPoints.forEach(({ index, at, y }, i) => {
       c.strokeStyle = color(this.colors[index]);
       c.lineWidth = 1;
       c.globalAlpha = 0.6;
       c.beginPath();
       c.moveTo(this.x(at), y);
       c.lineTo(edge, y);
-      c.lineTo(edge + 9, places[i]);
+      c.lineTo(edge + 9, positions[i]);
       c.stroke();
       c.globalAlpha = 1;
       c.fillStyle = color("ink");
-      c.fillText(String(index + 1), edge + 11, places[i]);
+      c.fillText(String(index + 1), edge + 11, positions[i]);
     });
   }
 
   numbers(most) {
     const step = spacing(this.high - this.low, most);
-    const found = [];
-    for (let i = Math.ceil(this.low / step); i * step <= this.high && found.length < 12; i++) found.push(i * step);
-    return found;
+    const multiples = [];
+    for (let i = Math.ceil(this.low / step); i * step <= this.high && multiples.length < 12; i++) multiples.push(i * step);
+    return multiples;
   }
 
   axes(color, only) {
@@ -119,7 +119,7 @@ class Curve {
     c.fillText("step", this.left + box.width / 2, box.top + box.height + 35);
   }
 
-  // The number of a step holds until the next step.
+  // Draws steps: a number holds until the next step.
   curve(values, until, color, width, alpha) {
     const { context: c } = this;
     c.strokeStyle = color;
@@ -150,7 +150,7 @@ class Curve {
     return this.box.top + (this.box.height * (this.high - value)) / (this.high - this.low);
   }
 
-  // The step at a pixel.
+  // Returns the step at a pixel.
   step(pixel) {
     const share = (pixel - this.left) / this.box.width;
     return Math.round(Math.min(Math.max(share, 0), 1) * (this.longest.length - 1));

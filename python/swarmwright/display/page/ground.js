@@ -1,4 +1,4 @@
-// What lies and stands on a map below all bodies, and the numbers beside it.
+// The floor, lights and walls of a map below all bodies, and the numbers beside the map.
 
 class Ground {
   constructor(world) {
@@ -6,7 +6,7 @@ class Ground {
     Object.assign(this, { c: world.context, color: world.color, camera: world.camera, box: world.box });
   }
 
-  // Returns whether nothing but the border of the map shows where it ends.
+  // Returns whether the map has no walls, so that only its border shows the limits.
   draw(ground) {
     const { c, box, color } = this;
     c.fillStyle = color("field");
@@ -76,7 +76,7 @@ class Ground {
     c.stroke();
   }
 
-  // Of a grid those between cells, else those of the numbers.
+  // Draws the lines between the cells of a grid, or at the numbers beside the map.
   lines() {
     const { c, world, box } = this;
     const { width, height, grid } = world.episode;
@@ -98,21 +98,21 @@ class Ground {
     c.stroke();
   }
 
-  // Multiples of a step that are on the map and seen, of x (0) or y (1).
+  // Returns the visible multiples of a step on the map; axis: 0 for x, 1 for y.
   inside(axis, extent, step) {
     const { box, camera, world } = this;
-    const [low, high] = [camera.place(box.left, box.top + box.height)[axis], camera.place(box.left + box.width, box.top)[axis]];
-    // Rows of a grid count from the top.
+    const [low, high] = [camera.position(box.left, box.top + box.height)[axis], camera.position(box.left + box.width, box.top)[axis]];
+    // Rows of a grid are numbered from the top.
     const [from, to] = axis === 1 && world.episode.grid ? [extent - high, extent - low] : [low, high];
     const corner = world.corner()[axis];
     const last = Math.min(to, extent) + corner + 1e-9;
-    const found = [];
-    for (let i = Math.ceil((Math.max(from, 0) + corner) / step - 1e-9); i * step <= last && found.length < 200; i++)
-      found.push(i * step);
-    return found;
+    const multiples = [];
+    for (let i = Math.ceil((Math.max(from, 0) + corner) / step - 1e-9); i * step <= last && multiples.length < 200; i++)
+      multiples.push(i * step);
+    return multiples;
   }
 
-  // Metres in the simulation's own coordinates; in a grid columns and rows from the top left, at the middle of their cells.
+  // Draws metres in the simulation's coordinates; in a grid columns and rows from the top left, centred on cells.
   numbers() {
     const { c, world, box } = this;
     const { width, height, grid } = world.episode;
@@ -123,7 +123,7 @@ class Ground {
     c.font = FONT;
     c.textAlign = "center";
     c.textBaseline = "top";
-    let first = Infinity; // pixel where the numbers of x begin
+    let first = Infinity; // pixel, left end of the numbers of x
     for (const x of this.inside(0, width - middle, step)) {
       const [px] = this.camera.pixels(x - left + middle, 0);
       if (px < box.left - 1 || px > box.left + box.width + 1) continue;
@@ -137,7 +137,7 @@ class Ground {
       if (py >= box.top - 1 && py <= box.top + box.height + 1) c.fillText(words(y), box.left - 6, py);
     }
     if (grid) return;
-    // The unit, where both axes begin.
+    // The unit, at the corner of both axes.
     c.textBaseline = "top";
     c.fillText("m", Math.min(box.left - 6, first - 5), box.top + box.height + 7);
   }

@@ -1,8 +1,8 @@
-// The agent that is followed: state of its controller, sensors and actuators over time, a row for each.
+// The followed agent: state of its controller, sensors and actuators over time, a row for each.
 
 const ROW = 20;
 const MOST_DRAWN = 600; // points of a curve
-const WIDE = 420; // pixels from which on limits are written
+const WIDE = 420; // pixels; wider timelines show limits
 
 const limits = ({ low, high }) => (low === high ? words(low) : `${words(low, 3)} to ${words(high, 3)}`);
 
@@ -16,13 +16,13 @@ class Inspector {
     });
   }
 
-  // The whole name of a row, and its limits.
+  // Shows the full name of a row and its limits as a tooltip.
   hint(y) {
     const row = this.rows && this.rows[Math.floor((y - (this.hasStates() ? ROW + 6 : 0)) / ROW)];
     this.part.timeline.title = row ? `${row.name}: ${limits(row)}` : "";
   }
 
-  // In the place of an agent that is not there.
+  // Shows a text instead of a missing agent.
   none(text) {
     const { part } = this;
     this.rows = [];
@@ -38,7 +38,7 @@ class Inspector {
     this.jump(Math.round(Math.min(Math.max(share, 0), 1) * this.episode.last));
   }
 
-  // The numbers of an agent at the kept scenes, by row: name and values; none for agents that are not kept.
+  // Selects an agent: rows with name and values at the recorded scenes; no rows for agents without a record.
   choose(episode, body) {
     this.episode = episode;
     this.body = body;
@@ -47,11 +47,11 @@ class Inspector {
     this.rows = [];
     this.left = 130;
     if (trace && this.agent < trace.agents) {
-      // What the agent's kind does not have says nothing.
+      // Skip names that the kind of the agent does not have.
       const kind = episode.kindOf(this.agent);
       const named = (kind ? kind.names : trace.names).map((name, index) => [name, index]);
       this.rows = named.filter(([name]) => name !== null).map(([name, index]) => {
-        const values = Float32Array.from(episode.keys, (_, kept) => trace.values[index][kept * trace.agents + this.agent]);
+        const values = Float32Array.from(episode.keys, (_, frame) => trace.values[index][frame * trace.agents + this.agent]);
         const finite = values.filter((value) => !Number.isNaN(value));
         const [low, high] = finite.reduce(([l, h], value) => [Math.min(l, value), Math.max(h, value)], [0, 0]);
         const actuator = index >= trace.sensors;
@@ -68,7 +68,7 @@ class Inspector {
     part.timeline.hidden = !this.height();
   }
 
-  // Rows of one kind, such as proximity 0 and proximity 1, have the same limits. Numbers alone tell of no kind.
+  // Gives rows of a kind, such as proximity 0 and proximity 1, the same limits. A bare number is not a kind.
   sameLimits() {
     const kinds = new Map();
     for (const row of this.rows) {
@@ -92,14 +92,14 @@ class Inspector {
 
   draw(time) {
     const { part, episode } = this;
-    const [kept] = episode.moment(time);
+    const [frame] = episode.moment(time);
     const canvas = part.timeline;
     const width = canvas.clientWidth;
     if (!width || canvas.hidden) return;
     const c = fit(canvas, width, this.height());
     const color = theme();
     c.font = FONT;
-    // The limits of each row stand beside it where there is room.
+    // Show the limits beside each row if there is room.
     const ranges = width < WIDE ? 0 : Math.max(0, ...this.rows.map((row) => c.measureText(limits(row)).width + 10));
     const values = 52 + ranges;
     this.left = Math.min(Math.max(60, ...this.rows.map(({ name }) => c.measureText(name).width + 10)), width * 0.42);
@@ -112,10 +112,10 @@ class Inspector {
       this.band(c, color, x);
       c.textAlign = "right";
       c.fillStyle = color("ink");
-      c.fillText(String(episode.stateOf(kept, this.agent)), width, ROW / 2);
+      c.fillText(String(episode.stateOf(frame, this.agent)), width, ROW / 2);
       top = ROW + 6;
     }
-    this.rows.forEach((row, index) => this.row(c, color, row, top + index * ROW, x, kept, width));
+    this.rows.forEach((row, index) => this.row(c, color, row, top + index * ROW, x, frame, width));
     c.strokeStyle = color("ink");
     c.lineWidth = 1;
     c.beginPath();
@@ -124,34 +124,34 @@ class Inspector {
     c.stroke();
   }
 
-  // Shortened in the middle where it is too long, since names begin with kinds and end with numbers.
+  // Draws a text, shortened in the middle: names begin with kinds and end with numbers.
   text(c, color, text, x, y, most) {
     c.textAlign = "left";
     c.fillStyle = color;
-    let [shown, kept] = [text, text.length];
-    while (kept > 2 && c.measureText(shown).width > most) {
-      kept -= 1;
-      shown = `${text.slice(0, Math.floor(kept / 2))}…${text.slice(text.length - Math.ceil(kept / 2))}`;
+    let [label, length] = [text, text.length];
+    while (length > 2 && c.measureText(label).width > most) {
+      length -= 1;
+      label = `${text.slice(0, Math.floor(length / 2))}…${text.slice(text.length - Math.ceil(length / 2))}`;
     }
-    c.fillText(shown, x, y);
+    c.fillText(label, x, y);
   }
 
-  // The states of the controller over time.
+  // Draws the states of the controller over time.
   band(c, color, x) {
     const { episode, agent } = this;
     const { keys } = episode;
     let from = 0;
-    for (let kept = 1; kept <= keys.length; kept++) {
+    for (let frame = 1; frame <= keys.length; frame++) {
       const state = episode.stateOf(from, agent);
-      if (kept < keys.length && episode.stateOf(kept, agent) === state) continue;
+      if (frame < keys.length && episode.stateOf(frame, agent) === state) continue;
       c.fillStyle = color(stateColor(state));
-      const end = kept < keys.length ? keys[kept] : episode.last;
+      const end = frame < keys.length ? keys[frame] : episode.last;
       c.fillRect(x(keys[from]), 3, Math.max(x(end) - x(keys[from]), 0.6), ROW - 6);
-      from = kept;
+      from = frame;
     }
   }
 
-  row(c, color, row, top, x, kept, width) {
+  row(c, color, row, top, x, frame, width) {
     const { name, values, low, high, actuator } = row;
     const y = (value) => top + ROW - 4 - ((ROW - 7) * (value - low)) / Math.max(high - low, 1e-30);
     this.text(c, color("soft"), name, 0, top + ROW / 2, this.left - 6);
@@ -180,7 +180,7 @@ class Inspector {
     c.stroke();
     c.textAlign = "right";
     c.fillStyle = color("ink");
-    const value = values[kept];
+    const value = values[frame];
     c.fillText(Number.isNaN(value) ? "–" : words(+value.toFixed(3)), width, top + ROW / 2);
     if (width < WIDE) return;
     c.textAlign = "left";

@@ -1,10 +1,10 @@
-// What shapes and colours mean, and how many there are of each.
+// The meaning of shapes and colours, and the count of each.
 
 class Legend {
   constructor(list, episodes) {
     Object.assign(this, { list, episodes });
     this.entries = new Map();
-    for (const episode of episodes.filter((one) => one.bodies))
+    for (const episode of episodes.filter(({ bodies }) => bodies))
       for (const [kind, state] of episode.bodies.looks) {
         if (isOff(kind, state)) continue;
         const name = label(kind, state);
@@ -16,7 +16,7 @@ class Legend {
       }
     this.states = [];
     const names = [];
-    for (const { groups, machines } of episodes.filter((one) => one.states))
+    for (const { groups, machines } of episodes.filter(({ states }) => states))
       machines.forEach(({ states, first_color: first = 0 }, index) =>
         states.forEach(({ name }, state) => {
           names[first + state] ??= new Set();
@@ -25,18 +25,18 @@ class Legend {
       );
     names.forEach((words, index) => {
       const only = `controller in state ${index}`;
-      const all = words.size > 1 && [...words].every((one) => one.startsWith(only)) ? only : [...words].join(" / ");
+      const all = words.size > 1 && [...words].every((text) => text.startsWith(only)) ? only : [...words].join(" / ");
       this.states.push(this.add(all, { shape: "circle", color: stateColor(index) }));
     });
     this.signals = {};
     const line = (kind, name, color) => {
-      if (episodes.some((one) => one[kind])) this.signals[kind] = this.line(name, color).item;
+      if (episodes.some((episode) => episode[kind])) this.signals[kind] = this.line(name, color).item;
     };
     line("rays", "sensor ray", "defender");
     line("links", "message heard", "soft");
     this.gradient();
     for (const [grey, name] of PAGE.floors) this.floor(grey, name);
-    const grounds = episodes.flatMap((one) => (one.ground || []).map(([, ground]) => ground));
+    const grounds = episodes.flatMap((episode) => (episode.ground || []).map(([, ground]) => ground));
     if (grounds.some(({ walls }) => walls.length)) this.add("wall", { shape: "square", color: "blockade" });
     if (grounds.some(({ lights }) => lights.length)) this.add("lamp", { shape: "circle", color: "exit" });
   }
@@ -49,7 +49,7 @@ class Legend {
     return { item, count };
   }
 
-  // directed: drawn as a disc with a line to where it looks.
+  // directed: draw a disc with a line in the direction of the heading.
   add(name, { shape, color, directed }) {
     const svg = element("svg", { viewBox: "-1.3 -1.3 2.6 2.6", "aria-hidden": "true" });
     svg.append(element("path", { d: PAGE.shapes[directed ? "circle" : shape], style: `fill: var(--${color})` }));
@@ -80,7 +80,7 @@ class Legend {
     this.scale = item;
   }
 
-  // Whether bodies of this look have other colours than the legend's.
+  // Returns whether bodies of this look differ in colour from the legend.
   recolored(name, colors) {
     return this.episodes.some((episode) => {
       const { value, look: looks } = episode.series;
@@ -92,22 +92,22 @@ class Legend {
     });
   }
 
-  // Counts what there is at a time; colors: what gives bodies their colours; drawn: whether rays and links are.
-  // Returns it in words.
+  // Shows the counts at a time, and returns them as text.
+  // colors: source of the colours of bodies. drawn: whether rays and links are drawn.
   show(time, colors, drawn) {
     const counts = new Map();
     const inState = this.states.map(() => 0);
     for (const episode of this.episodes) {
-      const [kept] = episode.moment(Math.min(time, episode.last));
-      const of = new Array(episode.bodies.looks.length).fill(0);
+      const [frame] = episode.moment(Math.min(time, episode.last));
+      const lookCounts = new Array(episode.bodies.looks.length).fill(0);
       const { look: looks } = episode.series;
       for (let i = 0; i < episode.count; i++) {
-        if (!episode.exists(kept, i)) continue;
-        of[looks.at(kept, i)] += 1;
-        const state = episode.stateOf(kept, episode.agents[i]);
+        if (!episode.exists(frame, i)) continue;
+        lookCounts[looks.at(frame, i)] += 1;
+        const state = episode.stateOf(frame, episode.agents[i]);
         if (state >= 0) inState[episode.firstColorOf(i) + state] += 1;
       }
-      of.forEach((count, index) => {
+      lookCounts.forEach((count, index) => {
         const name = label(...episode.bodies.looks[index]);
         if (count) counts.set(name, (counts.get(name) || 0) + count);
       });
@@ -121,7 +121,7 @@ class Legend {
       if (outlined) shapes.set(shape, [...(shapes.get(shape) || []), item]);
       item.classList.remove("alike");
     }
-    // Outlines of one shape do not tell what is what.
+    // Outlines of the same shape cannot be distinguished.
     for (const items of shapes.values()) if (items.length > 1) for (const item of items) item.classList.add("alike");
     this.states.forEach(({ item, count }, state) => {
       item.hidden = colors !== "controller";
@@ -130,7 +130,7 @@ class Legend {
     });
     for (const [kind, item] of Object.entries(this.signals)) item.hidden = !drawn[kind];
     if (this.scale) this.scale.hidden = colors !== "value";
-    const there = [...this.entries].filter(([name]) => counts.has(name));
-    return there.map(([name, { counted, words }]) => (counted ? `${counts.get(name)} ${words}` : words)).join("; ");
+    const visible = [...this.entries].filter(([name]) => counts.has(name));
+    return visible.map(([name, { counted, words }]) => (counted ? `${counts.get(name)} ${words}` : words)).join("; ");
   }
 }

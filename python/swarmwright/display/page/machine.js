@@ -1,4 +1,4 @@
-// The state machine of controllers as a diagram: states on a circle, arrows for transitions; what is active lights up.
+// A diagram of the state machine of controllers: states on a circle, arrows for transitions, the active state highlighted.
 
 const STATE_RADIUS = 19;
 
@@ -6,9 +6,9 @@ class Machine {
   constructor(host, list, machine) {
     Object.assign(this, { host, list, machine });
     const count = machine.states.length;
-    // As far as states with their names need, at most.
+    // pixels, radius with room for states and their names
     this.far = count < 2 ? 0 : Math.max(Math.min(95, 48 + 9 * count), 9.5 * count);
-    this.places = machine.states.map((_, index) => this.place(index));
+    this.positions = machine.states.map((_, index) => this.position(index));
     this.svg = element("svg", { viewBox: this.size().join(" "), role: "img", class: count > 8 ? "machine large" : "machine" });
     this.arrows();
     this.states = machine.states.map((state, index) => this.state(state, index));
@@ -21,16 +21,16 @@ class Machine {
     return [-wide, -high, 2 * wide, 2 * high];
   }
 
-  place(index) {
+  position(index) {
     const angle = (2 * Math.PI * index) / this.machine.states.length - Math.PI / 2;
     return [this.far * 1.25 * Math.cos(angle), this.far * Math.sin(angle)];
   }
 
-  // One arrow for all transitions from a state to another.
+  // Draws an arrow for all transitions between two states.
   arrows() {
-    const found = new Map();
-    this.machine.transitions.forEach(([from, to]) => found.set(`${from} ${to}`, [from, to]));
-    this.paths = [...found.values()].map(([from, to]) => {
+    const pairs = new Map();
+    this.machine.transitions.forEach(([from, to]) => pairs.set(`${from} ${to}`, [from, to]));
+    this.paths = [...pairs.values()].map(([from, to]) => {
       const path = element("path", { d: this.arrow(from, to), class: "arrow" });
       const head = element("path", { d: this.head, class: "head" });
       this.svg.append(path, head);
@@ -40,7 +40,7 @@ class Machine {
 
   arrow(from, to) {
     const r = STATE_RADIUS;
-    const [[ax, ay], [bx, by]] = [this.places[from], this.places[to]];
+    const [[ax, ay], [bx, by]] = [this.positions[from], this.positions[to]];
     if (from === to) {
       const out = Math.hypot(ax, ay) || 1;
       const [ux, uy] = ax || ay ? [ax / out, ay / out] : [0, -1];
@@ -51,7 +51,7 @@ class Machine {
     }
     const way = Math.hypot(bx - ax, by - ay);
     const [ux, uy] = [(bx - ax) / way, (by - ay) / way];
-    // To the right of the straight way, so that both directions are seen.
+    // Bend to the right, so that the arrows of both directions are visible.
     const bend = Math.min(way * 0.16, 18);
     const [mx, my] = [(ax + bx) / 2 - uy * bend, (ay + by) / 2 + ux * bend];
     const towards = (x, y) => {
@@ -74,7 +74,7 @@ class Machine {
   }
 
   state(state, index) {
-    const [x, y] = this.places[index];
+    const [x, y] = this.positions[index];
     const group = element("g", { class: "state" });
     const circle = element("circle", { cx: x, cy: y, r: STATE_RADIUS });
     circle.style.setProperty("--state", `var(--${this.color(index)})`);
@@ -89,7 +89,7 @@ class Machine {
     return element("text", { x, y: below, class: "name" }, state.name);
   }
 
-  // States and transitions in words.
+  // Lists states and transitions as text.
   lines() {
     this.list.replaceChildren();
     this.rows = this.machine.states.map((_, index) => {
@@ -111,7 +111,7 @@ class Machine {
     row.append(element("b", {}, `${index} ${states[index].words}`.replace(/^(\d+) state \d+$/, "state $1")), inner);
   }
 
-  // active: state of the agent that is followed, -1 for none. before: the one that it came from. counts: agents in each.
+  // active: state of the followed agent, -1 for none. before: its previous state. counts: number of agents in each state.
   show(active, before, counts) {
     const all = counts.reduce((sum, count) => sum + count, 0);
     this.states.forEach(({ group, number }, index) => {

@@ -1,4 +1,4 @@
-// The episode in pictures that the simulation drew itself; stands where the world does.
+// The episode as pictures that the simulation rendered; replaces the map.
 
 class Pictures {
   constructor(canvas, episode, ready) {
@@ -27,10 +27,10 @@ class Pictures {
     context.strokeRect(...box);
   }
 
-  // The picture that stands at a step: the last one that was drawn until then.
+  // Returns the index of the latest picture at a step.
   at(step) {
-    let found = 0;
-    this.episode.picture_steps.forEach((drawn, index) => drawn <= step && (found = index));
-    return found;
+    let latest = 0;
+    this.episode.picture_steps.forEach((drawn, index) => drawn <= step && (latest = index));
+    return latest;
   }
 }

@@ -1,10 +1,10 @@
-// Plays the episodes: what time it is, and what buttons, keys and the address say.
+// Plays the episodes: the time, buttons, keys and the address.
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32];
 const MOST_METRICS = 8; // charts
-const MOST_LABELLED = 100; // bodies up to which labels are drawn at first where nothing else is wanted
-const PAN = 40; // pixels for a key
-const CONTROLS = 130; // pixels of the controls below a map
+const MOST_LABELLED = 100; // bodies; with more, labels are off by default
+const PAN = 40; // pixels per key
+const CONTROLS = 130; // pixels, height of the controls below a map
 
 class Player {
   constructor(page) {
@@ -19,7 +19,7 @@ class Player {
     this.tall();
     this.worlds = this.episodes.map((episode, index) => this.world(episode, index));
     [this.world] = this.worlds;
-    this.focus = 0; // index of the world with the agent that is followed
+    this.focus = 0; // index of the world with the followed agent
     this.curves();
     this.gliding = !window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.part.scrub.max = this.last;
@@ -29,7 +29,7 @@ class Player {
     this.fromAddress();
   }
 
-  // A map for each episode; beside each other they have their names above.
+  // Creates the map of an episode; several maps have captions.
   world(episode, index) {
     const { worlds } = this.part;
     const several = this.episodes.length > 1;
@@ -46,8 +46,8 @@ class Player {
     if (several) {
       const mark = element("span", { class: "swatch" });
       mark.style.background = `var(--${EPISODES[index % EPISODES.length]})`;
-      episode.said = element("output");
-      caption.replaceChildren(mark, element("b", {}, String(index + 1)), element("span", {}, episode.name), episode.said);
+      episode.fitnessOutput = element("output");
+      caption.replaceChildren(mark, element("b", {}, String(index + 1)), element("span", {}, episode.name), episode.fitnessOutput);
       worlds.style.setProperty("--columns", this.episodes.length > 4 ? 3 : 2);
     }
     if (episode.pictures) {
@@ -65,7 +65,7 @@ class Player {
     return world;
   }
 
-  // How high a map may be, in pixels: such that the player and what can be chosen are seen below a single one.
+  // Computes the largest height of a map in pixels: the controls below a single map remain visible.
   tall() {
     const { innerHeight } = window;
     const count = this.episodes.length;
@@ -93,7 +93,7 @@ class Player {
       more.remove();
       const [first] = further.map((name) => this.chart(name, colors));
       this.show(true);
-      // The button had the focus; a click without a pointer has no count.
+      // Move the focus of the removed button after a click by the keyboard, whose detail is 0.
       if (event.detail > 0) return;
       first.tabIndex = -1;
       first.focus();
@@ -101,7 +101,7 @@ class Player {
     this.part.metrics.append(more);
   }
 
-  // The curve of a metric; returns its heading.
+  // Adds the curve of a metric; returns its heading.
   chart(name, colors) {
     const heading = element("h3", {}, name.replaceAll("_", " "));
     const value = element("output");
@@ -115,7 +115,7 @@ class Player {
     return heading;
   }
 
-  // A click on a curve goes to the step there.
+  // Goes to the step of a click on a curve.
   scrubs(curve) {
     const scrub = (event) => event.buttons & 1 && this.go(curve.step(event.offsetX));
     curve.canvas.addEventListener("pointerdown", (event) => {
@@ -125,13 +125,13 @@ class Player {
     curve.canvas.addEventListener("pointermove", scrub);
   }
 
-  // Only what the episodes have can be chosen.
+  // Offers the choices that the episodes support.
   choices() {
     const { part, page } = this;
     const drawn = this.episodes.filter((episode) => !episode.pictures);
     const any = (has) => drawn.some(has);
     this.legend = drawn.length ? new Legend(part.legend, drawn) : null;
-    // Without bodies there is nothing to count, and nothing leaves a trail.
+    // Without bodies, there are no counts and no trails.
     for (const id of ["bodies", "trails", "trails-key"]) part[id].hidden = !any((episode) => episode.count);
     part["rays-choice"].hidden = !any((episode) => episode.rays);
     part["links-choice"].hidden = !any((episode) => episode.links);
@@ -141,13 +141,13 @@ class Player {
     const colors = [["state", "kind and state"]];
     if (page.scale) colors.unshift(["value", page.scale.name]);
     const ofController = ["controller", "state of the controller"];
-    // In a team, kinds are told apart first.
+    // In a team, colour by kind first.
     if (any((episode) => episode.machine)) colors.unshift(ofController);
     else if (any((episode) => episode.states)) colors.push(ofController);
     part.colors.append(...colors.map(([value, text]) => new Option(text, value)));
     if (colors.some(([value]) => value === page.shown.colors)) part.colors.value = page.shown.colors;
     part["colors-choice"].hidden = colors.length < 2;
-    // Long episodes have short steps.
+    // In long episodes, bodies move little in a step.
     part.trail.value = !page.shown.trails ? "0" : this.last > 300 ? "100" : "12";
     if (page.shown.rays) part.rays.value = "all";
     if (page.shown.links) part.links.value = "all";
@@ -159,7 +159,7 @@ class Player {
     this.drawMachines(this.episode);
   }
 
-  // The state machine of an episode's agents, or those of its groups, one at a time.
+  // Draws the state machine of an episode's agents, or that of the first group.
   drawMachines(episode) {
     const { part } = this;
     const { groups } = episode;
@@ -210,7 +210,7 @@ class Player {
     this.showTheme();
   }
 
-  // What was chosen with the mouse loses the focus again, so that keys play and step.
+  // Removes the focus from a control after a choice with the mouse, so that keys control the player.
   release() {
     let pointed = null;
     document.addEventListener("pointerdown", (event) => (pointed = event.target.closest("label, select")));
@@ -307,7 +307,7 @@ class Player {
     this.show(true);
   }
 
-  // The agent after the one that is followed.
+  // Follows the next agent.
   next(by) {
     const { episode, selected } = this.worlds[this.focus];
     const agents = [...(episode.bodyOf || new Map()).keys()].sort((a, b) => a - b);
@@ -316,13 +316,13 @@ class Player {
     this.follow(this.focus, episode.bodyOf.get(agents[(at + by + agents.length) % agents.length]));
   }
 
-  // page.html#step=12&agent=3 opens at that step, and follows that agent.
+  // Opens a step and follows an agent, as in page.html#step=12&agent=3.
   fromAddress() {
-    const given = (name) => {
-      const found = new RegExp(`[#&]${name}=(\\d+)`).exec(window.location.hash);
-      return found ? Number(found[1]) : null;
+    const parameter = (name) => {
+      const match = new RegExp(`[#&]${name}=(\\d+)`).exec(window.location.hash);
+      return match ? Number(match[1]) : null;
     };
-    const [step, agent, zoom] = ["step", "agent", "zoom"].map(given);
+    const [step, agent, zoom] = ["step", "agent", "zoom"].map(parameter);
     this.go(step === null ? this.time : step);
     const body = agent === null || !this.episode.bodyOf ? undefined : this.episode.bodyOf.get(agent);
     if (body !== undefined) this.follow(0, body);
@@ -336,10 +336,10 @@ class Player {
   noAgent(agent) {
     this.follow(0, -1);
     const { part } = this;
-    const known = [...this.episode.bodyOf.keys()];
+    const agents = [...this.episode.bodyOf.keys()];
     part.agent.hidden = false;
     part.who.textContent = `Agent ${agent}`;
-    this.inspector.none(known.length ? `There is none. Agents are ${Math.min(...known)} to ${Math.max(...known)}.` : "There are no agents.");
+    this.inspector.none(agents.length ? `No such agent. Agents are ${Math.min(...agents)} to ${Math.max(...agents)}.` : "There are no agents.");
   }
 
   go(step) {
@@ -357,12 +357,12 @@ class Player {
     this.playing = true;
     this.before = performance.now();
     this.showButton();
-    this.wanted = requestAnimationFrame((now) => this.tick(now));
+    this.request = requestAnimationFrame((now) => this.tick(now));
   }
 
   pause() {
     this.playing = false;
-    cancelAnimationFrame(this.wanted);
+    cancelAnimationFrame(this.request);
     this.showButton();
   }
 
@@ -378,10 +378,10 @@ class Player {
       this.time = 0;
     }
     this.show();
-    this.wanted = requestAnimationFrame((later) => this.tick(later));
+    this.request = requestAnimationFrame((later) => this.tick(later));
   }
 
-  // anew: all that changes with the step too.
+  // anew: update all elements, even if the step is unchanged.
   show(anew = false) {
     const scene = Math.floor(this.time);
     const { part, view } = this;
@@ -404,27 +404,27 @@ class Player {
     this.describe(scene);
   }
 
-  // What is written beside the maps.
+  // Updates the texts beside the maps.
   describe(scene) {
     const { part, episodes } = this;
     const at = (values) => values[Math.min(scene, values.length - 1)];
     const alone = episodes.length === 1;
     part.fitness.textContent = alone ? words(at(this.episode.fitness)) : "";
-    for (const episode of alone ? [] : episodes) episode.said.textContent = words(at(episode.fitness));
+    for (const episode of alone ? [] : episodes) episode.fitnessOutput.textContent = words(at(episode.fitness));
     for (const { curve, value } of this.charts.slice(1)) {
       value.textContent = alone ? words(at(curve.several[0])) : "";
       curve.canvas.setAttribute("aria-label", `${value.parentElement.textContent} at step ${scene}`);
     }
-    const said = this.legend ? this.legend.show(scene, this.view.colors, this.drawn()) : "";
-    part.world.setAttribute("aria-label", `Step ${scene} of ${this.last}: ${said}`);
+    const counts = this.legend ? this.legend.show(scene, this.view.colors, this.drawn()) : "";
+    part.world.setAttribute("aria-label", `Step ${scene} of ${this.last}: ${counts}`);
     part.curve.setAttribute("aria-label", `Fitness so far at step ${scene}: ${words(at(this.episode.fitness))}`);
     this.describeMachine(scene);
   }
 
-  // Whether sensor rays and messages are drawn, of all agents or of the one that is followed.
+  // Returns whether sensor rays and messages are drawn, of all agents or the followed agent.
   drawn() {
-    const one = this.worlds[this.focus].selected >= 0;
-    const is = (wanted) => wanted === "all" || (wanted === "selected" && one);
+    const followed = this.worlds[this.focus].selected >= 0;
+    const is = (choice) => choice === "all" || (choice === "selected" && followed);
     return { rays: is(this.view.rays), links: is(this.view.links) };
   }
 
@@ -436,16 +436,16 @@ class Player {
       part.which.textContent = "the states of agents are not recorded";
       return;
     }
-    const [kept] = episode.moment(Math.min(scene, episode.last));
+    const [frame] = episode.moment(Math.min(scene, episode.last));
     const { groups } = episode;
-    const group = groups && groups.find((one) => one.machine === machine.machine);
+    const group = groups && groups.find((candidate) => candidate.machine === machine.machine);
     const ofGroup = (body) => !groups || episode.groupOf(body) === group;
     const counts = machine.machine.states.map(() => 0);
-    for (const [agent, body] of episode.bodyOf) if (ofGroup(body)) counts[episode.stateOf(kept, agent)] += 1;
-    // The agent that is followed, where this is its machine.
+    for (const [agent, body] of episode.bodyOf) if (ofGroup(body)) counts[episode.stateOf(frame, agent)] += 1;
+    // The followed agent, if this is its machine.
     const agent = selected >= 0 && ofGroup(selected) ? episode.agents[selected] : -1;
-    const before = agent >= 0 && kept > 0 ? episode.stateOf(kept - 1, agent) : -1;
-    machine.show(agent < 0 ? -1 : episode.stateOf(kept, agent), before, counts);
+    const before = agent >= 0 && frame > 0 ? episode.stateOf(frame - 1, agent) : -1;
+    machine.show(agent < 0 ? -1 : episode.stateOf(frame, agent), before, counts);
     part.which.textContent = agent < 0 ? "agents in each state" : `of agent ${agent}`;
   }
 

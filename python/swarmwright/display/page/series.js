@@ -1,15 +1,15 @@
-// Numbers of the episode, as `_series.py` packs them.
+// Numbers of the episode, packed by `_series.py`.
 
 function bytes(text) {
   const raw = atob(text);
-  const found = new Uint8Array(raw.length);
-  for (let i = 0; i < raw.length; i++) found[i] = raw.charCodeAt(i);
-  return found;
+  const result = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) result[i] = raw.charCodeAt(i);
+  return result;
 }
 
 const NO_STATE = 255;
 
-// Packed numbers as an array; numbers of 1 or 2 bytes are parts of a range, the largest one is none.
+// Unpacks numbers to an array; numbers of 1 or 2 bytes are shares of a range, the largest is NaN.
 function unpack({ type, data, low, high }) {
   const buffer = bytes(data).buffer;
   if (type === "f4") return new Float32Array(buffer);
@@ -17,13 +17,13 @@ function unpack({ type, data, low, high }) {
   const parts = type === "q2" ? new Uint16Array(buffer) : new Uint8Array(buffer);
   if (type === "u1") return parts;
   const none = type === "q2" ? 65535 : 255;
-  const found = new Float32Array(parts.length);
+  const values = new Float32Array(parts.length);
   const step = (high - low) / (none - 1);
-  for (let i = 0; i < parts.length; i++) found[i] = parts[i] === none ? NaN : low + parts[i] * step;
-  return found;
+  for (let i = 0; i < parts.length; i++) values[i] = parts[i] === none ? NaN : low + parts[i] * step;
+  return values;
 }
 
-// A number of each of many things at each scene that is kept; what never changes is there once.
+// A number of each body at each recorded scene; constant numbers are stored once.
 class Series {
   constructor({ base, which, data }) {
     this.base = unpack(base);
@@ -34,33 +34,33 @@ class Series {
     this.data = this.width ? unpack(data) : null;
   }
 
-  at(kept, index) {
+  at(frame, index) {
     const slot = this.slot[index];
-    return slot < 0 ? this.base[index] : this.data[kept * this.width + slot];
+    return slot < 0 ? this.base[index] : this.data[frame * this.width + slot];
   }
 
   changes(index) {
     return this.slot[index] >= 0;
   }
 
-  // Between two scenes.
-  between(kept, share, index) {
-    const here = this.at(kept, index);
+  // Interpolates between two scenes.
+  between(frame, share, index) {
+    const here = this.at(frame, index);
     if (share === 0 || this.slot[index] < 0) return here;
-    const next = this.at(kept + 1, index);
+    const next = this.at(frame + 1, index);
     return Number.isNaN(next) ? here : here + share * (next - here);
   }
 
-  // The same for angles, the shorter way around.
-  turned(kept, share, index) {
-    const here = this.at(kept, index);
+  // Interpolates angles in the shorter direction.
+  turned(frame, share, index) {
+    const here = this.at(frame, index);
     if (share === 0 || this.slot[index] < 0) return here;
-    const turn = this.at(kept + 1, index) - here;
+    const turn = this.at(frame + 1, index) - here;
     return here + share * (turn - 2 * Math.PI * Math.round(turn / (2 * Math.PI)) || 0);
   }
 }
 
-// An episode: its bodies and all that is known of them.
+// An episode with its bodies and their record.
 class Episode {
   constructor(data) {
     Object.assign(this, data);
@@ -84,65 +84,65 @@ class Episode {
     this.directed = [...this.series.heading.base].some((heading) => !Number.isNaN(heading)) || this.series.heading.width > 0;
   }
 
-  // The last scene that is kept until a time in steps, and the share of the way to the next one.
+  // Returns the last recorded scene at a time in steps, and the share of the time to the next scene.
   moment(time) {
     const { keys } = this;
-    let kept = Math.min(Math.floor(time / this.stride), keys.length - 1);
-    while (kept > 0 && keys[kept] > time) kept -= 1;
-    if (kept === keys.length - 1) return [kept, 0];
-    return [kept, (time - keys[kept]) / (keys[kept + 1] - keys[kept])];
+    let frame = Math.min(Math.floor(time / this.stride), keys.length - 1);
+    while (frame > 0 && keys[frame] > time) frame -= 1;
+    if (frame === keys.length - 1) return [frame, 0];
+    return [frame, (time - keys[frame]) / (keys[frame + 1] - keys[frame])];
   }
 
-  lookAt(kept, body) {
-    return this.bodies.looks[this.series.look.at(kept, body)];
+  lookAt(frame, body) {
+    return this.bodies.looks[this.series.look.at(frame, body)];
   }
 
-  exists(kept, body) {
-    return !Number.isNaN(this.series.x.at(kept, body)) && !Number.isNaN(this.series.y.at(kept, body));
+  exists(frame, body) {
+    return !Number.isNaN(this.series.x.at(frame, body)) && !Number.isNaN(this.series.y.at(frame, body));
   }
 
-  // The number of the state of an agent's state machine; -1 without one.
-  stateOf(kept, agent) {
+  // Returns the state of an agent's state machine; -1 without a state.
+  stateOf(frame, agent) {
     const { states } = this;
     if (!states || agent < 0) return -1;
-    const state = agent < states.agents ? states.at[kept * states.agents + agent] : 0;
+    const state = agent < states.agents ? states.at[frame * states.agents + agent] : 0;
     return state === NO_STATE ? -1 : state;
   }
 
-  // The kind of an agent with its own names of sensors and actuators; none where all are alike.
+  // Returns the kind of an agent, with its names of sensors and actuators; undefined if all agents are alike.
   kindOf(agent) {
     return this.trace ? this.trace.kinds.find(({ end }) => agent < end) : undefined;
   }
 
-  // The state machines of its agents: that of all, or those of the groups of a team.
+  // The state machine of all agents, or those of the groups of a team.
   get machines() {
     if (this.groups) return this.groups.map(({ machine }) => machine);
     return this.machine ? [this.machine] : [];
   }
 
-  // The group of a team that a body belongs to, by its kind or state, else by its number; none for one without a machine.
+  // Returns the group of a body in a team, by its kind or state, or else its index; undefined without a machine.
   groupOf(body) {
     const agent = this.agents[body];
     const named = this.groups.find(({ name }) => this.lookAt(0, body).includes(name));
     return named || this.groups.find(({ first, end }) => first !== null && agent >= first && (end === null || agent < end));
   }
 
-  // The index of the colour of state 0 of the controller of a body: each group of a team has its own colours.
+  // Returns the index of the colour of state 0 of a body's controller: each group of a team has its own colours.
   firstColorOf(body) {
     if (!this.groups) return 0;
-    this.firstColors ??= Array.from({ length: this.count }, (_, one) => (this.groupOf(one) || { machine: { first_color: 0 } }).machine.first_color);
+    this.firstColors ??= Array.from({ length: this.count }, (_, index) => (this.groupOf(index) || { machine: { first_color: 0 } }).machine.first_color);
     return this.firstColors[body];
   }
 
   groundAt(scene) {
-    let found = this.ground[0][1];
-    for (const [from, ground] of this.ground) if (from <= scene) found = ground;
-    return found;
+    let current = this.ground[0][1];
+    for (const [from, ground] of this.ground) if (from <= scene) current = ground;
+    return current;
   }
 
-  // A number that gives a body its colour, as a share of the range; NaN for none.
-  share(kept, body) {
+  // Returns the number that colours a body, as a share of the range; NaN for none.
+  share(frame, body) {
     const { low, high } = PAGE.scale;
-    return (this.series.value.at(kept, body) - low) / (high - low);
+    return (this.series.value.at(frame, body) - low) / (high - low);
   }
 }

@@ -1,13 +1,13 @@
 "use strict";
-// What the page shows, and how things look: their shapes, colours and names.
+// The data of the page; shapes, colours and names of bodies.
 
 const PAGE = JSON.parse(document.getElementById("episode").textContent);
 const SHAPES = Object.fromEntries(Object.entries(PAGE.shapes).map(([name, path]) => [name, new Path2D(path)]));
 const CELLS = new Set(PAGE.cells); // fill a cell of a grid
 const MOVING = new Set(PAGE.moving); // leave trails
-const isOff = (kind, state) => kind === PAGE.led && !state; // an LED that is not shown
+const isOff = (kind, state) => kind === PAGE.led && !state; // an LED that is off
 const FONT = "12px system-ui, 'DejaVu Sans', sans-serif";
-const STATES = PAGE.states; // names of colours of the states of controllers, in their order
+const STATES = PAGE.states; // names of the colours of controller states, in order
 
 function look(kind, state) {
   return PAGE.looks[label(kind, state)];
@@ -17,31 +17,31 @@ function label(kind, state) {
   return state ? `${kind}, ${state}` : kind;
 }
 
-// What the legend calls it: kinds of agents stand alone.
+// Returns the name in the legend: kinds of agents without "agent".
 function title(kind, state) {
   const ofKind = kind === "agent" && PAGE.kinds.some((name) => state === name || state.startsWith(`${name}, `));
   return ofKind ? state : label(kind, state);
 }
 
-// Names of colours of episodes beside each other, on their captions and curves: those that are seen as thin lines, too.
+// Names of the colours of several episodes, for captions and curves: colours that are visible as thin lines.
 const EPISODES = [0, 1, 3, 4, 5, 12, 9, 18, 19, 21, 8, 11, 15, 13, 17, 20, 22].map(stateColor);
 
-// index: of the colour, which is the state but in a team, where each group has its own colours.
+// index: the state, or in a team the index of the colour of the group's state.
 function stateColor(index) {
   return STATES[index % STATES.length];
 }
 
-// The colours of the theme that holds now.
+// Returns a function that looks up colours of the current theme.
 function theme() {
   const style = getComputedStyle(document.documentElement);
-  const known = new Map();
+  const cache = new Map();
   return (name) => {
-    if (!known.has(name)) known.set(name, style.getPropertyValue(`--${name}`).trim());
-    return known.get(name);
+    if (!cache.has(name)) cache.set(name, style.getPropertyValue(`--${name}`).trim());
+    return cache.get(name);
   };
 }
 
-// The colour between colours that a share (0..1) of the way through them leads to; all "#rrggbb".
+// Interpolates between a list of colours, "#rrggbb", by a share in 0..1.
 function between(colors, share) {
   const at = Math.min(Math.max(share, 0), 1) * (colors.length - 1);
   const [from, to] = [colors[Math.floor(at)], colors[Math.ceil(at)]].map((color) => parseInt(color.slice(1), 16));
@@ -58,7 +58,7 @@ function valueColor(color, share) {
   return between([0, 1, 2, 3, 4].map((index) => color(`value-${index}`)), share);
 }
 
-// A number as people read it: four significant digits or as many as given, a true minus sign.
+// Formats a number with significant digits and a true minus sign.
 function words(value, digits = 4) {
   if (value === null || Number.isNaN(value)) return "none";
   const size = Math.abs(value);
@@ -67,13 +67,13 @@ function words(value, digits = 4) {
   return text.replace("-", "−");
 }
 
-// The same with digits enough to tell it from numbers that are `step` away.
+// Formats a number with enough digits to distinguish numbers in a distance of `step`.
 function wordsApart(value, step) {
   const needed = value === 0 || !(step > 0) ? 0 : Math.ceil(Math.log10(Math.abs(value) / step)) + 1;
   return words(value, Math.min(Math.max(needed, 4), 12));
 }
 
-// Makes a canvas as fine as the screen; what is drawn counts CSS pixels.
+// Gives a canvas the resolution of the screen; drawing uses CSS pixels.
 function fit(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
   const [w, h] = [Math.round(width * ratio), Math.round(height * ratio)];
@@ -84,17 +84,17 @@ function fit(canvas, width, height) {
   return context;
 }
 
-// Distances between numbers on an axis: 1, 2 or 5 times a power of ten, `most` numbers at most.
+// Returns the distance between at most `most` numbers on an axis: 1, 2 or 5 times a power of ten.
 function spacing(extent, most) {
   const power = 10 ** Math.floor(Math.log10(extent / most));
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => extent / step <= most);
 }
 
-// An element of HTML or SVG with attributes.
+// Creates an element of HTML or SVG with attributes.
 function element(name, attributes = {}, text = "") {
   const svg = ["svg", "path", "circle", "text", "g", "title", "rect", "line"].includes(name);
-  const made = svg ? document.createElementNS("http://www.w3.org/2000/svg", name) : document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  if (text) made.textContent = text;
-  return made;
+  const node = svg ? document.createElementNS("http://www.w3.org/2000/svg", name) : document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  if (text) node.textContent = text;
+  return node;
 }

@@ -1,6 +1,6 @@
-// Thousands of bodies: each is copied from a small picture of its colour and heading.
+// Draws thousands of bodies, each copied from a small picture of its colour and heading.
 
-const TURNS = 48; // headings of which there are pictures
+const TURNS = 48; // number of headings with a picture
 const COLUMNS = 64;
 const SMALL = 2.2; // radius in pixels below which discs and squares look the same
 
@@ -11,7 +11,7 @@ class Sprites {
 
   draw(world, bodies) {
     const ratio = window.devicePixelRatio || 1;
-    // All are as large as the largest one; bodies of other sizes are scaled.
+    // All pictures have the size of the largest body; smaller bodies are scaled.
     let r = 0;
     for (const i of bodies) r = Math.max(r, world.robotRadius(i));
     if (r < SMALL) {
@@ -26,7 +26,7 @@ class Sprites {
     const { context: c } = world;
     const { side } = this;
     const half = side / ratio / 2;
-    const turns = r < 2.5 ? 1 : TURNS; // smaller ones have no line to where they look
+    const turns = r < 2.5 ? 1 : TURNS; // smaller bodies have no line for their heading
     for (const i of bodies) {
       const turn = turns === 1 ? 0 : Math.round((world.heading(i) / (2 * Math.PI)) * turns);
       const cell = this.cell(world.colorOf(i), ((turn % turns) + turns) % turns, turns);
@@ -37,7 +37,7 @@ class Sprites {
     }
   }
 
-  // As large as discs; copying a picture would take five times as long.
+  // Draws squares with the area of discs, five times faster than copying pictures.
   squares(world, bodies) {
     const { context: c, px, py } = world;
     for (const i of bodies) {
@@ -47,7 +47,7 @@ class Sprites {
     }
   }
 
-  // Empties the pictures where they would look different now.
+  // Clears the pictures if size, resolution or theme changed.
   prepare(r, ratio, world) {
     const key = [r.toFixed(3), ratio, world.color("paper")].join();
     if (key === this.key) return;
@@ -61,11 +61,11 @@ class Sprites {
     this.context = this.canvas.getContext("2d");
   }
 
-  // Where the picture of a colour and heading is.
+  // Returns the index of the picture of a colour and heading.
   cell(color, turn, turns) {
     const name = `${color} ${turn}`;
-    const known = this.cells.get(name);
-    if (known !== undefined) return known;
+    const cached = this.cells.get(name);
+    if (cached !== undefined) return cached;
     const cell = this.cells.size;
     const row = Math.floor(cell / COLUMNS);
     if ((row + 1) * this.side > this.canvas.height) this.grow();

@@ -7,24 +7,24 @@ class Tree extends Machine {
     return [0, 0, 112 + STATE_RADIUS + 24 + 2 * LEAF_WIDTH, Math.max(this.machine.states.length, 1) * TREE_ROW + 8];
   }
 
-  place(index) {
+  position(index) {
     return [112, index * TREE_ROW + TREE_ROW / 2 + 4];
   }
 
-  // Lines between root, subtrees and leaves; none of them is an arrow that can be taken.
+  // Draws the lines between root, subtrees and leaves, which are not transitions.
   arrows() {
     this.paths = [];
     const { states } = this.machine;
-    const middle = (this.places[0][1] + this.places[states.length - 1][1]) / 2;
+    const middle = (this.positions[0][1] + this.positions[states.length - 1][1]) / 2;
     const line = (...points) => this.svg.append(element("path", { d: `M${points.map((point) => point.join(" ")).join("L")}`, class: "arrow" }));
-    this.places.forEach(([x, y], index) => {
+    this.positions.forEach(([x, y], index) => {
       line([66, middle], [x - STATE_RADIUS, y]);
       line([x + STATE_RADIUS, y], [x + 150, y]);
       const { condition, words } = states[index];
       this.leaf(x + STATE_RADIUS + 12, y, condition, `if ${condition}: the next subtree`, "condition");
       this.leaf(x + STATE_RADIUS + 20 + LEAF_WIDTH, y, words, `else ${words}`, "behaviour");
     });
-    this.leaf(4, middle, "sequence*", "sequence with memory: goes on with the subtree of the step before; after the last subtree it begins again", "root", 62);
+    this.leaf(4, middle, "sequence*", "sequence with memory: continues with the subtree of the previous step, and restarts after the last subtree", "root", 62);
   }
 
   leaf(left, y, words, title, kind, width = LEAF_WIDTH) {
@@ -48,10 +48,10 @@ class Tree extends Machine {
 
   lines() {
     super.lines();
-    this.list.append(element("li", {}, "sequence*: sequence with memory, which goes on with the subtree of the step before"));
+    this.list.append(element("li", {}, "sequence*: sequence with memory, which continues with the subtree of the previous step"));
   }
 
-  // Subtrees in words.
+  // Describes a subtree as text.
   words(row, index) {
     const { condition, words } = this.machine.states[index];
     const inner = element("ul");

@@ -1,14 +1,14 @@
-// The map with everything on it, at a time in steps.
+// The map with all bodies at a time in steps.
 
-const MARGIN = { left: 30, right: 10, top: 8, bottom: 24 }; // pixels, for the numbers, at least
-const EDGE = 8; // pixels beside the map in which bodies at its border are drawn: the least margin
-const MANY = 400; // bodies from which on they are drawn as sprites
-const MOST_TRAILS = 1500; // moving bodies up to which all have trails
-const MOST_PIECES = 60000; // of trails that fade
+const MARGIN = { left: 30, right: 10, top: 8, bottom: 24 }; // pixels, smallest room for the numbers
+const EDGE = 8; // pixels beside the map for bodies at its border; the smallest margin
+const MANY = 400; // bodies; more are drawn as sprites
+const MOST_TRAILS = 1500; // moving bodies; with more, only the followed agent has a trail
+const MOST_PIECES = 60000; // segments of trails that fade
 const MOST_LABELS = 200;
-const MARK = 0.013; // radius of a mark, of the map's longer side
+const MARK = 0.013; // radius of a mark, as a share of the map's longer side
 
-// Radius in pixels of an agent's mark: smaller the more there are.
+// Radius in pixels of an agent's mark, which decreases with the number of agents.
 const markRadius = (count) => Math.min(Math.max(52 / Math.sqrt(Math.max(count, 1)), 2.5), 9);
 
 class World {
@@ -17,7 +17,7 @@ class World {
     this.episode = episode;
     this.camera = new Camera(episode.width, episode.height);
     this.sprites = new Sprites();
-    this.selected = -1; // the body that is followed
+    this.selected = -1; // the followed body
     this.following = false;
     const moved = (dragged) => {
       if (dragged) this.following = false;
@@ -26,8 +26,8 @@ class World {
     this.pointer = new Pointer(canvas, this.camera, moved, (x, y) => changed(this.bodyAt(x, y)));
   }
 
-  // What is drawn: trail in steps (-1 for all the way), rays and links ("none", "selected", "all"), labels, and what
-  // gives bodies their colours ("state", "value", "controller").
+  // view: trail in steps (-1: since the start), rays and links ("none", "selected", "all"), labels, and colors, the source
+  // of the colours of bodies ("state", "value", "controller").
   draw(time, view) {
     const { episode, camera } = this;
     const { width, height } = episode;
@@ -44,10 +44,10 @@ class World {
     this.color = theme();
     this.context = fit(this.canvas, room, total);
     this.view = view;
-    [this.kept, this.part] = episode.moment(time);
+    [this.frame, this.part] = episode.moment(time);
     this.scene = Math.floor(time);
     if (this.selected >= 0 && this.following && camera.zoom > 1) {
-      const at = this.worldPlace(this.selected);
+      const at = this.worldPosition(this.selected);
       if (at) camera.center(...at);
     }
     const c = this.context;
@@ -58,9 +58,9 @@ class World {
       c.lineWidth = 1.5;
       c.strokeRect(this.box.left, this.box.top, this.box.width, this.box.height);
     }
-    // Bodies at the border are seen whole, except where it is that of a part of the map.
+    // Draw whole bodies at the border of the map, but not at the border of a zoomed part.
     this.within(camera.zoom === 1 ? EDGE : 0, () => {
-      this.places();
+      this.updatePixels();
       this.trails();
       new Signals(this).draw();
       this.bodies();
@@ -70,7 +70,7 @@ class World {
     new Ground(this).numbers();
   }
 
-  // Draws what is on the map and up to so many pixels beside it.
+  // Draws on the map and up to `beside` pixels around it.
   within(beside, draw) {
     const { context: c, box } = this;
     c.save();
@@ -81,7 +81,7 @@ class World {
     c.restore();
   }
 
-  // Room for the longest numbers, which stand beside the map and half beside its last column.
+  // Returns the room for the longest numbers, beside the map and below its last column.
   margin() {
     const { width, height } = this.episode;
     const c = this.canvas.getContext("2d");
@@ -99,43 +99,43 @@ class World {
     return { left: Math.max(MARGIN.left, rows + 10), right: Math.max(MARGIN.right, last(left, width) / 2 + 4) };
   }
 
-  // What is added to places for the numbers beside the map: in a grid they are those of cells.
+  // Returns the offset of the numbers beside the map; in a grid, numbers are indices of cells.
   corner() {
     return this.episode.grid ? [0, 0] : this.episode.origin;
   }
 
-  // Distance between two numbers, in metres or cells.
+  // Returns the distance between two numbers, in metres or cells.
   spacing() {
     const { width, height, grid } = this.episode;
     return Math.max(grid ? 1 : 0, spacing(Math.max(width, height) / this.camera.zoom, 12));
   }
 
-  // Where a body is in the world now; none where it is not there.
-  worldPlace(body) {
+  // Returns the position of a body in the world; null if it does not exist now.
+  worldPosition(body) {
     const { x, y } = this.episode.series;
-    const at = [x.between(this.kept, this.part, body), y.between(this.kept, this.part, body)];
+    const at = [x.between(this.frame, this.part, body), y.between(this.frame, this.part, body)];
     return Number.isNaN(at[0]) || Number.isNaN(at[1]) ? null : at;
   }
 
   place(body) {
-    const at = this.worldPlace(body);
+    const at = this.worldPosition(body);
     return at && this.camera.pixels(...at);
   }
 
-  // Pixels of all bodies; NaN for those that are not there.
-  places() {
+  // Computes the pixels of all bodies; NaN for bodies that do not exist now.
+  updatePixels() {
     const { count, series } = this.episode;
     if (!this.px || this.px.length !== count) [this.px, this.py] = [new Float64Array(count), new Float64Array(count)];
-    const { camera, box, kept, part } = this;
+    const { camera, box, frame, part } = this;
     const { scale } = camera;
     const [left, top] = [box.left + box.width / 2 - camera.x * scale, box.top + box.height / 2 + camera.y * scale];
     for (let i = 0; i < count; i++) {
-      this.px[i] = left + series.x.between(kept, part, i) * scale;
-      this.py[i] = top - series.y.between(kept, part, i) * scale;
+      this.px[i] = left + series.x.between(frame, part, i) * scale;
+      this.py[i] = top - series.y.between(frame, part, i) * scale;
     }
   }
 
-  // Whether any of a disc is seen.
+  // Returns whether a part of a disc is visible.
   seen(i, radius) {
     const { box, px, py } = this;
     return (
@@ -143,31 +143,31 @@ class World {
     );
   }
 
-  // The colour of a body: text that canvases take.
+  // Returns the colour of a body for a canvas.
   colorOf(i) {
-    const { episode, view, kept } = this;
+    const { episode, view, frame } = this;
     if (view.colors === "controller") {
-      const state = episode.stateOf(kept, episode.agents[i]);
+      const state = episode.stateOf(frame, episode.agents[i]);
       if (state >= 0) return this.color(stateColor(episode.firstColorOf(i) + state));
     }
     if (view.colors === "value") {
-      const share = episode.share(kept, i);
-      // Few different colours, so that sprites are few.
+      const share = episode.share(frame, i);
+      // Few different colours, to limit the number of sprites.
       if (!Number.isNaN(share)) return valueColor(this.color, Math.round(Math.min(Math.max(share, 0), 1) * 40) / 40);
     }
-    return this.color(look(...episode.lookAt(kept, i)).color);
+    return this.color(look(...episode.lookAt(frame, i)).color);
   }
 
   bodies() {
-    const { episode, kept } = this;
+    const { episode, frame } = this;
     const { count, series } = episode;
     const layers = [[], [], [], [], []];
     const [robots, leds, stretches] = [[], [], []];
     for (let i = 0; i < count; i++) {
-      const radius = Math.max(series.radius.at(kept, i) * this.camera.scale || 0, 14);
+      const radius = Math.max(series.radius.at(frame, i) * this.camera.scale || 0, 14);
       if (!this.seen(i, radius)) continue;
-      const [kind, state] = episode.lookAt(kept, i);
-      const directed = !Number.isNaN(series.heading.at(kept, i));
+      const [kind, state] = episode.lookAt(frame, i);
+      const directed = !Number.isNaN(series.heading.at(frame, i));
       if (isOff(kind, state)) continue;
       if (kind === PAGE.led) leds.push(i);
       else if (kind === PAGE.stretch && directed) stretches.push(i);
@@ -175,21 +175,21 @@ class World {
       else if (CELLS.has(kind)) layers[0].push(i);
       else if (!MOVING.has(kind)) layers[1].push(i);
       else if (kind !== "agent") layers[2].push(i);
-      // Those who are still on their way above those who are not.
+      // Draw moving agents above those that have arrived.
       else layers[state === "free" ? 4 : 3].push(i);
     }
     for (const i of stretches) this.stretch(i);
-    layers.flat().forEach((i) => series.radius.at(kept, i) > 0 && !CELLS.has(episode.lookAt(kept, i)[0]) && this.disc(i));
+    layers.flat().forEach((i) => series.radius.at(frame, i) > 0 && !CELLS.has(episode.lookAt(frame, i)[0]) && this.disc(i));
     for (const layer of layers) this.layer(layer);
     if (robots.length > MANY) this.sprites.draw(this, robots);
     else for (const i of robots) this.robot(i);
     for (const i of leds) this.led(i);
   }
 
-  // A coloured part of a wall, as thick as walls around are with their edge.
+  // Draws a coloured part of a wall, as thick as a wall with its edge.
   stretch(i) {
     const { context: c, px, py } = this;
-    const far = this.episode.series.radius.at(this.kept, i) * this.camera.scale;
+    const far = this.episode.series.radius.at(this.frame, i) * this.camera.scale;
     const heading = this.heading(i);
     const [dx, dy] = [far * Math.cos(heading), -far * Math.sin(heading)];
     c.strokeStyle = this.colorOf(i);
@@ -198,13 +198,13 @@ class World {
     this.line([[px[i] - dx, py[i] - dy], [px[i] + dx, py[i] + dy]]);
   }
 
-  // In the middle of its robot, whose own colour is seen around it.
+  // Draws an LED in the middle of its robot, whose colour remains visible around it.
   led(i) {
     const { context: c } = this;
-    const r = Math.max(this.episode.series.radius.at(this.kept, i) * this.camera.scale, 0.8);
+    const r = Math.max(this.episode.series.radius.at(this.frame, i) * this.camera.scale, 0.8);
     c.beginPath();
     c.arc(this.px[i], this.py[i], r, 0, 2 * Math.PI);
-    c.fillStyle = this.color(look(...this.episode.lookAt(this.kept, i)).color);
+    c.fillStyle = this.color(look(...this.episode.lookAt(this.frame, i)).color);
     c.fill();
     if (r < 1.5) return;
     c.strokeStyle = this.color("paper");
@@ -217,7 +217,7 @@ class World {
     const ratio = c.getTransform();
     const field = this.color("field");
     for (const i of bodies) {
-      const [kind, state] = episode.lookAt(this.kept, i);
+      const [kind, state] = episode.lookAt(this.frame, i);
       const r = this.radius(kind);
       const shape = SHAPES[look(kind, state).shape];
       c.setTransform(ratio);
@@ -238,7 +238,7 @@ class World {
     if (CELLS.has(kind)) return scale / 2;
     const agent = markRadius(agentCount);
     const inCell = grid ? Math.max(scale * 0.36, 1.5) : Infinity;
-    // Marks of other things: small on small maps, and larger where the map is zoomed.
+    // Marks of other bodies grow with the map and the zoom.
     const mark = Math.min(Math.max(MARK * Math.max(width, height) * scale, 3), 30);
     const r = Math.min(kind === "agent" ? Math.max(agent, grid ? inCell : 0) : mark, inCell);
     return kind === "goal" ? r * 1.2 : r;
@@ -246,9 +246,9 @@ class World {
 
   disc(i) {
     const { context: c } = this;
-    const solid = this.episode.lookAt(this.kept, i)[0] === "obstacle";
+    const solid = this.episode.lookAt(this.frame, i)[0] === "obstacle";
     c.beginPath();
-    c.arc(this.px[i], this.py[i], this.episode.series.radius.at(this.kept, i) * this.camera.scale, 0, 2 * Math.PI);
+    c.arc(this.px[i], this.py[i], this.episode.series.radius.at(this.frame, i) * this.camera.scale, 0, 2 * Math.PI);
     c.strokeStyle = c.fillStyle = this.colorOf(i);
     c.lineWidth = 1;
     c.globalAlpha = solid ? 0.5 : 0.15;
@@ -258,9 +258,9 @@ class World {
     c.globalAlpha = 1;
   }
 
-  // Radius in pixels of a body with a heading: its true one, but large enough to be seen; a mark's where it has none.
+  // Returns the radius in pixels of a body with a heading: at least a visible size; that of a mark without a radius.
   robotRadius(i) {
-    return Math.max(this.episode.series.radius.at(this.kept, i) * this.camera.scale || markRadius(this.episode.count), 1.6);
+    return Math.max(this.episode.series.radius.at(this.frame, i) * this.camera.scale || markRadius(this.episode.count), 1.6);
   }
 
   robot(i) {
@@ -268,7 +268,7 @@ class World {
   }
 
   heading(i) {
-    return this.episode.series.heading.turned(this.kept, this.part, i);
+    return this.episode.series.heading.turned(this.frame, this.part, i);
   }
 
   trails() {
@@ -277,23 +277,23 @@ class World {
     const { series } = episode;
     const moving = [];
     for (let i = 0; i < episode.count; i++) {
-      const leaves = MOVING.has(episode.lookAt(this.kept, i)[0]) || !Number.isNaN(series.heading.at(this.kept, i));
+      const leaves = MOVING.has(episode.lookAt(this.frame, i)[0]) || !Number.isNaN(series.heading.at(this.frame, i));
       if (leaves && (series.x.changes(i) || series.y.changes(i)) && !Number.isNaN(this.px[i])) moving.push(i);
     }
-    const some = moving.length > MOST_TRAILS ? moving.filter((i) => i === this.selected) : moving;
-    const steps = view.trail < 0 ? this.kept : Math.ceil(view.trail / episode.stride);
-    const fades = view.trail > 0 && some.length * steps <= MOST_PIECES;
-    for (const i of some) this.trail(i, steps, fades);
+    const drawn = moving.length > MOST_TRAILS ? moving.filter((i) => i === this.selected) : moving;
+    const steps = view.trail < 0 ? this.frame : Math.ceil(view.trail / episode.stride);
+    const fades = view.trail > 0 && drawn.length * steps <= MOST_PIECES;
+    for (const i of drawn) this.trail(i, steps, fades);
   }
 
   trail(i, steps, fades) {
-    const { context: c, camera, kept } = this;
+    const { context: c, camera, frame } = this;
     const { x, y } = this.episode.series;
     const way = [];
-    const oldest = Math.max(0, kept - steps);
-    // Not finer than it can be seen.
-    const stride = fades ? 1 : Math.max(1, Math.floor((kept - oldest) / 2000));
-    for (let k = oldest; k <= kept; k += stride) {
+    const oldest = Math.max(0, frame - steps);
+    // Limit the resolution to what is visible.
+    const stride = fades ? 1 : Math.max(1, Math.floor((frame - oldest) / 2000));
+    for (let k = oldest; k <= frame; k += stride) {
       const at = [x.at(k, i), y.at(k, i)];
       if (!Number.isNaN(at[0]) && !Number.isNaN(at[1])) way.push(camera.pixels(...at));
     }
@@ -320,30 +320,30 @@ class World {
     this.context.stroke();
   }
 
-  // Texts beside bodies, as long as they do not lie on others; that of the selected body first.
+  // Draws labels beside bodies that do not overlap; that of the selected body first.
   labels() {
     const { episode, context: c } = this;
-    const found = episode.bodies.labels.filter(([from]) => from <= this.kept).pop();
-    if (!this.view.labels || !found) return;
-    const texts = found[1];
+    const entry = episode.bodies.labels.filter(([from]) => from <= this.frame).pop();
+    if (!this.view.labels || !entry) return;
+    const texts = entry[1];
     const order = [...texts.keys()].filter((i) => texts[i] && this.seen(i, 0));
     if (texts[this.selected]) order.unshift(this.selected);
-    const taken = [];
+    const boxes = [];
     c.font = FONT;
     c.textAlign = "left";
     c.textBaseline = "middle";
     for (const i of new Set(order)) {
-      if (taken.length >= MOST_LABELS) break;
-      const r = Math.max((episode.series.radius.at(this.kept, i) || 0) * this.camera.scale, 4);
+      if (boxes.length >= MOST_LABELS) break;
+      const r = Math.max((episode.series.radius.at(this.frame, i) || 0) * this.camera.scale, 4);
       const text = texts[i].slice(0, 24);
       const wide = c.measureText(text).width;
-      // To the right above, or on the other side at the edge of the map.
+      // Above on the right, or on the other side at the edge of the map.
       const x = this.px[i] + 0.75 * r + 5 + wide > this.box.left + this.box.width ? this.px[i] - 0.75 * r - 3 - wide : this.px[i] + 0.75 * r + 3;
       const y = this.py[i] - 0.75 * r - 13 < this.box.top ? this.py[i] + 0.75 * r + 5 : this.py[i] - 0.75 * r - 5;
       const box = [x - 2, y - 8, x + wide + 2, y + 8];
-      if (taken.some((b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3])) continue;
-      taken.push(box);
-      // An edge around the letters hides less of what is below than a box would.
+      if (boxes.some((b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3])) continue;
+      boxes.push(box);
+      // An edge around the letters hides less of the map than a box.
       c.strokeStyle = this.color("paper");
       c.lineWidth = 3;
       c.lineJoin = "round";
@@ -353,11 +353,11 @@ class World {
     }
   }
 
-  // A ring around the body that is followed.
+  // Draws a ring around the followed body.
   mark() {
     const { context: c, selected: i } = this;
     if (i < 0 || Number.isNaN(this.px[i])) return;
-    const r = Math.max((this.episode.series.radius.at(this.kept, i) || 0) * this.camera.scale, 6) + 5;
+    const r = Math.max((this.episode.series.radius.at(this.frame, i) || 0) * this.camera.scale, 6) + 5;
     for (const [color, width] of [["paper", 5], ["accent", 2.5]]) {
       c.beginPath();
       c.arc(this.px[i], this.py[i], r, 0, 2 * Math.PI);
@@ -367,20 +367,20 @@ class World {
     }
   }
 
-  // The nearest agent that is not far from a pixel; -1 for none.
+  // Returns the nearest agent close to a pixel; -1 for none.
   bodyAt(x, y) {
-    let [found, nearest] = [-1, Infinity];
+    let [body, nearest] = [-1, Infinity];
     for (let i = 0; i < this.episode.count; i++) {
       if (this.episode.agents[i] < 0) continue;
       const far = Math.hypot(this.px[i] - x, this.py[i] - y);
-      const r = Math.max((this.episode.series.radius.at(this.kept, i) || 0) * this.camera.scale, 12);
-      if (far <= r && far < nearest) [found, nearest] = [i, far];
+      const r = Math.max((this.episode.series.radius.at(this.frame, i) || 0) * this.camera.scale, 12);
+      if (far <= r && far < nearest) [body, nearest] = [i, far];
     }
-    return found;
+    return body;
   }
 }
 
-// A disc with a line to where it looks.
+// Draws a disc with a line for the heading.
 function drawRobot(c, x, y, r, heading, color, paper, ink) {
   c.beginPath();
   c.arc(x, y, r, 0, 2 * Math.PI);
@@ -414,10 +414,10 @@ function bright(color) {
   return luminance(color) > 0.6;
 }
 
-function dark(one, other) {
-  return luminance(one) < luminance(other) ? one : other;
+function dark(first, second) {
+  return luminance(first) < luminance(second) ? first : second;
 }
 
-function light(one, other) {
-  return luminance(one) < luminance(other) ? other : one;
+function light(first, second) {
+  return luminance(first) < luminance(second) ? second : first;
 }
