@@ -176,5 +176,5 @@ def test_what_a_process_prints_in_the_episode_is_shown(tmp_path: Path) -> None:
     )
     (failed,) = (result for result in report.results if result.status == "failed")
     assert failed.id == "S2.3"
-    assert "nothing came within 2 s after 1 sensor messages; it said last:\n" in failed.came
+    assert "nothing arrived within 2 s after 1 sensor messages; it said last:\n" in failed.came
     assert "ValueError: no wheels" in failed.came

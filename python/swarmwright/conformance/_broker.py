@@ -1,4 +1,4 @@
-"""The broker between the kit and its peer, and a proxy that the kit can close, which tests reconnecting."""
+"""The broker between the kit and its peer, and a proxy that the kit closes to test reconnecting."""
 
 import contextlib
 import socket
@@ -9,11 +9,11 @@ from urllib.parse import urlsplit
 from swarmwright import _engine
 
 _CHUNK_BYTES = 1 << 16
-"""Passed on at a time."""
+"""Bytes forwarded at a time."""
 
 
 class Door:
-    """Listens on a free port of loopback and passes all bytes on to the broker.
+    """A proxy on a free loopback port that forwards all bytes to the broker.
 
     Args:
         host: of the broker.
@@ -32,7 +32,7 @@ class Door:
 
     @property
     def url(self) -> str:
-        """What the peer is told to connect to."""
+        """The address for the peer."""
         return f"mqtt://127.0.0.1:{self.port}"
 
     def shut(self) -> None:
@@ -101,11 +101,11 @@ OPEN = (
 def open_broker(
     broker: str | None, stack: ExitStack, *, stranger: bool
 ) -> tuple[str, str | None, Door | None]:
-    """Address for the kit, that of the embedded broker if there is one, and the door for the peer.
+    """Yield the broker's address for the kit, and the proxy for the peer.
 
     The embedded broker admits every client, since peers need not have accounts.
 
-    stranger: the peer is started by another party, who knows the address of the broker.
+    stranger: whether another party starts the peer and knows the broker's address.
     """
     if broker is None:
         embedded = _engine.Broker()

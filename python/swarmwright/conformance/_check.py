@@ -1,4 +1,4 @@
-"""Checks of a server or a tool: rules are tried one after the other, with deadlines."""
+"""Checks of a server or a tool: tries rules in sequence, with deadlines."""
 
 import shutil
 import tempfile
@@ -22,27 +22,27 @@ from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Client, Failure
 
 
 class Peer(Protocol):
-    """What a run needs of a peer."""
+    """Interface of a peer for `run`."""
 
     def ready(self, rule: Rule) -> None:
-        """Get ready for a rule: forget what came, set the deadline."""
+        """Prepare for a rule: discard earlier messages, set the deadline."""
         ...
 
     def recover(self) -> str:
-        """Bring the peer back to where the next rule can begin; why that is not possible, empty if it is."""
+        """Prepare the peer for the next rule; return why that is impossible, empty if it succeeded."""
         ...
 
     def revive(self) -> bool:
-        """Start it anew, where that is possible; whether it was."""
+        """Restart the peer if possible; return whether it was."""
         ...
 
     def describe_exit(self) -> str:
-        """How its process ended, in words; empty when it has not ended, or that is not known."""
+        """Describe how its process ended; empty while it runs, or if unknown."""
         ...
 
 
 def run(peer: Peer, rules: Sequence[Rule], tell: Callable[[Result], None]) -> list[Result]:
-    """Try rules on a peer; `tell` gets each result at once."""
+    """Try rules on a peer; `tell` gets each result immediately."""
     results: dict[str, Result] = {}
     lost = ""
     for rule in rules:
@@ -57,7 +57,7 @@ def run(peer: Peer, rules: Sequence[Rule], tell: Callable[[Result], None]) -> li
         else:
             result = _try_rule(peer, rule)
             if result.status == "died" and not peer.revive():
-                lost = f"the peer was gone after {rule.id}"
+                lost = f"the peer had exited after {rule.id}"
         results[rule.id] = result
         tell(result)
     return list(results.values())
@@ -83,7 +83,9 @@ def _try_rule(peer: Peer, rule: Rule) -> Result:
         status, failure = "failed", error
     except Overdue:
         status = "failed"
-        failure = Failure(f"it was not over after {time.monotonic() - start:.0f} s", "an end in time")
+        failure = Failure(
+            f"the rule did not finish within {time.monotonic() - start:.0f} s", "an end in time"
+        )
     seconds = time.monotonic() - start
     lost = peer.recover()
     if lost:
@@ -108,9 +110,9 @@ def _try_rule(peer: Peer, rule: Rule) -> Result:
 
 
 GUESSES = (2.0, 3.0, 1.0)
-"""Dimensions that a server is asked for by default."""
+"""Dimensions to try by default."""
 INFORMING = ("S1.1", "S2.3")
-"""Rules that find out what others need: what the server announces, and an undisturbed episode."""
+"""Rules that measure what others need: the server's announcement and an undisturbed episode."""
 
 
 def check_server(
@@ -138,27 +140,27 @@ def check_server(
 
     Args:
         server: its ID.
-        command: what starts it, with {broker}, {id}, {prefix} in it; None when it is started by others.
-        start: starts it in this process: called once with the broker's address. The caller has to end it.
+        command: command that starts it, with {broker}, {id}, {prefix}; None if another party does.
+        start: function that starts it in this process, called with the broker's address; the caller ends it.
         broker: address; None starts an embedded broker.
-        prefix: what topics begin with.
+        prefix: topic prefix.
         simulation: title; None asks its presence.
         dimensions: None tries 2, 3 and 1.
         parameters: of all episodes; short episodes make a short run.
-        sensors: numbers in a sensor message, where the server does not announce them.
+        sensors: numbers in a sensor message, if the server does not announce them.
         actuators: numbers in an actuator message, likewise.
         step_timeout: seconds after which it gives up an episode, if known.
         timeout: seconds that one answer may take.
-        wait: seconds in which it must be there.
-        vary: values of parameters with which an episode differs, where the seed changes nothing.
+        wait: seconds to wait for it.
+        vary: parameters that change an episode, if the seed does not.
         rules: ids and groups that are wanted, `-S6` for those that are not; default: all. What they need
             to know of the server is found out first by rules that are not in the report, unless these are
             left out.
         profile: `d6.1` for those rules alone that D6.1 demands.
         tell: gets each result at once.
-        say: gets a line for people where they have to act.
+        say: gets instructions for the user.
 
-    Raises InputError (what was given is wrong) and RunError (no broker).
+    Raises InputError (invalid arguments) and RunError (no broker).
 
     """
     chosen = servers.RULES.select(rules, profile)
@@ -210,7 +212,7 @@ def check_server(
 
 
 def _add_informing_rules(chosen: Sequence[Rule], requested: Sequence[str]) -> list[Rule]:
-    """Rules that find out what the chosen ones need to know, and that are not left out."""
+    """Return the rules that measure what the chosen ones need, unless they are excluded."""
     names = [name.strip() for text in requested for name in text.split(",")]
     left = {name.removeprefix("-") for name in names if name.startswith("-")}
     needed, chosen_ids = servers.RULES.needed(chosen), {rule.id for rule in chosen}
@@ -233,7 +235,7 @@ def _connect(address: str, prefix: str, presence: str, token: str = "") -> Clien
 
 
 def _title(peer: ServerPeer, topic: str, wait: float) -> str:
-    """The first title of the server's presence message."""
+    """Return the first title in the server's presence message."""
     message = peer.client.next(lambda message: message.topic == topic and bool(message.payload), wait)
     if message is not None:
         titles = message.maybe.get("simulations")
@@ -249,7 +251,7 @@ def _title(peer: ServerPeer, topic: str, wait: float) -> str:
 
 
 def _dimensions(peer: ServerPeer, requested: float | None, wait: float) -> float:
-    """Wait until the server answers discovery; its dimensions. Without an answer the first guess."""
+    """Wait until the server answers discovery; return its dimensions, without an answer the first guess."""
     guesses = GUESSES if requested is None else (requested,)
     limit = time.monotonic() + wait
     while time.monotonic() < limit:
@@ -287,19 +289,19 @@ def check_optimizer(
         command: what starts it, with {broker}, {prefix}, {experiment} (a file that the kit writes for
             the tools of Swarmwright) and {folder} (an empty one) in it; None when it is started by others.
         broker: address; None starts an embedded broker.
-        prefix: what topics begin with.
+        prefix: topic prefix.
         simulation: the only title that is offered; None offers whatever is asked for.
-        sensors: numbers that an agent senses.
-        actuators: numbers that an agent is steered by.
-        episodes: in how many episodes the tool evaluates each candidate, if known; with {experiment} it is 2.
-        lasts: seconds of one run at most.
-        wait: seconds in which a tool that is started by others must be there.
+        sensors: sensor values per agent.
+        actuators: actuator values per agent.
+        episodes: episodes per candidate, if known; 2 with {experiment}.
+        lasts: time-out of a run, seconds.
+        wait: seconds to wait for a tool that another party starts.
         rules: ids and groups that are wanted, `-O5` for those that are not; default: all.
         profile: `d6.1` for those rules alone that D6.1 demands.
         tell: gets each result at once.
-        say: gets a line for people where they have to act.
+        say: gets instructions for the user.
 
-    Raises InputError (what was given is wrong) and RunError (no broker).
+    Raises InputError (invalid arguments) and RunError (no broker).
 
     """
     chosen = optimizer.RULES.select(rules, profile)
@@ -330,7 +332,7 @@ def check_optimizer(
 
 
 def _values(broker: str, prefix: str, settings: ToolSettings, stack: ExitStack) -> Mapping[str, object]:
-    """New values of the placeholders, with a new folder."""
+    """Return values of the placeholders, with a new folder."""
     folder = Path(tempfile.mkdtemp(prefix="conformance-"))
     stack.callback(shutil.rmtree, folder, ignore_errors=True)
     experiment = write_experiment(folder, broker, settings)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Episode:
-    """One episode, step by step: who is asked and has not been answered, and what came so far."""
+    """An episode, step by step: pending agents and received messages."""
 
     def __init__(
         self, server: "Server", parameters: Json, *, hash_: str | None = None, tool: str | None = None
@@ -31,23 +31,23 @@ class Episode:
         self.pending: list[tuple[int, int, Numbers]] = []
         self.repeated: list[Message] = []
         self.last_at = 0.0
-        """When its last message came (monotonic seconds)."""
+        """Time of its last message (monotonic seconds)."""
         self.over = True
         self.reply: str | None = None
-        """The topic that control named for answers, where it named one."""
+        """The reply topic in control, if any."""
 
     @property
     def _named(self) -> Json:
         return {"tool": self.tool} if self.tool else {}
 
     def configure(self, **changes: Any) -> str:  # noqa: ANN401 - JSON
-        """Send the parameters; what was sent."""
+        """Send the parameters; return the sent message."""
         self.over = False
         fields = {**self.parameters, "server": self.server.id, "simulation_hash": self.hash, **changes}
         return self.server.client.send("parameters", **fields)
 
     def start(self, topic: str = "control", **changes: Any) -> str:  # noqa: ANN401 - JSON
-        """Send control on a topic that the server listens to; what was sent."""
+        """Send control on a topic; return the sent message."""
         self.over = False
         self.trajectory = Trajectory(sensors_only=self.server.sensors_only)
         self.pending, self.repeated = [], []
@@ -65,13 +65,13 @@ class Episode:
         return self.server.client.send(topic, **fields)
 
     def stop(self, topic: str = "control") -> str:
-        """End it with run: false; what was sent."""
+        """End it with run: false; return the sent message."""
         self.over = True
         fields = {"server": self.server.id, "simulation_hash": self.hash, "run": False, **self._named}
         return self.server.client.send(topic, simulation=self.server.settings.title, **fields)
 
     def receive(self, sent: str = "") -> bool:
-        """The next sensor message, put among the pending, or the fitness; whether it was a sensor message.
+        """Take the next sensor message or the fitness; return whether it was a sensor message.
 
         Raises Failure when nothing comes, or another message: with the reason that the server gives, on the
         topic in reply, or with what its process has printed since the episode began.
@@ -82,7 +82,7 @@ class Episode:
             lambda received: self.is_mine(received) or bool(self._reason(received)), seconds
         )
         if message is None:
-            came = f"nothing came within {seconds:g} s"
+            came = f"nothing arrived within {seconds:g} s"
             if self.trajectory.messages:
                 came += f" after {self.trajectory.messages} sensor messages"
             raise Failure(came + self.server.printed, expected, sent)
@@ -92,7 +92,7 @@ class Episode:
         return self.take(message)
 
     def _reason(self, message: Message) -> str:
-        """Why this episode failed, as the server says on the topic in reply; empty for other messages."""
+        """Return the reason of a failure message on the reply topic; empty for other messages."""
         # Scenes come there, too, and are not decoded here.
         if message.topic != self.reply or b"failed" not in message.payload:
             return ""
@@ -103,16 +103,16 @@ class Episode:
         return ""
 
     def is_mine(self, message: Message) -> bool:
-        """Whether a message is about this episode, or cannot be read."""
+        """Return whether a message belongs to this episode, or is unreadable."""
         return (
             message.topic in {"sensor", "fitness"}
             and message.maybe.get("simulation_hash", self.hash) == self.hash
         )
 
     def take(self, message: Message) -> bool:
-        """Note a message about this episode; whether it was a sensor message.
+        """Take a message of this episode; return whether it was a sensor message.
 
-        Raises Failure when it is wrong.
+        Raises Failure if it is invalid.
         """
         self.last_at = message.at
         if message.topic == "fitness":
@@ -125,10 +125,10 @@ class Episode:
         content = message.json
         named, sensors = content.get("agent"), content.get("sensor")
         if not is_number(named) or named != int(named):
-            raise Failure(f"{message} came", '"agent" is an integer')
+            raise Failure(f"{message} arrived", '"agent" is an integer')
         agent = int(named)
         if not isinstance(sensors, list) or not sensors or not all(is_number(value) for value in sensors):
-            raise Failure(f"{message} came", '"sensor" is a list of finite numbers, at least one')
+            raise Failure(f"{message} arrived", '"sensor" is a list of finite numbers, at least one')
         with np.errstate(over="ignore"):
             numbers = np.array(sensors, dtype=np.float32)
         turn = len(self.trajectory.readings[agent])
@@ -144,7 +144,7 @@ class Episode:
         content = message.json
         fitness, metrics = content.get("fitness"), content.get("metrics")
         if not is_number(fitness):
-            raise Failure(f"{message} came", '"fitness" is a finite number')
+            raise Failure(f"{message} arrived", '"fitness" is a finite number')
         self.trajectory.fitness = float(fitness)
         if isinstance(metrics, dict):
             values = {name: float(value) for name, value in metrics.items() if is_number(value)}
@@ -155,7 +155,7 @@ class Episode:
             }
 
     def answer(self, agent: int, actuators: Iterable[float], **changes: Any) -> str:  # noqa: ANN401 - JSON
-        """Send an agent's actuators; what was sent."""
+        """Send an agent's actuators; return the sent message."""
         self.pending = [entry for entry in self.pending if entry[0] != agent]
         fields = {"simulation_hash": self.hash, "agent": agent, "actuator": list(actuators)}
         return self.server.client.send(
@@ -163,7 +163,7 @@ class Episode:
         )
 
     def gather(self) -> None:
-        """Hear the sensor messages of a step, until no more come."""
+        """Receive the sensor messages of a step until no more arrive."""
         if self.over or (not self.pending and not self.receive()):
             return
         for message in self.server.client.drain(self.server.quiet):
@@ -171,7 +171,7 @@ class Episode:
                 self.take(message)
 
     def pass_over_late(self) -> None:
-        """Forget what has come by now of agents that had not been asked before: it was merely late."""
+        """Discard late messages of agents that had not been asked before."""
         agents = {agent for agent, _, _ in self.pending}
 
         def is_late(message: Message) -> bool:
@@ -185,7 +185,7 @@ class Episode:
         client.waiting = deque(message for message in client.waiting if not is_late(message))
 
     def must_wait(self, agents: Iterable[int], why: str, sent: str) -> None:
-        """Raise WentOn when the episode goes on: a fitness comes, or one of these agents is asked again.
+        """Raise WentOn if the episode continues: a fitness arrives, or one of these agents is asked again.
 
         Agents that had not been asked before are merely late.
         """
@@ -194,11 +194,11 @@ class Episode:
             if not self.is_mine(message):
                 continue
             if message.topic == "fitness" or message.maybe.get("agent") in expected_agents:
-                raise WentOn(f"{message} came", f"silence: {why}", sent)
+                raise WentOn(f"{message} arrived", f"silence: {why}", sent)
             self.take(message)
 
     def play(self, policy: Policy | None = None) -> Trajectory:
-        """Answer until the fitness comes; all that happened."""
+        """Answer until the fitness arrives; return the trajectory."""
         # A simulation that steers its agents itself needs no policy.
         chosen = policy
         sent = ""

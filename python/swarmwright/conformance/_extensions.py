@@ -63,7 +63,7 @@ def controller_set(
     candidates: int,
     **changes: Any,  # noqa: ANN401 - options
 ) -> ControllerSet:
-    """Controllers that fit the server, the same in every run; skips the rule where there are none.
+    """Create controllers for the server, the same in every run; skip the rule if there are none.
 
     changes: options of the representation, other than `OPTIONS` has.
     """
@@ -84,7 +84,7 @@ def controller_set(
 
 
 def evaluation(server: Server, controllers: ControllerSet, seeds: Sequence[int], /, **changes: Any) -> Json:  # noqa: ANN401
-    """A request for offloaded evaluation."""
+    """Build a request for offloaded evaluation."""
     return {
         "kind": "evaluate",
         "version": 1,
@@ -102,7 +102,7 @@ def evaluation(server: Server, controllers: ControllerSet, seeds: Sequence[int],
 
 
 def batch(server: Server, seeds: Sequence[int], /, **changes: Any) -> Json:  # noqa: ANN401 - JSON
-    """A request for a batch."""
+    """Build a request for a batch."""
     return {
         "kind": "start",
         "version": 1,
@@ -116,7 +116,7 @@ def batch(server: Server, seeds: Sequence[int], /, **changes: Any) -> Json:  # n
 
 
 def decode_message(message: Message) -> Json:
-    """The map in a message. Raises Failure when it is not a map."""
+    """Decode the map in a message. Raises Failure if it is not a map."""
     try:
         value = msgpack.unpackb(message.payload, strict_map_key=False)
     except Exception as error:  # noqa: BLE001 - whatever the reader raises
@@ -129,7 +129,7 @@ def decode_message(message: Message) -> Json:
 
 
 def answer_to(server: Server, request: Mapping[str, Any], sent: str, seconds: float | None = None) -> Json:
-    """The next answer to a request. Raises Failure when none comes, or its keys are wrong."""
+    """Return the next answer to a request. Raises Failure without an answer, or if its keys are wrong."""
     limit = server.settings.timeout if seconds is None else seconds
     answer = next_answer(server, request, sent, limit)
     if answer is None:
@@ -139,7 +139,7 @@ def answer_to(server: Server, request: Mapping[str, Any], sent: str, seconds: fl
 
 
 def next_answer(server: Server, request: Mapping[str, Any], sent: str, seconds: float) -> Json | None:
-    """As `answer_to`; None when no answer comes."""
+    """Return the next answer like `answer_to`; None without an answer."""
     message = server.client.next(
         lambda message: (
             message.topic == TO_TOOL + server.token
@@ -160,7 +160,7 @@ def next_answer(server: Server, request: Mapping[str, Any], sent: str, seconds: 
 
 
 def numbers(answer: Mapping[str, Any], key: str, kind: str) -> NDArray[Any]:
-    """A binary array of an answer. Raises Failure when it is not one."""
+    """Return a binary array of an answer. Raises Failure if it is not valid."""
     value = answer.get(key)
     if not isinstance(value, bytes) or len(value) % np.dtype(kind).itemsize:
         raise Failure(
@@ -170,7 +170,7 @@ def numbers(answer: Mapping[str, Any], key: str, kind: str) -> NDArray[Any]:
 
 
 def error_of(answer: Mapping[str, Any]) -> tuple[str, str]:
-    """Kind and reason of an error, empty when there is none. Raises Failure when it has another form."""
+    """Return kind and reason of an error, empty without one. Raises Failure if it is malformed."""
     error = answer.get("error")
     if error is None:
         return "", ""
@@ -186,9 +186,9 @@ def error_of(answer: Mapping[str, Any]) -> tuple[str, str]:
 def must_be_refused(
     server: Server, request: Mapping[str, Any], kinds: Sequence[str], why: str, field: str = ""
 ) -> str:
-    """Send a request and expect an error of one of these kinds; its reason.
+    """Send a request and expect an error of one of these kinds; return its reason.
 
-    field: the one that is wrong, such as `controller.kind`; reports show it apart, as they shorten requests.
+    field: the invalid field, such as `controller.kind`; reports show it apart, as they shorten requests.
     """
     sent = server.request(dict(request))
     if field:
@@ -198,12 +198,12 @@ def must_be_refused(
         came = f'the error "{kind}" came: {reason}' if kind else "it was served"
         raise Failure(came, f"the error {' or '.join(kinds)}: {why}", sent)
     if not reason:
-        raise Failure("an error without a reason came", "a reason that names what is wrong", sent)
+        raise Failure("received an error without a reason", "a reason that names what is wrong", sent)
     return reason
 
 
 def _format_field(request: Mapping[str, Any], path: str) -> str:
-    """A field of a request, for people."""
+    """Format a field of a request."""
     value: Any = request
     for key in path.split("."):
         if not isinstance(value, Mapping) or key not in value:
@@ -214,13 +214,13 @@ def _format_field(request: Mapping[str, Any], path: str) -> str:
 
 
 def free_again(server: Server) -> None:
-    """Give the server back, as `TOOL`, which holds it."""
+    """Release the server as `TOOL`, which holds it."""
     fields = {"server": server.id, "simulation_hash": TOOL, "run": False, "tool": TOOL}
     server.client.send("control", **fields)
 
 
 def _values(controllers: ControllerSet, candidate: int) -> Json:
-    """The parameters that a set of integers and real numbers stands for (protocol.md, Parameter sets)."""
+    """Return the parameters of a set of integers and real numbers (protocol.md, Parameter sets)."""
     parameters, weights = controllers.architecture["parameters"], controllers.weights[candidate]
     return {
         parameter["name"]: int(weight) if parameter["type"] == "integer" else float(str(weight))
@@ -229,7 +229,7 @@ def _values(controllers: ControllerSet, candidate: int) -> Json:
 
 
 def play_episode(server: Server, controllers: ControllerSet, candidate: int, seed: int) -> "Any":  # noqa: ANN401
-    """The same episode stepwise, with our controllers, or with the parameters of a set."""
+    """Play the same episode stepwise, with our controllers or the parameters of a set."""
     if controllers.architecture["kind"] == "parameter_set":
         return server.play(
             parameters={**server.settings.parameters, **_values(controllers, candidate), "seed": seed}

@@ -13,7 +13,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.suggestions import did_you_mean
 
 _PLACEHOLDER = re.compile(r"(?<!\$)\{([A-Za-z_]\w*)\}")
-"""A word in braces, but for variables of a shell."""
+"""A word in braces, except for shell variables."""
 GRACE_S = 10.0
 """Seconds for an orderly end."""
 
@@ -23,9 +23,9 @@ class Process:
 
     Args:
         command: as typed in a shell; no shell is involved.
-        values: gives the values of the placeholders, asked anew for each start.
+        values: returns the values of the placeholders, called for each start.
 
-    Raises InputError when the command cannot be read or started.
+    Raises InputError if the command cannot be parsed or started.
 
     """
 
@@ -60,11 +60,11 @@ class Process:
                 )
 
     def another(self) -> "Process":
-        """The same command, to be started once more beside this one."""
+        """Return the same command, for a second process beside this one."""
         return Process(self.command, self._values)
 
     def start(self) -> None:
-        """Start it, anew if it ran before."""
+        """Start or restart it."""
         self.stop()
         words = self._words(self._values())
         try:
@@ -80,7 +80,7 @@ class Process:
 
     @property
     def ended(self) -> str:
-        """How it ended, in words, with its last output; empty while it runs."""
+        """Description of its end with its last output; empty while it runs."""
         status = None if self._process is None else self._process.poll()
         if status is None:
             return ""
@@ -89,16 +89,16 @@ class Process:
 
     @property
     def words(self) -> str:
-        """The end of its output, to be appended to a sentence; empty for none."""
+        """The end of its output, to append to a sentence; empty without output."""
         return self._last_words(0)
 
     def mark(self) -> None:
-        """Have `new_words` begin here."""
+        """Let `new_words` begin here."""
         self._marked = self._count_printed_bytes()
 
     @property
     def new_words(self) -> str:
-        """The end of its output since `mark`, as `words`."""
+        """The end of its output since `mark`, like `words`."""
         return self._last_words(self._marked)
 
     def _count_printed_bytes(self) -> int:
@@ -116,20 +116,20 @@ class Process:
         return None if self._process is None else self._process.poll()
 
     def wait(self, seconds: float) -> int | None:
-        """Exit status, None when it does not end in time."""
+        """Wait for the exit status; return None if it does not end in time."""
         assert self._process is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
             return self._process.wait(seconds)
         return None
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal to it and what it started."""
+        """Send a signal to it and its children."""
         if self._process is not None and self._process.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._process.pid, number)
 
     def stop(self) -> None:
-        """Ask it to end, then kill it."""
+        """Terminate it, then kill it."""
         if self._process is None:
             return
         self.signal(signal.SIGTERM)

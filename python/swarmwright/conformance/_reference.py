@@ -1,4 +1,4 @@
-"""The reference page of the rules, made of the rules themselves."""
+"""The reference page of the rules, generated from the rules."""
 
 from swarmwright.conformance.optimizer import RULES as OPTIMIZER
 from swarmwright.conformance.rules import Rules

@@ -1,4 +1,4 @@
-"""A simulation server between rules: found, freed, started anew."""
+"""A simulation server between rules: finds, frees and restarts it."""
 
 import time
 from contextlib import suppress
@@ -10,34 +10,34 @@ from swarmwright.conformance.rules import Rule
 from swarmwright.servers.broker.client import Client, Failure, Message, Overdue
 
 MOST_EPISODES = 40
-"""Episodes that a rule may play at most; their time is added to its deadline."""
+"""Largest number of episodes of a rule, whose time is added to its deadline."""
 FREE_AFTER_S = 8.0
-"""Seconds in which a server comes free by itself, with some to spare."""
+"""Seconds after which a server is free by itself, with a margin."""
 
 
 WATCH_S = 2.0
-"""Seconds in which a server that does not wait for actuators has asked again."""
+"""Seconds after which a server that does not wait for actuators has asked again."""
 
 
 class ServerPeer(Server):
-    """The server under test, as the run sees it."""
+    """The server under test as a `Peer`."""
 
     _waits: bool | None = None
 
     def ready(self, rule: Rule) -> None:
-        """Forget what came; begin the rule's time."""
+        """Discard earlier messages; set the deadline of the rule."""
         self.client.deadline = float("inf")
         self.client.drain()
         self.episodes, self.tools = [], set()
         self._allow(rule.seconds + self.settings.timeout)
 
     def _allow(self, seconds: float) -> None:
-        """Set the deadline, with the time of some episodes to spare."""
+        """Set the deadline, with extra time for episodes."""
         episode = self.trajectory.seconds if self.trajectory else self.settings.timeout
         self.client.deadline = time.monotonic() + seconds + MOST_EPISODES * episode
 
     def recover(self) -> str:
-        """End what is under way, until the server answers discovery; why it does not, empty if it does."""
+        """End current work until the server answers discovery; return why it does not, empty if it does."""
         if self.left:
             return ""
         self.client.deadline = time.monotonic() + FREE_AFTER_S + 4 * self.settings.timeout
@@ -66,7 +66,7 @@ class ServerPeer(Server):
         return self.describe_exit()
 
     def _is_free(self, seconds: float) -> bool:
-        """Any answer with its ID will do: that the hash is echoed is another rule."""
+        """Return whether it answers with its ID; another rule checks the hash."""
 
         def is_answer(message: Message) -> bool:
             for episode in self.episodes:
@@ -85,26 +85,26 @@ class ServerPeer(Server):
         self.client.send("control", simulation=self.settings.title, **fields)
 
     def _play_out(self, episode: Episode) -> None:
-        """Play an episode that could not be ended to its end."""
+        """Play an episode that could not be aborted to its end."""
         episode.over = not episode.pending
         with suppress(Failure):
             episode.play()
         episode.over = True
 
     def revive(self) -> bool:
-        """Start its process anew, if the kit started it; whether it is there again."""
+        """Restart its process if the kit started it; return whether it answers."""
         if self.process is None:
             return False
         self.process.start()
         answer = await_answer(self, 30.0)
         if answer is None:
             return False
-        # Another start of the server has another instance.
+        # A restarted server has another instance.
         self.note_capabilities(answer)
         return True
 
     def prepare_retry(self) -> bool:
-        """Make it ready for another try within a rule; whether that was possible."""
+        """Prepare for another try within a rule; return whether that was possible."""
         if self.recover() and not self.revive():
             return False
         self.client.drain()
@@ -112,7 +112,7 @@ class ServerPeer(Server):
         return True
 
     def waits(self) -> bool:
-        """Whether it waits for actuators: it sends nothing while no agent is answered. Tried once."""
+        """Return whether it waits for actuators, sending nothing until agents are answered. Tried once."""
         if self._waits is None:
             self.client.deadline = time.monotonic() + WATCH_S + 2 * self.settings.timeout
             episode = self.episode()
@@ -129,12 +129,12 @@ class ServerPeer(Server):
         return self._waits
 
     def describe_exit(self) -> str:
-        """How its process ended, in words; empty when it runs, or was not started by the kit."""
+        """Describe how its process ended; empty while it runs, or if the kit did not start it."""
         return "" if self.process is None else self.process.ended
 
 
 def await_answer(server: Server, seconds: float) -> Json | None:
-    """Ask until the server answers; the answer, None when none comes in time."""
+    """Repeat the discovery until the server answers; return the answer, None after a time-out."""
     client: Client = server.client
     client.deadline = float("inf")
     limit = time.monotonic() + seconds

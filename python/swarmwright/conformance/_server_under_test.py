@@ -1,4 +1,4 @@
-"""The simulation server under test: what it is asked, and what it answers."""
+"""The simulation server under test: requests and answers."""
 
 import json
 import secrets
@@ -19,12 +19,12 @@ from swarmwright.conformance.rules import NotTried, Skip
 from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Client, Failure, Message, format_payload
 
 QUIET_S = 0.05
-"""Seconds in which a quick server would have sent a message."""
+"""Seconds in which a fast server would have sent a message."""
 
 
 @dataclass
 class Settings:
-    """What is known of the server before it is asked.
+    """Properties of the server that are known in advance.
 
     parameters: of every episode. sensors, actuators: where it does not announce them. timeout: seconds that
     one answer may take. step_timeout: seconds after which it gives up an episode, None when not known. vary:
@@ -70,12 +70,12 @@ class Server:
         self.deterministic: bool | None = None
         self.repeats: bool | None = None
         self.carries_over = False
-        """Whether what agents sense was found to depend on the episode before."""
+        """Whether sensors depend on the episode before."""
         self.sensors_only = False
-        """Whether only what agents sense can be compared: fitness or metrics depend on the episode before."""
+        """Whether only sensors can be compared: fitness or metrics depend on the episode before."""
         self.seen_metrics: set[str] = set()
         self.wrong_metrics: Json = {}
-        """Metrics that were no finite numbers, each with what came."""
+        """Metrics that were not finite numbers, with their values."""
         self.episodes: list[Episode] = []
         self.question_hashes: set[str] = set()
         """Hashes of all discoveries: answers to earlier ones may be late."""
@@ -84,26 +84,26 @@ class Server:
     # What it announces.
 
     def note_capabilities(self, answer: Mapping[str, Any]) -> None:
-        """Keep what an answer to a discovery announces; nothing where that is no object."""
+        """Store the capabilities in an answer to a discovery, if they are an object."""
         capabilities = answer.get("capabilities")
         self.capabilities = capabilities if isinstance(capabilities, dict) else {}
 
     @property
     def announced(self) -> Json:
-        """`capabilities.swarmwright`, empty where there is none."""
+        """`capabilities.swarmwright`, empty if missing."""
         extension = self.capabilities.get("swarmwright")
         return extension if isinstance(extension, dict) else {}
 
     @property
     def instance(self) -> str:
-        """Which start of the server this is, empty where it does not announce it."""
+        """The instance of the server, empty if not announced."""
         instance = self.announced.get("instance")
         return instance if isinstance(instance, str) else ""
 
     def announces(self, *, mode: str | None = None) -> None:
         """Skip the rule unless extensions, or this mode, are announced."""
         if not self.capabilities:
-            raise NotTried("what the server announces is not known: rule S1.1 finds it out")
+            raise NotTried("the server's announcement is unknown: rule S1.1 determines it")
         if "version" not in self.announced:
             raise Skip("not announced: no capabilities.swarmwright")
         if mode is not None and mode not in self.announced.get("modes", []):
@@ -111,7 +111,7 @@ class Server:
 
     @property
     def max_agents(self) -> float | None:
-        """The most agents, None for no limit."""
+        """Largest number of agents, None for no limit."""
         limit = self.capabilities.get("max_agents", self.capabilities.get("max agents"))
         return limit if isinstance(limit, int | float) else None
 
@@ -123,7 +123,7 @@ class Server:
             return count
         for readings in (self.trajectory or Trajectory()).readings.values():
             return len(readings[0])
-        raise Skip("no agent is asked: the simulation steers its agents itself")
+        raise Skip("the simulation steers its agents itself and asks none")
 
     @property
     def actuators(self) -> int:
@@ -159,11 +159,11 @@ class Server:
 
     @property
     def policy(self) -> Policy:
-        """The actuators where their values do not matter."""
+        """The policy for rules in which actuators do not matter."""
         return Wander(self.actuators)
 
     def listen_for(self, seconds: float) -> None:
-        """Set the time in which the server would have sent a message.
+        """Set the time to listen for an unexpected message.
 
         Not longer than half of what an answer may take, nor than a quarter of what an episode waits.
         """
@@ -183,7 +183,7 @@ class Server:
         return self.repeats
 
     def comparable(self) -> None:
-        """Skip the rule when trajectories cannot be compared."""
+        """Skip the rule if trajectories cannot be compared."""
         if self.deterministic is False:
             raise Skip("episodes cannot be compared: the server declares that it is not deterministic")
         if self.carries_over:
@@ -203,7 +203,7 @@ class Server:
         return question
 
     def discover(self, *, within: float | None = None, **changes: Any) -> Json | None:  # noqa: ANN401 - JSON
-        """Ask once; the answer, None when none comes in time."""
+        """Send a discovery; return the answer, None after a time-out."""
         question = self.discovery(**changes)
         self.client.send("discovery", **question)
         answer = self.client.next(
@@ -213,7 +213,7 @@ class Server:
         return None if answer is None else answer.json
 
     def is_answer(self, message: Message, hash_: str | None = None) -> bool:
-        """Whether a message is this server's answer to a discovery (with this hash)."""
+        """Return whether a message is this server's answer to a discovery (with this hash)."""
         content = message.maybe
         return (
             message.topic == "server"
@@ -222,21 +222,21 @@ class Server:
         )
 
     def must_answer(self, expected: str, sent: str = "", **changes: Any) -> Json:  # noqa: ANN401 - JSON
-        """Ask once; Failure unless it answers."""
+        """Send a discovery. Raises Failure unless it answers."""
         answer = self.discover(**changes)
         if answer is None:
-            raise Failure(f"nothing came within {self.settings.timeout:g} s", expected, sent)
+            raise Failure(f"nothing arrived within {self.settings.timeout:g} s", expected, sent)
         return answer
 
     def must_come_free(self, expected: str, sent: str = "") -> None:
-        """Ask until it answers; Failure when it does not within the time of an answer."""
+        """Repeat the discovery. Raises Failure unless it answers within the time-out."""
         limit = time.monotonic() + self.settings.timeout
         while not self.is_free(within=min(0.25, self.settings.timeout)):
             if time.monotonic() > limit:
                 raise Failure(f"it answered no discovery within {self.settings.timeout:g} s", expected, sent)
 
     def is_free(self, *, within: float) -> bool:
-        """Ask once; whether it answers in time. Late answers to questions before this one are passed over."""
+        """Send a discovery; return whether it answers in time. Late answers to earlier ones are ignored."""
         free = self.discover(within=within) is not None
         if free:
             others = [message for message in self.client.waiting if not self.is_answer(message)]
@@ -244,7 +244,7 @@ class Server:
         return free
 
     def must_not_answer(self, questions: Iterable[Json], why: str) -> None:
-        """Ask what it should not answer, then what it should; Failure when it answers the former.
+        """Send discoveries that it must not answer, then one that it must. Raises Failure for wrong answers.
 
         For a server that is free.
         """
@@ -271,7 +271,7 @@ class Server:
             )
         if answer is None:
             raise Failure(
-                f"nothing came within {self.settings.timeout:g} s",
+                f"nothing arrived within {self.settings.timeout:g} s",
                 "silence at first, then an answer to a discovery that fits",
                 f"discovery {format_payload(json.dumps(discoveries[-1]))}",
             )
@@ -279,7 +279,7 @@ class Server:
     def must_be_silent(
         self, why: str, sent: str = "", *, but: Episode | None = None, seconds: float | None = None
     ) -> None:
-        """Failure when the server publishes on the seven topics with one of the kit's hashes, or its ID.
+        """Raise Failure if the server publishes on the seven topics with a hash of the kit, or its ID.
 
         but: an episode that is under way; its messages are kept for it. seconds: how long to listen.
         """
@@ -292,14 +292,14 @@ class Server:
             if message.topic in {"sensor", "fitness"} and (
                 content.get("simulation_hash") in hashes or not content
             ):
-                raise Failure(f"{message} came", f"silence: {why}", sent)
+                raise Failure(f"{message} arrived", f"silence: {why}", sent)
             if self.is_answer(message):
-                raise Failure(f"{message} came", f"silence: {why}", sent)
+                raise Failure(f"{message} arrived", f"silence: {why}", sent)
 
     # Episodes.
 
     def episode(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> Episode:  # noqa: ANN401
-        """A new episode, with the parameters of the settings when not told otherwise; nothing is sent yet."""
+        """Create an episode, by default with the parameters of the settings; nothing is sent yet."""
         episode = Episode(
             self, self.settings.parameters if parameters is None else dict(parameters), **options
         )
@@ -309,7 +309,7 @@ class Server:
         return episode
 
     def play(self, policy: Policy | None = None, parameters: Mapping[str, Any] | None = None) -> Trajectory:
-        """A whole episode, and the server free again."""
+        """Play a whole episode until the server is free again."""
         episode = self.episode(parameters)
         episode.configure()
         episode.start()
@@ -318,22 +318,22 @@ class Server:
     # Requests.
 
     def mark_printed(self) -> None:
-        """Have `printed` begin here."""
+        """Let `printed` begin here."""
         if self.process is not None:
             self.process.mark()
 
     @property
     def printed(self) -> str:
-        """The end of what its process printed since the last episode or request began, to be appended."""
+        """The end of its output since the start of the last episode or request, to append to a sentence."""
         return "" if self.process is None else self.process.new_words
 
     @property
     def own_topic(self) -> str:
-        """Where requests to this server alone are published."""
+        """The topic of requests to this server."""
         return f"{TO_SERVER}{self.id}"
 
     def request(self, message: Json) -> str:
-        """Publish a MessagePack request, as MQTT 5 has it; what was sent, for people."""
+        """Publish a MessagePack request with MQTT 5 properties; return its description."""
         payload: bytes = msgpack.packb(message)
         number = message.get("request")
         correlation = number.to_bytes(8, "big") if isinstance(number, int) else b""

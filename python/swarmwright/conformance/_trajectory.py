@@ -15,12 +15,12 @@ Numbers = NDArray[np.float32]
 
 
 Policy = Callable[[int, int, Numbers], Sequence[float]]
-"""Agent, how many messages it had before in this episode, what it senses; returns its actuators."""
+"""Function of agent, its number of earlier messages in the episode, and sensors; returns actuators."""
 
 
 @dataclass(frozen=True)
 class Wander:
-    """Actuators that depend on agent and turn alone and vary with both: multiples of 1/64 in -1..+1.
+    """Actuators that vary with agent and turn alone: multiples of 1/64 in -1..+1.
 
     seed: selects one of many sequences.
     """
@@ -70,7 +70,7 @@ class Steer:
 
 @dataclass
 class Trajectory:
-    """What each agent sensed, in order, and how the episode ended.
+    """The sensors of each agent in order, and the end of the episode.
 
     fitness: None when it was not played to its end. messages: sensor messages. seconds: from control to
     fitness. sensors_only: fitness and metrics are not compared with those of other trajectories.
@@ -84,14 +84,14 @@ class Trajectory:
     sensors_only: bool = False
 
     def difference(self, other: "Trajectory") -> str:
-        """The first difference from another trajectory, in words; empty when all bits are the same."""
+        """Describe the first difference from another trajectory; empty if all bits are the same."""
         sensed = self.find_sensor_difference(other)
         if sensed or self.sensors_only or other.sensors_only:
             return sensed
         return self._result_difference(other)
 
     def find_sensor_difference(self, other: "Trajectory") -> str:
-        """The first difference in what agents sense, in words; empty when all bits are the same."""
+        """Describe the first difference in sensors; empty if all bits are the same."""
         for agent in sorted({*self.readings, *other.readings}):
             mine, theirs = self.readings.get(agent, []), other.readings.get(agent, [])
             for turn, (first, second) in enumerate(zip(mine, theirs, strict=False)):
@@ -112,13 +112,13 @@ class Trajectory:
 
 
 def is_same_fitness(first: float | None, other: float | None) -> bool:
-    """Whether two numbers have the same bits (or both are none)."""
+    """Return whether two numbers have the same bits, or both are None."""
     if first is None or other is None:
         return first is other
     return np.float64(first).tobytes() == np.float64(other).tobytes()
 
 
 def format_numbers(numbers: Numbers) -> str:
-    """Return a few numbers for people."""
+    """Format some numbers."""
     texts = [str(value) for value in numbers[:6]]
     return f"[{', '.join(texts)}{', ...' if len(numbers) > 6 else ''}]"

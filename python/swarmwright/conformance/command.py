@@ -85,7 +85,7 @@ _shared = combine_options(
     ),
     json_option,
 )
-"""Options that both sides have."""
+"""Options shared by both subcommands."""
 
 
 @command.command(
@@ -178,7 +178,7 @@ def server_command(
     if listing:
         return _list(output, RULES, rules, profile)
     if server is None and start is None:
-        raise click.UsageError("which server? Give its --id, or let it be started with --exec.")
+        raise click.UsageError("The server is missing: give its --id, or start it with --exec.")
     from swarmwright.conformance import check_server
 
     chosen = peer_broker(broker, start)
@@ -311,7 +311,7 @@ def _list(output: Output, rules: "Rules", names: tuple[str, ...], profile: "Prof
 
 
 def _parameters_of(text: str | None, option: str = "--parameters") -> dict[str, Any]:
-    """Parameters from the command line: a JSON object, or the name of a file that holds one.
+    """Parse parameters from the command line: a JSON object, or the name of a file with one.
 
     Raises InputError.
     """
@@ -334,17 +334,17 @@ def _parameters_of(text: str | None, option: str = "--parameters") -> dict[str, 
 
 
 class _Reporter:
-    """Tells of results as they come, and of all of them at the end."""
+    """Reports results as they arrive, and a table at the end."""
 
     def __init__(self, output: Output) -> None:
         self._output = output
 
     def say(self, text: str) -> None:
-        """A line for people, beside the results."""
+        """Print a line for the user."""
         print_note(text)
 
     def tell(self, result: "Result") -> None:
-        """One result: a line where there is no terminal; the table comes at the end."""
+        """Report a result: without a terminal, a line; the table follows at the end."""
         from swarmwright.conformance.results import line
 
         self._output.json(result.record())
@@ -354,7 +354,7 @@ class _Reporter:
             self._output.block(line(result))
 
     def finish(self, report: "Report", rules: "Rules", junit: Path | None) -> int:
-        """The table, the file; the exit status."""
+        """Print the table and write the file; return the exit status."""
         from swarmwright.conformance.results import conclusion, list_sources, print_table, write_junit
 
         for advice in dict.fromkeys(result.advice for result in report.results if result.advice):

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 Status = Literal["passed", "failed", "died", "skipped", "not run"]
 BAD: tuple[Status, ...] = ("failed", "died")
 _KEYS = {"fix": "mend"}
-"""Field of a result -> its key in JSON, where they differ."""
+"""Field of a result -> its key in JSON, if they differ."""
 _NOT_SAID = ("advice", "doubt")
-"""Fields of a result that are for people only."""
+"""Fields of a result that JSON omits."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Result:
 class Report:
     """The results of one peer.
 
-    peer: what was tried, in words.
+    peer: description of the peer.
     """
 
     peer: str
@@ -73,16 +73,16 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing failed and nothing was left untried."""
+        """Whether all applicable rules were tried and hold."""
         return not any(result.status in (*BAD, "not run") for result in self.results)
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many results of each status."""
+        """Number of results per status."""
         return dict(Counter(result.status for result in self.results))
 
     def group_by_owner(self) -> list[tuple[str, "Report"]]:
-        """The results of D6.1's rules, then those of Swarmwright's; none that is empty."""
+        """Return the results of D6.1's rules, then of Swarmwright's; empty groups are omitted."""
         parts = [
             (name, Report(self.peer, [result for result in self.results if result.owner == name]))
             for name in OWNERS
@@ -90,11 +90,11 @@ class Report:
         return [(name, part) for name, part in parts if part.results]
 
     def list_ids(self, *statuses: Status) -> list[str]:
-        """Ids of the rules with one of these statuses."""
+        """Return the ids of the rules with one of these statuses."""
         return [result.id for result in self.results if result.status in statuses]
 
     def __str__(self) -> str:
-        """A line of figures, then what failed, D6.1's rules first."""
+        """Return a summary line, then the failures, D6.1's rules first."""
         lines = [escape_line(conclusion(self)), *list_sources(self)]
         for _, part in self.group_by_owner():
             lines += [explain_failure(result) for result in part.results if result.status in BAD]
@@ -102,7 +102,7 @@ class Report:
 
 
 def summary(report: Report) -> str:
-    """Return how many passed, failed and so on."""
+    """Return the number of rules per status."""
     counts = report.counts
     words = [f"{counts[status]} {status}" for status in ("failed", "died", "not run") if status in counts]
     words.append(f"{counts.get('passed', 0)} passed")
@@ -112,13 +112,13 @@ def summary(report: Report) -> str:
 
 
 def conclusion(report: Report) -> str:
-    """Return the line of figures of a peer, with what may be wrong although no rule is violated."""
+    """Return the summary line of a peer, with doubts about rules that are not violated."""
     doubts = dict.fromkeys(result.doubt for result in report.results if result.doubt)
     return "; ".join([f"{report.peer}: {summary(report)}", *doubts])
 
 
 def list_sources(report: Report) -> list[str]:
-    """Return a line for each source of rules: how many passed, which did not."""
+    """Return a line for each source of rules: the number that passed, and the failures."""
     lines = []
     for name, part in report.group_by_owner():
         bad = part.list_ids(*BAD, "not run")
@@ -129,7 +129,7 @@ def list_sources(report: Report) -> list[str]:
 
 
 def explain_failure(result: Result) -> str:
-    """Return a failure in words, several lines."""
+    """Describe a failure in several lines."""
     lines = [f"{result.id} {result.rule} ({result.source})"]
     for label in ("sent", "came", "expected", "fix"):
         text = getattr(result, label)
@@ -145,7 +145,7 @@ _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 def write_junit(report: Report, path: Path, groups: Mapping[str, str]) -> None:
     """Write a suite for each group of rules, a case for each rule.
 
-    Raises RunError when the file cannot be written.
+    Raises RunError if the file cannot be written.
     """
     root = Element("testsuites", name=_text(report.peer), **_figures(report.results))
     for group, title in groups.items():
@@ -191,7 +191,7 @@ def _figures(results: list[Result]) -> Any:  # noqa: ANN401 - attributes, as the
 
 
 def _text(text: str) -> str:
-    """Without what XML cannot hold."""
+    """Remove characters that XML does not allow."""
     return _FORBIDDEN.sub("?", text)
 
 
@@ -199,7 +199,7 @@ COLORS = {"passed": "green", "failed": "red", "died": "red", "skipped": "yellow"
 
 
 def line(result: Result) -> str:
-    """A result as a line of plain text; what does not fit in it is indented below."""
+    """Format a result as a line of plain text, with indented details below."""
     detail = f": {result.detail}" if result.detail else ""
     first, *rest = escape_lines(f"{result.status:8} {result.id:6} {result.owner:11} {result.rule}{detail}")
     if result.status in BAD:
@@ -208,7 +208,7 @@ def line(result: Result) -> str:
 
 
 def print_table(console: "Console", report: Report, groups: Mapping[str, str], *, unicode: bool) -> None:
-    """Print all results, D6.1's rules first, and what failed in full below."""
+    """Print a table of all results, D6.1's rules first, with failures in full below."""
     from rich import box  # noqa: PLC0415 - only where a table is printed
     from rich.table import Table  # noqa: PLC0415 - only where a table is printed
     from rich.text import Text  # noqa: PLC0415 - only where a table is printed
@@ -242,5 +242,5 @@ def print_table(console: "Console", report: Report, groups: Mapping[str, str], *
 
 
 def rules_table(rules: Sequence[Rule]) -> list[str]:
-    """Rules as lines of plain text."""
+    """Format rules as lines of plain text."""
     return [f"{rule.id:6} {rule.sentence} ({rule.source})" for rule in rules]

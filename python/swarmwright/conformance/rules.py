@@ -1,4 +1,4 @@
-"""Rules: what a peer must do, where that is written, and the code that tries it."""
+"""Rules: the requirement, its source, and the code that tries it."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from swarmwright.servers.broker.client import Failure
 
 Side = Literal["server", "optimizer"]
 Profile = Literal["d6.1", "all"]
-"""Which rules are tried: those of D6.1 alone, or Swarmwright's as well."""
+"""The rules to try: those of D6.1 alone, or Swarmwright's as well."""
 OWNERS = ("D6.1", "Swarmwright")
 """Origins of rules, in the order in which reports show them."""
 
@@ -20,7 +20,7 @@ class Skip(Exception):  # noqa: N818 - it is not an error
 
     Args:
         reason: the message.
-        advice: what to do so that rules like this one apply, which is said once; empty for nothing.
+        advice: how to make such rules apply, printed once; may be empty.
         doubt: what may be wrong with the peer although no rule is violated, in a few words for the line of
             figures; empty for nothing.
     """
@@ -33,7 +33,7 @@ class Skip(Exception):  # noqa: N818 - it is not an error
 
 @dataclass(frozen=True)
 class Note:
-    """What is to be said of a rule that passed.
+    """A remark on a rule that passed.
 
     doubt: as that of `Skip`.
     """
@@ -43,15 +43,15 @@ class Note:
 
 
 Check = Callable[[Any], Note | str | None]
-"""What tries a rule on a peer."""
+"""Function that tries a rule on a peer."""
 
 
 class NotTried(Exception):  # noqa: N818 - it is not an error
-    """What the rule needs to know of the peer was not found out; the message says what."""
+    """Information that the rule needs is missing; the message names it."""
 
 
 class WentOn(Failure):
-    """The server went on while it should have waited.
+    """The server continued while it should have waited.
 
     D6.1 does not say that a server waits: this breaks one of its rules only if the server waits in other
     cases.
@@ -98,7 +98,7 @@ def owner(source: str) -> str:
 
 
 class Rules:
-    """The rules for one side, in the order in which they are tried."""
+    """The rules for one kind of peer, in the order of trial."""
 
     def __init__(self, side: Side, groups: dict[str, str]) -> None:
         self.side = side
@@ -129,19 +129,19 @@ class Rules:
         return register
 
     def __iter__(self) -> Iterator[Rule]:
-        """The rules in order."""
+        """Iterate over the rules in order."""
         return iter(self._rules.values())
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Return the number of rules."""
         return len(self._rules)
 
     def __getitem__(self, number: str) -> Rule:
-        """The rule with an id."""
+        """Return the rule with an id."""
         return self._rules[number]
 
     def needed(self, rules: Sequence[Rule]) -> set[str]:
-        """The ids of all rules without which some of these cannot be tried."""
+        """Return the ids of all rules that these rules need."""
         ids: set[str] = set()
         pending = [need for rule in rules for need in rule.needs]
         while pending:
@@ -152,11 +152,11 @@ class Rules:
         return ids
 
     def select(self, requested: Sequence[str] = (), profile: Profile = "all") -> list[Rule]:
-        """Rules whose id is named, or whose group is; `-S7` leaves out. Default: all.
+        """Return the rules with these ids or groups; `-S7` excludes. Default: all.
 
-        profile: `d6.1` leaves out what D6.1 does not demand.
+        profile: `d6.1` selects only rules that D6.1 demands.
 
-        Raises InputError for a name of no rule, or when no rule is left.
+        Raises InputError for an unknown rule, or if no rule is left.
         """
         names = [name.strip() for text in requested for name in text.split(",") if name.strip()]
         available = [*self.groups, *self._rules]

@@ -14,13 +14,13 @@ TOOL_TOPICS = ("discovery", "parameters", "control", "actuator")
 
 
 def make_sensors(turn: int, count: int) -> list[float]:
-    """What every agent senses in its turn: equal in all episodes, to detect remaining states."""
+    """Return an agent's sensors in a turn, equal in all episodes, to detect remaining states."""
     return [((turn * 37 + index * 61 + 17) % 129 - 64) / 64 for index in range(count)]
 
 
 @dataclass
 class Played:
-    """An episode of a played server.
+    """An episode of a simulated server.
 
     asked: (agent, turn) in order. answers: what came for them, by agent and turn. ended: how, `fitness` or
     `stopped`, empty while it lasts.
@@ -33,13 +33,13 @@ class Played:
     ended: str = ""
 
     def trajectory(self) -> str:
-        """All answers in order, as text to be compared."""
+        """Return all answers in order, as text for comparison."""
         return json.dumps([self.answers.get(key) for key in sorted(self.questions)])
 
 
 @dataclass
 class Record:
-    """All that a tool sent: messages with their topic, what could not be read, and unexpected messages.
+    """Everything that a tool sent: messages with their topic, unreadable and unexpected messages.
 
     requests: of extensions. sent: wrong messages of the kit, topic and payload. evaluated: episodes that were
     evaluated with them. together: most episodes at a time.
@@ -47,9 +47,9 @@ class Record:
 
     messages: list[tuple[str, Json]] = field(default_factory=list)
     wrong: list[Failure] = field(default_factory=list)
-    """Messages that are wrong, as failures of the rules that they break."""
+    """Invalid messages, as failures of the rules that they break."""
     unasked: list[str] = field(default_factory=list)
-    """Actuators and other messages that nothing had asked for, as text."""
+    """Unsolicited actuators and other messages, as text."""
     episodes: list[Played] = field(default_factory=list)
     """Episodes that it began."""
     notes: dict[str, str] = field(default_factory=dict)
@@ -61,9 +61,9 @@ class Record:
     seconds: float = 0.0
     """Duration of the scene."""
     ended: str = ""
-    """How the process of the tool ended, in words; empty where it did not, or the kit did not start it."""
+    """Description of the end of the tool's process; empty while it runs, or if the kit did not start it."""
     status: int | None = None
-    """Exit status of that process, negative for a signal; None as long as it runs."""
+    """Exit status of that process, negative for a signal; None while it runs."""
 
     def on(self, topic: str) -> list[Json]:
         """The contents on a topic."""
@@ -76,7 +76,7 @@ class Record:
 
 
 class Actor:
-    """A simulation server that keeps all rules; faulty ones derive from it.
+    """A simulation server that follows all rules; the base of faulty ones.
 
     in_turn: it asks one agent after the other. drops: each agent drops out a step earlier than the one
     before.
@@ -145,7 +145,7 @@ class Actor:
         self.ask()
 
     def next(self) -> list[int]:
-        """Who acts next: all, or the first of those with the fewest turns."""
+        """Return the next agents: all, or the first of those with the fewest turns."""
         acting = [agent for agent in range(AGENTS) if self.turns[agent] < STEPS - agent * self.drops]
         if not self.in_turn:
             return acting
@@ -199,7 +199,7 @@ class Actor:
 
 
 def fitness_of(episode: Played) -> float:
-    """Something to be optimized: the mean of all actuators."""
+    """Return a fitness to optimize: the mean of all actuators."""
     values = [
         value for answer in episode.answers.values() for value in answer if isinstance(value, int | float)
     ]
@@ -207,7 +207,7 @@ def fitness_of(episode: Played) -> float:
 
 
 class Stage:
-    """Played servers on a broker, and the record of what a tool does with them."""
+    """Simulated servers on a broker, and the record of a tool's messages."""
 
     def __init__(
         self, client: Client, actors: Sequence[Actor], *, title: str | None, sensors: int, actuators: int
@@ -222,11 +222,11 @@ class Stage:
             actor.stage = self
 
     def title_for(self, content: Json) -> object:
-        """What is offered: the title that was given, or whatever is asked for."""
+        """Return the offered title: the configured one, or the requested one."""
         return content.get("simulation") if self.title is None else self.title
 
     def play(self, over: Callable[[], bool], seconds: float) -> Record:
-        """Play until `over`, or for so many seconds at most."""
+        """Play until `over`, or for this many seconds at most."""
         start = time.monotonic()
         while not over() and time.monotonic() < start + seconds:
             message = self.client.next(lambda _: True, 0.02)

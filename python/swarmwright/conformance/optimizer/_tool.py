@@ -1,4 +1,4 @@
-"""The optimization tool under test: started anew for each scene, or once by another party."""
+"""The optimization tool under test: restarted for each scene, or started once by another party."""
 
 import signal
 import time
@@ -20,7 +20,7 @@ SILENCE_S = 3.0
 
 @dataclass
 class ToolSettings:
-    """What is known of a tool, and what the kit's servers announce."""
+    """Known properties of a tool, and the announcement of the kit's servers."""
 
     title: str | None
     """Of the simulation that it asks for; None: of any."""
@@ -39,7 +39,7 @@ class ToolSettings:
 
 
 class Tool:
-    """A tool as the rules see it: the records of scenes, each played once."""
+    """A tool for the rules: the records of scenes, each played once."""
 
     def __init__(
         self, address: str, prefix: str, settings: ToolSettings, *, door: Door | None, process: Process | None
@@ -52,11 +52,11 @@ class Tool:
         self._scenes: dict[str, Record] = {}
 
     def plain(self) -> Record:
-        """Two servers that keep all rules."""
+        """Play two servers that follow all rules."""
         return self.scene("plain", [Actor(1), Actor(2)])
 
     def stepwise(self) -> Record:
-        """As `plain`; skips the rule where the tool evaluates in no episodes of its own.
+        """Play like `plain`; skip the rule if the tool plays no stepwise episodes.
 
         An exit status is no mistake of a tool that finds no server for its mode; to be killed by a signal is.
         """
@@ -71,7 +71,7 @@ class Tool:
         return record
 
     def find_other_mode(self) -> str:
-        """The first mode with requests that the tool uses, where servers offer it; empty for none."""
+        """Return the first mode with requests that the tool uses, if servers offer it; empty for none."""
         for mode in OTHER_MODES:
             # A tool that the kit does not start plays one scene only.
             with suppress(Skip):
@@ -80,7 +80,7 @@ class Tool:
         return ""
 
     def requests(self, mode: str) -> Record:
-        """Two servers that offer one of `OTHER_MODES`, where that is what the tool uses."""
+        """Play two servers that offer one of `OTHER_MODES`."""
         kind = OTHER_MODES[mode]
         return self.scene(mode, [kind(1), kind(2)], mode="auto")
 
@@ -153,7 +153,7 @@ class Tool:
         return self.process is not None and bool(self.process.ended)
 
     def list_retained(self) -> list[str]:
-        """What the broker keeps on the seven topics."""
+        """Return the retained messages on the seven topics."""
         with Client(self.address, self.prefix, TOPICS) as client:
             return [str(message) for message in client.drain(0.1) if message.retained and message.payload]
 
@@ -171,23 +171,25 @@ class Tool:
         return True
 
     def describe_exit(self) -> str:
-        """It may end as it likes; how it ended is in the record."""
+        """Return nothing: the end of the tool is in the record."""
         return ""
 
 
 def must_go_on(tool: Tool, name: str, actors: Sequence[Actor], sent: str) -> Record:
-    """Play a scene; Failure unless as many episodes come to their end as without trouble."""
+    """Play a scene. Raises Failure unless as many episodes end as without faults."""
     count = len(tool.stepwise().finished)
     record = tool.scene(name, actors)
     if "reaction" in record.notes:
         expected = "silence: the right message is still to come"
-        raise Failure(f"{record.notes['reaction']} came", expected, record.notes["reaction to"])
+        raise Failure(f"{record.notes['reaction']} arrived", expected, record.notes["reaction to"])
     if len(record.finished) < count:
         finished = f"{len(record.finished)} of {count} episodes came to their end"
-        came = f"{finished}; {record.ended or 'no more came'}"
-        raise Failure(came, "a run as if nothing had come between", record.notes.get("last wrong", sent))
+        came = f"{finished}; {record.ended or 'no more arrived'}"
+        raise Failure(
+            came, "a run as if nothing had arrived in between", record.notes.get("last wrong", sent)
+        )
     if record.unasked:
-        raise Failure(f"{record.unasked[0]} came", "answers to sound messages only", sent)
+        raise Failure(f"{record.unasked[0]} arrived", "answers to sound messages only", sent)
     return record
 
 

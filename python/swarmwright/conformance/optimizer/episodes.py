@@ -243,7 +243,7 @@ def answers_each(tool: Tool) -> str:
     """Nothing is missing, nothing comes twice."""
     record = tool.stepwise()
     if record.unasked:
-        raise Failure(f"{record.unasked[0]} came", "one answer for each agent that was asked")
+        raise Failure(f"{record.unasked[0]} arrived", "one answer for each agent that was asked")
     count = sum(len(episode.answers) for episode in record.finished)
     return f"{count} answers"
 
@@ -320,7 +320,7 @@ def reset(tool: Tool) -> str:
     if odd:
         total = sum(trajectories.values())
         came = (
-            f"{total} episodes with {len(trajectories)} different trajectories; {odd[0]} came "
+            f"{total} episodes with {len(trajectories)} different trajectories; {odd[0]} arrived "
             f"{trajectories[odd[0]]} times"
         )
         raise Failure(came, f"each trajectory {episodes} times, or a multiple of it")

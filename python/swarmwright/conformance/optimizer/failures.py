@@ -80,7 +80,7 @@ def cut(tool: Tool) -> str:
     record = tool.scene("cut", [Patient(1), Patient(2)], cut=True)
     if len(record.finished) < expected:
         finished = f"{len(record.finished)} of {expected} episodes came to their end"
-        came = f"{finished}; {record.ended or 'no more came'}"
+        came = f"{finished}; {record.ended or 'no more arrived'}"
         raise Failure(came, "a whole run all the same", "the connection was cut")
     return f"in {record.seconds:.1f} s"
 

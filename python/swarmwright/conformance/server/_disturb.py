@@ -67,7 +67,7 @@ def _running(server: ServerPeer, junk: Maker, why: str, *, waits: bool = True) -
         raise Failure(failure.came, "the episode goes on with the right actuators", sent) from None
     difference = server.reference.difference(trajectory) if repeatable else ""
     if difference:
-        raise Failure(difference, "the episode as if nothing had come between", sent)
+        raise Failure(difference, "the episode as if nothing had arrived in between", sent)
 
 
 def _repeatable(server: ServerPeer) -> bool:

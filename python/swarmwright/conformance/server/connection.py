@@ -163,7 +163,7 @@ def leftovers(server: Server) -> None:
             client.publish(topic, b"", retain=True)
     if wrong:
         came = "an answer to the request" if wrong[0].topic == TO_TOOL + server.token else str(wrong[0])
-        raise Failure(f"{came} came", "silence: the message was retained", sent)
+        raise Failure(f"{came} arrived", "silence: the message was retained", sent)
 
 
 def _request(server: Server) -> Json | None:
@@ -237,7 +237,7 @@ def another_instance(server: Server) -> None:
     sent = episode.start(instance=OTHER)
     messages = [message for message in server.client.drain(server.quiet) if episode.is_mine(message)]
     if messages:
-        raise Failure(f"{messages[0]} came", "silence: another instance of the server is meant", sent)
+        raise Failure(f"{messages[0]} arrived", "silence: another instance of the server is meant", sent)
     episode.receive(episode.start(instance=mine))
     episode.play()
 

@@ -26,7 +26,7 @@ def answers(server: Server) -> None:
     server.client.send("discovery", **question)
     answer = server.client.next(server.is_answer, server.settings.timeout)
     if answer is None:
-        came = f"nothing came within {server.settings.timeout:g} s"
+        came = f"nothing arrived within {server.settings.timeout:g} s"
         raise Failure(came, f"a message on server with server {server.id}", sent)
     server.note_capabilities(answer.json)
 
@@ -53,10 +53,10 @@ def echoes(server: Server) -> None:
             if echoed == hash_:
                 break
             if not (isinstance(echoed, str) and echoed in before):
-                raise Failure(f"{answer} came", f'"simulation_hash": "{hash_}"', sent)
+                raise Failure(f"{answer} arrived", f'"simulation_hash": "{hash_}"', sent)
             late = answer
         else:
-            came = "nothing came" if late is None else f"{late} came, which answers an earlier discovery"
+            came = "nothing came" if late is None else f"{late} arrived, which answers an earlier discovery"
             raise Failure(came, "an answer to each discovery", sent)
 
 
@@ -72,7 +72,7 @@ def echoes(server: Server) -> None:
 def has_its_keys(server: Server) -> None:
     """The shape of the answer."""
     answer = server.must_answer("an answer")
-    text = f"server {format_payload(json.dumps(answer))} came"
+    text = f"server {format_payload(json.dumps(answer))} arrived"
     titles, capabilities = answer.get("simulations"), answer.get("capabilities")
     if not isinstance(titles, list) or not all(isinstance(title, str) for title in titles):
         raise Failure(text, '"simulations" is a list of titles')
@@ -113,7 +113,7 @@ def ignores_other_dimensions(server: Server) -> None:
     answer = server.must_answer("an answer")
     if answer.get("capabilities", {}).get("dimensions") != dimensions:
         raise Failure(
-            f"server {format_payload(json.dumps(answer))} came",
+            f"server {format_payload(json.dumps(answer))} arrived",
             f'"dimensions" is {dimensions:g}, as the discovery required',
             f'discovery with "requirements": {{"dimensions": {dimensions:g}}}',
         )

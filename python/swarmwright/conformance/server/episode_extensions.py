@@ -62,7 +62,7 @@ def metrics_are_sent(server: Server) -> str:
         raise Failure(f'"metrics.{wrong[0]}" is {format_payload(json.dumps(value))}', "a finite number")
     if missing:
         raise Failure(
-            f"metrics {', '.join(trajectory.metrics) or 'none'} came",
+            f"metrics {', '.join(trajectory.metrics) or 'none'} arrived",
             f"{missing[0]} as well, in some episode",
         )
     return ", ".join(expected)
@@ -114,7 +114,7 @@ def sends_scene_per_step(server: Server) -> str:
     turns = max(map(len, trajectory.readings.values()), default=0)
     if steps != list(range(len(steps))) or len(steps) < turns + 1:
         few = ", ".join(map(str, steps[:20])) or "none"
-        raise Failure(f"scenes of the steps {few} came", f"0, 1, 2, and so on, at least {turns + 1}", sent)
+        raise Failure(f"scenes of the steps {few} arrived", f"0, 1, 2, and so on, at least {turns + 1}", sent)
     return f"{len(scenes)} scenes"
 
 
@@ -205,7 +205,7 @@ WHERE = "protocol.md, Presence; decision 023"
 
 
 def skip_without_topic(server: Server) -> None:
-    """Skip the rule unless control messages on the own topic are own_topic_announced."""
+    """Skip the rule unless control messages on the own topic are announced."""
     server.announces()
     if server.announced.get("control") is not True:
         raise Skip("not own_topic_announced: no capabilities.swarmwright.control")

@@ -54,7 +54,7 @@ def begins(server: Server) -> None:
             episode.take(message)
     else:
         expected = "a message on sensor or fitness with this hash"
-        raise Failure(f"nothing came within {server.settings.timeout:g} s", expected, sent)
+        raise Failure(f"nothing arrived within {server.settings.timeout:g} s", expected, sent)
 
 
 @rule(
@@ -125,7 +125,7 @@ def asks_once(server: Server) -> None:
     episode.gather()
     if episode.repeated:
         raise Failure(
-            f"{episode.repeated[0]} came, and the agent had been asked before",
+            f"{episode.repeated[0]} arrived, and the agent had been asked before",
             "one sensor message for each agent",
             "parameters, control, no actuators",
         )
@@ -294,7 +294,7 @@ def as_many_numbers(server: Server) -> str:
     lengths = {agent: {len(row) for row in rows} for agent, rows in episode.trajectory.readings.items()}
     for agent, lengths_of_agent in lengths.items():
         if agent < 0:
-            raise Failure(f"a sensor message of agent {agent} came", "agents from 0")
+            raise Failure(f"a sensor message of agent {agent} arrived", "agents from 0")
         for length in lengths_of_agent:
             if isinstance(announced, int) and length != announced:
                 raise Failure(

@@ -344,7 +344,7 @@ def metrics(server: Server) -> str:
     announced = server.announced.get("metrics") or []
     answer = request_fitness(server, evaluation(server, controllers, [1]))
     if answer.get("metrics"):
-        raise Failure(f"metrics {sorted(answer['metrics'])} came", "none, for none were asked for")
+        raise Failure(f"metrics {sorted(answer['metrics'])} arrived", "none, for none were asked for")
     unknown = evaluation(server, controllers, [1], metrics=["no_such_metric"])
     must_be_refused(server, unknown, ["invalid"], "there is no such metric")
     if not announced:
@@ -354,7 +354,7 @@ def metrics(server: Server) -> str:
         answer = request_fitness(server, evaluation(server, controllers, [1], metrics=requested))
         returned = answer.get("metrics")
         if not isinstance(returned, dict) or sorted(returned) != sorted(requested):
-            raise Failure(f"metrics {sorted(returned or {})} came", f"{sorted(requested)}, as asked for")
+            raise Failure(f"metrics {sorted(returned or {})} arrived", f"{sorted(requested)}, as asked for")
         answers = {name: float(numbers(returned, name, "<f8")[0]) for name in requested}
     free_again(server)
     server.comparable()
@@ -436,7 +436,9 @@ def refuses_during_episode(server: Server) -> None:
     difference = server.reference.difference(trajectory) if server.deterministic else ""
     if difference:
         raise Failure(
-            difference, "the episode as if nothing had come between", "evaluate in the middle of an episode"
+            difference,
+            "the episode as if nothing had arrived in between",
+            "evaluate in the middle of an episode",
         )
 
 
@@ -529,7 +531,7 @@ def ignores_junk(server: Server) -> None:
             "junk, then a request with unknown keys",
         )
     if strays:
-        raise Failure(f"an answer on {elsewhere} came", "answers on swarmwright/v1/tool/... only", sent)
+        raise Failure(f"an answer on {elsewhere} arrived", "answers on swarmwright/v1/tool/... only", sent)
 
 
 @rule(

@@ -116,7 +116,7 @@ def first_control_wins(server: Server) -> None:
     received = server.client.drain(server.quiet)
     strays = [message for message in received if message.maybe.get("simulation_hash") == second.hash]
     if strays:
-        raise Failure(f"{strays[0]} came", "no message for the tool whose control came second", sent)
+        raise Failure(f"{strays[0]} arrived", "no message for the tool whose control came second", sent)
     server.client.waiting.extend(received)
     first.play()
 
