@@ -1,9 +1,9 @@
 """Swarmwright evolves controllers for swarms of robots on many simulation servers.
 
-You describe an experiment: a simulation, what a controller looks like, which method searches for it, how many
-episodes count. The method proposes genomes, each encodes a controller, simulations say how good it is, and
-the best ones lead to the next generation. The simulations run in this process, on servers that are started
-here, or on servers anywhere that an MQTT broker connects; the results are bit-identical.
+An experiment describes a simulation, a kind of controller, a method that searches for it, and the number of
+episodes per candidate. The method proposes genomes that encode controllers, simulations evaluate them, and
+the best ones shape the next generation. Simulations run in this process, on servers that are started
+on this machine, or on any servers that an MQTT broker connects; the results are bit-identical.
 
     import swarmwright
 
@@ -12,17 +12,17 @@ here, or on servers anywhere that an MQTT broker connects; the results are bit-i
             "simulation": "minisim",              # an agent has to get past a defender to its goal
             "controller": {"hidden": [8]},        # a neural network: 4 sensors, 8 nodes, 1 actuator
             "method": {"kind": "nnga", "population": 50, "generations": 20},
-            "servers": "local",                   # or a number, or leave it out and name a broker
+            "servers": "local",                   # or a number; without it, name a broker
         }
     )
-    run = swarmwright.optimize(experiment)        # everything is stored in run.path, and can be resumed
+    run = swarmwright.optimize(experiment)        # is stored in run.path, and can be resumed
     print(run.best.fitness)                       # 0.0: the agent reaches its goal
     figure = run.plot()                           # fitness and diversity; a notebook shows it
     page = run.replay()                           # the best controller at work, to play and step through
     controller = run.best.controller              # sensors in, actuators out
     print(controller([0.9, 0.0, 0.5, 0.1]))
 
-Then ask whether another method is better: one run says little, so take several seeds of each.
+To find out whether another method is better, run several seeds of each: a single run says little.
 
     result = swarmwright.sweep(
         {"experiment": experiment, "grid": {"method.kind": ["nnga", "random_search"]}, "seeds": 5}
@@ -31,24 +31,24 @@ Then ask whether another method is better: one run says little, so take several 
 
 Overview:
 
-    Experiment                  what is evolved, how, and where; from a file or a mapping
-    optimize, resume            evolve a controller; go on with a run
+    Experiment                  simulation, controller, method and servers; from a file or a mapping
+    optimize, resume            evolve a controller; continue a run
     Run, Controller             results: record, plots, replays; a callable controller
-    transfer                    what candidates lose in other simulations
+    transfer                    fitness that candidates lose in other simulations
     sweep, compare              variants with several seeds, and statistical tests
     compare_controllers         two controllers in the same episodes
     export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
-    export_bundle, verify_bundle  an archive to hand over, with proof; its check
-    evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
-    evaluate_episodes           the fitness and the metrics of given genomes in each episode
-    Episodes, environments      episodes that your code steers; as environments of PettingZoo and Gymnasium
+    export_bundle, verify_bundle  an archive to hand over, with evidence; its check
+    evaluate, simulate, repeat  the fitness of genomes; an episode; a repeated evaluation
+    evaluate_episodes           the fitness and the metrics of genomes in each episode
+    Episodes, environments      episodes that your code controls; PettingZoo and Gymnasium environments
     Simulation, BatchSimulation, CommandSimulation, Parameter   base classes of custom simulations
     Group                       agents of one kind in a custom simulation
     Physics                     base class of simulators that move the robots of the arena's missions
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
     methods, rankings, representations, modules, display    base classes of plug-ins; scenes that are drawn
-    results                     types of what these return, for annotations
+    results                     types of results, for annotations
     InputError, RunError        invalid input; a run that failed for other reasons
     PlugInError, SimulationError  of RunError: the code of a plug-in or of a simulation failed
 

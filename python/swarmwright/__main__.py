@@ -48,10 +48,10 @@ def main() -> None:
 
 
 def _leave(status: int) -> NoReturn:
-    """End with this exit status.
+    """Exit with this status.
 
-    Where Ctrl-C came while Python compiled a text, as it does for data classes, `sys.exit` would end the
-    process by the signal, although that was handled.
+    If Ctrl-C arrived while Python compiled a text, as for data classes, `sys.exit` would end the
+    process by the signal, although it was handled.
     """
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):

@@ -1,11 +1,11 @@
-"""Types of results, for annotations: what functions and attributes of the library return.
+"""Types of results of the library, for annotations.
 
     from swarmwright.results import Best
 
     def report(best: Best) -> str:
         return f"{best.fitness} of generation {best.generation}"
 
-These names stay where they are; the modules that define them may change. They are returned, not constructed.
+These names are stable, while the modules that define them may change. They are not constructed by users.
 `ComparedGroup` is a group of runs in a comparison, `RunGroup` one in a transfer; `swarmwright.Group` is one
 of agents. `Candidate` is one in a transfer, `Axis` and `Grid` are of an archive, `Subject` is exported.
 """

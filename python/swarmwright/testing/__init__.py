@@ -8,7 +8,7 @@
     def test_my_server_speaks_the_protocol():
         swarmwright.testing.check_server("java -jar my-server.jar {broker} {id}", simulation="rovers")
 
-A check raises AssertionError that says what is violated. The same checks run over everything built in.
+A check raises AssertionError with the violated rule. The same checks run for all built-in components.
 """
 
 from swarmwright.testing._conformance import check_optimizer, check_server

@@ -1,4 +1,4 @@
-"""What the checks share."""
+"""Shared parts of the checks."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import Method
 
 SHAPES = ((1, 1), (4, 1), (10, 2), (3, 5))
-"""(sensors, actuators) that representations are tried with."""
+"""Pairs of (sensors, actuators) for trying representations."""
 
 EXAMPLES: dict[str, dict[str, Any]] = {
     "parameter_set": {
@@ -36,7 +36,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
 
 
 def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any] | None = None) -> Options:
-    """Check the options of a component; return them.
+    """Check the options of a component, and return them.
 
     options: required ones; default: none, except for built-in kinds that need some.
     """
@@ -53,7 +53,7 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
 
 
 def check_common_options(model: type[Options], key: str, name: str, values: Mapping[str, Any]) -> None:
-    """Check that a component's options say which component they belong to, and what they are.
+    """Check that options name their component and have descriptions.
 
     key: the option that says it, `kind` or `launcher`. name: its value. given: required ones.
     """
@@ -85,9 +85,9 @@ def representation(
     actuators: int = 1,
     options: Mapping[str, Any] | None = None,
 ) -> Representation:
-    """Return a representation, by default with its required options only.
+    """Create a representation, by default with only its required options.
 
-    One that fits only certain numbers of sensors and actuators has those.
+    Its numbers of sensors and actuators fit, if it requires certain ones.
     """
     component = REPRESENTATIONS.get(kind)
     values = EXAMPLES.get(kind, {}) if options is None else options
@@ -97,9 +97,9 @@ def representation(
 
 
 def synthetic_metrics(method: Method, genomes: Genomes, fitness: Fitness) -> NDArray[np.float64] | None:
-    """Return numbers in the place of the metrics that a method needs; None where it needs none.
+    """Return artificial values of the metrics that a method needs; None if it needs none.
 
-    They depend on the genomes alone, and those of candidates that failed are NaN, as in runs.
+    They depend only on the genomes; those of failed candidates are NaN, as in runs.
     """
     count = len(method.options.needed_metrics)
     if count == 0:

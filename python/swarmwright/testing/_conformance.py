@@ -1,4 +1,4 @@
-"""The conformance kit as checks of tests."""
+"""The conformance kit for tests."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -7,12 +7,12 @@ if TYPE_CHECKING:
 
 
 def check_server(command: str | None = None, **options: Any) -> "Report":  # noqa: ANN401 - see there
-    """Check that a simulation server keeps every rule of the protocol; return the report.
+    """Check that a simulation server follows every rule of the protocol; return the report.
 
-    command: what starts it, with {broker} and {id} in it. options: as of
+    command: command that starts it, with {broker} and {id}. options: those of
     `swarmwright.conformance.check_server`.
 
-    Raises AssertionError that names each rule that is broken, what was sent, what came and what was expected.
+    Raises AssertionError with each violated rule and the sent, received and expected messages.
     """
     from swarmwright.conformance import check_server as check  # noqa: PLC0415 - an extra
 
@@ -22,12 +22,12 @@ def check_server(command: str | None = None, **options: Any) -> "Report":  # noq
 
 
 def check_optimizer(command: str | None = None, **options: Any) -> "Report":  # noqa: ANN401 - see there
-    """Check that an optimization tool keeps every rule of the protocol; return the report.
+    """Check that an optimization tool follows every rule of the protocol; return the report.
 
-    command: what starts it, with {broker} or {experiment} in it. options: as of
+    command: command that starts it, with {broker} or {experiment}. options: those of
     `swarmwright.conformance.check_optimizer`.
 
-    Raises AssertionError that names each rule that is broken, what was sent, what came and what was expected.
+    Raises AssertionError with each violated rule and the sent, received and expected messages.
     """
     from swarmwright.conformance import check_optimizer as check  # noqa: PLC0415 - an extra
 

@@ -21,21 +21,21 @@ def check_launcher(
     timeout: float = 120.0,
     alive: Callable[[], int] | None = None,
 ) -> None:
-    """Check a registered launcher: it starts servers, says how they are, and leaves nothing behind.
+    """Check that a registered launcher starts servers, reports their state, and leaves nothing behind.
 
-    Two servers of `minisim` are started on a broker, one is ended, another one is started, all are ended.
+    Two servers of `minisim` are started on a broker, one is stopped, another is started, all are stopped.
 
     Args:
         kind: its name.
-        options: those that it needs, as in an experiment, without `launcher` and `count`.
-        broker: address of a broker without accounts that its servers reach. Default: one with an account is
+        options: required options, as in an experiment, without `launcher` and `count`.
+        broker: address of a reachable broker without accounts. Default: a broker with an account is
             started on the loopback address of this machine.
-        timeout: seconds that a server may take to start or to end.
-        alive: returns how many processes or jobs of the servers there are, by other means than the launcher,
-            for instance by asking the queue; it must be 0 after the end.
+        timeout: time for a server to start or to stop, seconds.
+        alive: returns the number of processes or jobs of the servers, independently of the launcher,
+            for instance from the queue; it must be 0 after the end.
 
     Raises:
-        AssertionError: what is violated.
+        AssertionError: a rule is violated.
     """
     component = LAUNCHERS.get(kind)
     values = dict(options or {})

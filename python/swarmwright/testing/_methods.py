@@ -39,7 +39,7 @@ class _Options(RepresentationOptions):
 
 
 class _Sample(Representation):
-    """Genes drawn anew by mutations, exchanged one by one by crossovers; without a controller."""
+    """Genes that mutations redraw and crossovers exchange individually; without a controller."""
 
     kind = "sample"
     options_model = _Options
@@ -53,11 +53,11 @@ class _Sample(Representation):
         return _GENES
 
     def architecture(self) -> dict[str, Any]:
-        """Return nothing: these genomes are not run."""
+        """Return nothing: these genomes encode no controller."""
         raise NotImplementedError
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
-        """Return a copy in which genes are drawn anew with `probability`."""
+        """Return a copy in which each gene is redrawn with `probability`."""
         chosen = stream.unit(_GENES) < probability * min(severity, 1.0)
         return np.where(chosen, self.initial(stream), genome).astype(np.float32)
 
@@ -66,12 +66,12 @@ class _Sample(Representation):
         return np.where(stream.unit(_GENES) < 0.5, mother, father).astype(np.float32)
 
     def distance(self, one: Genome, other: Genome) -> float:
-        """Return how many genes differ."""
+        """Return the number of genes that differ."""
         return float((one != other).sum())
 
 
 class BoundedGenes(_Sample):
-    """Genes in 0..1, but for the last three: at least 2, at most -2, and free."""
+    """Genes in 0..1, except for the last three: at least 2, at most -2, and unbounded."""
 
     @property
     def bounds(self) -> Limits:
@@ -83,7 +83,7 @@ class BoundedGenes(_Sample):
 
     @property
     def initial_range(self) -> Limits:
-        """Where genes start."""
+        """Initial range of the genes."""
         lower, upper = np.zeros(_GENES), np.ones(_GENES)
         lower[-3:], upper[-3:] = [2, -3, -1], [3, -2, 1]
         return lower, upper
@@ -95,7 +95,7 @@ class BoundedGenes(_Sample):
 
 
 class Choices(_Sample):
-    """Genes that are one of 0, 1, 2, 3, in no order."""
+    """Genes with the unordered values 0, 1, 2, 3."""
 
     continuous = False
 
@@ -166,7 +166,7 @@ def _check_genome(method: Method, index: int, genome: Genome, expected: int) -> 
 
 
 def _ask_early(method: Method) -> list[Genome]:
-    """Ask for all there are, tell one, and so on."""
+    """Ask for all available genomes, tell one result, and repeat."""
     genomes: list[Genome] = []
     while not method.done:
         while method.can_ask:
@@ -179,7 +179,7 @@ def _ask_early(method: Method) -> list[Genome]:
 
 
 def _ask_late(method: Method) -> list[Genome]:
-    """Ask only when there is nothing to tell."""
+    """Ask only if there is no result to tell."""
     genomes: list[Genome] = []
     waiting: deque[float] = deque()
     while not method.done:
@@ -252,7 +252,7 @@ _CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwrig
 
 
 def check_replay(method: Method) -> None:
-    """Check that the conversation of a new method, told again in a new process, gives the same genomes."""
+    """Check that a method gives the same genomes if its results are replayed in a new process."""
     fitness_lists: list[list[float | None]] = []
     genome_texts: list[str] = []
     while not method.done:
@@ -290,7 +290,7 @@ def check_replay(method: Method) -> None:
 
 
 def main() -> None:
-    """Replay the conversation given on standard input; write the genomes asked for."""
+    """Replay the results on standard input; write the resulting genomes."""
     conversation: dict[str, Any] = json.load(sys.stdin)
     representation, kind = _find(*conversation["representation"]), conversation["options"]["kind"]
     component: Any = METHODS.get(kind) if METHODS.is_in_file(kind) else _find(*conversation["method"])
@@ -322,7 +322,7 @@ Judge = Callable[[Genomes], Fitness]
 def check_method(kind: str) -> None:
     """Check a registered method with its default options, but few generations.
 
-    It is tried with every registered representation, with genes that have bounds and with genes that are
+    It is tried with every registered representation, with bounded genes and with genes that are
     choices: it evolves them or refuses them by `unsuitable`. Then with fitness of every sign and size, equal
     fitness, and evaluations that fail; from where it stopped, in a new process; and in steady state, where it
     can.
@@ -374,7 +374,7 @@ def _bytes(generations: list[Genomes]) -> list[bytes]:
 
 
 def _sphere(genomes: Genomes) -> Fitness:
-    """Return minus the squared length of each genome: negative, best at 0, the same on every machine."""
+    """Return minus the squared length of each genome: best at 0, identical on every machine."""
     squares: Fitness = np.add.accumulate(genomes.astype(np.float64) ** 2, axis=1)[:, -1]
     return -squares
 
@@ -385,7 +385,7 @@ def _score_scaled(scale: float, genomes: Genomes) -> Fitness:
 
 @contextmanager
 def _strictly() -> Iterator[None]:
-    """Make every warning an error, such as overflow."""
+    """Turn every warning, such as overflow, into an error."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         yield
@@ -448,7 +448,7 @@ def _capture_shared_state() -> tuple[Any, ...]:
 
 
 def _check_bounds(kind: str, representation: Representation) -> None:
-    """Fitness is far better beyond the bounds: a method must stay within them."""
+    """Check that a method stays within bounds beyond which fitness is far better."""
 
     def far(genomes: Genomes) -> Fitness:
         sums: Fitness = np.add.accumulate(genomes.astype(np.float64), axis=1)[:, -1]
@@ -477,7 +477,7 @@ def _check_budget(kind: str, representation: Representation) -> None:
 
 
 def _check_failures(kind: str, representation: Representation) -> None:
-    """Failed candidates must neither stop a method nor guide it."""
+    """Check that failed candidates neither stop nor guide a method."""
 
     def half(genomes: Genomes) -> Fitness:
         fitness = _sphere(genomes)
@@ -498,7 +498,7 @@ def _check_failures(kind: str, representation: Representation) -> None:
 
 
 def _check_fitness(kind: str, representation: Representation) -> None:
-    """Any sign, any size, any difference."""
+    """Check fitness of any sign, size and difference."""
     for scale in (1e300, 1e-300, -1e300, 1e20, 0.0):
         _conversation(_new(kind, representation), partial(_score_scaled, scale))
     turns = iter(range(1_000_000))
@@ -521,7 +521,7 @@ def _check_target(kind: str, representation: Representation) -> None:
 
 
 def _check_members(kind: str, representation: Representation) -> None:
-    """Members that stay may be evaluated again, with any result."""
+    """Check that surviving members can be re-evaluated, with any result."""
     method = _new(kind, representation)
     count = 0
     lower, upper = representation.bounds

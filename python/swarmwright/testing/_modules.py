@@ -18,10 +18,10 @@ _ROBOTS, _STEPS = 40, 30
 def check_behaviour(name: str) -> None:
     """Check a behaviour: a registered one, or `path/to/file.py:Class`.
 
-    It acts for forty robots in thirty steps: with a new object, again with the same object, with another one,
-    and for some robots alone; all must agree to the bit. What it gets and its own object must not be changed.
+    It acts for forty robots in thirty steps: with a new object, with the same object again, with another one,
+    and for some robots alone; all must agree to the bit. It must not change its arguments or its object.
 
-    AssertionError says what is wrong, InputError and RunError too.
+    Raises AssertionError, InputError or RunError with the problem.
     """
     _check("behaviour", name)
 
@@ -60,7 +60,7 @@ def _check(sort: str, name: str) -> None:
 
 
 def _create(sort: str, name: str) -> Behaviour | Condition:
-    """Return a new object of the module."""
+    """Create an object of the module."""
     declared = module(sort, name)
     kind = (
         implementation("behaviour", declared)
@@ -71,7 +71,7 @@ def _create(sort: str, name: str) -> Behaviour | Condition:
 
 
 def _contents(instance: Behaviour | Condition) -> dict[str, Any]:
-    """Return the attributes of an object in a form that can be compared."""
+    """Return the attributes of an object in a comparable form."""
     contents: dict[str, Any] = {}
     for key, value in vars(instance).items():
         try:
@@ -87,7 +87,7 @@ def _run(
     sensors: NDArray[np.float32],
     parameters: dict[str, NDArray[np.float32]],
 ) -> NDArray[np.float32]:
-    """Return what comes out in each step, (steps, robots, ..), from an object of the module."""
+    """Return the outputs of an object of the module, (steps, robots, ..)."""
     robots = sensors.shape[1]
     acts = isinstance(instance, Behaviour)
     method = instance.act if isinstance(instance, Behaviour) else instance.probability
@@ -109,7 +109,7 @@ def _run(
 
 
 def _sensors() -> NDArray[np.float32]:
-    """Return what robots might sense, (steps, robots, 9)."""
+    """Return plausible sensor values, (steps, robots, 9)."""
     stream = Stream(1, "senses")
     sensors = stream.unit(_STEPS * _ROBOTS * grammar.SENSORS).reshape(_STEPS, _ROBOTS, grammar.SENSORS)
     sensors[..., [0, 1, 2, 3, 6, 7]] = 2 * sensors[..., [0, 1, 2, 3, 6, 7]] - 1

@@ -8,7 +8,7 @@ from swarmwright.methods.rankings import RANKINGS, Ranking
 from swarmwright.testing._common import EXAMPLES, check_options
 
 _SPREAD = np.array([0.0, 3.5, -1.25, 8.0, 0.5])
-"""Results of a candidate's episodes, of which some are far better than others."""
+"""Results of a candidate's episodes, some far better than others."""
 _NUMBERS = 4
 """Generations whose seeds are compared, or candidates in steady state."""
 _LARGEST_SEED = 2**63 - 1
@@ -37,7 +37,7 @@ def check_ranking(kind: str) -> None:
 
 
 def _ranking(component: type[Ranking], episodes: int, **options: object) -> Ranking | None:
-    """Return a ranking with options; None where it refuses them."""
+    """Create a ranking with options; return None if it refuses them."""
     values = {**EXAMPLES.get(component.kind, {}), "episodes": episodes}
     try:
         return component(component.options_model.model_validate({**values, **options}))
@@ -48,7 +48,7 @@ def _ranking(component: type[Ranking], episodes: int, **options: object) -> Rank
 
 
 def _check_seeds(ranking: Ranking) -> None:
-    """Check the seeds of episodes: within their range, different, and those that `ranking.seeds` says."""
+    """Check the seeds of episodes: in range, different, and equal to `ranking.seeds`."""
     episodes, new = ranking.options.episodes, ranking.options.seeds == "new"
     several = [ranking.seeds_of(7, number) for number in range(_NUMBERS)]
     for number, seeds in enumerate(several):
@@ -93,7 +93,7 @@ def _check_scores(ranking: Ranking) -> None:
 
 
 def _check_samples(ranking: Ranking) -> None:
-    """Check the values of one candidate that validation uses."""
+    """Check the values of a candidate for validation."""
     results = [*_SPREAD, *(_SPREAD + 1), *(_SPREAD - 2), *_SPREAD]
     samples = ranking.samples(results)
     assert isinstance(samples, np.ndarray), "samples must return an array"
@@ -106,7 +106,7 @@ def _check_samples(ranking: Ranking) -> None:
 
 
 def _plain(ranking: Ranking, rows: list[list[float]]) -> NDArray[np.float64]:
-    """Return what `_score` makes of rows."""
+    """Return the results of `_score` as plain values."""
     scores = np.asarray(ranking._score(rows), dtype=np.float64)
     assert scores.shape == (len(rows),), "_score must return a fitness for each candidate"
     return scores

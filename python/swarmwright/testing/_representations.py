@@ -22,7 +22,7 @@ def check_representation(kind: str, options: Mapping[str, Any] | None = None) ->
 
     Args:
         kind: as in experiment files.
-        options: as in experiment files, `kind` left out; default: none, which must be sufficient then.
+        options: as in experiment files, without `kind`; by default none, which must suffice.
     """
     check_options(REPRESENTATIONS, kind, options)
     shape = REPRESENTATIONS.get(kind).shape
@@ -166,7 +166,7 @@ def _check_distance(subject: Representation) -> None:
 
 
 def _check_many(subject: Representation) -> None:
-    """Operators of many genomes must give the bits that those of one give."""
+    """Check that operators on many genomes give the same bits as those on a single genome."""
     count = 7
 
     def streams() -> Streams:
@@ -215,7 +215,7 @@ def _check_many(subject: Representation) -> None:
 
 
 def _check_perturbations(subject: Representation) -> None:
-    """Iterated racing samples around genomes, wide at first and then narrower."""
+    """Check the perturbations of iterated racing, wide at first and then narrower."""
     parent = _genomes(subject, 1)[0]
     parents = np.repeat(parent[np.newaxis], 30, axis=0)
 
@@ -244,7 +244,7 @@ def _check_perturbations(subject: Representation) -> None:
 
 
 def _check_matings(subject: Representation, genomes: Genomes) -> None:
-    """The father must be the partner that is the most different; of equal ones the first."""
+    """Check that the father is the most different partner, the first of several."""
     mothers, partners = np.array([2, 0, 1]), np.array([[1, 2, 6, 5], [3, 3, 4, 1], [1, 1, 1, 1]])
     children = subject.matings(genomes, mothers, partners, Streams(4, "check", 1, range(3)))
     assert children.dtype == np.float32, f"matings returns {children.dtype}, not float32"

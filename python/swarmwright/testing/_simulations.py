@@ -1,4 +1,4 @@
-"""Checks of simulations in Python: an episode follows from parameters, seed and actions alone."""
+"""Checks of simulations in Python: episodes depend only on parameters, seed and actions."""
 
 import logging
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ def check_simulation(
     seed: int = 1,
     steps: int = MOST_STEPS,
 ) -> None:
-    """Check that an episode follows from parameters, seed and actions alone, and that all it returns fits.
+    """Check that an episode depends only on parameters, seed and actions, and that its values are valid.
 
     An episode with random actions is run by an object, by another one, again by the first one, and once more
     after an episode with another seed: observations, who acts, when it ends, fitness and metrics must be the
@@ -50,12 +50,12 @@ def check_simulation(
     Args:
         simulation: the class, or its name: `path/to/file.py:Class`, `package.module:Class`, or one of an
             environment.
-        parameters: with which it is reset; default: its defaults.
-        seed: of the episode and of its actions, 0 to 2**63 - 1.
-        steps: of an episode at most, from 1 on; of one that has not ended then, fitness and metrics are
-            not looked at.
+        parameters: parameters of the episode; default: the simulation's defaults.
+        seed: seed of the episode and of its actions, 0 to 2**63 - 1.
+        steps: largest number of steps, at least 1; of an unfinished episode, fitness and metrics are
+            not checked.
 
-    AssertionError says what is wrong, InputError and RunError too.
+    Raises AssertionError, InputError or RunError with the problem.
     """
     kind = class_of(simulation, (Simulation, BatchSimulation), "a Simulation")
     if steps < 1:
@@ -84,7 +84,7 @@ def check_simulation(
 
 
 def class_of(simulation: type | str, bases: tuple[type[Any], ...], expected: str) -> type[Any]:
-    """Return the class that is named or given. Raises InputError where it is not derived from `bases`."""
+    """Return a class, by itself or by its name. Raises InputError if it does not derive from `bases`."""
     kind: Any = load(simulation) if isinstance(simulation, str) else simulation
     if not isinstance(kind, type) or not issubclass(kind, bases):
         raise InputError(f"{getattr(kind, '__name__', repr(kind))}: is not {expected}")
@@ -93,7 +93,7 @@ def class_of(simulation: type | str, bases: tuple[type[Any], ...], expected: str
 
 @dataclass(frozen=True)
 class _Check:
-    """Compares episodes of a trial with the first one; each raises AssertionError where one differs."""
+    """Compares episodes of a trial with the first; methods raise AssertionError on a difference."""
 
     name: str
     trial: Trial
@@ -136,15 +136,15 @@ def check_batch_simulation(
 ) -> None:
     """Check that episodes do not depend on the others in the batch.
 
-    Seven episodes are run at once, with random actions, and each alone: observations, who acts, when it ends,
+    Seven episodes are run together, with random actions, and each alone: observations, acting agents, end,
     fitness and metrics must be the same, to the bit.
 
     Args:
         simulation: the class, or its name: `path/to/file.py:Class` or `package.module:Class`.
-        parameters: with which it is reset; default: its defaults.
-        seed: of the actions.
+        parameters: parameters of the episode; default: the simulation's defaults.
+        seed: seed of the actions.
 
-    AssertionError says what is wrong, InputError and RunError too.
+    Raises AssertionError, InputError or RunError with the problem.
     """
     kind = class_of(simulation, (BatchSimulation,), "a BatchSimulation; check_simulation checks others")
     values = dict(parameters or {})
