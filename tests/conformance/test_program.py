@@ -101,7 +101,7 @@ def test_a_server_that_ends_is_told_from_one_that_fails(program: Run) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ((), "which server? Give its --id"),
+        ((), "The server is missing: give its --id"),
         (("--id", "1", "--rules", "S2.99"), "no rule 'S2.99'"),
         (("--exec", "no-such-program {id}"), "no-such-program"),
         (("--exec", "'"), "cannot be read"),
