@@ -175,22 +175,19 @@ class CommandOptions(Definition):
     prefix: ClassVar[str] = SimulationName.COMMAND
 
     command: Command
-    """The program and its arguments, as text that is split as in a shell, or as a list. No shell is used. A
-    word that names a file beside the experiment file is replaced by its path."""
+    """The program and its arguments, as a list or as text that is split as in a shell, but run without one.
+    Files beside the experiment file are replaced by their paths."""
     title: str | None = Field(default=None, min_length=1, max_length=1000)
-    """The name in discovery. Default: the program's name and a digest of this definition and of the files
-    that it names, so that servers with different scripts have different names."""
+    """The name in discovery. Default: the program's name and a digest of this definition and its files."""
     parameters: str | None = Field(default=None, min_length=1)
-    """A YAML or JSON file with the program's parameters and their defaults. These parameters can be set
-    and evolved; parameters in nested mappings are written with dots, pid.kp. Default: any name can be set,
-    and there are no defaults."""
+    """A YAML or JSON file with the program's parameters and their defaults; nested ones are written with
+    dots, pid.kp. Default: any name can be set, without defaults."""
     choices: Choices = Field(default={})
-    """All values that a parameter may have: mode: [fast, exact]. Text is inserted into words of the command
-    and into files only if its choices are declared here, so that an optimization tool cannot decide what is
-    run."""
+    """All values of a parameter: mode: [fast, exact]. Required for text in commands and files, so that an
+    optimization tool cannot decide what is run."""
     parameters_format: Literal["yaml", "json", "ros2"] = "yaml"
-    """Format of the file {parameters}, which has all parameters, and the episode's seed as `seed`. ros2: YAML
-    below `/**: ros__parameters:`, as ROS 2 nodes read it."""
+    """Format of the file {parameters}, with all parameters and the episode's `seed`. ros2: YAML below `/**:
+    ros__parameters:`."""
     files: Annotated[
         Any,
         WithJsonSchema(
@@ -202,35 +199,31 @@ class CommandOptions(Definition):
             }
         ),
     ] = Field(default={})
-    """Files and folders that are copied into the work folder: a list of paths, or a mapping from names in the
-    work folder to paths. Placeholders in them are filled in, except in binary files, which contain a NUL
-    byte; braces around other words are left unchanged. At most 10,000 files of at most 64 MiB each."""
+    """Files and folders to copy into the work folder: a list of paths, or a mapping from names in the work
+    folder to paths. Placeholders in text files are filled in. At most 10,000 files of 64 MiB."""
     log: Texts = Field(default=[])
-    """The program's result files, relative to the work folder: a path, a pattern such as `agent_*.csv`, or a
-    list, whose rows are concatenated. `stdout`: the program's output."""
+    """Result files in the work folder: a path, a pattern such as `agent_*.csv`, or a list, whose rows are
+    concatenated. `stdout`: the program's output."""
     log_format: Literal["auto", "csv", "tsv", "agents", "jsonl", "json", "rosbag", "mcap"] = "auto"
-    """auto: by the suffix of the log's name. csv and tsv have a line with the names of the columns; lines
-    that begin with # are comments, and a row of units below the names is ignored. agents: a file for each
-    agent, without column names, with lines of a step, a tab and a value; each file is a row with the columns
-    steps (their number), first and last. jsonl: an object in each line. json: an object, or a list of
-    objects, whose nested values have names such as pose.x. rosbag (a file or folder of ROS 1 or 2) and mcap:
-    messages, whose values are columns such as /robot_1/pose.position.x."""
+    """auto: by the suffix. csv, tsv: with column names; comments (#) and a row of units are ignored. agents:
+    a file per agent, with lines of step, tab and value; columns are steps, first and last. jsonl: an object
+    per line. json: an object or a list of objects; nested values have names such as pose.x. rosbag (ROS 1 or
+    2),
+    mcap: messages, with columns such as /robot_1/pose.position.x."""
     metrics: Annotated[dict[str, str], BeforeValidator(_expand_names), WithJsonSchema(_METRICS)] = Field(
         default={}
     )
-    """Metrics of an episode, name -> reduction of the column with that name: last, first, mean, sum, min,
-    max, std (the population standard deviation, divided by n) or count; for a column with another name
-    mean(column). A list of names stands for the last value of each. stepwise: names of metrics that the
-    command reports. Default: the metrics of the fitness, each the last value of the column with its name."""
+    """Metrics of an episode, name -> reduction of its column: last, first, mean, sum, min, max, std
+    (population) or count; for a column with another name mean(column). A list of names means last. stepwise:
+    names of reported metrics. Default: last of the metrics in the fitness."""
     fitness: str | None = Field(default=None, min_length=1)
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's fitness, or the
     metric or column `fitness`."""
     controller: Literal["none", "json", "c", "cpp", "python", "onnx", "stepwise"] = "none"
-    """How the command receives a controller. none: not at all; parameters are evolved (parameter_set). json:
-    as a file with its specification, {controller}. c, cpp, python, onnx: as source code or a model, see
-    `swarmwright export`; {controller} is controller.c, controller.hpp, controller.py or controller.onnx.
-    stepwise: the command sends sensors and receives actuators over its standard input and output, a JSON
-    object in each line; a process runs many episodes."""
+    """How the command receives a controller. none: only parameters are evolved (parameter_set). json: its
+    specification as the file {controller}. c, cpp, python, onnx: exported code or model as {controller}, see
+    `swarmwright export`. stepwise: sensors and actuators are exchanged over standard input and output as JSON
+    lines; a process runs many episodes."""
     sensors: int | None = Field(default=None, ge=1, le=1_000_000)
     """Number of sensor values of an agent; required if controllers steer agents."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)
@@ -238,45 +231,38 @@ class CommandOptions(Definition):
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
     visual: Command | None = None
-    """A command that `swarmwright simulate --visual` runs instead of `command`, to display an episode.
-    Default: `command`."""
+    """Command for `swarmwright simulate --visual`. Default: `command`."""
     compile: Command | None = None
-    """A command that is run once for each controller before its episodes, with {controller} and {build}, the
-    folder that contains the controller and receives the compiled program."""
+    """Command to run once per controller, with {controller} and {build}, the folder for the compiled
+    program."""
     weights: Literal["compiled", "file"] = "compiled"
-    """Location of the weights of a compiled controller in C. compiled: in its source, which is compiled once
-    for each candidate. file: in the file {weights}, which the program reads with `controller_load(path)`, so
-    that a single compilation serves all candidates of an experiment."""
+    """Weights of a controller in C. compiled: in its source, compiled for each candidate. file: in the file
+    {weights}, read with `controller_load(path)`, so that one compilation serves all candidates."""
     timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
-    """Seconds that an episode may take. After that it has failed, and its processes are ended."""
+    """Time limit of an episode, seconds; then it fails and its processes are ended."""
     recycle: int = Field(default=0, ge=0)
-    """stepwise: episodes after which the process is replaced by a new one; 0 for never."""
+    """stepwise: episodes after which the process is replaced; 0 for never."""
     environment: dict[str, str] = Field(default={})
-    """Environment variables of the process, in addition to the inherited ones: `ROS_MASTER_URI:
-    "http://localhost:{port}"`, `DISPLAY: ":1{instance}"`."""
+    """Further environment variables, such as `DISPLAY: ":1{instance}"`."""
     output: float = Field(default=10.0, gt=0)
-    """Megabytes that an episode may print. An episode that prints more fails."""
+    """Megabytes that an episode may print before it fails."""
     disk: float = Field(default=1000.0, gt=0)
-    """Megabytes that an episode may write into its work folder, and into any single file. An episode that
-    writes more fails."""
+    """Megabytes that an episode may write into its work folder before it fails."""
     children: Literal["fail", "end"] = "fail"
-    """Whether the episode fails (fail) or not (end) if another of its processes still runs 0.3 s after the
-    command has ended. The process is ended in either case."""
+    """Whether the episode fails if another of its processes still runs 0.3 s after the command; it is ended
+    in either case."""
     keep: Literal["failed", "all", "none"] = "failed"
-    """Work folders that are kept: failed (for each process that runs the command, the first failed episode of
-    each kind of failure, at most five kinds; at most ten folders for each {instance}), all, or none. The
-    servers' output, servers.log in a run folder, names them."""
+    """Work folders to keep: of the first failures of each kind, all, or none. servers.log in the run folder
+    lists them."""
     work: str | None = Field(default=None, min_length=1)
-    """The parent folder of work folders. Default: a folder of the user in the system's folder for temporary
-    files."""
+    """Parent folder of work folders. Default: the system's folder for temporary files."""
     sources: list[str] = Field(default=[])
-    """Further files and folders of the simulation. Like those that the command names, and the imports of
-    Python files, they are part of its digest, and are copied into run folders."""
+    """Further files and folders of the simulation, beside those in the command and Python imports, for its
+    digest and for run folders."""
     determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """How far two evaluations of the same episode agree on any server; required for audits
-    (`faults: {audit}`)."""
+    """Agreement of repeated evaluations of an episode; required for audits (`faults: {audit}`)."""
     folder: str = Field(default=".", min_length=1)
-    """The folder that paths in this section are relative to. Default: that of the experiment file."""
+    """Base folder of relative paths in this section. Default: that of the experiment file."""
 
     @field_validator("files")
     @classmethod

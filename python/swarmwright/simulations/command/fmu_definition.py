@@ -344,50 +344,43 @@ class FmuOptions(Definition):
     fmu: str = Field(min_length=1)
     """The file, relative to the experiment file: an FMU, or an SSP with several FMUs, stepped together."""
     algorithm: Algorithm | None = None
-    """How the FMUs of an SSP are stepped. jacobi: each FMU receives the outputs of the others at the
-    beginning of the step. gauss_seidel: in the order of the file, each FMU receives the outputs of the
-    previous ones at the end of the step. Default: gauss_seidel."""
+    """Stepping of the FMUs of an SSP. jacobi: inputs are outputs at the beginning of the step. gauss_seidel:
+    in the order of the file, with the new outputs of previous FMUs. Default: gauss_seidel."""
     title: str | None = Field(default=None, min_length=1, max_length=1000)
     """The name in discovery. Default: the file's name and a digest of this definition and of the file."""
     agents: int = Field(default=1, ge=1, le=10_000)
-    """Number of agents. Each is an instance of the FMU; if names contain {agent}, all are in the same
-    instance. Default for FMUs with variables agent[1].NAME, agent[2].NAME, ..: all of these, in the same
-    instance."""
+    """Number of agents, each an instance of the FMU, or all in one instance if names contain {agent}. Default
+    for FMUs with variables agent[1].NAME, agent[2].NAME, ..: all of these in one instance."""
     sensors: Channels = None
-    """Sensors of an agent: names of variables, or {variable: NAME, range: [low, high]}, where the range
-    becomes
-    -1 to 1, with `unit: km/h` in another unit that the FMU defines; or {terminal: NAME}. An array stands for
-    all its elements. Default: all outputs that are numbers or booleans, not scaled; with variables
-    agent[1].NAME, those of the agent."""
+    """Sensors of an agent: names of variables, {terminal: NAME}, or {variable: NAME, range: [low, high]} to
+    map a range to -1 to 1, optionally with `unit: km/h`. An array stands for all its elements. Default: all
+    numeric and boolean outputs of the agent, not scaled."""
     actuators: Channels = None
-    """Actuators of an agent, in the same form; -1 to 1 becomes the range. Default: all inputs that are
-    numbers or booleans; none if a parameter set is evolved: inputs then keep their start values."""
+    """Actuators of an agent, in the same form; -1 to 1 is mapped to the range. Default: all numeric and
+    boolean inputs; none if a parameter set is evolved."""
     step: float | None = Field(default=None, gt=0)
     """Seconds of a step. Default: the FMU's own step size, else a hundredth of its stop time, else 0.1."""
     solver: Literal["cvode", "euler"] | None = None
-    """The solver of an FMU for model exchange: CVode of SUNDIALS, or Euler's method with the simulation's
-    steps. Default: co-simulation, or CVode if the FMU supports only model exchange."""
+    """Solver for model exchange: CVode of SUNDIALS, or Euler's method. Default: co-simulation, or CVode if
+    the FMU supports only model exchange."""
     steps: int | None = Field(default=None, ge=1, le=2**31)
     """Steps of an episode. Default: up to the FMU's stop time, else 100."""
     start: dict[str, float | int | bool | str | list[Any]] = Field(default={})
-    """Start values of variables, by name. For an array (FMI 3.0): a list of all its values, row by row, or a
-    list of rows. Structural parameters set the sizes of arrays."""
+    """Start values of variables, by name; for arrays (FMI 3.0), a list of values or of rows. Structural
+    parameters set the sizes of arrays."""
     seed: str | None = Field(default=None, min_length=1)
-    """The parameter or input that receives the episode's seed, modulo 2^31, or modulo 2^7 to 2^16 if it is an
-    integer of 8 or 16 bits (FMI 3.0). Default: the parameter `seed`, if it is a number; else all episodes are
-    the same."""
+    """Parameter or input for the episode's seed, modulo 2^31 or the size of its type. Default: the numeric
+    parameter `seed`; without it, all episodes are the same."""
     metrics: dict[str, str] = Field(default={})
-    """Metrics of an episode, name -> reduction of the variable with that name over the steps: last, first,
-    mean, sum, min, max, std or count; for a variable with another name mean(variable). Metrics of several
-    agents are averaged. Default: the last value of each output whose name is valid in expressions (world_x
-    for world.x of an SSP), if there are at most 1,000."""
+    """Metrics of an episode, name -> reduction of its variable over the steps: last, first, mean, sum, min,
+    max, std or count; for a variable with another name mean(variable). Several agents are averaged. Default:
+    last of each output with a valid name (world_x for world.x of an SSP), up to 1,000."""
     done: str | None = Field(default=None, min_length=1)
-    """Condition that ends an episode early: an expression over the metrics after each step, such as
-    "distance < 0.1"."""
+    """Condition that ends an episode early, over the metrics: "distance < 0.1"."""
     fitness: str | None = Field(default=None, min_length=1)
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's fitness."""
     recycle: int = Field(default=1000, ge=0)
-    """Episodes after which the process is replaced by a new one, for FMUs that leak memory; 0 for never."""
+    """Episodes after which the process is replaced, for FMUs that leak memory; 0 for never."""
     timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
     """Seconds that an episode may take."""
     environment: dict[str, str] = Field(default={})
@@ -397,18 +390,15 @@ class FmuOptions(Definition):
     disk: float = Field(default=1000.0, gt=0)
     """Megabytes that may be written into the work folder, where the FMU is unpacked."""
     work: str | None = Field(default=None, min_length=1)
-    """The parent folder of work folders. Default: a folder of the user in the system's folder for temporary
-    files."""
+    """Parent folder of work folders. Default: the system's folder for temporary files."""
     sources: list[str] = Field(default=[])
-    """Files and folders of the simulation in addition to the FMU. They are part of its digest, and are copied
-    into run folders."""
+    """Further files and folders of the simulation, for its digest and for run folders."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
     determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """How far two evaluations of the same episode agree on any server; required for audits
-    (`faults: {audit}`)."""
+    """Agreement of repeated evaluations of an episode; required for audits (`faults: {audit}`)."""
     folder: str = Field(default=".", min_length=1)
-    """The folder that paths in this section are relative to. Default: that of the experiment file."""
+    """Base folder of relative paths in this section. Default: that of the experiment file."""
 
     @field_validator("metrics")
     @classmethod

@@ -178,8 +178,7 @@ class TopicField(Options):
     """A field of the messages of a topic."""
 
     topic: str = Field(min_length=1)
-    """Topic. A relative topic is in the robot's namespace: scan is /robot_1/scan. {robot} stands for the
-    robot's name: /model/{robot}/scan."""
+    """Topic, relative to the robot's namespace (scan is /robot_1/scan), or with {robot} for its name."""
     type: str = Field(min_length=1)
     """Type of the topic's messages, such as sensor_msgs/LaserScan."""
     field: str | None = Field(default=None, min_length=1)
@@ -198,16 +197,15 @@ class Sensor(TopicField):
     clip: Interval | None = None
     """Limits of the value that the controller receives, [low, high]. Default: none."""
     timeout: float | None = Field(default=None, gt=0)
-    """Seconds for which a message is valid, for sensors that are slower than steps; only for steps with a
-    duration. Default: a message must arrive in each step."""
+    """Seconds for which a message is valid, for sensors slower than steps with a duration. Default: each step
+    needs a message."""
     sector: Interval | None = None
     """Sector of a scan, [FROM, TO] in degrees, counter-clockwise from straight ahead. Default: the whole
     scan."""
     reduce: Literal["min", "mean"] | None = None
     """How the ranges of a scan are reduced to a number. Default: min."""
     infinite: float | None = None
-    """Value of a range in which nothing is detected. Default: the sensor's largest range. Ranges below its
-    smallest range are ignored."""
+    """Value of a range without a detection. Default: the sensor's largest range."""
 
 
 class Actuator(TopicField):
@@ -227,15 +225,14 @@ class Step(Options):
     clock: Literal["wall", "ros"] = "wall"
     """Clock for the duration. ros: /clock, for a simulator that may be faster or slower than real time."""
     service: str | None = Field(default=None, min_length=1)
-    """The simulator's service that makes a step and returns when it is done. Default for StepSimulation:
-    /step_simulation; Gazebo has /gzserver/step_simulation."""
+    """Service that makes a step. Default for StepSimulation: /step_simulation (Gazebo:
+    /gzserver/step_simulation)."""
     type: Literal["std_srvs/Trigger", "std_srvs/Empty", "simulation_interfaces/StepSimulation"] | None = None
     """Type of the service. Default: std_srvs/Trigger."""
     steps: int = Field(default=1, ge=1, le=2**53)
     """StepSimulation: steps of the simulator in a step of the controller."""
     delay: float = Field(default=0.0, ge=0, le=60)
-    """Seconds between sending commands and calling the service, for simulators in which commands may arrive
-    after the call: ROS does not order topics and services."""
+    """Seconds between commands and the call of the service, for simulators that receive commands late."""
     messages: int = Field(default=1, ge=1, le=1_000_000)
     """Messages of each sensor that a call produces; the last one is used."""
 
@@ -260,8 +257,8 @@ class Reset(Options):
     """
 
     service: str | None = Field(default=None, min_length=1)
-    """The service that resets, such as /gazebo/reset_world. Default for ResetSimulation: /reset_simulation;
-    Gazebo has /gzserver/reset_simulation."""
+    """Service that resets, such as /gazebo/reset_world. Default for ResetSimulation: /reset_simulation
+    (Gazebo: /gzserver/reset_simulation)."""
     type: Literal["std_srvs/Empty", "std_srvs/Trigger", "simulation_interfaces/ResetSimulation"] | None = None
     """Type of the service. Default: std_srvs/Empty."""
     scope: Annotated[
@@ -271,17 +268,17 @@ class Reset(Options):
             {"anyOf": [{"enum": list(SCOPES)}, {"type": "array", "items": {"enum": list(SCOPES)}}]}
         ),
     ] = Field(default=["default"])
-    """ResetSimulation: what is reset: time, state (poses and velocities), spawned (spawned entities are
-    removed), a list of these, or all. default: the simulator's default, which is all."""
+    """ResetSimulation: what to reset: time, state (poses and velocities), spawned (removes entities), a list
+    of these, all, or the simulator's default."""
     command: Command | None = None
-    """A command that resets the simulator, in addition to a service or instead of it; its words may contain
-    {seed} and the names of the experiment's parameters in braces."""
+    """Command that resets the simulator, in addition to a service or instead of it, with {seed} and
+    parameters in braces."""
     parameters: str | None = Field(default=None, min_length=1)
-    """A node, such as /simulator. Before a reset its ROS parameters are set to the experiment's parameters
-    and to the episode's seed as `seed`, 0 to 2**31 - 1. In ROS 1, the namespace on the parameter server."""
+    """Node (ROS 1: namespace), such as /simulator, whose ROS parameters are set to the experiment's
+    parameters and the episode's `seed` before a reset."""
     settle: int | None = Field(default=None, ge=0, le=1_000_000)
-    """Steps after a reset in which the robots stand still before the first sensors are read, for simulators
-    that publish nothing while paused. Default: 1 if StepSimulation makes steps, else 0."""
+    """Steps at rest after a reset before sensors are read, for simulators that publish nothing while paused.
+    Default: 1 for StepSimulation, else 0."""
 
     @field_validator("scope")
     @classmethod
@@ -337,15 +334,13 @@ class Spawn(Options):
     service: str = Field(default="/spawn_entity", min_length=1)
     """The service that spawns robots; Gazebo has /gzserver/spawn_entity."""
     uri: str | None = Field(default=None, min_length=1)
-    """The simulator's name of the robot's model: file:///models/rover.sdf, or the name of a built-in
-    model."""
+    """The simulator's name of the robot's model, such as file:///models/rover.sdf."""
     file: str | None = Field(default=None, min_length=1)
-    """Instead of `uri`: a file, relative to the experiment file, in a format that the simulator reads. Its
-    text is sent; {robot} in it stands for the robot's name."""
+    """Instead of `uri`: a model file, relative to the experiment file, with {robot} for the robot's name."""
     poses: list[Pose] = Field(default=[])
     """Initial pose of each robot, such as [{x: 0, y: 0}, {x: 1, y: 0, yaw: 1.57}]; metres and radians."""
     area: Area | None = None
-    """Instead of `poses`: an area in which robots are placed at random, by the episode's seed."""
+    """Instead of `poses`: an area for random positions."""
 
     @model_validator(mode="after")
     def _fits(self) -> "Spawn":
@@ -362,25 +357,22 @@ class Metric(Options):
     topic: str | None = Field(default=None, min_length=1)
     """As for a sensor. An absolute topic without {robot} is a single value for all robots."""
     type: str | None = Field(default=None, min_length=1)
-    """Type of the topic's messages; or simulation_interfaces/GetEntitiesStates, for the robots' states in the
-    simulator."""
+    """Type of the topic's messages, or simulation_interfaces/GetEntitiesStates for the states of robots."""
     field: str | None = Field(default=None, min_length=1)
     """As for a sensor. For GetEntitiesStates: pose.position.x, yaw, twist.linear.x, .."""
     sensor: str | None = Field(default=None, min_length=1)
     """Instead of a topic: the name of a sensor, with the values that controllers receive."""
     service: str | None = Field(default=None, min_length=1)
-    """Service for GetEntitiesStates. Default: /get_entities_states; Gazebo has
-    /gzserver/get_entities_states."""
+    """Service for GetEntitiesStates. Default: /get_entities_states (Gazebo:
+    /gzserver/get_entities_states)."""
     entity: str | None = Field(default=None, min_length=1)
-    """The simulator's name of a robot, with {robot} for the robot's name; or another entity of the simulator,
-    for all robots. Default: {robot}."""
+    """The simulator's name of a robot, with {robot}, or of another entity. Default: {robot}."""
     scale: float = 1.0
     """Factor by which the value is multiplied."""
     offset: float = 0.0
     """Added after the scale."""
     otherwise: float | None = None
-    """The value until the first message on the topic. With it, a message need not arrive in every step, for
-    topics with messages only for events; the last message is used."""
+    """Value until the first message, for topics without messages in every step."""
     sector: Interval | None = None
     """As for a sensor."""
     reduce: Literal["min", "mean"] | None = None
@@ -388,10 +380,9 @@ class Metric(Options):
     infinite: float | None = None
     """As for a sensor."""
     time: Reduce = "last"
-    """How the values of an episode, read before the first step and after each step, are reduced to a
-    number."""
+    """Reduction of the values of an episode, from before the first step to the last, to a number."""
     robots: Reduce = "mean"
-    """How the values of all robots, in their order, are reduced to a number."""
+    """Reduction of the values of all robots to a number."""
 
     @model_validator(mode="after")
     def _fits(self) -> "Metric":
@@ -461,13 +452,12 @@ class RosOptions(Definition):
     ros: Literal[1, 2]
     """The version of ROS."""
     middleware: Literal["rospy", "rclpy", "dds"] | None = None
-    """The client library: rospy (ROS 1); dds, Cyclone DDS (`pip install 'swarmwright[ros2]'`) or rclpy (ROS
-    2). Default: rospy or dds."""
+    """Client library: rospy (ROS 1); dds (`pip install 'swarmwright[ros2]'`) or rclpy (ROS 2). Default: rospy
+    or dds."""
     python: str | None = Field(default=None, min_length=1)
     """The Python that can import rospy or rclpy. Default: /usr/bin/python3."""
     title: str | None = Field(default=None, min_length=1, max_length=1000)
-    """The name in discovery. Default: ros1 or ros2, and a digest of this definition and of the files that it
-    names."""
+    """The name in discovery. Default: ros1 or ros2, and a digest of this definition and its files."""
     robots: Annotated[
         Any,
         BeforeValidator(_number_of_robots),
@@ -483,8 +473,7 @@ class RosOptions(Definition):
     """The robots' namespaces, or their number: robot_1, robot_2, ..; 1 to 1,000. Default: a single robot
     without a namespace."""
     sensors: list[Sensor] = Field(default=[])
-    """Sensors of a robot: a list of {sensor: NAME, topic: .., type: .., ..}, as in the mapping of exported
-    packages."""
+    """Sensors of a robot: a list of {sensor: NAME, topic: .., type: .., ..}."""
     actuators: list[Actuator] = Field(default=[])
     """Actuators of a robot: a list of {actuator: NAME, topic: .., type: .., ..}."""
     step: Annotated[
@@ -499,8 +488,7 @@ class RosOptions(Definition):
     steps: int = Field(default=100, ge=1, le=2**31)
     """Steps of an episode."""
     done: str | None = Field(default=None, min_length=1)
-    """Condition that ends an episode early: an expression over the metrics after each step, such as
-    "collisions > 0"."""
+    """Condition that ends an episode early, over the metrics: "collisions > 0"."""
     metrics: dict[str, Metric] = Field(default={})
     """Numbers of an episode, for `fitness`: name -> {topic: .., type: .., time: last, robots: mean}; see
     below."""
@@ -508,9 +496,8 @@ class RosOptions(Definition):
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's fitness, or the
     metric `fitness`."""
     start: Command | None = None
-    """A command that starts the simulator. Each server starts its own simulator, with its own ROS master (ROS
-    1) or domain (ROS 2), which ends with the server. It runs in a work folder; {here} stands for the folder
-    of the experiment file: world:={here}/world.yaml. Default: the system is already running."""
+    """Command that starts a simulator for each server, with its own ROS master or domain. It runs in a work
+    folder; {here} is the folder of the experiment file. Default: the system is already running."""
     patience: float = Field(default=5.0, gt=0, le=86_400)
     """Seconds to wait for a sensor's message or a service's answer before the episode fails."""
     startup: float = Field(default=30.0, gt=0, le=86_400)
@@ -522,8 +509,8 @@ class RosOptions(Definition):
     choices: Choices = Field(default={})
     """All values that a parameter may have, as for commands; required for text in `reset.command`."""
     environment: dict[str, str] = Field(default={})
-    """Environment variables in addition to the inherited ones: ROS_MASTER_URI, ROS_DOMAIN_ID, .. Values may
-    contain {instance}, {port}, {domain}, {folder} and {here}."""
+    """Further environment variables, such as ROS_DOMAIN_ID, with {instance}, {port}, {domain}, {folder} and
+    {here}."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
     output: float = Field(default=10.0, gt=0)
@@ -531,14 +518,12 @@ class RosOptions(Definition):
     disk: float = Field(default=1000.0, gt=0)
     """Megabytes that may be written into the work folder."""
     work: str | None = Field(default=None, min_length=1)
-    """The parent folder of work folders. Default: a folder of the user in the system's folder for temporary
-    files."""
+    """Parent folder of work folders. Default: the system's folder for temporary files."""
     sources: list[str] = Field(default=[])
-    """Files and folders of the simulation in addition to those that `start` and `reset` name. They are part
-    of its digest, and are copied into run folders."""
+    """Further files and folders of the simulation, for its digest and for run folders."""
     determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """How far two evaluations of the same episode agree on any server; required for audits
-    (`faults: {audit}`). Default: none if steps have a duration, else unknown."""
+    """Agreement of repeated evaluations of an episode; required for audits (`faults: {audit}`). Default: none
+    if steps have a duration, else unknown."""
     folder: str = Field(default=".", min_length=1)
     """The folder that paths in this section are relative to. Default: that of the experiment file."""
 
