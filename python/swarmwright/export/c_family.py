@@ -275,7 +275,7 @@ def format_self_test(subject: Subject, values: Mapping[str, str]) -> str:
             "sensor_rows": _rows(literals(sensor_rows.reshape(-1)), sensor_rows.shape[1]),
             "actuator_rows": _rows(correct, actuator_rows.shape[1]),
             "probes": wrap_items(literals(walk.probes)),
-            "probes_of": "\n".join(f"    {{{begin}, {count}}}," for begin, count in walk.sensor_probes),
+            "sensor_probes": "\n".join(f"    {{{begin}, {count}}}," for begin, count in walk.sensor_probes),
             "walk": str(walk.steps),
             "restart": str(walk.restart),
             "sum": f"0x{walk.checksum:08x}",

@@ -185,7 +185,7 @@ def test_python_copies_the_files(file: Path, tmp_path: Path) -> None:
     copied.write_text(f"{CODE}# edited")
     with pytest.raises(InputError, match=r"code/woven\.py: already exists and was not exported"):
         write(Python().files(made, "robot"), tmp_path / "robot")
-    with pytest.raises(RunError, match="is not the code with which the controller was designed"):
+    with pytest.raises(RunError, match="differs from the code with which the controller was designed"):
         run([sys.executable, "robot_test.py"], tmp_path / "robot", "the self-test")
     copied.unlink()
     with pytest.raises(RunError, match=r"cannot be read .*; copy the whole folder robot_modules"):
@@ -308,7 +308,7 @@ def test_a_run_is_exported_and_verified(file: Path, tmp_path: Path) -> None:
 
     file.write_text(CODE.replace("random_unit(3) * turn", "random_unit(4) * turn"))
     finished = optimize(Experiment.load(experiment), out=tmp_path / "other")
-    with pytest.raises(RunError, match="the actuators are not those of the simulation"):
+    with pytest.raises(RunError, match="the actuators differ from those of the simulation"):
         export_controller(finished, to="c", output=tmp_path / "other_c", verify=True)
 
 

@@ -138,7 +138,7 @@ def test_a_self_test_finds_a_wrong_weight(tmp_path: Path) -> None:
         [sys.executable, "robot_test.py"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.returncode == 1
-    assert "the actuators are not those of the simulation" in done.stdout
+    assert "the actuators differ from those of the simulation" in done.stdout
 
 
 def module(path: Path) -> ModuleType:

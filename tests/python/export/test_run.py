@@ -196,7 +196,7 @@ def test_verification_fails_where_bits_differ(
     monkeypatch.setenv("CC", str(compiler))
     result = program("export", minisim.path, "--to", "c", "--verify")
     assert result.returncode == 1
-    assert "the actuators are not those of the simulation" in result.stderr
+    assert "the actuators differ from those of the simulation" in result.stderr
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ extern const int exported_actuators;
 extern const char* const exported_sensor_names[];
 extern const char* const exported_actuator_names[];
 
-// Goes to the start of an episode: forgets everything.
+// Starts an episode: clears the state.
 void exported_reset(void);
 
 // Computes the actuators for one control cycle; false when it refuses a step, see its header.
