@@ -380,7 +380,7 @@ def read(arguments: Sequence[str], program: str) -> Attachment:
     """Read the file that the command line names. Raises InputError."""
     if len(arguments) != 1:
         words = shlex.join(arguments) or "nothing"
-        raise InputError(f"{words} found, expected one file: python -m {program} robots.yaml")
+        raise InputError(f"{words} found, expected a single file: python -m {program} robots.yaml")
     return Attachment.read(Path(arguments[0]))
 
 

@@ -57,7 +57,7 @@ def has_missions(simulation: str) -> bool:
     return True
 
 
-def _load(simulation: str) -> Any:  # noqa: ANN401 - a class, whose bases are imported when one is asked for
+def _load(simulation: str) -> Any:  # noqa: ANN401 - a class, whose bases are imported lazily
     from swarmwright.simulations.loading import load
 
     return load(simulation)
@@ -73,7 +73,7 @@ def _engine_title(simulation: str) -> str | None:
     return find_built_in(simulation) or simulation
 
 
-def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
+def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported lazily
     return _describe_class(_load(name))  # the class may have changed when its file was edited
 
 

@@ -50,8 +50,8 @@ def make_drawing_class(kind: type[Simulation]) -> type[Simulation]:
 
     Raises InputError if the environment cannot.
     """
-    rendered = getattr(kind, "rendered", None)
-    drawing_class: type[Simulation] = kind if rendered is None else rendered()
+    make = getattr(kind, "make_rendering_class", None)
+    drawing_class: type[Simulation] = kind if make is None else make()
     return drawing_class
 
 

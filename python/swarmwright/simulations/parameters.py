@@ -108,7 +108,7 @@ def fill_parameters(
 
     sent: whether a tool has sent the values; evolved booleans are then 0 and 1.
 
-    Raises InputError, "name: what is wrong".
+    Raises InputError, "name: reason".
     """
     if sent:
         values = {

@@ -29,7 +29,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class Patch:
-    """A part of the floor with a colour of its own."""
+    """A part of the floor with its own colour."""
 
     points: NDArray[np.float32]
     """Corners counter-clockwise, (corners, 2), metres."""
@@ -134,7 +134,7 @@ class World:
     tick: float
     """Seconds of a step."""
     grey: float
-    """Of the floor beside the patches, 0 black to 1 white."""
+    """Grey of the floor outside the patches, 0 black to 1 white."""
     walls: Sequence[Wall]
     """The first is the outline around the robots, the others are obstacles."""
     patches: Sequence[Patch]

@@ -224,7 +224,7 @@ def in_python(file: Path) -> str:
         mapping = read_mapping(load(str(file)), SENSORS, ACTUATORS)
     except MappingError as error:
         return str(error)
-    return f"{mapping.rate:g} {mapping.sensors[1].scale:g} {mapping.sensors[2].place.type}"
+    return f"{mapping.rate:g} {mapping.sensors[1].scale:g} {mapping.sensors[2].topic_field.type}"
 
 
 @pytest.mark.slow

@@ -142,13 +142,13 @@ def test_one_record_here_and_on_servers_in_every_mode(kind: type[Any], tmp_path:
 
 def test_places_are_free_and_follow_from_the_seed() -> None:
     arena = Arena.read({"width": 5, "depth": 4, "pillars": [[1, 1, 0.5]]})
-    pillars, robots = arena.place(np.random.default_rng(3), 4, 0.25, 10, 0.2, 1.0)
+    pillars, robots = arena.draw_layout(np.random.default_rng(3), 4, 0.25, 10, 0.2, 1.0)
     assert (len(pillars), len(robots)) == (5, 10)
     every = np.vstack([pillars, robots])
     rooms = np.array([0.5] + [0.25] * 4 + [0.2] * 10)
     apart = np.hypot(*(every[:, None] - every[None]).transpose(2, 0, 1)) + 9 * np.eye(15)
     assert (apart >= rooms[:, None] + rooms[None] - 1e-9).all()
-    again = arena.place(np.random.default_rng(3), 4, 0.25, 10, 0.2, 1.0)
+    again = arena.draw_layout(np.random.default_rng(3), 4, 0.25, 10, 0.2, 1.0)
     assert np.array_equal(again[1], robots)
 
 

@@ -25,7 +25,7 @@ _UNPACKED_TIMES = 100
 """Unpacked size of a larger log, relative to its size; JSON compresses much better than other data."""
 _PIECE_BYTES = 1 << 20
 _MCAP, _ROS1, _SQLITE, _ZSTD = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"SQLite format 3\0", b"\x28\xb5\x2f\xfd"
-_DAMAGED = "its index names a place where no record begins"
+_DAMAGED = "its index refers to a position without a record"
 _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _FOOTER = 0x05, 0x06, 0x07, 0x08, 0x02
 """Records of MCAP."""
 _HEADER, _ROS1_CHUNK, _CHUNK_INFO = 3, 5, 6

@@ -196,7 +196,7 @@ class Template:
         """The names of the placeholders."""
         return [part.name for part in self.parts if isinstance(part, Placeholder)]
 
-    def filled(self, values: Values) -> str:
+    def fill(self, values: Values) -> str:
         """Return the text with its placeholders filled in.
 
         Raises InputError for a placeholder without a value, except in a file, and for text that is not
@@ -231,10 +231,10 @@ class Template:
         return plain(values.parameters[name])
 
     def problem(self, name: str, values: Values) -> str | None:
-        """Return why a parameter's value may not stand here; None where it may.
+        """Return why a parameter's value is not allowed in this position; None if it is.
 
-        Numbers and truth values may. Text whose choices are declared may, except in code. Other text may be a
-        variable of the environment, or, if the program's own file declares it, a word of its own.
+        Numbers and booleans are always allowed. Text with declared choices is allowed except in code; other
+        text only as an environment variable, or as a whole word if the program's parameter file declares it.
         """
         value = values.parameters[name]
         if _is_number(value):
@@ -267,7 +267,7 @@ class Template:
                 "program read it from the file {parameters}"
             )
         if self.position is Position.PART:
-            return f"stands beside other characters, so it may only be a number; {declare}{by_variable}"
+            return f"is part of a word, so it may only be a number; {declare}{by_variable}"
         if self.position is Position.PROGRAM:
             return f"could name what {self.program} runs; {declare}{by_variable}"
         if not isinstance(values.declared.get(name), str):

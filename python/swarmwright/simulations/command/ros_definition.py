@@ -46,8 +46,8 @@ def _check_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
     block = {"rate": 1, "sensors": [], "actuators": options.topics["actuators"]}
     try:
         actuators = read_mapping(block, [], actuator_names).actuators
-        for topic in dict.fromkeys(actuator.place.topic for actuator in actuators):
-            writers([actuator for actuator in actuators if actuator.place.topic == topic])
+        for topic in dict.fromkeys(actuator.topic_field.topic for actuator in actuators):
+            writers([actuator for actuator in actuators if actuator.topic_field.topic == topic])
     except SameFieldError as error:
         yield ("actuators", error.actuator.terms[0][0]), error.reason
     except MappingError:
@@ -107,7 +107,7 @@ def _check_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
                 hint = suggest_or_list(metric.field or "", STATES)
                 yield (*path, "field"), f"{metric.field!r} is not a field of an entity's state{hint}"
         else:
-            yield from _check_entry({**metric.place, "sensor": name}, "sensors", path)
+            yield from _check_entry({**metric.sensor_keys, "sensor": name}, "sensors", path)
 
 
 def _check_services(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
@@ -403,7 +403,7 @@ class Metric(Options):
         return self
 
     @property
-    def place(self) -> dict[str, Any]:
+    def sensor_keys(self) -> dict[str, Any]:
         """The keys of a sensor with these values."""
         values = self.model_dump(exclude_defaults=True)
         return {key: value for key, value in values.items() if key not in _OF_METRICS}
@@ -685,7 +685,7 @@ class RosOptions(Definition):
         if metric.type == GET_ENTITIES_STATES:
             service = metric.service or "/get_entities_states"
             values |= {"service": service, "entity": metric.entity or "{robot}"}
-        return {**values, "place": metric.place}
+        return {**values, "place": metric.sensor_keys}
 
     def problems(self) -> list[tuple[Path_, str]]:
         """See `Definition`."""

@@ -325,7 +325,7 @@ class CommandSimulation(Simulation):
     def setEnvironment(self, environment: Mapping[str, str]) -> None:  # noqa: N802 - D6.1's name
         """Set variables of the command's environment, with their placeholders filled in."""
         self.environment = {
-            name: placeholders.variable(name, text).filled(self._values) for name, text in environment.items()
+            name: placeholders.variable(name, text).fill(self._values) for name, text in environment.items()
         }
 
     def setParameters(self, parameters: Mapping[str, Any]) -> None:  # noqa: N802 - D6.1's name
@@ -339,7 +339,7 @@ class CommandSimulation(Simulation):
             data = work_files.read(path)
             text = work_files.decode_text(data)
             if text is not None:
-                data = placeholders.file(name, text).filled(self._values).encode("utf-8", "surrogateescape")
+                data = placeholders.file(name, text).fill(self._values).encode("utf-8", "surrogateescape")
             target = self._write(name, data)
             if os.access(path, os.X_OK):
                 target.chmod(target.stat().st_mode | 0o100)
@@ -620,7 +620,7 @@ class CommandSimulation(Simulation):
 
     def _command(self, words: list[str]) -> list[str]:
         return [
-            resolve_word(template.filled(self._values), self._definition_folder)
+            resolve_word(template.fill(self._values), self._definition_folder)
             for template in placeholders.command(tuple(words))
         ]
 

@@ -540,7 +540,7 @@ class Environment(Simulation):
     environment. The trial takes at most 200 steps and 5 seconds, and is skipped if `copies` is false or
     `render_mode` is human."""
     rendering: ClassVar[bool] = False
-    """Whether environments are made with `render_mode="rgb_array"`, see `rendered`."""
+    """Whether environments are made with `render_mode="rgb_array"`, see `make_rendering_class`."""
 
     def __init__(self) -> None:
         self.env: Any = None
@@ -595,7 +595,7 @@ class Environment(Simulation):
         )
 
     @classmethod
-    def rendered(cls) -> type[Self]:
+    def make_rendering_class(cls) -> type[Self]:
         """Return a subclass whose objects draw pictures, which costs time.
 
         Raises InputError if the environment cannot render to an array, or a library for rendering is missing.

@@ -1,1 +1,1 @@
-"""FMUs as simulations: what they announce, and the program that steps them."""
+"""FMUs as simulations: their descriptions, and the program that steps them."""

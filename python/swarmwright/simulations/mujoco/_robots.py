@@ -80,7 +80,7 @@ class Arena:
             ]
         )
 
-    def place(
+    def draw_layout(
         self, random: np.random.Generator, more: int, radius: float, robots: int, size: float, spread: float
     ) -> tuple[Points, Points]:
         """Return positions of all pillars, and free random positions of robots.
@@ -239,7 +239,7 @@ class Robots(Simulation):
             self._made_for = dict(parameters)
         mujoco.mj_resetData(self.model, self.data)
         random = np.random.default_rng(seed)
-        pillars, robots = self.arena.place(
+        pillars, robots = self.arena.draw_layout(
             random, parameters["pillars"], PILLAR, self.agents, self.clearance, self.spread
         )
         self.data.mocap_pos[:, :2] = pillars

@@ -139,11 +139,11 @@ class Dds:
         return new(_message(kind))
 
     def types(self, topic: str) -> Sequence[str]:
-        """Return the types with which other nodes use a topic, as far as they have been discovered."""
+        """Return the types with which discovered nodes use a topic."""
         return self._types(f"rt{self.resolve(topic)}")
 
     def service_types(self, service: str) -> Sequence[str]:
-        """Return the types with which other nodes offer a service, as far as they have been discovered."""
+        """Return the types with which discovered nodes offer a service."""
         requests = self._types(f"rq{self.resolve(service)}Request")
         return [request[: -len("_Request")] for request in requests if request.endswith("_Request")]
 
@@ -255,7 +255,7 @@ class _Receiver:
         self._complained = False
 
     def take(self) -> None:
-        """Pass on what has come."""
+        """Pass received messages to the callback."""
         try:
             samples = self.reader.take(self._depth)
         except Exception as error:  # noqa: BLE001 - cyclonedds has no narrower one for bytes that do not fit

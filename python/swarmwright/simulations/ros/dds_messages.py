@@ -163,7 +163,7 @@ def _structure(group: str, name: str, fields: str, *, nested: bool = False) -> A
 
 
 def _kind(word: str) -> _Kind:
-    """Return what a word stands for: `float32`, `float32[]`, `float32[36]`, `std_msgs/Header`."""
+    """Return the type that a word denotes: `float32`, `float32[]`, `float32[36]`, `std_msgs/Header`."""
     if word.endswith("]"):
         element, _, length = word[:-1].rpartition("[")
         inner = _kind(element)

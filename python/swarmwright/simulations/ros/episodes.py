@@ -392,8 +392,8 @@ def _entry(name: str, field: Mapping[str, Any]) -> SensorMapping:
     """Return the entry of a metric with a resolved topic."""
     topic, values = field["topic"], {**field, "sensor": name, "topic": "x"}
     entry = read_mapping({"rate": 1, "sensors": [values], "actuators": []}, [name], []).sensors[0]
-    where = TopicField(f"metrics.{name}", topic, entry.place.type, entry.place.field)
-    return SensorMapping(**{**vars(entry), "place": where})
+    where = TopicField(f"metrics.{name}", topic, entry.topic_field.type, entry.topic_field.field)
+    return SensorMapping(**{**vars(entry), "topic_field": where})
 
 
 def _fill_word(parts: Sequence[Any], values: Mapping[str, Any]) -> str:

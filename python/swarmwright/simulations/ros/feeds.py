@@ -162,7 +162,7 @@ class Feeds:
 
     def add(self, value: Value) -> Value:
         """Add a value to read; return it."""
-        field = value.entry.place
+        field = value.entry.topic_field
         feed = next((subscription for subscription in self.all if subscription.topic == field.topic), None)
         if feed is None:
             feed = Feed(self._node, field.topic, field.type, max(10, 2 * self._messages))

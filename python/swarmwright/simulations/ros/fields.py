@@ -28,7 +28,7 @@ class SameFieldError(MappingError):
     """Two actuators write the same field of a topic; `actuator` is the later one."""
 
     def __init__(self, actuator: ActuatorMapping, first: TopicField) -> None:
-        super().__init__(actuator.place.where, f"writes the same field as {first.where}", "field")
+        super().__init__(actuator.topic_field.where, f"writes the same field as {first.where}", "field")
         self.actuator = actuator
 
 
@@ -51,7 +51,7 @@ def number_reader(sensor: SensorMapping) -> Reader:
 
     Raises MappingError for an unknown type or field.
     """
-    field = sensor.place
+    field = sensor.topic_field
     if field.type not in READERS:
         raise _unknown_type(field, list(READERS))
     return scale_reader(_field(READERS[field.type], field)[1](sensor), sensor)
@@ -81,7 +81,7 @@ def writers(
     uses: list[tuple[ActuatorMapping, Writer]] = []
     first: dict[str, TopicField] = {}
     for actuator in actuators:
-        field = actuator.place
+        field = actuator.topic_field
         if field.type not in WRITERS:
             raise _unknown_type(field, list(WRITERS))
         name, write = _field(WRITERS[field.type], field)

@@ -48,7 +48,7 @@ class TopicField:
 class SensorMapping:
     """A sensor is `clip(value * scale + offset)` in binary64, then rounded to binary32."""
 
-    place: TopicField
+    topic_field: TopicField
     """Without a topic if the value has another source."""
     scale: float
     offset: float
@@ -76,7 +76,7 @@ class ActuatorMapping:
     The sum is that of weight * actuator over the terms.
     """
 
-    place: TopicField
+    topic_field: TopicField
     scale: float
     offset: float
     limits: Interval | None
@@ -137,10 +137,15 @@ def resolve_topics(mapping: Mapping, resolve: Callable[[str], str]) -> Mapping:
     return replace(
         mapping,
         sensors=[
-            replace(sensor, place=resolve_field(sensor.place)) if sensor.place.topic else sensor
+            replace(sensor, topic_field=resolve_field(sensor.topic_field))
+            if sensor.topic_field.topic
+            else sensor
             for sensor in mapping.sensors
         ],
-        actuators=[replace(actuator, place=resolve_field(actuator.place)) for actuator in mapping.actuators],
+        actuators=[
+            replace(actuator, topic_field=resolve_field(actuator.topic_field))
+            for actuator in mapping.actuators
+        ],
     )
 
 
@@ -310,19 +315,19 @@ def _sensor(block: _Block, timeout: float) -> SensorMapping:
             raise block.mistake(f"source: '{source}' found, expected random or constant", "source")
         return SensorMapping(nowhere, 1, 0, None, timeout, random=True, seed=block.seed("seed"))
     sensor = SensorMapping(
-        place=_read_field(block),
+        topic_field=_read_field(block),
         scale=block.number("scale", 1),
         offset=block.number("offset", 0),
         clip=block.interval("clip"),
         timeout=block.positive("timeout", timeout),
     )
-    if sensor.place.type == "sensor_msgs/LaserScan":
+    if sensor.topic_field.type == "sensor_msgs/LaserScan":
         sector = block.interval("sector", turn=360)
         reduce = block.text("reduce") if block.has("reduce") else "min"
         if reduce not in ("min", "mean"):
             raise block.mistake(f"reduce: '{reduce}' found, expected min or mean", "reduce")
         sensor = replace(sensor, sector=sector, mean=reduce == "mean")
-    if sensor.place.type in ("sensor_msgs/LaserScan", "sensor_msgs/Range") and block.has("infinite"):
+    if sensor.topic_field.type in ("sensor_msgs/LaserScan", "sensor_msgs/Range") and block.has("infinite"):
         sensor = replace(sensor, infinite=block.number("infinite", 0))
     return sensor
 
@@ -330,7 +335,7 @@ def _sensor(block: _Block, timeout: float) -> SensorMapping:
 def _actuator(block: _Block, terms: tuple[tuple[int, float], ...]) -> ActuatorMapping:
     return ActuatorMapping(
         terms=terms,
-        place=_read_field(block),
+        topic_field=_read_field(block),
         scale=block.number("scale", 1),
         offset=block.number("offset", 0),
         limits=block.interval("limits"),

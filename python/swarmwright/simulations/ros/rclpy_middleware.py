@@ -76,7 +76,7 @@ class Rclpy:
         return _import_type("msg", kind)()
 
     def types(self, topic: str) -> Sequence[str]:
-        """Return the types with which other nodes use a topic, as far as they have been discovered."""
+        """Return the types with which discovered nodes use a topic."""
         full = self.resolve(topic)
         own_name = (self._node.get_name(), self._node.get_namespace())
         endpoints: list[Any] = [
@@ -91,7 +91,7 @@ class Rclpy:
         return sorted(map(short_type, types_))
 
     def service_types(self, service: str) -> Sequence[str]:
-        """Return the types with which other nodes offer a service, as far as they have been discovered."""
+        """Return the types with which discovered nodes offer a service."""
         types_by_service = dict(self._node.get_service_names_and_types())
         return sorted(map(short_type, types_by_service.get(self.resolve(service), ())))
 

@@ -159,20 +159,20 @@ class Simulation:
     def state(self, service: str, entity: str, entry: SensorMapping) -> Callable[[], float]:
         """Return a function that reads a number of an entity's state at the last call of `ask`."""
         self._states[service] = {}
-        read = scale_reader(STATES[entry.place.field](entry), entry)
+        read = scale_reader(STATES[entry.topic_field.field](entry), entry)
 
         def value() -> float:
             states = self._states[service]
             if entity not in states:
                 available = ", ".join(sorted(states)[:20]) or "none"
-                where = f"{entry.place.where}.entity"
+                where = f"{entry.topic_field.where}.entity"
                 raise SimulationError(
                     f"{service}: there is no entity {entity!r}; available: {available}; see {where}"
                 )
             number = read(states[entity])
             if number is None or not math.isfinite(number):
                 raise SimulationError(
-                    f"{service}: {entry.place.field} of {entity} is {number}, expected a finite number"
+                    f"{service}: {entry.topic_field.field} of {entity} is {number}, expected a finite number"
                 )
             return number
 
@@ -236,7 +236,7 @@ class Simulation:
         results: Mapping[int, str] = {},
         subject: str = "",
     ) -> Any:
-        """Call a service and return its response, whose result is one of those that are fine."""
+        """Call a service and return its response, if its result is in `fine`."""
         response = self._clients[service].call(request, wait)
         code = response.result.result
         if code not in fine:

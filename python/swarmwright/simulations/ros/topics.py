@@ -69,7 +69,9 @@ class Inputs:
         for topic in _topics(self._sensors):
             kind = _type_of(node, topic, self._sensors)
             reads = [
-                (at, reader(sensor)) for at, sensor in enumerate(self._sensors) if sensor.place.topic == topic
+                (at, reader(sensor))
+                for at, sensor in enumerate(self._sensors)
+                if sensor.topic_field.topic == topic
             ]
             node.subscribe(topic, kind, self._receiver(reads))
 
@@ -90,12 +92,14 @@ class Inputs:
         silent: dict[str, None] = {}
         unusable: dict[str, None] = {}
         for sensor, time, heard in zip(self._sensors, self.times, self._heard):
-            if not sensor.place.topic or _recent(time, now, sensor.timeout):
+            if not sensor.topic_field.topic or _recent(time, now, sensor.timeout):
                 continue
             if _recent(heard, now, sensor.timeout):
-                unusable[f"{sensor.place.topic}: messages come, but {describe_missing_value(sensor)}"] = None
+                unusable[
+                    f"{sensor.topic_field.topic}: messages come, but {describe_missing_value(sensor)}"
+                ] = None
             else:
-                silent[sensor.place.topic] = None
+                silent[sensor.topic_field.topic] = None
         return Missing(list(silent), list(unusable)) if silent or unusable else None
 
     def draw(self) -> None:
@@ -126,7 +130,7 @@ class Outputs:
         """Topic, type, and what publishes on it."""
         for topic in _topics(self._actuators):
             kind = _type_of(node, topic, self._actuators)
-            write = writers([actuator for actuator in self._actuators if actuator.place.topic == topic])
+            write = writers([actuator for actuator in self._actuators if actuator.topic_field.topic == topic])
             publisher = node.publisher(topic, kind)
             self.publishers.append((topic, kind, publisher))
             self._topics.append(self._sender(publisher, write, has_stamp(kind)))
@@ -164,7 +168,7 @@ class Outputs:
 
 
 def _topics(entries: _Entries) -> list[str]:
-    return list(dict.fromkeys(entry.place.topic for entry in entries if entry.place.topic))
+    return list(dict.fromkeys(entry.topic_field.topic for entry in entries if entry.topic_field.topic))
 
 
 def _recent(time: float | None, now: float, timeout: float) -> bool:
@@ -174,7 +178,7 @@ def _recent(time: float | None, now: float, timeout: float) -> bool:
 
 def _type_of(node: Middleware, topic: str, entries: _Entries) -> str:
     """Return the type of a topic: all its entries have it, and no other node uses it with another one."""
-    places: list[TopicField] = [entry.place for entry in entries if entry.place.topic == topic]
+    places: list[TopicField] = [entry.topic_field for entry in entries if entry.topic_field.topic == topic]
     first = places[0]
     for field in places:
         if field.type != first.type:

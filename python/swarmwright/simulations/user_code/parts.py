@@ -93,7 +93,7 @@ class Part:
     @classmethod
     def from_command(cls, name: str) -> Self:
         """Read the files of a command and its definition. Raises InputError."""
-        from swarmwright.simulations.command.checking import parse_name  # noqa: PLC0415 - pydantic, where there is a command
+        from swarmwright.simulations.command.checking import parse_name  # noqa: PLC0415 - pydantic, only for commands
         from swarmwright.simulations.user_code import command_sources  # noqa: PLC0415 - as above
 
         options = parse_name(name)

@@ -126,7 +126,7 @@ def test_an_index_that_names_other_places_is_refused(tmp_path: Path) -> None:
     at = data.rindex(struct.pack("<Q", offset))
     data[at : at + 8] = struct.pack("<Q", offset + 1)
     log.write_bytes(data)
-    with pytest.raises(CommandFailure, match="its index names a place where no record begins"):
+    with pytest.raises(CommandFailure, match="its index refers to a position without a record"):
         rows(log)
 
 

@@ -111,16 +111,16 @@ def test_text_is_refused_where_it_could_decide_something(value: Any) -> None:
     for words in [*CODE, *PROGRAMS, *PARTS]:
         for values in (undeclared, declared):
             with pytest.raises(InputError, match=r"^text: "):
-                last(words).filled(values)
+                last(words).fill(values)
     for template in (
         placeholders.file("world.sdf", "<a>{text}</a>"),
         placeholders.variable("LD_PRELOAD", "{text}"),
     ):
         with pytest.raises(InputError, match=r"^text: "):
-            template.filled(declared)
+            template.fill(declared)
     for words in ARGUMENTS:
         with pytest.raises(InputError, match=r"^text: "):
-            last(words).filled(undeclared)
+            last(words).fill(undeclared)
 
 
 @pytest.mark.parametrize("value", [one for one in HOSTILE if one[0] in "-@/~." or ".." in one or ":=" in one])
@@ -130,7 +130,7 @@ def test_a_declared_argument_is_no_option_and_no_path_elsewhere(value: str) -> N
         with pytest.raises(
             InputError, match=r"could be taken for an option, or for a path elsewhere; declare"
         ):
-            last(words).filled(values)
+            last(words).fill(values)
 
 
 @pytest.mark.parametrize(
@@ -142,13 +142,13 @@ def test_numbers_and_declared_choices(commands: list[list[str]], position: Posit
         template = last(words)
         assert template.position is position, words
         for number in NUMBERS:
-            assert template.filled(Values(parameters={"text": number}))
+            assert template.fill(Values(parameters={"text": number}))
         chosen = Values(parameters={"text": "--fast"}, choices=choices)
         if position is Position.CODE:
             with pytest.raises(InputError, match=r"may only be a number, since .* runs its arguments as"):
-                template.filled(chosen)
+                template.fill(chosen)
         else:
-            assert "--fast" in template.filled(chosen)
+            assert "--fast" in template.fill(chosen)
 
 
 def test_arguments_take_declared_text_as_it_is() -> None:
@@ -156,12 +156,12 @@ def test_arguments_take_declared_text_as_it_is() -> None:
         template = last(words)
         assert template.position is Position.ARGUMENT, words
         for text in ("two words; $(touch x)", "maps/a.png", "'"):
-            assert template.filled(Values(parameters={"text": text}, declared={"text": ""})) == text
+            assert template.fill(Values(parameters={"text": text}, declared={"text": ""})) == text
 
 
 def test_own_values_go_before_those_of_a_peer() -> None:
     values = Values({"here": "/ours", "port": 5}, {"here": "/theirs", "port": "1; x"})
-    assert [word.filled(values) for word in placeholders.command(("{here}/sim", "{port}"))] == [
+    assert [word.fill(values) for word in placeholders.command(("{here}/sim", "{port}"))] == [
         "/ours/sim",
         "5",
     ]
@@ -169,7 +169,7 @@ def test_own_values_go_before_those_of_a_peer() -> None:
 
 def test_a_file_has_only_known_placeholders() -> None:
     text = placeholders.file("a", "{speed} {other} {{speed}} ${speed} {x,y}")
-    assert text.filled(Values(parameters={"speed": 2})) == "2 {other} {{speed}} ${speed} {x,y}"
+    assert text.fill(Values(parameters={"speed": 2})) == "2 {other} {{speed}} ${speed} {x,y}"
 
 
 RECORD = (

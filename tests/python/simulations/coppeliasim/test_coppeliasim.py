@@ -118,7 +118,7 @@ def test_one_record_on_one_server_and_on_two(tmp_path: Path) -> None:
         (("device: front", "device: rear"), r"/rover\[0\]/rear: the scene in CoppeliaSim has no"),
         (("device: front", "device: leftJoint"), "CoppeliaSim reports: .*no proximity sensor"),
         (("kind: proximity", "kind: sonar"), r"sensors\[0\].kind: 'sonar' found, expected proximity,"),
-        (("infinite: 1, ", ""), r"/rover\[0\]: sensor wall: nan came, expected a finite number"),
+        (("infinite: 1, ", ""), r"/rover\[0\]: sensor wall is nan, expected a finite number"),
         (("ticks: 2", "tocks: 2"), r"robots.yaml:8: tocks: "),
         (("steps: 20", "poses: [{x: 1}]"), "poses: 1 found, expected a pose for each of 2 robots"),
         (("{sensor: wall, time", "{sensor: wal, time"), "there is no sensor 'wal'; wall, left are"),

@@ -143,7 +143,7 @@ def test_rewards_of_groups_are_those_of_the_environment() -> None:
 def test_groups_that_the_environment_does_not_have() -> None:
     with pytest.raises(InputError, match="adversary, agent"):
         experiment(TAG, controller={"kind": "team", "groups": {"hunters": {}, "prey": {}}})
-    with pytest.raises(InputError, match=r"adversary\.agents: is missing"):
+    with pytest.raises(InputError, match=r"adversary\.agents: missing"):
         experiment(SPREAD, controller=TEAM)
 
 

@@ -21,13 +21,15 @@ from swarmwright.simulations.ros.mapping import (
 
 def sensor(kind: str, field: str = "", **values: Any) -> SensorMapping:
     place = TopicField("sensors[0] (a)", "/topic", kind, field)
-    return SensorMapping(**{"scale": 1.0, "offset": 0.0, "clip": None, "timeout": 1.0, **values}, place=place)
+    return SensorMapping(
+        **{"scale": 1.0, "offset": 0.0, "clip": None, "timeout": 1.0, **values}, topic_field=place
+    )
 
 
 def actuator(kind: str, field: str = "", **values: Any) -> ActuatorMapping:
     place = TopicField("actuators[0] (a)", "/topic", kind, field)
     ready = {"scale": 1.0, "offset": 0.0, "limits": None, "terms": ((0, 1.0),), **values}
-    return ActuatorMapping(**ready, place=place)
+    return ActuatorMapping(**ready, topic_field=place)
 
 
 def scan(ranges: list[float], begin: float, step: float, low: float = 0.1, high: float = 4.0) -> Any:

@@ -19,10 +19,10 @@ from tests.python.simulations.ros.mistakes import ACTUATORS, IN_THE_FILE, MAPPIN
 
 def test_entries_come_in_the_order_of_the_controller() -> None:
     mapping = read_mapping(MAPPING, SENSORS, ACTUATORS)
-    assert [one.place.topic for one in mapping.sensors] == [
+    assert [one.topic_field.topic for one in mapping.sensors] == [
         "scan", "scan", "sonar", "odom", "odom", "target", "light",
     ]  # fmt: skip
-    assert [one.place.where for one in mapping.actuators] == [
+    assert [one.topic_field.where for one in mapping.actuators] == [
         "actuators[1] (actuator 0)", "actuators[0] (actuator 1)", "actuators[2] (actuator 2)",
     ]  # fmt: skip
     assert (mapping.rate, mapping.reset_after_silence, mapping.sensors[0].timeout) == (50, False, 1.5)
@@ -57,9 +57,9 @@ def test_an_actuator_may_be_in_several_sums() -> None:
         ((0, -1.0), (1, 1.0)),
         ((2, 1.0),),
     ]
-    assert mapping.actuators[0].place.where == "actuators[0] (actuator 0, actuator 1)"
+    assert mapping.actuators[0].topic_field.where == "actuators[0] (actuator 0, actuator 1)"
     assert (mapping.sensors[5].random, mapping.sensors[5].seed) == (True, 7)
-    assert resolve_topics(mapping, lambda name: f"/a/{name}").sensors[5].place.topic == ""
+    assert resolve_topics(mapping, lambda name: f"/a/{name}").sensors[5].topic_field.topic == ""
 
 
 def test_a_sensor_that_the_robot_lacks_has_a_constant() -> None:
@@ -124,4 +124,4 @@ def test_names_are_resolved_in_the_namespace_of_the_robot() -> None:
         with pytest.raises(ValueError, match=r"name|//"):
             resolve(wrong, "/robot_1")
     mapping = resolve_topics(read_mapping(MAPPING, SENSORS, ACTUATORS), lambda name: resolve(name, "/a"))
-    assert mapping.sensors[2].place.topic == "/a/sonar"
+    assert mapping.sensors[2].topic_field.topic == "/a/sonar"

@@ -270,7 +270,7 @@ def test_a_picture_has_roads_and_vehicles(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({}, "config: missing; expected the path of a configuration of SUMO"),
+        ({}, "config: missing; expected the path of a SUMO configuration"),
         ({"config": "nowhere.sumocfg"}, "config: .*nowhere.sumocfg: No such file or directory"),
         ({"config": "."}, "config: .*: is not a file"),
         ({"config": "/dev/zero"}, "config: /dev/zero: is not a file"),
