@@ -97,7 +97,7 @@ def test_what_cannot_be_saved_is_refused(program: Any, experiment: str, tmp_path
         ("--save x.png --visual", 2, "give one of them"),
         ("--save x.png --show tracks", 2, "--show: 'tracks' found"),
         ("--speed 2", 2, "--speed is for pictures, videos and pages: give --save FILE as well"),
-        ("--save x.png --set simulation=dark.py:Dark --set parameters={}", 2, "give it a method scene()"),
+        ("--save x.png --set simulation=dark.py:Dark --set parameters={}", 2, "add a method scene()"),
         ("--save x.png --set simulation=dark.py:Failing --set parameters={}", 1, "no step (dark.py:7)"),
         (
             "--save x.png --set simulation=elsewhere --set parameters={} --set servers=auto",

@@ -133,5 +133,5 @@ def test_controllers_are_evolved(name: str, tmp_path: Path) -> None:
 def test_enki_has_e_pucks_only() -> None:
     name = "swarmwright.simulations.enki:Missions"
     other = {"mission": "aggregation", "robots": 2, "robot": "turtlebot3"}
-    with pytest.raises((InputError, Exception), match="Enki has e-pucks here"):
+    with pytest.raises((InputError, Exception), match="Enki simulates e-pucks"):
         optimize(experiment(name, parameters=other, controller={"kind": "layered"}), servers="local")

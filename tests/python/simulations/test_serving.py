@@ -112,7 +112,7 @@ def test_a_file_without_a_class_is_refused_with_the_classes_in_it(program: Any, 
     for words in (("serve", "walks.py"), ("optimize", "walks.yaml")):
         result = program(*words)
         assert result.returncode == 2
-        assert "named by its file and its class; walks.py has Walk, " in result.stderr
+        assert "consists of its file and its class; walks.py has Walk, " in result.stderr
         assert "Boom: write walks.py:Walk" in result.stderr
     result = program("serve", "empty.py")
     assert "empty.py has no subclass of swarmwright.Simulation" in result.stderr

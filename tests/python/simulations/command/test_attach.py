@@ -237,7 +237,7 @@ def test_a_parameter_with_the_name_of_a_placeholder_is_refused_in_episodes(
     """As other tools may send it: experiments with one are refused."""
     (traced.folder / "world.sdf").write_text("<world {port}/>")
     (traced.folder / "own.yaml").write_text("port: 7\nspeed: 0.5\n")
-    words = r"the parameter port has the name of \{port\}, a free TCP port, .*; give the parameter"
+    words = r"the parameter port has the name of \{port\}, a free TCP port, .*; rename the parameter"
     for own in ({}, {"parameters": "own.yaml"}):
         made = traced.shell(f"{script} {WELL}", **definition, **own)
         stored = dataclasses.replace(made, parameters={"port": 5000})

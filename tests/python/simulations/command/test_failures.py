@@ -244,7 +244,10 @@ def test_a_field_that_is_too_long(traced: Traced) -> None:
 @pytest.mark.slow
 def test_no_log(traced: Traced) -> None:
     reason = traced.fails("echo > result.csv; echo written")
-    assert "ended without writing log.csv (simulation.log); found: parameters.yaml, result.csv" in reason
+    assert (
+        "without writing log.csv (simulation.log); its work folder contains: parameters.yaml, result.csv"
+        in reason
+    )
     assert "its last output: written" in reason
 
 

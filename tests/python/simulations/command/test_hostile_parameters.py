@@ -247,7 +247,7 @@ def test_a_server_refuses_text_that_is_none_of_the_choices(traced: Traced) -> No
         (
             {"command": ["./sim", "--mode={mode}"]},
             {"mode": "a"},
-            r"^parameters\.mode: .* stands beside other .* declare simulation\.choices: \{mode: \[\.\.\]\}",
+            r"^parameters\.mode: .* is part of a word, .* declare simulation\.choices: \{mode: \[\.\.\]\}",
         ),
         (
             {"command": ["./sim", "{mode}"]},

@@ -137,7 +137,7 @@ def test_another_process_after_some_episodes(traced: Traced, how: str) -> None:
         ("print('nothing' * 10**6)", "printed more than 1 MB"),
         (
             "print('{\"done\": true}', end='', flush=True); import time; time.sleep(1000)",
-            r"has not ended after 0\.8 s .*; its answer \{\"done\": true\} has no line end: write one",
+            r"has not ended after 0\.8 s .*; its answer \{\"done\": true\} has no line end; write it",
         ),
         ('print(\'{"done": true, "id": 7}\', flush=True)', 'answered with the "id" 7, expected 1'),
         ("import time; time.sleep(1000)", r"has not ended after 0\.8 s"),
@@ -194,9 +194,7 @@ def test_metrics_are_a_list_of_names(traced: Traced) -> None:
     announce = r"'fre' is not a metric of .*list the metrics of a command in simulation.metrics: \[NAME"
     with pytest.raises(InputError, match=announce):
         experiment(metrics=["pid", "free"], fitness="fre")
-    with pytest.raises(
-        RunError, match=r"stepped: ended an episode without a fitness: have its last line say"
-    ):
+    with pytest.raises(RunError, match=r"stepped: ended an episode without a fitness; write"):
         simulate(experiment())
 
 

@@ -23,7 +23,7 @@ def test_an_episode_does_not_depend_on_others(scenario: str) -> None:
 
 @pytest.mark.slow
 def test_agents_that_differ() -> None:
-    with pytest.raises(InputError, match="simple_tag: its agents differ"):
+    with pytest.raises(InputError, match="simple_tag: its agents have different spaces"):
         Experiment.from_mapping({"simulation": "vmas:simple_tag"})
 
 

@@ -310,7 +310,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ),
     (
         "simulation: {fmu: Pair.fmu, agents: 2, sensors: ['x{agent}', gap], actuators: ['v{agent}']}",
-        "simulation.sensors: gap has no {agent}, but others do",
+        "simulation.sensors: gap lacks {agent}, which other names have",
     ),
     (
         "simulation: {fmu: Pair.fmu, agents: 3, sensors: ['x{agent}'], actuators: ['v{agent}']}",

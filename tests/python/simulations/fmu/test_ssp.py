@@ -142,7 +142,7 @@ def test_the_component_that_hangs_is_named(parts: Path, tmp_path: Path) -> None:
         (["battery.forc:world.thrust"], "did you mean 'force'?"),
         (["batery.force:world.thrust"], "there is no component 'batery'; did you mean 'battery'?"),
         (["world.thrust:battery.force"], "world.thrust has the causality input, expected output"),
-        (["battery.force:world.thrust", "battery.used:world.thrust"], "is connected already"),
+        (["battery.force:world.thrust", "battery.used:world.thrust"], "is already connected"),
         (["battery.force"], "expected COMPONENT.OUTPUT:COMPONENT.INPUT"),
     ],
 )

@@ -249,7 +249,7 @@ def test_files_of_parameters(make: Make) -> None:
         "ssm": mapped(entry("x", "i", table("Integer", n1="8"))),
     }
     assert read_system(make(a=source, **files)).starts == {"a.i": 8}
-    with pytest.raises(InputError, match=r"ParameterBinding resources/ssv\.ssv: files inside of components"):
+    with pytest.raises(InputError, match=r"ParameterBinding resources/ssv\.ssv: files inside components"):
         read_system(make(a=source.replace('ssv.ssv"', 'ssv.ssv" sourceBase="component"'), **files))
 
 

@@ -127,7 +127,7 @@ def test_mistakes() -> None:
         ((places + np.nan, [], 0.1), "finite numbers"),
         ((places, [(2, b"x")], 0.1), "there is no radio 2, only 0 to 1"),
         ((places, [(0, "text")], 0.1), "'text' found, expected at most 2200 bytes"),
-        ((places, [(0, bytes(2201))], 0.1), "a payload is up to 2200 bytes"),
+        ((places, [(0, bytes(2201))], 0.1), "found, expected at most 2200 bytes"),
         ((places, [], 0.0), "seconds: 0.0 found"),
     ):
         with pytest.raises(InputError, match=message):

@@ -149,7 +149,7 @@ def test_the_program_asks_or_refuses(received: Path, tmp_path: Path, program: Pr
         assert "--trust" in refused.stderr
     assert not (tmp_path / "executed").exists()
     shown = on_terminal("evaluate", str(received), answer="n")
-    assert "Execute it, now and from now on? [y/N]" in shown
+    assert "Trust it from now on, and execute it? [y/N]" in shown
     assert "so it is not executed" in shown
     assert not (tmp_path / "executed").exists()
     assert "The fitness is the same, to the bit." in on_terminal("evaluate", str(received), answer="y")

@@ -117,7 +117,7 @@ def test_one_record_on_one_server_and_on_two_and_nothing_left(tmp_path: Path) ->
             r"start: .*python.* has ended \(status 3\)",
         ),
         (("robots: [rover, rover(1)]", "robots: [rover]"), "does not answer for 4 s"),
-        (("rover(1)", "truck"), r'truck.*: Webots did not answer for 4 s; .* controller is "<extern>"'),
+        (("rover(1)", "truck"), r'truck.*: Webots did not answer for 4 s; .* controller "<extern>"'),
     ],
 )
 def test_mistakes(change: tuple[str, str], words: str, tmp_path: Path) -> None:

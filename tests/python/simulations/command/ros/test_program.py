@@ -202,7 +202,7 @@ def test_robots_are_driven_by_one_server(monkeypatch: pytest.MonkeyPatch) -> Non
             one, other = both(), second()
             assert np.asarray(one.reset({}, 0)).shape == (2, 1)
             for _ in range(2):
-                with pytest.raises(InputError, match="another server on this machine drives robot_2"):
+                with pytest.raises(InputError, match="another server on this machine controls robot_2"):
                     other.reset({}, 0)
             del one
             gc.collect()
