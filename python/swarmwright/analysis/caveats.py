@@ -6,19 +6,19 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from swarmwright.analysis.episodes import episodes_of, episodes_to_begin, limit
-from swarmwright.analysis.indicators import Indicator, shared_indicators
+from swarmwright.analysis.indicators import Indicator, find_shared_indicators
 from swarmwright.analysis.significance import FEW_RUNS
 from swarmwright.analysis.table import Tested, span
 from swarmwright.analysis.tasks import (
     Distinguished,
+    describe_untested,
     different_tasks,
     differing_parameters,
-    other_models,
-    untested,
+    has_other_models,
 )
 from swarmwright.common.errors import SwarmwrightError
 from swarmwright.runs.elites import has_elites
-from swarmwright.runs.instances import by_instance, instances
+from swarmwright.runs.instances import averages_instances, instances
 from swarmwright.runs.run import Run
 from swarmwright.runs.store.folder import SWEEP
 
@@ -43,11 +43,11 @@ def _command(groups: Sequence["Group"], option: str) -> str:
     folder = paths[0].parent
     everything = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
     all_of_it = {path.parent for path in paths} == {folder} and everything <= {path.name for path in paths}
-    which = "RUN .."
+    arguments = "RUN .."
     if all_of_it and len(paths) > 1:
         every = "" if (folder / SWEEP).is_file() else "/*"
-        which = f"{shlex.quote(str(folder))}{every}"
-    return f"`swarmwright runs compare {which} {option}`"
+        arguments = f"{shlex.quote(str(folder))}{every}"
+    return f"`swarmwright runs compare {arguments} {option}`"
 
 
 def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bool) -> Iterator[str]:
@@ -65,11 +65,11 @@ def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bo
         if most <= _SIMILAR_RATIO * least:
             continue
         named = "; ".join(f"{label}: {rate:.3g}" for label, rate in rates.items())
-        which = named if len(rates) <= _NAMED else f"{least:.3g} to {most:.3g}"
+        rate_words = named if len(rates) <= _NAMED else f"{least:.3g} to {most:.3g}"
         where = f" of the task {task.label}" if task.label else ""
         yield (
-            f"an evaluation{where} is not the same number of episodes in all groups ({which}), so the same "
-            "number of evaluations is not the same amount of simulation, which the column episodes "
+            f"an evaluation{where} is not the same number of episodes in all groups ({rate_words}), so the "
+            "same number of evaluations is not the same amount of simulation, which the column episodes "
             f"has{after}"
         )
 
@@ -81,21 +81,23 @@ def _lengths(groups: Sequence["Group"], indicator: Indicator, *, held_out: bool)
     if longest <= _SIMILAR_RATIO * shortest:
         return
     at = {episodes_of(run, min(shortest, run.evaluations)) for group in groups for run in group.runs}
-    taken = f", which took {min(at):,} to {max(at):,} episodes" if max(at) > _SIMILAR_RATIO * min(at) else ""
+    episode_words = (
+        f", which took {min(at):,} to {max(at):,} episodes" if max(at) > _SIMILAR_RATIO * min(at) else ""
+    )
     command = _command(groups, f"{indicator.options} --at {shortest}".lstrip())
     if held_out:
-        of = "; ".join(f"{group.label}: {span(group.counts)}" for group in groups)
-        which = f" ({of})" if len(groups) <= _NAMED else ""
+        counts = "; ".join(f"{group.label}: {span(group.counts)}" for group in groups)
+        count_words = f" ({counts})" if len(groups) <= _NAMED else ""
         yield (
-            f"budgets are unequal: the runs have {shortest:,} to {longest:,} evaluations{which}, and the "
-            f"best at the end of each was validated; {command} compares recorded fitness after as "
-            f"many{taken}, and `swarmwright evaluate RUN --curve 20` evaluates the best so far of a run on "
-            "held-out seeds over its evaluations"
+            f"budgets are unequal: the runs have {shortest:,} to {longest:,} evaluations{count_words}, and "
+            f"the best at the end of each was validated; {command} compares recorded fitness after as "
+            f"many{episode_words}, and `swarmwright evaluate RUN --curve 20` evaluates the best so far of a "
+            "run on held-out seeds over its evaluations"
         )
         return
     yield (
         f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; {command} "
-        f"compares all after as many{taken}"
+        f"compares all after as many{episode_words}"
     )
 
 
@@ -113,25 +115,25 @@ def budgets(groups: Sequence[Distinguished]) -> Iterator[str]:
 def _early(interrupted: Sequence[Run]) -> Iterator[str]:
     """Yield which runs count though they have not finished."""
     running = [run for run in interrupted if run.state == "running"]
-    for words, some in (
+    for description, selected in (
         ("still running", running),
         ("ended early", [run for run in interrupted if run not in running]),
     ):
-        if some:
-            yield f"{words}: {', '.join(str(run.path) for run in some)}"
+        if selected:
+            yield f"{description}: {', '.join(str(run.path) for run in selected)}"
 
 
 def _tasks(groups: Sequence["Group"], tasks: Sequence["Task"]) -> Iterator[str]:
     """Yield which groups solve different tasks, and which are not tested for it."""
     if any(task.pairs for task in tasks) and len(tasks) > 1:
         yield different_tasks()
-    alone = untested([(task.differs, [group.label for group in task.groups]) for task in tasks])
+    alone = describe_untested([(task.differs, [group.label for group in task.groups]) for task in tasks])
     if alone is not None:
         yield alone
-    yield from pooled(groups, tasks)
+    yield from describe_pooling(groups, tasks)
 
 
-def pooled(groups: Sequence[Distinguished], tasks: Sequence[object]) -> Iterator[str]:
+def describe_pooling(groups: Sequence[Distinguished], tasks: Sequence[object]) -> Iterator[str]:
     """Yield in what groups that are tested against each other differ, beside method and controller.
 
     Args:
@@ -141,7 +143,7 @@ def pooled(groups: Sequence[Distinguished], tasks: Sequence[object]) -> Iterator
     names = ", ".join(sorted(differing_parameters(groups)))
     if names and len(tasks) == 1:
         yield f"groups differ in the simulation's parameters, so they solve different tasks: {names}"
-    if other_models(groups):
+    if has_other_models(groups):
         yield (
             "groups have different reference models of the e-puck, which count as part of the design: their "
             "controllers have other sensors"
@@ -166,11 +168,11 @@ def _values(
 ) -> Iterator[str]:
     """Yield why the values of groups may be too high or uncertain."""
     if held_out:
-        yield from _held_out(groups)
+        yield from _describe_validations(groups)
         return
-    made = {_recorded(group.runs[0]) for group in groups}
+    aggregations = {_describe_aggregation(group.runs[0]) for group in groups}
     if indicator.by != "fitness":
-        yield from _elites_by_luck(groups, made, indicator)
+        yield from _elites_by_luck(groups, aggregations, indicator)
         return
     missing = [run for group in groups for run in group.runs if run.validation is None]
     if HELD_OUT in beside:
@@ -180,10 +182,10 @@ def _values(
         command = f"fitness on held-out seeds is known of {count - len(missing)} of {count} runs"
     else:
         command = f"{_command(groups, '--held-out')} compares fitness on held-out seeds"
-    if len(made) > 1:
+    if len(aggregations) > 1:
         yield (
-            f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
-            f"fewer they are, the more it is too high; {command}"
+            "the best recorded fitness is made of different episodes "
+            f"({'; '.join(sorted(aggregations))}), and the fewer they are, the more it is too high; {command}"
         )
     elif any(_may_be_lucky(run) for group in groups for run in group.runs):
         yield (
@@ -200,12 +202,17 @@ def _values(
 def _failures(groups: Sequence["Group"], *, held_out: bool) -> Iterator[str]:
     """Yield that evaluations failed, and that figures leave failed episodes out."""
     without = [group for group in groups if group.runs[0].experiment.ranking.failure_fitness is None]
-    some = [group for group in without if any(group.failed)]
-    if some:
+    groups_with_failures = [group for group in without if any(group.failed)]
+    if groups_with_failures:
         shares = "; ".join(
-            f"{group.label}: {100 * sum(group.failed) / sum(group.counts):.3g} %" for group in some[:_NAMED]
+            f"{group.label}: {100 * sum(group.failed) / sum(group.counts):.3g} %"
+            for group in groups_with_failures[:_NAMED]
         )
-        more = f" and {len(some) - _NAMED} more groups" if len(some) > _NAMED else ""
+        more = (
+            f" and {len(groups_with_failures) - _NAMED} more groups"
+            if len(groups_with_failures) > _NAMED
+            else ""
+        )
         yield (
             f"evaluations failed ({shares}{more}) and rank below all others, so the best candidates are "
             "those that happened to work in the episodes of the run"
@@ -224,12 +231,14 @@ def _failures(groups: Sequence["Group"], *, held_out: bool) -> Iterator[str]:
         )
 
 
-def _elites_by_luck(groups: Sequence["Group"], made: Collection[str], indicator: Indicator) -> Iterator[str]:
+def _elites_by_luck(
+    groups: Sequence["Group"], aggregations: Collection[str], indicator: Indicator
+) -> Iterator[str]:
     """Yield that elites may owe their places to their seeds; made: what recorded fitness is made of."""
-    if len(made) > 1:
+    if len(aggregations) > 1:
         yield (
-            f"the elites were chosen by different episodes ({'; '.join(sorted(made))}), and the fewer they "
-            f"are, the more the {indicator.words} is too high where values depend on the seed"
+            f"the elites were chosen by different episodes ({'; '.join(sorted(aggregations))}), and the "
+            f"fewer they are, the more the {indicator.words} is too high where values depend on the seed"
         )
     elif any(_may_be_lucky(run) for group in groups for run in group.runs):
         yield (
@@ -243,7 +252,7 @@ def _elites(groups: Sequence["Group"]) -> Iterator[str]:
     kinds = [group.label for group in groups if has_elites(group.runs[0])]
     if not kinds:
         return
-    shared = shared_indicators([group.runs[0] for group in groups])
+    shared = find_shared_indicators([group.runs[0] for group in groups])
     yield f"only the best fitness is compared, not the archive or the front of {' and '.join(kinds)}: " + (
         f"{_command(groups, f'--by {shared[0]}')} compares these{' (or --by coverage)' * (len(shared) > 1)}"
         if shared
@@ -252,7 +261,7 @@ def _elites(groups: Sequence["Group"]) -> Iterator[str]:
     )
 
 
-def _held_out(groups: Sequence["Group"]) -> Iterator[str]:
+def _describe_validations(groups: Sequence["Group"]) -> Iterator[str]:
     """Yield why fitness on held-out seeds of runs may not be comparable."""
     of_runs = [run.unseen.seeds for group in groups for run in group.runs if run.unseen is not None]
     least, most = (limit(map(len, of_runs), default=0) for limit in (min, max))
@@ -293,17 +302,17 @@ def _episodes(run: Run) -> list[float]:
     ]
 
 
-def _recorded(run: Run) -> str:
+def _describe_aggregation(run: Run) -> str:
     """Return of what recorded fitness is made."""
     experiment = run.experiment
-    if by_instance(experiment):
+    if averages_instances(experiment):
         return "the mean of all instances of racing"
     episodes = experiment.ranking.episodes
     past = " and those before, evaluated again" if experiment.ranking.reevaluate else ""
     return f"{episodes} episode{'s' if episodes > 1 else ''}{past}"
 
 
-def _limited(groups: Sequence["Group"], at: int | None, at_episodes: int | None) -> Iterator[str]:
+def _describe_limits(groups: Sequence["Group"], at: int | None, at_episodes: int | None) -> Iterator[str]:
     """Yield what counts of runs where as many evaluations or episodes of each are compared."""
     if at is None and at_episodes is None:
         return
@@ -358,29 +367,29 @@ def caveats(
         held_out: whether it is fitness on held-out seeds.
         beside: what the same runs are also compared by, next to this: indicators, or `HELD_OUT`.
     """
-    found = list(indicator.notes)
+    notes = list(indicator.notes)
     few = [group for group in groups if len(group.runs) < FEW_RUNS]
     if few and len(groups) > 1:
         least, most = (limit(len(group.runs) for group in few) for limit in (min, max))
         counts = "; ".join(f"{group.label}: {len(group.runs)}" for group in few)
         if len(few) > 3:
             counts = f"{len(few)} groups have {least if least == most else f'{least} to {most}'}"
-        found.append(f"with fewer than {FEW_RUNS} runs in a group ({counts}) a test has little power")
-    found += _limited(groups, at, at_episodes)
+        notes.append(f"with fewer than {FEW_RUNS} runs in a group ({counts}) a test has little power")
+    notes += _describe_limits(groups, at, at_episodes)
     if at_episodes is None:
         if at is None and len(groups) > 1:
-            found += _lengths(groups, indicator, held_out=held_out)
-        found += _costs(groups, tasks, compare_at=indicator.by == "fitness" and not held_out)
-    found += _tasks(groups, tasks)
-    found += _failures(groups, held_out=held_out)
-    found += _values(groups, indicator, held_out=held_out, beside=beside)
-    found += ties([pair for task in tasks for pair in task.pairs])
+            notes += _lengths(groups, indicator, held_out=held_out)
+        notes += _costs(groups, tasks, compare_at=indicator.by == "fitness" and not held_out)
+    notes += _tasks(groups, tasks)
+    notes += _failures(groups, held_out=held_out)
+    notes += _values(groups, indicator, held_out=held_out, beside=beside)
+    notes += ties([pair for task in tasks for pair in task.pairs])
     if indicator.by == "fitness" and not set(beside) - {HELD_OUT}:
-        found += _elites(groups)
+        notes += _elites(groups)
     if any(_FITNESS_CODE & group.differs.keys() for group in groups):
-        found.append(
+        notes.append(
             f"{indicator.words} that different code computed is compared: `swarmwright runs show` names the "
             "files"
         )
-    found += _early([run for group in groups for run in group.runs if run.interrupted])
-    return found
+    notes += _early([run for group in groups for run in group.runs if run.interrupted])
+    return notes

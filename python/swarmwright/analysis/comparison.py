@@ -15,18 +15,18 @@ from swarmwright.analysis import episodes
 from swarmwright.analysis.caveats import HELD_OUT, caveats
 from swarmwright.analysis.episodes import (
     LeftOut,
-    by_generation,
     episodes_of,
     episodes_to_begin,
+    find_exclusion,
     fitness_at,
-    left_out,
+    is_compared_by_generation,
     limit,
 )
 from swarmwright.analysis.groups import RunGroup, group, number_of
-from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, quick_indicators
+from swarmwright.analysis.indicators import FITNESS, By, Indicator, find_quick_indicators, measure
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.analysis.sweep_folders import runs_of_all, variant_of
-from swarmwright.analysis.tasks import TaskGroups, by_task
+from swarmwright.analysis.tasks import TaskGroups, group_by_task
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
@@ -78,7 +78,9 @@ def check_options(
 
 def check_begun(runs: Sequence[Run], at: int) -> None:
     """Raise InputError where a run had no finished generation, which it needs, after so many evaluations."""
-    slowest = max(filter(by_generation, runs), key=lambda run: run.history[0].evaluations, default=None)
+    slowest = max(
+        filter(is_compared_by_generation, runs), key=lambda run: run.history[0].evaluations, default=None
+    )
     if slowest is not None and at < (needed := slowest.history[0].evaluations):
         raise InputError(
             f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
@@ -133,11 +135,11 @@ def check_order(order: object, groups: "Sequence[Group]") -> None:
     labels = [known_group.label for known_group in groups]
     unknown = [name for name in order if name not in labels]
     if unknown:
-        known = ", ".join(map(repr, labels))
-        raise InputError(f"order: there is no group {unknown[0]!r}; there are {known}")
+        available = ", ".join(map(repr, labels))
+        raise InputError(f"order: there is no group {unknown[0]!r}; there are {available}")
 
 
-def in_order(groups: "Sequence[Group]", order: Order) -> "list[Group]":
+def sort_groups(groups: "Sequence[Group]", order: Order) -> "list[Group]":
     """Return the groups of a task in an order that `check_order` takes."""
     if order == "given":
         return list(groups)
@@ -151,11 +153,11 @@ def in_order(groups: "Sequence[Group]", order: Order) -> "list[Group]":
     ranked = sorted(named, key=lambda known_group: -known_group.median)
     if order == "rank":
         return ranked
-    places = {label: place for place, label in enumerate(order)}
-    return sorted(ranked, key=lambda known_group: places.get(known_group.label, len(places)))
+    positions = {label: position for position, label in enumerate(order)}
+    return sorted(ranked, key=lambda known_group: positions.get(known_group.label, len(positions)))
 
 
-def tasks_in_order(tasks: "Sequence[TaskGroups]", order: Order) -> "list[TaskGroups]":
+def sort_tasks(tasks: "Sequence[TaskGroups]", order: Order) -> "list[TaskGroups]":
     """Return tasks in an order that does not depend on that of the runs, unless it is to be that."""
     if order == "given":
         return list(tasks)
@@ -303,9 +305,9 @@ class Comparison:
 
     def __repr__(self) -> str:
         """Name what is compared, and how many runs in how many groups."""
-        what = "fitness on held-out seeds" if self.held_out else self.indicator.by
-        runs = sum(len(own_group.runs) for own_group in self.groups)
-        return f"<Comparison by {what}: {runs} runs in {len(self.groups)} groups>"
+        quantity = "fitness on held-out seeds" if self.held_out else self.indicator.by
+        runs = sum(len(group.runs) for group in self.groups)
+        return f"<Comparison by {quantity}: {runs} runs in {len(self.groups)} groups>"
 
     def _repr_html_(self) -> str:
         """Return groups, tests and notes as tables, for notebooks."""
@@ -348,9 +350,9 @@ class Comparison:
         from swarmwright.display.figures.style import Page, use_page
 
         with use_page(Page.from_options(style, width, title)):
-            return self._drawn(x, metrics)
+            return self._draw_figure(x, metrics)
 
-    def _drawn(self, x: str, metrics: Names | None) -> "Figure":
+    def _draw_figure(self, x: str, metrics: Names | None) -> "Figure":
         """Return `figure` for the present page."""
         from swarmwright.analysis.designs import designs_of
         from swarmwright.display.figures.comparison import draw
@@ -483,10 +485,10 @@ def compare(
     See also: `compare_controllers`, for two controllers in the same episodes; `sweep`, which makes the
     runs.
     """
-    given, unreadable = runs_of_all(runs)
+    opened, unreadable = runs_of_all(runs)
     check_options(at, at_episodes, by, reference, offset, held_out=held_out)
     return compare_opened(
-        given,
+        opened,
         unreadable,
         at=at,
         at_episodes=at_episodes,
@@ -512,8 +514,8 @@ def compare_all(runs: Sequence[Run], unreadable: Sequence[LeftOut] = ()) -> list
     count = counting(runs)
     if not count:
         return []
-    validated = held_out_known(runs)
-    quick = quick_indicators(count)
+    validated = has_held_out_fitness(runs)
+    quick = find_quick_indicators(count)
     first = [compare_opened(runs, unreadable, held_out=True, beside=quick)] if validated else []
     recorded = compare_opened(runs, unreadable, beside=[*[HELD_OUT] * validated, *quick])
     return [*first, recorded, *(compare_opened(runs, unreadable, by=by) for by in quick)]
@@ -521,10 +523,10 @@ def compare_all(runs: Sequence[Run], unreadable: Sequence[LeftOut] = ()) -> list
 
 def counting(runs: Iterable[Run]) -> list[Run]:
     """Return the runs that count in a comparison of runs at their ends."""
-    return [run for run in runs if left_out(run, "", None, None, unfinished=False) is None]
+    return [run for run in runs if find_exclusion(run, "", None, None, unfinished=False) is None]
 
 
-def held_out_known(runs: Sequence[Run]) -> bool:
+def has_held_out_fitness(runs: Sequence[Run]) -> bool:
     """Return whether every run that counts was validated, and fitness of any depends on the seed."""
     count = counting(runs)
     return all(run.validation is not None for run in count) and any(run.unseen is not None for run in count)
@@ -564,8 +566,8 @@ def compare_opened(
     if not opened:
         raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
     grouped, notes = group(opened)
-    kept, without = _counted(grouped, unreadable, at, at_episodes, unfinished=unfinished)
-    runs = [run for kept_group in kept for run in kept_group.runs]
+    counted_groups, without = _select_counted(grouped, unreadable, at, at_episodes, unfinished=unfinished)
+    runs = [run for run_group in counted_groups for run in run_group.runs]
     if held_out:
         check_validated(runs, at)
     if at is not None:
@@ -574,23 +576,27 @@ def compare_opened(
         check_begun_in_episodes(runs, at_episodes)
     indicator = FITNESS
     if by == "fitness":
-        found = [
-            (_validated(run), run.evaluations) if held_out else fitness_at(run, limit(run, at, at_episodes))
+        values_and_counts = [
+            (_get_held_out_mean(run), run.evaluations)
+            if held_out
+            else fitness_at(run, limit(run, at, at_episodes))
             for run in runs
         ]
     else:
         indicator, measured = measure(by, runs, at, reference=reference, offset=offset)
         counts = [run.evaluations if at is None else min(at, run.evaluations) for run in runs]
-        found = list(zip(measured, counts, strict=True))
-    values = iter(found)
-    groups = [_group(kept_group, list(islice(values, len(kept_group.runs))), without) for kept_group in kept]
+        values_and_counts = list(zip(measured, counts, strict=True))
+    values = iter(values_and_counts)
+    groups = [
+        _group(run_group, list(islice(values, len(run_group.runs))), without) for run_group in counted_groups
+    ]
     check_order(order, groups)
     tasks = tuple(
-        _task(task_groups, in_order([groups[index] for index in task_groups.indices], order))
-        for task_groups in tasks_in_order(by_task(kept, by=by, held_out=held_out), order)
+        _task(task_groups, sort_groups([groups[index] for index in task_groups.indices], order))
+        for task_groups in sort_tasks(group_by_task(counted_groups, by=by, held_out=held_out), order)
     )
     if labels:
-        tasks = _renamed(tasks, labels, without)
+        tasks = _rename_labels(tasks, labels, without)
     groups = [of_task for task in tasks for of_task in task.groups]
     found_caveats = caveats(
         groups, tasks, at, indicator, at_episodes=at_episodes, held_out=held_out, beside=beside
@@ -609,7 +615,7 @@ def compare_opened(
     )
 
 
-def _counted(
+def _select_counted(
     grouped: Sequence[RunGroup],
     unreadable: Sequence[LeftOut],
     at: int | None,
@@ -621,26 +627,26 @@ def _counted(
 
     Raises InputError where no run counts.
     """
-    kept: list[RunGroup] = []
-    without: list[LeftOut] = []
+    counted_groups: list[RunGroup] = []
+    excluded: list[LeftOut] = []
     labels = {str(run.path): run_group.label for run_group in grouped for run in run_group.runs}
     for run_group in grouped:
         counts = []
         for run in run_group.runs:
-            found = left_out(run, run_group.label, at, at_episodes, unfinished=unfinished)
-            if found is None:
+            exclusion = find_exclusion(run, run_group.label, at, at_episodes, unfinished=unfinished)
+            if exclusion is None:
                 counts.append(run)
             else:
-                without.append(found)
+                excluded.append(exclusion)
         if counts:
-            kept.append(replace(run_group, runs=tuple(counts)))
-    if not kept:
-        raise InputError(_none_counts(without))
+            counted_groups.append(replace(run_group, runs=tuple(counts)))
+    if not counted_groups:
+        raise InputError(_none_counts(excluded))
     for lacking in unreadable:
         label, folders = variant_of(lacking.path) or (lacking.label, [])
         label = next((labels[str(folder)] for folder in folders if str(folder) in labels), label)
-        without.append(replace(lacking, label=label))
-    return kept, without
+        excluded.append(replace(lacking, label=label))
+    return counted_groups, excluded
 
 
 def _none_counts(without: Sequence[LeftOut]) -> str:
@@ -657,28 +663,27 @@ def _none_counts(without: Sequence[LeftOut]) -> str:
     )
 
 
-def _renamed(
+def _rename_labels(
     tasks: Sequence[Task], labels: Mapping[str, str], without: Sequence[LeftOut]
 ) -> tuple[Task, ...]:
     """Return tasks with other names. Raises InputError for one that there is not, or that two would have."""
     from swarmwright.analysis.designs import designs_of
 
-    groups = [of_task.label for task in tasks for of_task in task.groups]
-    known = [*groups, *(run.label for run in without), *(task.label for task in tasks)]
-    known += [design.name for design in designs_of(tasks)]
-    unknown = [name for name in labels if name not in known]
+    groups = [group.label for task in tasks for group in task.groups]
+    available = [*groups, *(run.label for run in without), *(task.label for task in tasks)]
+    available += [design.name for design in designs_of(tasks)]
+    unknown = [name for name in labels if name not in available]
     if unknown:
-        names = ", ".join(repr(name) for name in dict.fromkeys(known) if name)
+        names = ", ".join(repr(name) for name in dict.fromkeys(available) if name)
         raise InputError(f"labels: there is no {unknown[0]!r} to be called otherwise; there are {names}")
-    named = [labels.get(label, label) for label in groups]
-    twice = next((name for name in named if named.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"labels: two groups would be called {twice!r}; give them different names")
+    new_names = [labels.get(label, label) for label in groups]
+    duplicate = next((name for name in new_names if new_names.count(name) > 1), None)
+    if duplicate is not None:
+        raise InputError(f"labels: two groups would be called {duplicate!r}; give them different names")
     renamed = []
     for task in tasks:
         members = {
-            of_task.label: replace(of_task, label=labels.get(of_task.label, of_task.label))
-            for of_task in task.groups
+            group.label: replace(group, label=labels.get(group.label, group.label)) for group in task.groups
         }
         pairs = tuple(
             replace(pair, first=members[pair.first.label], second=members[pair.second.label])
@@ -693,35 +698,37 @@ def _task(groups_of_task: TaskGroups, groups: Sequence[Group]) -> Task:
     """Return the groups of a task with their tests."""
     pairs = list(combinations(groups, 2))
     differences = [difference(first.final, second.final) for first, second in pairs]
-    corrected = holm([found.p for found in differences])
+    corrected = holm([difference_of_pair.p for difference_of_pair in differences])
     return Task(
         groups_of_task.label,
         groups_of_task.differs,
         tuple(groups),
         tuple(
-            Pair(first, second, found, p)
-            for (first, second), found, p in zip(pairs, differences, corrected, strict=True)
+            Pair(first, second, difference_of_pair, p)
+            for (first, second), difference_of_pair, p in zip(pairs, differences, corrected, strict=True)
         ),
         kruskal_wallis([group.final for group in groups]) if len(groups) > 2 else None,
     )
 
 
-def _group(one: RunGroup, found: Sequence[tuple[float, int]], without: Sequence[LeftOut]) -> Group:
+def _group(
+    run_group: RunGroup, values_and_counts: Sequence[tuple[float, int]], excluded: Sequence[LeftOut]
+) -> Group:
     """Return a group with its values.
 
     Args:
-        one: the group.
-        found: of each run what is compared, and after how many evaluations it is.
-        without: runs that do not count, of all groups.
+        run_group: the group.
+        values_and_counts: the compared value of each run, and its number of evaluations.
+        excluded: excluded runs of all groups.
     """
-    final = np.array([value for value, _ in found], dtype=np.float64)
-    counts = tuple(count for _, count in found)
-    episodes = tuple(map(episodes_of, one.runs, counts))
-    failed = tuple(map(count_failed_evaluations, one.runs, counts))
-    lacking = tuple(run for run in without if run.label == one.label)
-    return Group(one.label, one.differs, one.runs, final, counts, episodes, failed, lacking)
+    final = np.array([value for value, _ in values_and_counts], dtype=np.float64)
+    counts = tuple(count for _, count in values_and_counts)
+    episodes = tuple(map(episodes_of, run_group.runs, counts))
+    failed = tuple(map(count_failed_evaluations, run_group.runs, counts))
+    lacking = tuple(run for run in excluded if run.label == run_group.label)
+    return Group(run_group.label, run_group.differs, run_group.runs, final, counts, episodes, failed, lacking)
 
 
-def _validated(run: Run) -> float:
+def _get_held_out_mean(run: Run) -> float:
     assert run.validation is not None
     return run.validation.best.fitness.mean

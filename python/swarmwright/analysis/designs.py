@@ -47,11 +47,11 @@ def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None)
     """
     groups = [group for task in tasks for group in task.groups]
     keys = _keys(tasks)
-    found: dict[str, tuple[dict[str, Any], list[Group]]] = {}
+    designs: dict[str, tuple[dict[str, Any], list[Group]]] = {}
     for group in groups:
         differs = {key: value for key, value in group.differs.items() if key in keys}
-        found.setdefault(identity(differs), (differs, []))[1].append(group)
-    ordered = sorted(found.values(), key=lambda design: sort_key(design[0], keys))
+        designs.setdefault(identity(differs), (differs, []))[1].append(group)
+    ordered = sorted(designs.values(), key=lambda design: sort_key(design[0], keys))
     if all(len(members) == 1 and differs == members[0].differs for differs, members in ordered):
         # Numbers of groups are those of the table.
         ordered.sort(key=lambda design: number_of(design[1][0].label))
@@ -65,7 +65,7 @@ def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None)
         Design(number, shorten(name, _NAME_CHARACTERS), tuple(members))
         for number, (name, (_, members)) in enumerate(zip(renamed, ordered, strict=True))
     ]
-    places = {id(group): place for place, group in enumerate(groups)}
+    places = {id(group): position for position, group in enumerate(groups)}
     return sorted(found_designs, key=lambda design: min(places[id(group)] for group in design.groups))
 
 
@@ -81,12 +81,12 @@ def _keys(tasks: "Sequence[Task]") -> set[str]:
 
 def _differing(groups: "Sequence[Group]") -> set[str]:
     every = {key for group in groups for key in group.differs}
-    return {key for key in every if len({identity(_selected(group.differs, [key])) for group in groups}) > 1}
+    return {key for key in every if len({identity(_select(group.differs, [key])) for group in groups}) > 1}
 
 
 def _are_distinct(groups: "Sequence[Group]", keys: Collection[str]) -> bool:
-    return len({identity(_selected(group.differs, keys)) for group in groups}) == len(groups)
+    return len({identity(_select(group.differs, keys)) for group in groups}) == len(groups)
 
 
-def _selected(differs: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
+def _select(differs: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
     return {key: differs[key] for key in keys if key in differs}

@@ -13,36 +13,41 @@ from numpy.typing import NDArray
 from swarmwright.common.formatting import format_count
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.runs.failures import count_episodes, iterate_episode_counts
-from swarmwright.runs.instances import by_instance
+from swarmwright.runs.instances import averages_instances
 from swarmwright.runs.run import Run
 
 
 def fitness_at(run: Run, evaluations: int | None = None) -> tuple[float, int]:
     """Return the best fitness after so many evaluations, NaN if there was none, and after how many it is.
 
-    These are fewer where the run has fewer, or where only finished generations count, see `by_generation`.
+    These are fewer if the run has fewer, or if only finished generations count, see
+    `is_compared_by_generation`.
     evaluations: None: at the run's end.
     """
     history = run.history
     if evaluations is not None:
         history = [summary for summary in history if summary.evaluations <= evaluations]
     done, best = (history[-1].evaluations, history[-1].best_so_far) if history else (0, math.nan)
-    if evaluations is not None and done < min(evaluations, run.evaluations) and not by_generation(run):
+    if (
+        evaluations is not None
+        and done < min(evaluations, run.evaluations)
+        and not is_compared_by_generation(run)
+    ):
         # Within a generation, the record has evaluations in the order in which the method asked for them.
         end = min(evaluations, run.evaluations)
         best, done = float(np.fmax(best, run._store.best_fitness(done, end))), end
     return best if math.isfinite(best) else math.nan, done
 
 
-def by_generation(run: Run) -> bool:
+def is_compared_by_generation(run: Run) -> bool:
     """Whether the best of a run is known at the end of generations only: its fitness may become another."""
-    return run.experiment.ranking.reevaluate or by_instance(run.experiment)
+    return run.experiment.ranking.reevaluate or averages_instances(run.experiment)
 
 
 _Numbers: TypeAlias = NDArray[np.int64]
 
 _known: WeakKeyDictionary[Run, tuple[_Numbers, _Numbers]] = WeakKeyDictionary()
-"""What `_by_generation` has found, for which every evaluation of a run is read."""
+"""What `_cumulate_by_generation` has found, for which every evaluation of a run is read."""
 
 
 def episodes_of(run: Run, evaluations: int) -> int:
@@ -53,10 +58,10 @@ def episodes_of(run: Run, evaluations: int) -> int:
     ranking = run.experiment.ranking
     if not isinstance(ranking, RaceOptions):
         return evaluations * ranking.episodes
-    ends, taken = _by_generation(run)
+    ends, cumulative = _cumulate_by_generation(run)
     generation = int(np.searchsorted(ends, evaluations, side="right")) - 1
     rest = evaluations - int(ends[generation])
-    return int(taken[generation]) + (int(_taken_in(run, generation)[:rest].sum()) if rest else 0)
+    return int(cumulative[generation]) + (int(_count_episodes(run, generation)[:rest].sum()) if rest else 0)
 
 
 def evaluations_within(run: Run, episodes: int) -> int:
@@ -64,50 +69,59 @@ def evaluations_within(run: Run, episodes: int) -> int:
     ranking = run.experiment.ranking
     if not isinstance(ranking, RaceOptions):
         return min(episodes // ranking.episodes, run.evaluations)
-    ends, taken = _by_generation(run)
-    generation = int(np.searchsorted(taken, episodes, side="right")) - 1
-    left = episodes - int(taken[generation])
-    within = np.searchsorted(np.cumsum(_taken_in(run, generation)), left, side="right")
+    ends, cumulative = _cumulate_by_generation(run)
+    generation = int(np.searchsorted(cumulative, episodes, side="right")) - 1
+    left = episodes - int(cumulative[generation])
+    within = np.searchsorted(np.cumsum(_count_episodes(run, generation)), left, side="right")
     return int(ends[generation] + within)
 
 
-def _by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
+def _cumulate_by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
     """Return the evaluations of a race before each generation and at the end, and the episodes of these."""
     if run not in _known:
-        counts, taken = np.zeros((2, run.generations), np.int64)
+        counts, cumulative = np.zeros((2, run.generations), np.int64)
         if run.experiment.ranking.failure_fitness is not None:
-            for one in iterate_episode_counts(run):
-                counts[one.generation], taken[one.generation] = len(one.episodes), one.episodes.sum()
+            for generation_counts in iterate_episode_counts(run):
+                counts[generation_counts.generation], cumulative[generation_counts.generation] = (
+                    len(generation_counts.episodes),
+                    generation_counts.episodes.sum(),
+                )
         else:
             for part in run._store.rows():
-                known = part.generation < run.generations  # a run that goes on may have more by now
-                np.add.at(counts, part.generation[known], 1)
-                np.add.at(taken, part.generation[known], _taken(part.episodes, part.fitness)[known])
-        _known[run] = np.concatenate([[0], np.cumsum(counts)]), np.concatenate([[0], np.cumsum(taken)])
+                cached = part.generation < run.generations  # a run that goes on may have more by now
+                np.add.at(counts, part.generation[cached], 1)
+                np.add.at(
+                    cumulative,
+                    part.generation[cached],
+                    _cumulate_episodes(part.episodes, part.fitness)[cached],
+                )
+        _known[run] = np.concatenate([[0], np.cumsum(counts)]), np.concatenate([[0], np.cumsum(cumulative)])
     return _known[run]
 
 
-def _taken_in(run: Run, generation: int) -> _Numbers:
+def _count_episodes(run: Run, generation: int) -> _Numbers:
     """Return how many episodes each evaluation of a generation took; none where there is no such one."""
     ranking = run.experiment.new_ranking()
-    found = [
-        _taken(row.episodes, row.fitness)
+    counts = [
+        _cumulate_episodes(row.episodes, row.fitness)
         if ranking.options.failure_fitness is None
         else count_episodes(row, ranking).episodes
         for row in run._store.read_generation(generation)
     ]
-    return np.concatenate(found) if found else np.zeros(0, np.int64)
+    return np.concatenate(counts) if counts else np.zeros(0, np.int64)
 
 
-def _taken(episodes: NDArray[np.float64], fitness: NDArray[np.float64]) -> _Numbers:
+def _cumulate_episodes(episodes: NDArray[np.float64], fitness: NDArray[np.float64]) -> _Numbers:
     """Return how many episodes evaluations took: a candidate that failed went through all of them."""
-    taken: _Numbers = np.where(np.isfinite(fitness), (~np.isnan(episodes)).sum(axis=1), episodes.shape[1])
-    return taken
+    cumulative: _Numbers = np.where(
+        np.isfinite(fitness), (~np.isnan(episodes)).sum(axis=1), episodes.shape[1]
+    )
+    return cumulative
 
 
 def episodes_to_begin(run: Run) -> int:
     """Return after how many episodes a run has something to compare."""
-    return episodes_of(run, run.history[0].evaluations if by_generation(run) else 1)
+    return episodes_of(run, run.history[0].evaluations if is_compared_by_generation(run) else 1)
 
 
 def limit(run: Run, at: int | None, at_episodes: int | None) -> int | None:
@@ -147,7 +161,7 @@ class LeftOut:
         }  # fmt: skip
 
 
-def left_out(
+def find_exclusion(
     run: Run, label: str, at: int | None, at_episodes: int | None, *, unfinished: bool
 ) -> LeftOut | None:
     """Return a run as one that does not count, with the reason; None where it counts.
@@ -180,24 +194,24 @@ def left_out(
 
 def notes(left: Sequence[LeftOut]) -> list[str]:
     """Return which runs are left out, and how they would count."""
-    found = []
+    sentences = []
     unfinished = [run for run in left if run.kind == "unfinished"]
     if unfinished:
-        found.append(
+        sentences.append(
             f"{_runs(unfinished)} left out because {'it has' if len(unfinished) == 1 else 'they have'} not "
-            f"finished: {_named(unfinished)}; `swarmwright resume RUN` continues a run, --at N compares all "
-            "runs that have N evaluations, and --unfinished counts runs with what they have"
+            f"finished: {_format_runs(unfinished)}; `swarmwright resume RUN` continues a run, --at N "
+            "compares all runs that have N evaluations, and --unfinished counts runs with what they have"
         )
     others = [run for run in left if run.kind != "unfinished"]
     if others:
-        found.append(f"{_runs(others)} left out: {_named(others)}")
-    return found
+        sentences.append(f"{_runs(others)} left out: {_format_runs(others)}")
+    return sentences
 
 
 def _runs(left: Sequence[LeftOut]) -> str:
     return f"{format_count(len(left), 'run')} {'is' if len(left) == 1 else 'are'}"
 
 
-def _named(left: Sequence[LeftOut]) -> str:
+def _format_runs(left: Sequence[LeftOut]) -> str:
     more = f" and {len(left) - _NAMED:,} more" if len(left) > _NAMED else ""
     return "; ".join(f"{run.path} ({run.reason})" for run in left[:_NAMED]) + more

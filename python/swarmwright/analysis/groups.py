@@ -55,46 +55,48 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
     Returns:
         The groups, and notes on what was left out.
     """
-    kept, notes = _without_repetitions(runs)
+    distinct_runs, notes = _remove_repetitions(runs)
     # Beside a mission whose parts were set, one that is named is written out: then only these parts differ.
-    missions = any(isinstance(run.experiment.parameters.get("mission"), Mapping) for run in kept)
+    missions = any(isinstance(run.experiment.parameters.get("mission"), Mapping) for run in distinct_runs)
     # What changed in the code is known of runs that hold their copy; of others, whether anything has.
-    parts = all(not run.code or _code_parts(run) is not None for run in kept)
+    parts = all(not run.code or _code_parts(run) is not None for run in distinct_runs)
     flattened = [
         {
             key: value
-            for key, value in flattened_of(run, missions=missions, parts=parts).items()
+            for key, value in flatten_experiment(run, missions=missions, parts=parts).items()
             if key not in besides
         }
-        for run in kept
+        for run in distinct_runs
     ]
-    titles = written_missions(kept)
+    titles = collect_mission_names(distinct_runs)
     by_values: dict[str, tuple[dict[str, Any], list[Run]]] = {}
-    for run, values, keys in zip(kept, flattened, differing_keys(flattened), strict=True):
+    for run, values, keys in zip(distinct_runs, flattened, differing_keys(flattened), strict=True):
         differs = {key: values.get(key) for key in keys}
         if differs.get(_ROBOT, "") is None:
             differs[_ROBOT] = _robot(run.experiment)
         same = json.dumps(differs, sort_keys=True, default=str)
-        by_values.setdefault(same, (as_written(differs, run, titles), []))[1].append(run)
+        by_values.setdefault(same, (restore_mission_names(differs, run, titles), []))[1].append(run)
     if len(by_values) == 1:
-        return [RunGroup(name_of(kept[0].experiment), {}, tuple(kept))], notes
-    found = list(by_values.values())
-    names = names_in_sweep(found) or names_of([(differs, members[0]) for differs, members in found])
+        return [RunGroup(name_of(distinct_runs[0].experiment), {}, tuple(distinct_runs))], notes
+    members_by_values = list(by_values.values())
+    names = names_in_sweep(members_by_values) or names_of(
+        [(differs, members[0]) for differs, members in members_by_values]
+    )
     labels = names
     if max(map(len, names)) > _NAME_CHARACTERS:
         labels = [f"group {number}: {shorten(name, _BEGINNING)}" for number, name in enumerate(names, 1)]
         notes += [f"group {number} has {shorten(name, _TOLD)}" for number, name in enumerate(names, 1)]
     groups = [
         RunGroup(label, differs, tuple(members))
-        for label, (differs, members) in zip(labels, found, strict=True)
+        for label, (differs, members) in zip(labels, members_by_values, strict=True)
     ]
     return groups, notes
 
 
 def number_of(label: str) -> int:
     """Return the number of a group whose name is too long; 0 where it has none."""
-    found = _NUMBER.match(label)
-    return int(found[1]) if found else 0
+    match = _NUMBER.match(label)
+    return int(match[1]) if match else 0
 
 
 def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) -> list[str] | None:
@@ -108,10 +110,10 @@ def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) ->
     if of_grid is None:
         return None
     keys = iter(of_grid)
-    titles = written_missions(run for _, members in groups for run in members)
+    titles = collect_mission_names(run for _, members in groups for run in members)
     named, kinds = [], []
     for differs, members in groups:
-        values = {**as_written(flattened_of(members[0]), members[0], titles), **differs}
+        values = {**restore_mission_names(flatten_experiment(members[0]), members[0], titles), **differs}
         of_runs = {next(keys) for _ in members}
         if len(of_runs) > 1:
             return None
@@ -145,95 +147,99 @@ def names_of(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
     """
     keys = {key for differs, _ in groups for key in differs}
     named: dict[str, list[str]] = {}
-    for what in _NAMED:
-        if not any(_within(key, what) and key != f"parameters.{what}" for key in keys):
+    for parameter in _NAMED:
+        if not any(_is_within(key, parameter) and key != f"parameters.{parameter}" for key in keys):
             continue  # nothing differs, or names alone
-        titles = [_title_of(what, run.experiment) for _, run in groups]
+        titles = [_title_of(parameter, run.experiment) for _, run in groups]
         if len(set(titles)) > 1:
-            named[what] = titles
+            named[parameter] = titles
     wording = Wording([differs for differs, _ in groups])
     names, details = [], []
     for index, (differs, _) in enumerate(groups):
         heads = [titles[index] for titles in named.values() if titles[index]]
-        hidden = {key for key in differs for what in named if _within(key, what)}
+        hidden = {key for key in differs for parameter in named if _is_within(key, parameter)}
         if named:  # they follow from the robots
             hidden |= differs.keys() & {"sensors", "actuators"}
-        others = {key: value for key, value in differs.items() if key not in hidden}
-        names.append(", ".join([*heads, *wording.words(others, others)]))
+        remaining = {key: value for key, value in differs.items() if key not in hidden}
+        names.append(", ".join([*heads, *wording.words(remaining, remaining)]))
         details.append({key: differs[key] for key in differs if key in hidden and differs[key] is not None})
     for name in set(names):
         alike = [index for index, other in enumerate(names) if other == name]
         if len(alike) == 1:
             continue
-        told = distinguishing([details[index] for index in alike])
+        distinguishing_keys = distinguishing([details[index] for index in alike])
         for index in alike:
-            of = {key: value for key, value in details[index].items() if key in told}
-            names[index] = ", ".join([word for word in (name, *wording.words(of, groups[index][0])) if word])
+            details_of_group = {
+                key: value for key, value in details[index].items() if key in distinguishing_keys
+            }
+            names[index] = ", ".join(
+                [word for word in (name, *wording.words(details_of_group, groups[index][0])) if word]
+            )
     return names
 
 
-def _within(key: str, what: str) -> bool:
+def _is_within(key: str, parameter: str) -> bool:
     """Return whether a key is that of the mission, or of the robot, or within it."""
-    return key == f"parameters.{what}" or key.startswith(f"parameters.{what}.")
+    return key == f"parameters.{parameter}" or key.startswith(f"parameters.{parameter}.")
 
 
-def _title_of(what: str, experiment: Experiment) -> str:
+def _title_of(parameter: str, experiment: Experiment) -> str:
     """Return what an experiment's mission or robot is called, in words; nothing where it has none."""
-    given = experiment.parameters.get(what)
-    if given is None and (what == "robot" or find_built_in(experiment.simulation) != ARENA):
+    value = experiment.parameters.get(parameter)
+    if value is None and (parameter == "robot" or find_built_in(experiment.simulation) != ARENA):
         return ""
-    if what == "robot":
-        return f"robot {given.get('preset', 'of its own') if isinstance(given, Mapping) else given}"
-    found = mission_of(given)
-    title = None if found is None else found.get("title")
-    return f"mission {title or ('without a title' if isinstance(given, Mapping) else given)}"
+    if parameter == "robot":
+        return f"robot {value.get('preset', 'of its own') if isinstance(value, Mapping) else value}"
+    mission = mission_of(value)
+    title = None if mission is None else mission.get("title")
+    return f"mission {title or ('without a title' if isinstance(value, Mapping) else value)}"
 
 
-def _without_repetitions(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+def _remove_repetitions(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     """Leave out runs that are the same as another one; of two, the finished or else the longer one stays."""
-    kept: dict[str, Run] = {}
+    distinct_runs: dict[str, Run] = {}
     copies: dict[str, list[Run]] = {}
-    places: dict[str, Run] = {}
-    again: dict[str, Run] = {}
+    folders: dict[str, Run] = {}
+    repeated: dict[str, Run] = {}
     for run in runs:
-        place = str(run.path.resolve())
-        if place in places:
-            again[place] = run
+        folder = str(run.path.resolve())
+        if folder in folders:
+            repeated[folder] = run
             continue
-        places[place] = run
-        same = json.dumps([flattened_of(run), run.experiment.seed], sort_keys=True, default=str)
-        other = kept.get(same)
-        if other is None:
-            kept[same] = run
+        folders[folder] = run
+        same = json.dumps([flatten_experiment(run), run.experiment.seed], sort_keys=True, default=str)
+        previous = distinct_runs.get(same)
+        if previous is None:
+            distinct_runs[same] = run
             continue
-        longer, shorter = (run, other) if _weight(run) > _weight(other) else (other, run)
-        kept[same] = longer
+        longer, shorter = (run, previous) if _weight(run) > _weight(previous) else (previous, run)
+        distinct_runs[same] = longer
         copies.setdefault(same, []).append(shorter)
-    notes = [_given_twice(list(again.values()))] if again else []
-    notes += [_not_counted(kept[same], left_out) for same, left_out in copies.items()]
-    return list(kept.values()), notes
+    notes = [_describe_repeated(list(repeated.values()))] if repeated else []
+    notes += [_describe_copies(distinct_runs[same], left_out) for same, left_out in copies.items()]
+    return list(distinct_runs.values()), notes
 
 
 def _weight(run: Run) -> tuple[bool, int]:
     return not run.interrupted, run.evaluations
 
 
-def _given_twice(runs: Sequence[Run]) -> str:
+def _describe_repeated(runs: Sequence[Run]) -> str:
     if len(runs) == 1:
         return f"{runs[0].path} is given more than once and counts once"
     return f"{len(runs):,} runs are given more than once and count once: {_paths(runs)}"
 
 
-def _not_counted(kept: Run, left_out: Sequence[Run]) -> str:
+def _describe_copies(counted_run: Run, left_out: Sequence[Run]) -> str:
     """Return why runs with the same experiment and seed as another one do not count."""
     if len(left_out) == 1:
         return (
-            f"{left_out[0].path} has experiment and seed of {kept.path}, so it is not a second sample and "
-            "does not count"
+            f"{left_out[0].path} has experiment and seed of {counted_run.path}, so it is not a second sample "
+            "and does not count"
         )
     return (
-        f"{len(left_out):,} runs have experiment and seed of {kept.path}, so they are not further samples "
-        f"and do not count: {_paths(left_out)}"
+        f"{len(left_out):,} runs have experiment and seed of {counted_run.path}, so they are not further "
+        f"samples and do not count: {_paths(left_out)}"
     )
 
 
@@ -242,25 +248,25 @@ def _paths(runs: Sequence[Run]) -> str:
     return f"{', '.join(str(run.path) for run in runs[:_PATHS])}{more}"
 
 
-def written_missions(runs: Iterable[Run]) -> dict[str, str]:
+def collect_mission_names(runs: Iterable[Run]) -> dict[str, str]:
     """Return what the arena's missions are called in the first run of each, by their longer names."""
-    found: dict[str, str] = {}
+    titles: dict[str, str] = {}
     for run in runs:
         simulation = run.experiment.simulation
         if find_built_in(simulation) != ARENA:
             continue
-        given = run.experiment.parameters.get("mission")
-        if given is None:
-            given = mission_name(_defaults(simulation)["mission"])
-        if isinstance(given, str):
-            found.setdefault(mission_name(given), given)
-    return found
+        mission = run.experiment.parameters.get("mission")
+        if mission is None:
+            mission = mission_name(_defaults(simulation)["mission"])
+        if isinstance(mission, str):
+            titles.setdefault(mission_name(mission), mission)
+    return titles
 
 
-def as_written(values: Mapping[str, Any], run: Run, missions: Mapping[str, str]) -> dict[str, Any]:
+def restore_mission_names(values: Mapping[str, Any], run: Run, missions: Mapping[str, str]) -> dict[str, Any]:
     """Return flattened values of a run in which a mission has the name that authors of the runs gave.
 
-    missions: see `written_missions`; of two names for a mission one is used, so that values stay comparable.
+    missions: see `collect_mission_names`; a mission with two names gets one, so that values are comparable.
     """
     key = "parameters.mission"
     name = values.get(key)
@@ -269,7 +275,7 @@ def as_written(values: Mapping[str, Any], run: Run, missions: Mapping[str, str])
     return {**values, key: missions.get(name, name)}
 
 
-def flattened_of(run: Run, *, missions: bool = False, parts: bool = True) -> dict[str, Any]:
+def flatten_experiment(run: Run, *, missions: bool = False, parts: bool = True) -> dict[str, Any]:
     """Return the experiment with nested keys joined by points, and what its code is.
 
     missions: write out the arena's missions that are named. parts: tell the code of its parts apart, as
@@ -282,17 +288,17 @@ def flattened_of(run: Run, *, missions: bool = False, parts: bool = True) -> dic
         mapping[key]["kind"] = display_name(mapping[key]["kind"])
     code = run.code
     if code:
-        found = _code_parts(run) if parts else None
-        mapping["code"] = code[max(code)][:12] if found is None else found
+        code_parts = _code_parts(run) if parts else None
+        mapping["code"] = code[max(code)][:12] if code_parts is None else code_parts
     # A parameter that is not given has its default; defaults of an external simulation are not known.
     parameters = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
     if find_built_in(experiment.simulation) == ARENA:
-        given = parameters.get("mission")
+        mission = parameters.get("mission")
         # `aac` and `aggregation` are one mission.
-        parameters["mission"] = (mission_of(given) if missions else None) or mission_name(given)
+        parameters["mission"] = (mission_of(mission) if missions else None) or mission_name(mission)
     mapping["parameters"] = parameters
-    kept = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
-    return {name: _plain(value) for name, value in flatten(kept).items()}
+    compared_keys = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
+    return {name: _plain(value) for name, value in flatten(compared_keys).items()}
 
 
 def _code_parts(run: Run) -> dict[str, str] | None:
@@ -302,7 +308,7 @@ def _code_parts(run: Run) -> dict[str, str] | None:
         copy = Copy.find(run.path, version)
         if copy is None or copy.digest != run.code[version]:
             return None
-        return {name: compute_digest({name: kept.digests})[:12] for name, kept in copy.parts.items()}
+        return {name: compute_digest({name: part.digests})[:12] for name, part in copy.parts.items()}
     except InputError:
         return None
 
@@ -351,7 +357,7 @@ def differing_keys(flat: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 def _varying(flat: Sequence[Mapping[str, Any]]) -> dict[str, set[Any]]:
     """Return the keys whose values differ, with the kinds of component among which they do."""
-    found = {}
+    varying = {}
     for key in dict.fromkeys(key for values in flat for key in values):
         values_of: dict[Any, set[str]] = {}
         for values in flat:
@@ -360,5 +366,5 @@ def _varying(flat: Sequence[Mapping[str, Any]]) -> dict[str, set[Any]]:
                 values_of.setdefault(kind_of(key, values), set()).add(text)
         kinds = {kind for kind, texts in values_of.items() if len(texts) > 1}
         if kinds:
-            found[key] = kinds
-    return found
+            varying[key] = kinds
+    return varying

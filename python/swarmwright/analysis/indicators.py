@@ -112,21 +112,21 @@ class Indicator:
         """The options of the command line by which runs are compared in this way; empty for fitness."""
         if self.by == "fitness":
             return ""
-        found = [f"--by {self.by}"]
+        options = [f"--by {self.by}"]
         if self.given and self.offset is not None:
-            found.append(f"--offset {self.offset:.15g}")
+            options.append(f"--offset {self.offset:.15g}")
         if self.given and self.reference is not None:
-            found += [
+            options += [
                 f"--reference {shlex.quote(f'{name}={value:.15g}')}" for name, value in self.reference.items()
             ]
-        return " ".join(found)
+        return " ".join(options)
 
     def value(self, elites: Elites) -> float:
         """Return it of a front or an archive."""
         if self.by == "hypervolume":
             return _hypervolume(self, elites)
-        found = elites.coverage if self.by == "coverage" else elites.qd_score(self.offset or 0.0)
-        return found or 0.0
+        value = elites.coverage if self.by == "coverage" else elites.qd_score(self.offset or 0.0)
+        return value or 0.0
 
     def curve(self, run: Run) -> dict[int, float]:
         """Return it at the end of some generations, by their number.
@@ -175,14 +175,16 @@ class Indicator:
             "by": self.by,
             "offset": self.offset,
             "reference": self.reference,
-            "ranges": None if self.ranges is None else {name: list(of) for name, of in self.ranges.items()},
+            "ranges": None
+            if self.ranges is None
+            else {name: list(limits) for name, limits in self.ranges.items()},
         }
 
 
 FITNESS = Indicator()
 
 
-def shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
+def find_shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
     """Return the indicators by which all of these runs can be compared."""
     if not runs:
         return ()
@@ -198,9 +200,9 @@ def shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
     return ()
 
 
-def quick_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
-    """Return those of `shared_indicators` that take little time, and so are computed unasked."""
-    shared = shared_indicators(runs)
+def find_quick_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
+    """Return those of `find_shared_indicators` that take little time, and so are computed unasked."""
+    shared = find_shared_indicators(runs)
     if "hypervolume" not in shared:
         return shared
     most = _QUICK_FRONT_SIZES.get(1 + len(runs[0].experiment.method.needed_metrics), 0)
@@ -230,13 +232,13 @@ def measure(
     """
     (_check_objectives if by == "hypervolume" else _check_cells)(by, runs)
     point = None if reference is None else _reference(reference, runs[0])
-    given = None if offset is None else number("offset", offset)
+    requested_offset = None if offset is None else number("offset", offset)
     elites = [run.elites if at is None or at >= run.evaluations else compute_elites(run, at) for run in runs]
     indicator = Indicator(by)
     if by == "hypervolume":
-        indicator = _of_fronts(elites, point)
+        indicator = _build_front_indicator(elites, point)
     if by == "qd_score":
-        indicator = _of_archives(elites, given)
+        indicator = _build_archive_indicator(elites, requested_offset)
     return indicator, [indicator.value(elite) for elite in elites]
 
 
@@ -263,11 +265,11 @@ def _check_cells(by: By, runs: Sequence[Run]) -> None:
             )
 
 
-def _options(by: By, run: Run, kind: type[Any], which: str) -> Any:  # noqa: ANN401 - of the kind
+def _options(by: By, run: Run, kind: type[Any], methods: str) -> Any:  # noqa: ANN401 - of the kind
     options = run.experiment.method
     if not isinstance(options, kind):
         raise InputError(
-            f"{run.path}: was made by {options.kind}, and has no {WORDS[by]}; only runs of {which}, can be "
+            f"{run.path}: was made by {options.kind}, and has no {WORDS[by]}; only runs of {methods}, can be "
             "compared by it. Leave the others out, or compare by fitness"
         )
     return options
@@ -285,27 +287,27 @@ def _cells(options: MapElitesOptions) -> str:
     )
 
 
-def _reference(given: Mapping[str, float], run: Run) -> dict[str, float]:
+def _reference(values: Mapping[str, float], run: Run) -> dict[str, float]:
     names = ["fitness", *run.experiment.method.needed_metrics]
     example = f"a value of each objective: {', '.join(names)}"
-    found = mapping("reference", given, example)
-    wrong = [name for name in found if name not in names]
+    reference = mapping("reference", values, example)
+    wrong = [name for name in reference if name not in names]
     if wrong:
         raise InputError(
             f"reference: {format_value(wrong[0])} is not an objective of {run.path}; the reference point has "
             f"{example}"
         )
-    missing = [name for name in names if name not in found]
+    missing = [name for name in names if name not in reference]
     if missing:
         raise InputError(
             f"reference: has no value of {' and '.join(missing)}; the reference point has {example}"
         )
-    return {name: float(number(f"reference.{name}", found[name])) for name in names}
+    return {name: float(number(f"reference.{name}", reference[name])) for name in names}
 
 
-def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> Indicator:
+def _build_front_indicator(elites: Sequence[Elites], reference: dict[str, float] | None) -> Indicator:
     names = ["fitness", *elites[0].goals]
-    every = np.concatenate([_maximized(elite, names) for elite in elites])
+    every = np.concatenate([_orient_values(elite, names) for elite in elites])
     signs = _signs(elites[0], names)
     largest = max(len(elite.candidates) for elite in elites)
     if reference is not None:
@@ -318,8 +320,8 @@ def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> 
         notes = (note,) if behind else ()
         return Indicator("hypervolume", reference=reference, largest=largest, given=True, notes=notes)
     # Fronts without candidates have no range, and no hypervolume with any.
-    known = every if len(every) else np.array([[0.0], [1.0]]) * np.ones(len(names))
-    worst, best = known.min(axis=0), known.max(axis=0)
+    finite_values = every if len(every) else np.array([[0.0], [1.0]]) * np.ones(len(names))
+    worst, best = finite_values.min(axis=0), finite_values.max(axis=0)
     point = (worst - 2 * _REFERENCE_MARGIN * _half_width(worst, best)) * signs + 0.0
     ranges = zip((worst * signs + 0.0).tolist(), (best * signs + 0.0).tolist(), strict=True)
     return Indicator(
@@ -333,7 +335,7 @@ def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> 
 def _hypervolume(indicator: Indicator, elites: Elites) -> float:
     assert indicator.reference is not None
     names = list(indicator.reference)
-    front, signs = _maximized(elites, names), _signs(elites, names)
+    front, signs = _orient_values(elites, names), _signs(elites, names)
     if indicator.ranges is None:
         return hypervolume(front, np.array(list(indicator.reference.values())) * signs)
     worst, best = np.array(list(indicator.ranges.values())).T * signs
@@ -350,7 +352,7 @@ def _signs(elites: Elites, names: Sequence[str]) -> Values:
     return np.array([-1.0 if elites.goals.get(name) == "minimize" else 1.0 for name in names])
 
 
-def _maximized(elites: Elites, names: Sequence[str]) -> Values:
+def _orient_values(elites: Elites, names: Sequence[str]) -> Values:
     """Return fitness and metrics of a front, (candidates, names), with signs so that more is better."""
     rows = [
         [candidate.fitness, *(candidate.metrics[name] for name in names[1:])]
@@ -359,12 +361,12 @@ def _maximized(elites: Elites, names: Sequence[str]) -> Values:
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(names)) * _signs(elites, names)
 
 
-def _of_archives(elites: Sequence[Elites], given: float | None) -> Indicator:
+def _build_archive_indicator(elites: Sequence[Elites], requested_offset: float | None) -> Indicator:
     lowest = min((candidate.fitness for archive in elites for candidate in archive.candidates), default=0.0)
-    offset = min(0.0, lowest) if given is None else float(given)
+    offset = min(0.0, lowest) if requested_offset is None else float(requested_offset)
     note = (
         f"the offset is above the lowest fitness of an elite, {lowest:.6g}, so that more elites can have a "
         "lower QD score; give the worst possible fitness"
     )
     notes = (note,) if lowest < offset else ()
-    return Indicator("qd_score", offset=offset, given=given is not None, notes=notes)
+    return Indicator("qd_score", offset=offset, given=requested_offset is not None, notes=notes)

@@ -49,9 +49,9 @@ def labels_of(
 
     Keys that tell no group from others are left out, see `telling`.
     """
-    told = telling(groups, kinds)
-    wording = Wording(told)
-    return [", ".join(wording.words(differs, differs)) for differs in told]
+    distinguishing = telling(groups, kinds)
+    wording = Wording(distinguishing)
+    return [", ".join(wording.words(differs, differs)) for differs in distinguishing]
 
 
 def telling(
@@ -67,21 +67,23 @@ def telling(
     """
     kinds = groups if kinds is None else kinds
     values: dict[tuple[str, Any], list[str]] = defaultdict(list)
-    for group, known in zip(groups, kinds, strict=True):
+    for group, kinds_of_group in zip(groups, kinds, strict=True):
         for key, value in group.items():
-            values[key, kind_of(key, known)].append(_identity(value))
-    sizes = {key: Counter(kind_of(key, known) for known in kinds) for key, _ in values}
+            values[key, kind_of(key, kinds_of_group)].append(_identity(value))
+    sizes = {key: Counter(kind_of(key, kinds_of_group) for kinds_of_group in kinds) for key, _ in values}
     constant = {
         (key, kind)
-        for (key, kind), found in values.items()
-        if len(set(found)) == 1 and len(found) == sizes[key][kind] + (0 if kind is None else sizes[key][None])
+        for (key, kind), texts in values.items()
+        if len(set(texts)) == 1 and len(texts) == sizes[key][kind] + (0 if kind is None else sizes[key][None])
     }
-    told = [
-        {key: value for key, value in group.items() if (key, kind_of(key, known)) not in constant}
-        for group, known in zip(groups, kinds, strict=True)
+    reduced = [
+        {key: value for key, value in group.items() if (key, kind_of(key, kinds_of_group)) not in constant}
+        for group, kinds_of_group in zip(groups, kinds, strict=True)
     ]
-    distinct = {_identity(label) for label in told}
-    return told if all(told) and len(distinct) == len({_identity(group) for group in groups}) else groups
+    distinct = {_identity(label) for label in reduced}
+    return (
+        reduced if all(reduced) and len(distinct) == len({_identity(group) for group in groups}) else groups
+    )
 
 
 def kind_of(key: str, values: Mapping[str, Any]) -> str | None:
@@ -141,15 +143,15 @@ def _common_beginning(texts: Collection[str]) -> int:
     """Return how many characters all texts begin with: as many as the first and the last of them, sorted."""
     first, last = min(texts), max(texts)
     pairs = enumerate(zip(first, last, strict=False))
-    return next((index for index, (one, other) in pairs if one != other), len(first))
+    return next((index for index, (left, right) in pairs if left != right), len(first))
 
 
 def _alike(texts: Collection[str], forms: Mapping[str, str]) -> list[list[str]]:
     """Return the texts that have one form, for each form of several."""
-    found = defaultdict(list)
+    texts_by_form = defaultdict(list)
     for text in texts:
-        found[forms[text]].append(text)
-    return [together for together in found.values() if len(together) > 1]
+        texts_by_form[forms[text]].append(text)
+    return [together for together in texts_by_form.values() if len(together) > 1]
 
 
 def _cut(text: str) -> str:
@@ -197,13 +199,13 @@ def _mapping_texts(values: Mapping[str, Any]) -> dict[str, str]:
     if len(set(names.values())) == len(names):
         return names
     flattened = {identity: flatten(value) for identity, value in values.items()}
-    found: dict[str, set[str]] = defaultdict(set)
+    values_by_name: dict[str, set[str]] = defaultdict(set)
     for leaves in flattened.values():
         for name, value in leaves.items():
-            found[name].add(_identity(value))
+            values_by_name[name].add(_identity(value))
     everywhere = {
         name
-        for name, different in found.items()
+        for name, different in values_by_name.items()
         if len(different) == 1 and all(name in leaves for leaves in flattened.values())
     }
     return {

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.analysis.groups import flattened_of
-from swarmwright.analysis.significance import LEVEL, SignedRank, signed_rank
+from swarmwright.analysis.groups import flatten_experiment
+from swarmwright.analysis.significance import LEVEL, SignedRank, compute_signed_rank
 from swarmwright.analysis.table import CSV, check, columns, number
 from swarmwright.common.arguments import check_arguments, path_of
 from swarmwright.common.errors import InputError
@@ -86,8 +86,8 @@ class ControllerComparison(ComparedByValue):
             contender.ranking.replace_failures(contender.episodes) for contender in (self.first, self.second)
         ]
         with np.errstate(invalid="ignore"):  # NaN and infinities where an episode failed
-            found = values[0] - values[1]
-        return np.where(np.isfinite(values[0]) & np.isfinite(values[1]), found, np.nan)
+            differences = values[0] - values[1]
+        return np.where(np.isfinite(values[0]) & np.isfinite(values[1]), differences, np.nan)
 
     @cached_property
     def paired(self) -> Values:
@@ -124,10 +124,10 @@ class ControllerComparison(ComparedByValue):
 
         No interval where all differences are the same: then there is nothing to estimate it from.
         """
-        found = estimate(self.paired.tolist())
+        result = estimate(self.paired.tolist())
         if len(self.paired) and np.ptp(self.paired) == 0:
-            return Estimate(found.mean, None, None, None, None)
-        return found
+            return Estimate(result.mean, None, None, None, None)
+        return result
 
     @cached_property
     def test(self) -> SignedRank | None:
@@ -137,7 +137,7 @@ class ControllerComparison(ComparedByValue):
         """
         if len(self.paired) < 2 or not self.depends_on_seed:
             return None
-        return signed_rank(self.paired)
+        return compute_signed_rank(self.paired)
 
     @cached_property
     def fitness_difference(self) -> Estimate | None:
@@ -157,7 +157,7 @@ class ControllerComparison(ComparedByValue):
     def __repr__(self) -> str:
         """Say which is better, and by how much."""
         names = " against ".join(self.names)
-        return f"<ControllerComparison of {names}: difference {_estimated(self.difference)}>"
+        return f"<ControllerComparison of {names}: difference {_format_estimate(self.difference)}>"
 
     def _repr_html_(self) -> str:
         """Return what is printed, for notebooks."""
@@ -227,16 +227,16 @@ class Contender(NamedTuple):
     """Of the candidate."""
 
     @classmethod
-    def of(cls, letter: str, given: Run | Controller | str | PathLike[str]) -> Self:
+    def of(cls, letter: str, value: Run | Controller | str | PathLike[str]) -> Self:
         """Return what an argument names. letter: A or B, for what has no name.
 
         Raises InputError where there is no such run, candidate or controller.
         """
-        if isinstance(given, Controller):
-            return cls(letter, given)
-        if isinstance(given, Run):
-            return cls._candidate(str(given.path), given)
-        path = path_of(letter, given, "a run folder or a controller")
+        if isinstance(value, Controller):
+            return cls(letter, value)
+        if isinstance(value, Run):
+            return cls._candidate(str(value.path), value)
+        path = path_of(letter, value, "a run folder or a controller")
         candidate = None if path.exists() else _CANDIDATE.fullmatch(str(path))
         if candidate is not None:
             return cls._candidate(str(path), Run.open(candidate[1]), int(candidate[2]), int(candidate[3]))
@@ -277,10 +277,10 @@ class Match(NamedTuple):
                 "neither A nor B is a run whose experiment they can be compared in; name one: --experiment "
                 "FILE (in Python, experiment=..)"
             )
-        notes = () if len(runs) < 2 else tuple(_unlike(both, runs[0][0], runs[1][0]))
+        notes = () if len(runs) < 2 else tuple(_describe_conditions(both, runs[0][0], runs[1][0]))
         return cls(*both, resolve_experiment(*runs[0]), notes)
 
-    def evaluated(self, where: EvaluationOptions) -> ControllerComparison:
+    def evaluate(self, where: EvaluationOptions) -> ControllerComparison:
         """Evaluate both controllers; raises as `compare_controllers`."""
         used = [
             set() if contender.run is None else contender.run._store.collect_seeds()
@@ -298,7 +298,7 @@ class Match(NamedTuple):
             used[0] | used[1],
             may_fail=self.experiment.ranking.failure_fitness is not None,
         )
-        notes = [*self.notes, *_seen(first.seeds, used)]
+        notes = [*self.notes, *_describe_used_seeds(first.seeds, used)]
         if self.first.controller.specification == self.second.controller.specification:
             notes.append("A and B are the same controller")
         return ControllerComparison(
@@ -361,29 +361,31 @@ def compare_controllers(
         8.81
     """
     where = EvaluationOptions.of(episodes, seed, broker, servers, on_progress)
-    return Match.of(first, second, experiment).evaluated(where)
+    return Match.of(first, second, experiment).evaluate(where)
 
 
-def _unlike(both: tuple[Contender, Contender], one: Run, other: Run) -> Iterator[str]:
+def _describe_conditions(both: tuple[Contender, Contender], first_run: Run, second_run: Run) -> Iterator[str]:
     """Yield in what conditions the runs of two candidates differ.
 
     Raises InputError where these are different simulations.
     """
-    here, there = flattened_of(one), flattened_of(other)
-    if here["simulation"] != there["simulation"]:
+    first_values, second_values = flatten_experiment(first_run), flatten_experiment(second_run)
+    if first_values["simulation"] != second_values["simulation"]:
         raise InputError(
-            f"A ({both[0].name}) was evolved in {one.experiment.label}, B ({both[1].name}) in "
-            f"{other.experiment.label}; name the experiment in which both are evaluated: --experiment FILE "
-            "(in Python, experiment=..)"
+            f"A ({both[0].name}) was evolved in {first_run.experiment.label}, B ({both[1].name}) in "
+            f"{second_run.experiment.label}; name the experiment in which both are evaluated: --experiment "
+            "FILE (in Python, experiment=..)"
         )
     keys = [
         key
-        for key in dict.fromkeys([*here, *there])
-        if key.startswith(_CONDITIONS) and key != "parameters.seed" and here.get(key) != there.get(key)
+        for key in dict.fromkeys([*first_values, *second_values])
+        if key.startswith(_CONDITIONS)
+        and key != "parameters.seed"
+        and first_values.get(key) != second_values.get(key)
     ]
     if keys:
         named = "; ".join(
-            f"{key}: A {format_value(here.get(key))}, B {format_value(there.get(key))}"
+            f"{key}: A {format_value(first_values.get(key))}, B {format_value(second_values.get(key))}"
             for key in keys[:_NAMED]
         )
         more = f"; and {len(keys) - _NAMED} more" if len(keys) > _NAMED else ""
@@ -393,40 +395,46 @@ def _unlike(both: tuple[Contender, Contender], one: Run, other: Run) -> Iterator
         )
 
 
-def _seen(seeds: Sequence[int], used: Sequence[set[int]]) -> Iterator[str]:
+def _describe_used_seeds(seeds: Sequence[int], used: Sequence[set[int]]) -> Iterator[str]:
     """Yield that evolution had used some of the seeds."""
-    for letter, known in zip("AB", used, strict=True):
-        if count := len(known.intersection(seeds)):
+    for letter, used_seeds in zip("AB", used, strict=True):
+        if count := len(used_seeds.intersection(seeds)):
             yield (
                 f"the evolution of {letter} used {count:,} of these {len(seeds):,} seeds, so its fitness in "
                 "them is biased upwards where fitness depends on the seed"
             )
 
 
-def _lines(found: ControllerComparison) -> Iterator[str]:
+def _lines(comparison: ControllerComparison) -> Iterator[str]:
     """Yield the two controllers as a table, their difference and the test."""
-    count = len(found.seeds)
-    seeds = f"seeds {found.seeds[0]} to {found.seeds[-1]}" if count > 1 else f"seed {found.seeds[0]}"
-    seeds = f"held-out {seeds}" if found.held_out else seeds
-    yield (
-        f"{format_count(count, 'episode')} of {escape_line(found.experiment.subject)}, the same for both "
-        f"({seeds}):"
+    count = len(comparison.seeds)
+    seeds = (
+        f"seeds {comparison.seeds[0]} to {comparison.seeds[-1]}"
+        if count > 1
+        else f"seed {comparison.seeds[0]}"
     )
-    failed = bool(found.first.failed or found.second.failed)
+    seeds = f"held-out {seeds}" if comparison.held_out else seeds
+    yield (
+        f"{format_count(count, 'episode')} of {escape_line(comparison.experiment.subject)}, the same for "
+        f"both ({seeds}):"
+    )
+    failed = bool(comparison.first.failed or comparison.second.failed)
     rows = [["", "controller", "mean fitness", "95 % interval", *["failed episodes"] * failed]]
-    for letter, name, evaluation in zip("AB", found.names, (found.first, found.second), strict=True):
+    for letter, name, evaluation in zip(
+        "AB", comparison.names, (comparison.first, comparison.second), strict=True
+    ):
         mean = evaluation.mean
         interval = "" if not mean.standard_error else f"{number(mean.low or 0)} to {number(mean.high or 0)}"
         rows.append([letter, name, number(mean.mean), interval, *[str(evaluation.failed)] * failed])
     yield from columns(rows)
     yield ""
-    yield f"Difference A - B: {_estimated(found.difference)}"
-    of_fitness = found.fitness_difference
-    if of_fitness is not None:
-        options = found.first.ranking.options
-        how = f"{getattr(options, 'aggregate', options.kind)} of {options.episodes} episodes"
-        yield f"Difference of fitness ({how}): {_estimated(of_fitness)}"
-    test = found.test
+    yield f"Difference A - B: {_format_estimate(comparison.difference)}"
+    fitness_difference = comparison.fitness_difference
+    if fitness_difference is not None:
+        options = comparison.first.ranking.options
+        aggregation = f"{getattr(options, 'aggregate', options.kind)} of {options.episodes} episodes"
+        yield f"Difference of fitness ({aggregation}): {_format_estimate(fitness_difference)}"
+    test = comparison.test
     if test is None:
         return
     yield (
@@ -438,12 +446,12 @@ def _lines(found: ControllerComparison) -> Iterator[str]:
             "size "
             f"(matched-pairs rank-biserial correlation) {test.effect:.2f}"
         )
-    if found.is_reportable:
+    if comparison.is_reportable:
         better = f"{'A' if test.effect > 0 else 'B'} is significantly better (p at most 0.05)."
         yield better if test.p <= LEVEL else "No significant difference (p above 0.05)."
 
 
-def _estimated(measured: Estimate) -> str:
+def _format_estimate(measured: Estimate) -> str:
     """Return a mean difference with its interval."""
     if measured.low is None or measured.high is None:
         return number(measured.mean) if math.isfinite(measured.mean) else "not known"
@@ -451,18 +459,18 @@ def _estimated(measured: Estimate) -> str:
     return f"{number(measured.mean)}, 95 % confidence interval {interval} (Student's t of the differences)"
 
 
-def _caveats(found: ControllerComparison) -> Iterator[str]:
+def _caveats(comparison: ControllerComparison) -> Iterator[str]:
     """Yield what restricts the conclusions."""
-    yield from _failed(found)
-    count, test = len(found.paired), found.test
-    if len(found.seeds) < 2:
+    yield from _describe_failures(comparison)
+    count, test = len(comparison.paired), comparison.test
+    if len(comparison.seeds) < 2:
         yield "one episode says nothing about others, so there is no interval and no test; take more"
-    elif found.depends_on_seed is False:
+    elif comparison.depends_on_seed is False:
         yield (
             f"all {count:,} episodes of each controller have the same fitness, which does not seem to depend "
             "on the seed: the difference is exact, and there is no interval and no test"
         )
-    elif count > 1 and np.ptp(found.paired) == 0:
+    elif count > 1 and np.ptp(comparison.paired) == 0:
         yield f"the difference is the same in all {count:,} episodes, so there is no interval"
     elif test is not None and test.least > LEVEL:
         yield (
@@ -470,12 +478,12 @@ def _caveats(found: ControllerComparison) -> Iterator[str]:
             "test's p is "
             f"at least {format_p_value(test.least)}; take more episodes"
         )
-    elif test is not None and _contradicts(found.difference, test):
+    elif test is not None and _contradicts(comparison.difference, test):
         yield (
             "test and interval disagree: the test is of the ranks of the differences, the interval is of "
             "their mean, which a few large differences can dominate; look at the figure"
         )
-    if hasattr(found.first.ranking.options, "slow"):
+    if hasattr(comparison.first.ranking.options, "slow"):
         yield "both were evaluated in the experiment's own simulation, not in the ranking's slow one"
 
 
@@ -487,10 +495,10 @@ def _contradicts(difference: Estimate, test: SignedRank) -> bool:
     return (test.p <= LEVEL) != apart or (apart and difference.mean * test.effect < 0)
 
 
-def _failed(found: ControllerComparison) -> Iterator[str]:
+def _describe_failures(comparison: ControllerComparison) -> Iterator[str]:
     """Yield in which episodes a controller failed, and how these count."""
-    value = found.first.ranking.options.failure_fitness
-    for letter, evaluation in zip("AB", (found.first, found.second), strict=True):
+    value = comparison.first.ranking.options.failure_fitness
+    for letter, evaluation in zip("AB", (comparison.first, comparison.second), strict=True):
         if not evaluation.failed:
             continue
         seeds = [
@@ -499,13 +507,14 @@ def _failed(found: ControllerComparison) -> Iterator[str]:
             if not math.isfinite(fitness)
         ]
         more = f" and {len(seeds) - _NAMED:,} more" if len(seeds) > _NAMED else ""
-        which = f"{', '.join(map(str, seeds[:_NAMED]))}{more}"
+        seed_words = f"{', '.join(map(str, seeds[:_NAMED]))}{more}"
         counts = "" if value is None else f", and counts as {value:g} there"
-        of = f"{evaluation.failed:,} of {len(evaluation.seeds):,} episodes"
-        yield f"{letter} failed in {of} (seeds {which}){counts}"
-    if not found.is_reportable:
+        share = f"{evaluation.failed:,} of {len(evaluation.seeds):,} episodes"
+        yield f"{letter} failed in {share} (seeds {seed_words}){counts}"
+    if not comparison.is_reportable:
         yield (
-            f"pairs with a failed episode are left out ({len(found.left_out):,} of {len(found.seeds):,}), so "
-            "do not report these figures: whoever fails in hard episodes is compared in the easy ones alone; "
+            f"pairs with a failed episode are left out ({len(comparison.left_out):,} of "
+            f"{len(comparison.seeds):,}), so do not report these figures: a controller that fails in hard "
+            "episodes is compared only in the easy ones; "
             "--set ranking.failed=NUMBER gives failed episodes a fitness"
         )

@@ -85,33 +85,37 @@ class Difference:
 
 def difference(first: Values, second: Values) -> Difference:
     """Compare two groups of values, (n,) and (m,), more is better; at least one value each."""
-    one, two = _ordered(first), _ordered(second)
-    better = (one[:, None] > two[None, :]).sum() + 0.5 * (one[:, None] == two[None, :]).sum()
+    first_values, second_values = _replace_nan(first), _replace_nan(second)
+    better = (first_values[:, None] > second_values[None, :]).sum() + 0.5 * (
+        first_values[:, None] == second_values[None, :]
+    ).sum()
     u = float(better)
-    shift, interval = _shift(one, two)
-    p, effect = mann_whitney(one, two, u), u / (len(one) * len(two))
-    tied = len(np.unique(np.concatenate([one, two]))) < len(one) + len(two)
+    shift, interval = _shift(first_values, second_values)
+    p, effect = mann_whitney(first_values, second_values, u), u / (len(first_values) * len(second_values))
+    tied = len(np.unique(np.concatenate([first_values, second_values]))) < len(first_values) + len(
+        second_values
+    )
     return Difference(u, p, effect, shift, interval, tied)
 
 
-def mann_whitney(one: Values, two: Values, u: float) -> float:
+def mann_whitney(first: Values, second: Values, u: float) -> float:
     """Return the two-sided p of Mann and Whitney's test; exact, ties included, for up to 60 values.
 
     The exact distribution of rank sums is counted with the shift algorithm of Streitberg and Roehmel (1986);
     above, it is the normal approximation with corrections for ties and continuity.
     """
-    n, m = len(one), len(two)
-    pooled = np.concatenate([one, two])
-    if (pooled == pooled[0]).all():
+    n, m = len(first), len(second)
+    describe_pooling = np.concatenate([first, second])
+    if (describe_pooling == describe_pooling[0]).all():
         return 1.0
     if n + m > _MOST_EXACT_RUNS:
         from scipy.stats import mannwhitneyu
 
-        return float(mannwhitneyu(one, two, alternative="two-sided", method="asymptotic").pvalue)
-    counts = _rank_sums(compute_doubled_midranks(pooled), n)
+        return float(mannwhitneyu(first, second, alternative="two-sided", method="asymptotic").pvalue)
+    counts = _rank_sums(compute_doubled_midranks(describe_pooling), n)
     distance = np.abs(np.arange(len(counts)) - n * (n + m + 1))  # of doubled sums, from their mean
-    seen = abs(2 * u - n * m)
-    return float(min(1.0, counts[distance >= seen - 1e-9].sum() / counts.sum()))
+    observed = abs(2 * u - n * m)
+    return float(min(1.0, counts[distance >= observed - 1e-9].sum() / counts.sum()))
 
 
 def _rank_sums(ranks: NDArray[np.int64], size: int) -> Values:
@@ -125,15 +129,15 @@ def _rank_sums(ranks: NDArray[np.int64], size: int) -> Values:
     return sums
 
 
-def _shift(one: Values, two: Values) -> tuple[float, tuple[float, float] | None]:
+def _shift(first: Values, second: Values) -> tuple[float, tuple[float, float] | None]:
     with np.errstate(over="ignore", invalid="ignore"):
-        differences = one[:, None] - two[None, :]
-        differences[one[:, None] == two[None, :]] = 0.0  # of infinities, too
+        differences = first[:, None] - second[None, :]
+        differences[first[:, None] == second[None, :]] = 0.0  # of infinities, too
     differences = np.sort(differences.ravel())
     count = len(differences)
     middle = differences[(count - 1) // 2], differences[count // 2]
     estimate = float(middle[0] if middle[0] == middle[1] else middle[0] / 2 + middle[1] / 2)
-    below = _border(len(one), len(two))
+    below = _border(len(first), len(second))
     if below == 0:
         return estimate, None
     return estimate, (float(differences[below - 1]), float(differences[count - below]))
@@ -175,27 +179,27 @@ def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
     together, p is the share of arrangements of the values, ties included, that have an H as large: of all
     where these are counted quickly, else of random ones with a fixed seed.
     """
-    ordered = [_ordered(values) for values in groups]
-    pooled = np.concatenate(ordered)
-    if (pooled == pooled[0]).all():
+    ordered = [_replace_nan(values) for values in groups]
+    describe_pooling = np.concatenate(ordered)
+    if (describe_pooling == describe_pooling[0]).all():
         return Kruskal(0.0, 1.0)
     from scipy.stats import kruskal
 
     # Computed from ranks, which are finite for infinite values too.
-    ranks = compute_doubled_midranks(pooled)
+    ranks = compute_doubled_midranks(describe_pooling)
     sizes = np.array([len(values) for values in ordered], dtype=np.int64)
-    found = kruskal(*np.split(ranks, np.cumsum(sizes)[:-1]))
-    h = float(found.statistic)
-    if len(pooled) > _MOST_EXACT_RUNS:
-        return Kruskal(h, float(found.pvalue), "chi-square")
+    result = kruskal(*np.split(ranks, np.cumsum(sizes)[:-1]))
+    h = float(result.statistic)
+    if len(describe_pooling) > _MOST_EXACT_RUNS:
+        return Kruskal(h, float(result.pvalue), "chi-square")
     # H grows with the sum of squared rank sums over sizes, alone.
-    seen = _spread(np.add.reduceat(ranks, np.cumsum(sizes) - sizes), sizes)
+    observed = _spread(np.add.reduceat(ranks, np.cumsum(sizes) - sizes), sizes)
     # Sorted, so that the order in which runs and groups are named changes neither p nor how it is computed.
     ranks, sizes = np.sort(ranks), np.sort(sizes)
-    p = _exact(ranks, sizes, seen)
+    p = _exact(ranks, sizes, observed)
     if p is not None:
         return Kruskal(h, p)
-    return Kruskal(h, _estimated(ranks, sizes, seen), "permutations")
+    return Kruskal(h, _estimate_p(ranks, sizes, observed), "permutations")
 
 
 def _spread(sums: NDArray[np.int64], sizes: NDArray[np.int64]) -> Values:
@@ -204,7 +208,7 @@ def _spread(sums: NDArray[np.int64], sizes: NDArray[np.int64]) -> Values:
     return spread
 
 
-def _exact(ranks: NDArray[np.int64], sizes: NDArray[np.int64], seen: Values) -> float | None:
+def _exact(ranks: NDArray[np.int64], sizes: NDArray[np.int64], observed: Values) -> float | None:
     """Return the share of arrangements that are as extreme; None where counting them takes long.
 
     Element by element, arrangements with as many elements and the same sum of ranks in each group are counted
@@ -224,27 +228,27 @@ def _exact(ranks: NDArray[np.int64], sizes: NDArray[np.int64], seen: Values) -> 
         steps = [*(units[:others] + rank * units[others:]), 0]
         grown = np.concatenate([states[able] + step for able, step in zip(free, steps, strict=True)])
         weights = np.concatenate([counts[able] for able in free])
-        states, which = np.unique(grown, return_inverse=True)
+        states, indices = np.unique(grown, return_inverse=True)
         if len(states) > _ARRANGEMENTS:
             return None
-        counts = np.bincount(which.ravel(), weights).astype(np.float64)
+        counts = np.bincount(indices.ravel(), weights).astype(np.float64)
     sums = np.stack([states // units[others + group] % bases[others + group] for group in range(others)], 1)
     sums = np.column_stack([sums, ranks.sum() - sums.sum(axis=1)])
-    extreme = _spread(sums, sizes) >= seen * (1 - 1e-12)
+    extreme = _spread(sums, sizes) >= observed * (1 - 1e-12)
     return float(counts[extreme].sum() / counts.sum())
 
 
-def _estimated(ranks: NDArray[np.int64], sizes: NDArray[np.int64], seen: Values) -> float:
+def _estimate_p(ranks: NDArray[np.int64], sizes: NDArray[np.int64], observed: Values) -> float:
     """Return the share of random arrangements that are as extreme; the one that was seen is one of them."""
     random = np.random.default_rng(0)
     starts = np.cumsum(sizes) - sizes
-    extreme, left = 1, _PERMUTATIONS
-    while left:
-        rows = min(left, max(1, _CHUNK_VALUES // len(ranks)))
+    extreme, remaining = 1, _PERMUTATIONS
+    while remaining:
+        rows = min(remaining, max(1, _CHUNK_VALUES // len(ranks)))
         arranged = random.permuted(np.tile(ranks, (rows, 1)), axis=1)
         sums = np.add.reduceat(arranged, starts, axis=1)
-        extreme += int((_spread(sums, sizes) >= seen * (1 - 1e-12)).sum())
-        left -= rows
+        extreme += int((_spread(sums, sizes) >= observed * (1 - 1e-12)).sum())
+        remaining -= rows
     return extreme / (_PERMUTATIONS + 1)
 
 
@@ -274,7 +278,7 @@ class SignedRank:
         return float(min(1.0, 2.0 ** (1 - self.better - self.worse)))
 
 
-def signed_rank(differences: Values) -> SignedRank:
+def compute_signed_rank(differences: Values) -> SignedRank:
     """Test whether paired differences, (n,), finite, are symmetric about 0 (Wilcoxon 1945).
 
     The exact distribution, ties included, is counted for up to 500 differences that are not 0; above, it is
@@ -308,11 +312,11 @@ def holm(values: Sequence[float]) -> list[float]:
     """Return p-values of several tests, corrected after Holm (1979) so that all hold together."""
     adjusted = [0.0] * len(values)
     largest = 0.0
-    for place, index in enumerate(sorted(range(len(values)), key=lambda i: values[i])):
-        largest = max(largest, min(1.0, (len(values) - place) * values[index]))
+    for rank, index in enumerate(sorted(range(len(values)), key=lambda i: values[i])):
+        largest = max(largest, min(1.0, (len(values) - rank) * values[index]))
         adjusted[index] = largest
     return adjusted
 
 
-def _ordered(values: Values) -> Values:
+def _replace_nan(values: Values) -> Values:
     return np.where(np.isnan(values), -np.inf, values)

@@ -31,7 +31,7 @@ def runs_of(folder: Path) -> list[Path] | None:
         names = [names_of(variant["runs"]) for variant in loads(read_contents(file))["variants"]]
     except (ValueError, KeyError, TypeError) as error:
         raise no_record(file) from error
-    return [folder / name for some in names for name in some]
+    return [folder / name for members in names for name in members]
 
 
 def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
@@ -41,7 +41,7 @@ def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
     """
     places = [run.path.resolve() for run in runs]
     file = places[0].parent / SWEEP
-    if any(place.parent != file.parent for place in places) or not file.is_file():
+    if any(parent.parent != file.parent for parent in places) or not file.is_file():
         return None
     try:
         keys = {
@@ -49,7 +49,7 @@ def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
             for variant in loads(read_contents(file))["variants"]
             for name in names_of(variant["runs"])
         }
-        return [keys[place.name] for place in places]
+        return [keys[parent.name] for parent in places]
     except (InputError, ValueError, KeyError, TypeError):
         return None
 
@@ -69,18 +69,18 @@ def names_of(runs: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
     return runs
 
 
-def expanded(folders: Iterable[Path]) -> tuple[list[Path], list[Path]]:
+def expand_folders(folders: Iterable[Path]) -> tuple[list[Path], list[Path]]:
     """Return folders, of sweeps those of their runs in their place, and those that are missing of a sweep.
 
     Raises InputError where the record of a sweep cannot be read.
     """
-    found: list[Path] = []
+    paths: list[Path] = []
     missing: list[Path] = []
     for folder in folders:
         runs = runs_of(folder)
         for run in [folder] if runs is None else runs:
-            (found if runs is None or run.exists() else missing).append(run)
-    return found, missing
+            (paths if runs is None or run.exists() else missing).append(run)
+    return paths, missing
 
 
 def missing_words(missing: list[Path]) -> str:
@@ -90,12 +90,12 @@ def missing_words(missing: list[Path]) -> str:
     return f"{named}{more}: missing; the same sweep runs {'it' if len(missing) == 1 else 'them'}"
 
 
-def as_missing(folders: Iterable[Path]) -> list[LeftOut]:
+def exclude_missing(folders: Iterable[Path]) -> list[LeftOut]:
     """Return runs of sweeps that are not there as runs that do not count."""
     return [LeftOut(folder, "missing", "missing; the same sweep runs it") for folder in folders]
 
 
-def as_unreadable(folder: Path, error: InputError) -> LeftOut:
+def exclude_unreadable(folder: Path, error: InputError) -> LeftOut:
     """Return a run that cannot be read as one that does not count."""
     return LeftOut(folder, "unreadable", str(error).removeprefix(f"{folder}: "))
 
@@ -132,21 +132,21 @@ def runs_of_all(
             require_list("runs", runs, "run folders")  # raises: one run is no list
         runs = [runs]
     require_list("runs", runs, "run folders")
-    given = [run if isinstance(run, Run) else path_of("runs", run, "a run folder") for run in runs]
-    files = [source for source in given if isinstance(source, Path) and source.is_file()]
-    found: list[Run] = []
+    paths = [run if isinstance(run, Run) else path_of("runs", run, "a run folder") for run in runs]
+    files = [source for source in paths if isinstance(source, Path) and source.is_file()]
+    opened: list[Run] = []
     missing: list[Path] = []
     unreadable: list[LeftOut] = []
-    for source in given:
+    for source in paths:
         if isinstance(source, Run):
-            found.append(source)
+            opened.append(source)
         elif source not in files:
-            _open(source, found, missing, unreadable)
-    if files and not found:
+            _open(source, opened, missing, unreadable)
+    if files and not opened:
         raise InputError(f"{files[0]}: is not a folder; specify a run folder such as runs/minisim-1")
-    if missing and not found:
+    if missing and not opened:
         raise InputError(missing_words(missing))
-    if unreadable and not found:
+    if unreadable and not opened:
         raise InputError(f"{unreadable[0].path}: {unreadable[0].reason}")
     for words in (
         *(f"{path}: is a file, not a run folder" for path in files if not is_of_sweep(path)),
@@ -154,22 +154,22 @@ def runs_of_all(
         *(f"{left_out_run.path}: {left_out_run.reason}" for left_out_run in unreadable),
     ):
         logging.getLogger("swarmwright").warning("left out: %s", words)
-    return found, [*as_missing(missing), *unreadable]
+    return opened, [*exclude_missing(missing), *unreadable]
 
 
-def _open(folder: Path, found: list[Run], missing: list[Path], unreadable: list[LeftOut]) -> None:
+def _open(folder: Path, runs: list[Run], missing: list[Path], unreadable: list[LeftOut]) -> None:
     """Open a run, or the runs of a sweep, of which those that cannot be opened are told apart."""
-    asked = runs_of(folder)
-    for run in [folder] if asked is None else asked:
-        if asked is not None and not run.exists():
+    answered = runs_of(folder)
+    for run in [folder] if answered is None else answered:
+        if answered is not None and not run.exists():
             missing.append(run)
             continue
         try:
-            found.append(Run.open(run))
+            runs.append(Run.open(run))
         except InputError as error:
-            if asked is None:
+            if answered is None:
                 raise
-            unreadable.append(as_unreadable(run, error))
+            unreadable.append(exclude_unreadable(run, error))
 
 
 def is_of_sweep(path: Path) -> bool:

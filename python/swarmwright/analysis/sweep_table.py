@@ -8,7 +8,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
+from swarmwright.analysis.groups import (
+    collect_mission_names,
+    differing_keys,
+    flatten_experiment,
+    restore_mission_names,
+)
 from swarmwright.analysis.table import option_columns
 from swarmwright.common.errors import InputError
 from swarmwright.runs.export import csv_lines, tables, write
@@ -32,8 +37,8 @@ def write_records(runs: Sequence[Run], path: Path) -> None:
 
 def _columns(runs: Sequence[Run]) -> list[dict[str, Any]]:
     """Return the columns that say which run it is, with the values of each run."""
-    missions = written_missions(runs)
-    experiments = [as_written(flattened_of(run), run, missions) for run in runs]
+    missions = collect_mission_names(runs)
+    experiments = [restore_mission_names(flatten_experiment(run), run, missions) for run in runs]
     differing = option_columns(list(zip(experiments, differing_keys(experiments), strict=True)))
     return [
         {"run": run.path.name, "seed": run.experiment.seed, **keys}
@@ -45,7 +50,7 @@ def _lines(runs: Sequence[Run]) -> Iterator[str]:
     """Yield the lines of a CSV file."""
     leading = _columns(runs)
     headers = [next(csv_lines(run._store)).rstrip("\n").split(",") for run in runs]
-    columns = _united(headers)
+    columns = _unite_columns(headers)
     _check(leading[0], columns)
     yield _text([*leading[0], *columns])
     for run, values, header in zip(runs, leading, headers, strict=True):
@@ -55,18 +60,21 @@ def _lines(runs: Sequence[Run]) -> Iterator[str]:
         places = [columns.index(name) for name in header]
         for line in lines:
             cells = [""] * len(columns)
-            for place, cell in zip(places, line.rstrip("\n").split(","), strict=True):
-                cells[place] = cell
+            for position, cell in zip(places, line.rstrip("\n").split(","), strict=True):
+                cells[position] = cell
             yield f"{first},{','.join(cells)}\n"
 
 
-def _united(headers: Iterable[Sequence[str]]) -> list[str]:
+def _unite_columns(headers: Iterable[Sequence[str]]) -> list[str]:
     """Return all columns of several tables: numbered ones, such as genes, side by side."""
     names = dict.fromkeys(name for header in headers for name in header)
     parts = {name: re.fullmatch(r"(.*?)(\d*)", name, re.DOTALL) for name in names}
-    split = {name: (found[1], int(found[2] or 0)) for name, found in parts.items() if found is not None}
+    split = {
+        name: (columns[1], int(columns[2] or 0)) for name, columns in parts.items() if columns is not None
+    }
     order = {
-        prefix: place for place, prefix in enumerate(dict.fromkeys(prefix for prefix, _ in split.values()))
+        prefix: position
+        for position, prefix in enumerate(dict.fromkeys(prefix for prefix, _ in split.values()))
     }
     return sorted(names, key=lambda name: (order[split[name][0]], split[name][1]))
 
@@ -110,11 +118,11 @@ def _tables(runs: Sequence[Run]) -> Iterator["pa.Table"]:
     _check(leading[0], fields)
     keys = {name: _array([values[name] for values in leading]) for name in leading[0]}
     schema = pa.schema({**{name: array.type for name, array in keys.items()}, **fields})
-    for place, run in enumerate(runs):
+    for position, run in enumerate(runs):
         for part in tables(run._store):
             size = len(part)
             columns = {
-                name: pa.array([array[place].as_py()] * size, array.type) for name, array in keys.items()
+                name: pa.array([array[position].as_py()] * size, array.type) for name, array in keys.items()
             }
             columns |= {
                 name: part[name].cast(kind) if name in part.column_names else pa.nulls(size, kind)

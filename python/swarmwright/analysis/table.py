@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from swarmwright.analysis.episodes import fitness_at
-from swarmwright.analysis.groups import flattened_of
+from swarmwright.analysis.groups import flatten_experiment
 from swarmwright.common import html
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
@@ -76,8 +76,8 @@ def table(comparison: "Comparison") -> str:
             lines += [""] * bool(lines) + [f"Task: {escape_line(task.label)}", ""]
         lines += columns(_group_rows(task.groups, comparison))
         if task.kruskal is not None:
-            which = "All groups of the task" if several else "All groups"
-            lines += ["", f"{which}: {kruskal_words(task.kruskal)}"]
+            title = "All groups of the task" if several else "All groups"
+            lines += ["", f"{title}: {kruskal_words(task.kruskal)}"]
         if task.pairs:
             lines += ["", *pairs_table(task.pairs)]
     lacking = lacking_rows(comparison) if several else []
@@ -96,10 +96,10 @@ def table(comparison: "Comparison") -> str:
 def html_of(comparison: "Comparison") -> str:
     """Return what `table` says as HTML, for notebooks."""
     several = len(comparison.tasks) > 1
-    what = (comparison.heading or comparison.indicator.heading).removesuffix(":")
+    heading = (comparison.heading or comparison.indicator.heading).removesuffix(":")
     if comparison.held_out:
-        what = "Mean fitness of each run's best candidate on held-out seeds"
-    parts = [html.facts(f"Comparison of {len(comparison.groups)} groups. {what}", [])]
+        heading = "Mean fitness of each run's best candidate on held-out seeds"
+    parts = [html.facts(f"Comparison of {len(comparison.groups)} groups. {heading}", [])]
     for task in comparison.tasks:
         head, *rows = _group_rows(task.groups, comparison)
         parts.append(html.facts(f"Task: {task.label}", []) if several else "")
@@ -147,13 +147,13 @@ def _group_rows(groups: Sequence["Group"], comparison: "Comparison") -> list[lis
 
 def lacking_rows(comparison: "Comparison") -> list[list[str]]:
     """Return label, 0 and the number of runs left out of each group of which no run counts."""
-    there = {run.path for group in comparison.groups for run in group.left_out}
-    without: dict[str, int] = {}
+    counted_paths = {run.path for group in comparison.groups for run in group.left_out}
+    counts: dict[str, int] = {}
     for run in comparison.left_out:
-        if run.path not in there:
+        if run.path not in counted_paths:
             label = run.label or _UNKNOWN
-            without[label] = without.get(label, 0) + 1
-    return [[comparison.labels.get(label, label), "0", str(count)] for label, count in without.items()]
+            counts[label] = counts.get(label, 0) + 1
+    return [[comparison.labels.get(label, label), "0", str(count)] for label, count in counts.items()]
 
 
 def span(counts: Sequence[int]) -> str:
@@ -167,26 +167,31 @@ def kruskal_words(test: "Kruskal") -> str:
     return f"Kruskal-Wallis H {number(test.h)}, p {format_p_value(test.p)} ({_METHODS[test.method]})"
 
 
-def pairs_table(pairs: Sequence[Tested], *, what: str = "") -> list[str]:
+def pairs_table(pairs: Sequence[Tested], *, quantity: str = "") -> list[str]:
     """Return the tests of pairs as lines; of many pairs, those with the smallest p.
 
-    what: is compared, in the heading of the effect size.
+    quantity: compared, in the heading of the effect size.
     """
-    rows = _pair_rows(pairs, what=what)
+    rows = _pair_rows(pairs, quantity=quantity)
     hidden = len(pairs) - len(rows) + 1
     return columns(rows) + ([f"and {hidden} pairs with larger p; --json has all"] if hidden else [])
 
 
-def _pair_rows(pairs: Sequence[Tested], *, what: str = "") -> list[list[str]]:
+def _pair_rows(pairs: Sequence[Tested], *, quantity: str = "") -> list[list[str]]:
     several = len(pairs) > 1
-    head = ["first", "against second", f"A12{what}", "effect", "difference", "95 % interval", "U", "p"]
+    head = ["first", "against second", f"A12{quantity}", "effect", "difference", "95 % interval", "U", "p"]
     rows = [head + ["p (Holm)"] * several]
-    for pair in sorted(pairs, key=lambda one: one.difference.p)[:_PAIRS] if len(pairs) > _PAIRS else pairs:
-        found = pair.difference
+    for pair in (
+        sorted(pairs, key=lambda pair_of_groups: pair_of_groups.difference.p)[:_PAIRS]
+        if len(pairs) > _PAIRS
+        else pairs
+    ):
+        difference = pair.difference
         rows.append(
             [
-                pair.first.label, pair.second.label, f"{found.effect:.2f}", effect_words(pair),
-                number(found.shift), _interval(found.interval), f"{found.u:g}", format_p_value(found.p),
+                pair.first.label, pair.second.label, f"{difference.effect:.2f}", effect_words(pair),
+                number(difference.shift), _interval(difference.interval), f"{difference.u:g}",
+                format_p_value(difference.p),
             ]
             + [format_p_value(pair.p_holm)] * several
         )  # fmt: skip
@@ -272,17 +277,17 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
 
 def pair_mapping(pair: Tested) -> dict[str, Any]:
     """Return the test of a pair as plain values."""
-    found = pair.difference
+    difference = pair.difference
     return {
         "first": pair.first.label,
         "second": pair.second.label,
-        "u": found.u,
-        "p": found.p,
+        "u": difference.u,
+        "p": difference.p,
         "p_holm": pair.p_holm,
-        "a12": found.effect,
+        "a12": difference.effect,
         "magnitude": pair.magnitude or None,
-        "difference": found.shift,
-        "interval": list(found.interval) if found.interval else None,
+        "difference": difference.shift,
+        "interval": list(difference.interval) if difference.interval else None,
     }
 
 
@@ -302,12 +307,12 @@ def option_columns(rows: Sequence[tuple[Mapping[str, Any], Collection[str]]]) ->
     rows: the experiment of each by dotted keys, and which of these keys differ for it.
     """
     columns: dict[str, None] = {}
-    found: list[dict[str, Any]] = [{} for _ in rows]
+    rows_of_columns: list[dict[str, Any]] = [{} for _ in rows]
     for key in dict.fromkeys(key for _, keys in rows for key in keys):
         section, _, option = key.partition(".")
         kinds = {str(values.get(f"{section}.kind")) for values, _ in rows if key in values}
-        of_kinds = section in REGISTRIES and len(kinds) > 1 and not _of_all_kinds(section, option)
-        for row, (values, keys) in zip(found, rows, strict=True):
+        of_kinds = section in REGISTRIES and len(kinds) > 1 and not _is_common_option(section, option)
+        for row, (values, keys) in zip(rows_of_columns, rows, strict=True):
             if not of_kinds:
                 columns[key] = None
                 row[key] = values.get(key)
@@ -315,10 +320,10 @@ def option_columns(rows: Sequence[tuple[Mapping[str, Any], Collection[str]]]) ->
                 column = f"{section}.{values[f'{section}.kind']}.{option}"
                 columns[column] = None
                 row[column] = values[key]
-    return [{column: row.get(column) for column in columns} for row in found]
+    return [{column: row.get(column) for column in columns} for row in rows_of_columns]
 
 
-def _of_all_kinds(section: str, option: str) -> bool:
+def _is_common_option(section: str, option: str) -> bool:
     return option == "kind" or option in _OF_ALL_KINDS.get(section, ())
 
 
@@ -366,7 +371,10 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
     """
     tasks = {group.label: task.label for task in comparison.tasks for group in task.groups}
     differing = option_columns(
-        [({**flattened_of(group.runs[0]), **group.differs}, group.differs) for group in comparison.groups]
+        [
+            ({**flatten_experiment(group.runs[0]), **group.differs}, group.differs)
+            for group in comparison.groups
+        ]
     )
     by = comparison.indicator.by
     best = by == "fitness" and not comparison.held_out
@@ -386,7 +394,7 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
             if by != "fitness":
                 row[by] = value
             # The candidate that is the best at the run's end was validated.
-            row |= _held_out(run.validation if at_end else None)
+            row |= _make_held_out_columns(run.validation if at_end else None)
             rows.append({**row, "seconds": run.seconds, "record_sha256": run.digest, **keys})
     for lacking in comparison.left_out:
         label = comparison.labels.get(lacking.label, lacking.label)
@@ -404,7 +412,7 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
     return text.getvalue()
 
 
-def _held_out(validation: "Validation | None") -> dict[str, float | None]:
+def _make_held_out_columns(validation: "Validation | None") -> dict[str, float | None]:
     """Return the columns of fitness on held-out seeds, empty where that is not known."""
     if validation is None:
         return dict.fromkeys(_HELD_OUT)
@@ -419,7 +427,7 @@ def _held_out(validation: "Validation | None") -> dict[str, float | None]:
 def latex_text(comparison: "Comparison") -> str:
     """Return the groups and the tests of each task as `tabular` environments, for the package booktabs."""
     lines = [r"% needs \usepackage{booktabs}"]
-    lines.append(f"% {_compared_value(comparison)}, {_when(comparison)}")
+    lines.append(f"% {_describe_quantity(comparison)}, {_when(comparison)}")
     for task in comparison.tasks:
         if task.label:
             lines.append(f"% task: {escape_line(task.label)}")
@@ -432,7 +440,7 @@ def latex_text(comparison: "Comparison") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _compared_value(comparison: "Comparison") -> str:
+def _describe_quantity(comparison: "Comparison") -> str:
     """Return what is compared of each run, in words."""
     if comparison.held_out:
         return "mean fitness of each run's best candidate on held-out seeds"
@@ -473,12 +481,12 @@ def _pairs(pairs: Sequence["Pair"]) -> list[str]:
     several = len(pairs) > 1
     rows = []
     for pair in pairs:
-        found = pair.difference
-        low, high = ("", "") if found.interval is None else map(number, found.interval)
+        difference = pair.difference
+        low, high = ("", "") if difference.interval is None else map(number, difference.interval)
         rows.append(
             [
-                pair.first.label, pair.second.label, effect_words(pair), f"{found.effect:.2f}",
-                number(found.shift), low, high, f"{found.u:g}", format_p_value(found.p),
+                pair.first.label, pair.second.label, effect_words(pair), f"{difference.effect:.2f}",
+                number(difference.shift), low, high, f"{difference.u:g}", format_p_value(difference.p),
                 *([format_p_value(pair.p_holm)] if several else []),
             ]
         )  # fmt: skip
@@ -488,7 +496,7 @@ def _pairs(pairs: Sequence["Pair"]) -> list[str]:
 
 def _tabular(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int) -> list[str]:
     """Return a table. words: how many columns hold words, the first ones; the others hold numbers."""
-    body = [" & ".join(map(_escaped, row)) + r" \\" for row in (head, *rows)]
+    body = [" & ".join(map(_escape_latex, row)) + r" \\" for row in (head, *rows)]
     return [
         rf"\begin{{tabular}}{{{'l' * words}{'r' * (len(head) - words)}}}",
         r"\toprule", body[0], r"\midrule", *body[1:], r"\bottomrule",
@@ -496,5 +504,5 @@ def _tabular(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int) 
     ]  # fmt: skip
 
 
-def _escaped(text: str) -> str:
-    return re.sub(r"[\\~^<>&%$#_{}]", lambda found: _SPECIAL[found[0]], escape_line(text))
+def _escape_latex(text: str) -> str:
+    return re.sub(r"[\\~^<>&%$#_{}]", lambda match: _SPECIAL[match[0]], escape_line(text))

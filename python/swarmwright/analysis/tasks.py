@@ -27,7 +27,7 @@ _ROBOTS = {f"{part}.robot{preset}" for part in ("parameters", _MISSION) for pres
 _LABEL_CHARACTERS = 120
 """Characters of a label."""
 _NAMED = 3
-"""Groups that `untested` names."""
+"""Groups that `describe_untested` names."""
 
 
 class Distinguished(Protocol):
@@ -54,7 +54,7 @@ class TaskGroups:
     """Of the groups."""
 
 
-def by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[TaskGroups]:
+def group_by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[TaskGroups]:
     """Return the groups by the task that they solve, in their order.
 
     Simulation, its parameters and the definition of fitness make a task; a reference model of the e-puck in
@@ -68,7 +68,11 @@ def by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[Task
         held_out: whether it is fitness on held-out seeds, a mean of episodes whatever the ranking is.
     """
     values = [
-        {key: value for key, value in _of_task(group).items() if _makes_task(key, by, held_out=held_out)}
+        {
+            key: value
+            for key, value in _make_task_groups(group).items()
+            if _makes_task(key, by, held_out=held_out)
+        }
         for group in groups
     ]
     every = dict.fromkeys(key for mapping in values for key in mapping)
@@ -77,16 +81,21 @@ def by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[Task
     for index, mapping in enumerate(values):
         differs = {key: mapping.get(key) for key in keys}
         tasks.setdefault(identity(differs), (differs, []))[1].append(index)
-    found = list(tasks.values())
-    if len(found) == 1 or (len(found) == len(groups) and _only_parameters(groups, keys)):
+    members_by_task = list(tasks.values())
+    if len(members_by_task) == 1 or (
+        len(members_by_task) == len(groups) and _differ_only_in_parameters(groups, keys)
+    ):
         return [TaskGroups("", {}, tuple(range(len(groups))))]
-    telling = _telling([differs for differs, _ in found])
+    telling = _telling([differs for differs, _ in members_by_task])
     labels = names_of(
-        [(of, groups[indices[0]].runs[0]) for of, (_, indices) in zip(telling, found, strict=True)]
+        [
+            (indices_of_task, groups[indices[0]].runs[0])
+            for indices_of_task, (_, indices) in zip(telling, members_by_task, strict=True)
+        ]
     )
     return [
         TaskGroups(shorten(label, _LABEL_CHARACTERS), differs, tuple(indices))
-        for label, (differs, indices) in zip(labels, found, strict=True)
+        for label, (differs, indices) in zip(labels, members_by_task, strict=True)
     ]
 
 
@@ -102,10 +111,10 @@ def _telling(tasks: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for settings in tasks:
         of_simulation.setdefault(identity(settings.get(_SIMULATION)), []).append(settings)
 
-    def apart(some: Sequence[Mapping[str, Any]], keys: Collection[str]) -> int:
-        return len({identity([task.get(key) for key in keys]) for task in some})
+    def apart(selected: Sequence[Mapping[str, Any]], keys: Collection[str]) -> int:
+        return len({identity([task.get(key) for key in keys]) for task in selected})
 
-    found = []
+    distinguishing = []
     for settings in tasks:
         alike = of_simulation[identity(settings.get(_SIMULATION))]
         waiting = [key for key in settings if not key.startswith("parameters.") or apart(alike, [key]) > 1]
@@ -115,13 +124,13 @@ def _telling(tasks: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             best = max(waiting, key=lambda key: apart(alike, [*keys, key]))
             waiting.remove(best)
             keys.append(best)
-        found.append({key: settings[key] for key in keys})
-    return found
+        distinguishing.append({key: settings[key] for key in keys})
+    return distinguishing
 
 
 def differing_parameters(groups: Sequence[Distinguished]) -> set[str]:
     """Return the parameters of the simulation in which groups solve different tasks."""
-    values = [_of_task(group) for group in groups]
+    values = [_make_task_groups(group) for group in groups]
     every = {key for value in values for key in value}
     return parameters_of([key for key in every if len({identity(value.get(key)) for value in values}) > 1])
 
@@ -131,7 +140,7 @@ def parameters_of(keys: Collection[str]) -> set[str]:
     return {key.split(".")[1] for key in keys if key.startswith("parameters.")} - {"seed"}
 
 
-def other_models(groups: Sequence[Distinguished]) -> bool:
+def has_other_models(groups: Sequence[Distinguished]) -> bool:
     """Return whether groups have different reference models of one robot."""
     every = {key for group in groups for key in group.differs}
     return bool(every & _ROBOTS) and "robot" not in differing_parameters(groups)
@@ -142,7 +151,7 @@ def different_tasks() -> str:
     return "groups solve different tasks, and those of one task are tested against each other"
 
 
-def untested(tasks: Sequence[tuple[Mapping[str, Any], Sequence[str]]]) -> str | None:
+def describe_untested(tasks: Sequence[tuple[Mapping[str, Any], Sequence[str]]]) -> str | None:
     """Return in words which groups are alone in their task and so not tested, and what makes the tasks.
 
     None where no group is alone.
@@ -174,24 +183,24 @@ def _makes_task(key: str, by: str, *, held_out: bool) -> bool:
     return key in _DEFINITIONS and not (held_out and key.startswith("ranking.") and key != _FAILED)
 
 
-def _only_parameters(groups: Sequence[RunGroup], keys: Collection[str]) -> bool:
+def _differ_only_in_parameters(groups: Sequence[RunGroup], keys: Collection[str]) -> bool:
     """Return whether groups differ in nothing but parameters, and fitness is one quantity in all of them.
 
     keys: in which their tasks differ. Announced sizes follow from parameters.
     """
     every = {key for group in groups for key in group.differs}
     others = {key for key in every - set(keys) - set(ANNOUNCED) if key != "parameters.seed"}
-    return not others and not any(map(_other_quantity, keys))
+    return not others and not any(map(_is_other_quantity, keys))
 
 
-def _other_quantity(key: str) -> bool:
+def _is_other_quantity(key: str) -> bool:
     """Return whether fitness is another quantity, often in other units, where a key of tasks differs."""
     if not key.startswith("parameters."):
         return True
     return key == _MISSION or any(f"{key}.".startswith(f"{_MISSION}.{part}.") for part in _SCORE)
 
 
-def _of_task(distinguished: Distinguished) -> dict[str, Any]:
+def _make_task_groups(distinguished: Distinguished) -> dict[str, Any]:
     """Return what differs of a group, with the robot in place of its reference model."""
     experiment = distinguished.runs[0].experiment
     differs = distinguished.differs

@@ -48,9 +48,9 @@ def run_folders(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     the record of a sweep cannot be read or all of its runs are missing.
     """
     from swarmwright import InputError
-    from swarmwright.analysis.sweep_folders import expanded, missing_words
+    from swarmwright.analysis.sweep_folders import expand_folders, missing_words
 
-    runs, missing = expanded(folders_of(paths))
+    runs, missing = expand_folders(folders_of(paths))
     if not runs:
         raise InputError(missing_words(missing))
     if missing:
@@ -63,9 +63,9 @@ def single_run(paths: Sequence[Path]) -> Path | None:
 
     Raises the errors of `run_folders`.
     """
-    from swarmwright.analysis.sweep_folders import expanded
+    from swarmwright.analysis.sweep_folders import expand_folders
 
-    runs, missing = expanded(path for path in paths if path.is_dir())
+    runs, missing = expand_folders(path for path in paths if path.is_dir())
     if missing or len({run.resolve() for run in runs}) != 1:
         return None
     folders_of(paths)  # reports files
@@ -78,7 +78,7 @@ def readable_runs(folders: Sequence[Path]) -> "tuple[list[Run], list[LeftOut]]":
     Raises InputError if no run is readable.
     """
     from swarmwright import InputError, Run
-    from swarmwright.analysis.sweep_folders import as_unreadable
+    from swarmwright.analysis.sweep_folders import exclude_unreadable
 
     runs: list[Run] = []
     errors: dict[Path, InputError] = {}
@@ -93,7 +93,7 @@ def readable_runs(folders: Sequence[Path]) -> "tuple[list[Run], list[LeftOut]]":
         raise next(iter(errors.values()))
     for problem in errors.values():
         complain(f"left out: {problem}")
-    return runs, [as_unreadable(folder, error) for folder, error in errors.items()]
+    return runs, [exclude_unreadable(folder, error) for folder, error in errors.items()]
 
 
 @dataclass(frozen=True)
@@ -152,14 +152,14 @@ def show_comparison(
     The status is 1 if runs were excluded. Raises InputError, and UsageError for contradicting options.
     """
     from swarmwright.analysis.comparison import compare_opened
-    from swarmwright.analysis.sweep_folders import as_missing
+    from swarmwright.analysis.sweep_folders import exclude_missing
 
     compared.check()
     folders, missing = run_folders(paths)
     runs, unreadable = readable_runs(folders)
     comparison = compare_opened(
         runs,
-        [*as_missing(missing), *unreadable],
+        [*exclude_missing(missing), *unreadable],
         at=compared.at,
         at_episodes=compared.at_episodes,
         held_out=compared.held_out,

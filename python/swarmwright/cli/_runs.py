@@ -337,14 +337,14 @@ def _generation(event: dict[str, Any]) -> str:
 
 def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     """Print the progress and the results of a run."""
-    from swarmwright.runs.instances import by_instance
+    from swarmwright.runs.instances import averages_instances
 
     best = run.best if run.generations else None
     validation = run.validation
     output.text(f"{run.path}: {facts['state']}")
     output.text(f"  {facts['simulation']}, {facts['controller']} by {facts['method']}, seed {facts['seed']}")
     whole = "" if facts["of"] is None else f" of {facts['of']}"
-    instance = " (an instance each)" if by_instance(run.experiment) else ""
+    instance = " (an instance each)" if averages_instances(run.experiment) else ""
     output.text(
         f"  {run.generations}{whole} generations{instance}, {run.evaluations} evaluations, "
         f"{format_duration(run.seconds)}"

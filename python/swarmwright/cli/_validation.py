@@ -156,9 +156,9 @@ def transfer_of(run: "Run") -> "Transfer | None":
     """Return the results of a run in other simulations; None without such simulations."""
     if not run.transferred:
         return None
-    from swarmwright.analysis.transfer.transfer import of_run
+    from swarmwright.analysis.transfer.transfer import load_run_transfer
 
-    return of_run(run)
+    return load_run_transfer(run)
 
 
 def with_error(mean: float, error: float | None) -> str:

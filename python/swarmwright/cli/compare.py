@@ -115,7 +115,7 @@ def command(
         broker, experiment.broker, servers if servers is not None else experiment.servers
     )
     with shown_episodes(output) as on_progress:
-        comparison = match.evaluated(EvaluationOptions.of(episodes, seed, broker, servers, on_progress))
+        comparison = match.evaluate(EvaluationOptions.of(episodes, seed, broker, servers, on_progress))
     if settings:
         output.text(f"Settings: {', '.join(settings)}")
     output.block(str(comparison))

@@ -152,6 +152,6 @@ def _draw_several(
     style.check_figure_path(file)
     comparison, status = show_comparison(output, runs, compared)
     with use_page(page):
-        style.save(comparison._drawn(x, metrics), file)
+        style.save(comparison._draw_figure(x, metrics), file)
     output.text(f"The figure is in {file}")
     return status

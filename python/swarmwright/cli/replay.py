@@ -173,7 +173,7 @@ def _replay_beside(replay: "Replay", name: str, how: dict[str, Any]) -> "Replay"
         raise click.UsageError(
             f"--beside {name}: expected GENERATION:CANDIDATE such as 0:7, or the folder of a run."
         )
-    return replay.beside(Run.open(Path(name)))
+    return replay.with_best_of(Run.open(Path(name)))
 
 
 def _save(

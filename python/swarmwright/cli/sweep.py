@@ -146,14 +146,14 @@ def command(
 def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
     """Print the comparison and the missing runs, then write its files, which may fail on a full disk."""
     from swarmwright.analysis.comparison import compare_all
-    from swarmwright.analysis.indicators import quick_indicators, shared_indicators
+    from swarmwright.analysis.indicators import find_quick_indicators, find_shared_indicators
 
     runs = outcome.finished
     comparisons = compare_all(*outcome.open_runs())
     for comparison in comparisons:
         output.text()
         output.block(str(comparison))
-    if quick_indicators(runs) != shared_indicators(runs):
+    if find_quick_indicators(runs) != find_shared_indicators(runs):
         output.text()
         output.text(
             "Hypervolume is omitted because it is slow for fronts of this size or so many objectives; "

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 
-def by_instance(experiment: Experiment) -> bool:
+def averages_instances(experiment: Experiment) -> bool:
     """Return whether a generation is an instance, and a candidate's fitness is the mean of several."""
     return method_of(experiment.method).by_instance
 
@@ -26,7 +26,7 @@ def instances(run: "Run", evaluation: Evaluation) -> list[Evaluation]:
     With racing, these are the candidate's evaluations on all instances so far; with `reevaluate`, those in
     consecutive generations up to this one; otherwise it is the only one.
     """
-    if by_instance(run.experiment):
+    if averages_instances(run.experiment):
         return run._store.evaluations_of(evaluation)
     if not run.experiment.ranking.reevaluate:
         return [evaluation]
@@ -45,7 +45,7 @@ def fitness_of(experiment: Experiment, parts: Sequence[Sequence[float]]) -> floa
     ranking = experiment.new_ranking()
     if not isinstance(ranking, Absolute):
         return None
-    if by_instance(experiment):
+    if averages_instances(experiment):
         scores = [float(ranking.score(np.array([part], dtype=np.float64))[0]) for part in parts]
         return mean(scores)
     together = [result for part in parts for result in part]
@@ -54,7 +54,7 @@ def fitness_of(experiment: Experiment, parts: Sequence[Sequence[float]]) -> floa
 
 def best_words(experiment: Experiment) -> str:
     """Describe the best fitness so far of a run, which can fall if candidates are re-evaluated."""
-    if by_instance(experiment):
+    if averages_instances(experiment):
         return "candidate that would be returned (most instances)"
     if experiment.ranking.reevaluate:
         return "candidate that would be returned (re-evaluated)"
@@ -63,7 +63,7 @@ def best_words(experiment: Experiment) -> str:
 
 def meaning(experiment: Experiment, count: int) -> str:
     """Describe how `count` evaluations make a candidate's fitness; empty if it is that of one episode."""
-    if by_instance(experiment):
+    if averages_instances(experiment):
         return f"mean of {count} instance{'s' if count > 1 else ''}"
     episodes = experiment.ranking.episodes * count
     if episodes == 1:

@@ -28,9 +28,9 @@ class ReplayPage:
     """The page: a self-contained HTML document."""
 
     @classmethod
-    def of(cls, run: "Run", *, speed: float = 1.0, **which: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
+    def of(cls, run: "Run", *, speed: float = 1.0, **options: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
         """Compute the episode; see `Run.replay`."""
-        replay = Replay.of(run, **which)
+        replay = Replay.of(run, **options)
         recording = replay.recording()
         return cls(
             replay.title,

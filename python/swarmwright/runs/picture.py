@@ -71,7 +71,7 @@ def wait() -> None:
 
 
 @atexit.register
-def _at_exit() -> None:
+def _finish_at_exit() -> None:
     try:
         wait()
     except KeyboardInterrupt:

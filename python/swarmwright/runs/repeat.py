@@ -129,12 +129,12 @@ def repeat(
         results.fitness[0],
         len(recorded.seeds) - ran,
         seeds,
-        _recorded_errors(run, parts) if np.isnan(before).any() else [],
+        _find_recorded_errors(run, parts) if np.isnan(before).any() else [],
         list(dict.fromkeys(results.journal.errors)),
     )
 
 
-def _recorded_errors(run: "Run", parts: Sequence[Evaluation]) -> list[str]:
+def _find_recorded_errors(run: "Run", parts: Sequence[Evaluation]) -> list[str]:
     """Return the reasons of failed episodes of these evaluations, each once."""
     keys = {(part.generation, part.candidate) for part in parts}
     errors = [

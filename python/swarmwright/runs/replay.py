@@ -116,7 +116,7 @@ class Replay(ShownEpisode):
             settings=tuple(settings),
         )
 
-    def beside(self, other: "Run") -> Self:
+    def with_best_of(self, other: "Run") -> Self:
         """Return the same episode with the best candidate of another run.
 
         Raises InputError when its controllers do not fit the simulation of this one.

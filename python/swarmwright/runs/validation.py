@@ -37,7 +37,7 @@ from swarmwright.experiment.unavailable import explain_unreadable
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC
-from swarmwright.runs.instances import by_instance
+from swarmwright.runs.instances import averages_instances
 from swarmwright.runs.post_evaluation import (
     EPISODES,
     ControllerEvaluation,
@@ -235,7 +235,7 @@ def load_run_validation(run: "Run") -> Validation | None:
     return load_validation(
         values,
         experiment.new_ranking(),
-        by_instance=by_instance(experiment),
+        by_instance=averages_instances(experiment),
         slow=None if target is None else target.name,
     )
 
@@ -555,7 +555,7 @@ def find_leading(experiment: Experiment, reader: StoreReader, count: int) -> lis
     return reader.leading(
         count,
         last_only=experiment.ranking.reevaluate,
-        by_instance=by_instance(experiment),
+        by_instance=averages_instances(experiment),
         key=_make_controller_key(experiment.representation()),
     )
 
@@ -586,10 +586,10 @@ def _record_differs(experiment: Experiment, reader: StoreReader) -> bool:
         return False
     # Episodes skipped by a race are stored like failed ones.
     races = isinstance(experiment.ranking, RaceOptions)
-    return any(_any_differs(block.episodes, failures=not races) for block in reader.rows())
+    return any(_differ_anywhere(block.episodes, failures=not races) for block in reader.rows())
 
 
-def _any_differs(episodes: NDArray[np.float64], *, failures: bool) -> bool:
+def _differ_anywhere(episodes: NDArray[np.float64], *, failures: bool) -> bool:
     """Vectorized `_differ` of (candidates, episodes), since records have millions of candidates.
 
     failures: whether an episode without fitness has failed.

@@ -9,7 +9,7 @@ import pytest
 from swarmwright import compare
 from swarmwright.analysis.groups import group
 from swarmwright.analysis.table import option_columns
-from swarmwright.analysis.tasks import by_task
+from swarmwright.analysis.tasks import group_by_task
 from swarmwright.simulations.user_code.copying import Copy, compute_digest
 from swarmwright.simulations.user_code.parts import Part
 from tests.python.analysis.runs import KnownRun, runs
@@ -132,7 +132,7 @@ def test_two_names_of_a_mission_are_one_value(tmp_path: Path) -> None:
         ]
     )  # fmt: skip
     assert [one.differs["parameters.mission"] for one in groups] == ["aac", "aac", "foraging", "foraging"]
-    tasks = by_task(groups, by="fitness", held_out=False)
+    tasks = group_by_task(groups, by="fitness", held_out=False)
     assert [(one.label, one.indices) for one in tasks] == [
         ("mission aac", (0, 1)),
         ("mission foraging", (2, 3)),

@@ -11,7 +11,7 @@ from pymoo.indicators.hv import Hypervolume
 
 from swarmwright import Experiment, InputError, Run, compare, optimize
 from swarmwright.analysis import indicators
-from swarmwright.analysis.indicators import quick_indicators, shared_indicators
+from swarmwright.analysis.indicators import find_quick_indicators, find_shared_indicators
 from swarmwright.analysis.sweep.result import sweep
 from swarmwright.common.statistics import mean
 from tests.python.analysis.runs import KnownRun
@@ -254,14 +254,14 @@ def test_a_sweep_has_what_its_runs_share(tmp_path: Path) -> None:
 def test_what_takes_long_is_left_to_the_user(
     fronts: list[Run], archives: list[Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert shared_indicators(fronts) == quick_indicators(fronts) == ("hypervolume",)
-    assert shared_indicators(archives) == quick_indicators(archives) == ("qd_score", "coverage")
-    assert shared_indicators([*fronts, *archives]) == ()
+    assert find_shared_indicators(fronts) == find_quick_indicators(fronts) == ("hypervolume",)
+    assert find_shared_indicators(archives) == find_quick_indicators(archives) == ("qd_score", "coverage")
+    assert find_shared_indicators([*fronts, *archives]) == ()
     largest = max(len(run.elites.candidates) for run in fronts)
     monkeypatch.setattr(indicators, "_QUICK_FRONT_SIZES", {3: largest})
-    assert quick_indicators(fronts) == ("hypervolume",)
+    assert find_quick_indicators(fronts) == ("hypervolume",)
     monkeypatch.setattr(indicators, "_QUICK_FRONT_SIZES", {3: largest - 1})
-    assert quick_indicators(fronts) == ()
+    assert find_quick_indicators(fronts) == ()
     for reference in (None, {"fitness": -9.0, "steps": 99.0, "distance": 99.0}):
         found = compare(fronts, by="hypervolume", reference=reference)
         assert min(found.groups[0].final) > 0
@@ -270,5 +270,5 @@ def test_what_takes_long_is_left_to_the_user(
     many = dict.fromkeys(("steps", "distance", "caught", "arrived"), "minimize")
     experiment = Experiment.from_mapping({**BASE, "method": {**FRONT, "objectives": many}})
     known = KnownRun(Path("many"), [[1.0]], **experiment.to_mapping())
-    assert shared_indicators([known]) == ("hypervolume",)
-    assert quick_indicators([known]) == ()
+    assert find_shared_indicators([known]) == ("hypervolume",)
+    assert find_quick_indicators([known]) == ()

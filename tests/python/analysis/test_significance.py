@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright.analysis.significance import difference, holm, kruskal_wallis, mann_whitney, signed_rank
+from swarmwright.analysis.significance import (
+    compute_signed_rank,
+    difference,
+    holm,
+    kruskal_wallis,
+    mann_whitney,
+)
 
 Values = st.lists(st.integers(-5, 5).map(float), min_size=1, max_size=6).map(np.array)
 
@@ -18,15 +24,15 @@ Values = st.lists(st.integers(-5, 5).map(float), min_size=1, max_size=6).map(np.
 @given(Values, Values)
 def test_p_is_the_share_of_arrangements_that_are_as_extreme(one: np.ndarray, two: np.ndarray) -> None:
     found = difference(one, two)
-    pooled = np.concatenate([one, two])
+    describe_pooling = np.concatenate([one, two])
     seen = abs(found.u - len(one) * len(two) / 2)
     extreme = 0
-    for chosen in combinations(range(len(pooled)), len(one)):
-        first = pooled[list(chosen)]
-        second = np.delete(pooled, chosen)
+    for chosen in combinations(range(len(describe_pooling)), len(one)):
+        first = describe_pooling[list(chosen)]
+        second = np.delete(describe_pooling, chosen)
         u = sum((a > b) + 0.5 * (a == b) for a in first for b in second)
         extreme += abs(u - len(one) * len(two) / 2) >= seen - 1e-9
-    assert found.p == pytest.approx(extreme / comb(len(pooled), len(one)))
+    assert found.p == pytest.approx(extreme / comb(len(describe_pooling), len(one)))
 
 
 @pytest.mark.parametrize(("n", "m"), [(5, 7), (12, 20), (25, 30)])
@@ -151,12 +157,12 @@ def test_p_of_several_groups_is_the_share_of_arrangements_that_are_as_extreme(
 ) -> None:
     from scipy import stats
 
-    pooled = np.concatenate(groups)
+    describe_pooling = np.concatenate(groups)
     found = kruskal_wallis(groups)
     assert found.method == "exact"
-    if np.ptp(pooled) == 0:
+    if np.ptp(describe_pooling) == 0:
         return
-    ranks = stats.rankdata(pooled)
+    ranks = stats.rankdata(describe_pooling)
     places = np.cumsum([len(one) for one in groups])[:-1]
 
     def spread(order: Any) -> float:
@@ -213,7 +219,7 @@ def test_holm() -> None:
 def test_the_signed_rank_test_counts_all_signs(differences: np.ndarray) -> None:
     from scipy.stats import rankdata
 
-    found = signed_rank(differences)
+    found = compute_signed_rank(differences)
     apart = differences[differences != 0]
     assert (found.better, found.worse) == ((differences > 0).sum(), (differences < 0).sum())
     assert found.equal == len(differences) - len(apart)
@@ -236,20 +242,20 @@ def test_without_ties_the_signed_rank_test_is_scipys_exact_one(count: int) -> No
     from scipy import stats
 
     differences = np.random.default_rng(count).normal(0.1, 1, count)
-    found = signed_rank(differences)
+    found = compute_signed_rank(differences)
     assert found.method == "exact"
     assert found.p == pytest.approx(float(stats.wilcoxon(differences, method="exact").pvalue), rel=1e-9)
 
 
 def test_the_signed_rank_test_of_many_pairs_is_approximated() -> None:
     differences = np.random.default_rng(3).integers(-4, 6, 700).astype(float)
-    many, fewer = signed_rank(differences), signed_rank(differences[:520])
+    many, fewer = compute_signed_rank(differences), compute_signed_rank(differences[:520])
     assert many.method == "normal approximation"
     assert fewer.method == "exact", "pairs without a difference do not count"
     assert many.p < 1e-3
 
 
 def test_the_signed_rank_test_of_thousands_of_pairs_is_not_slow_or_infinite() -> None:
-    found = signed_rank(np.random.default_rng(4).normal(1e300, 1e300, 20_000))
+    found = compute_signed_rank(np.random.default_rng(4).normal(1e300, 1e300, 20_000))
     assert found.p < 1e-4
     assert 0 < found.effect < 1

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.groups import RunGroup, group
-from swarmwright.analysis.tasks import TaskGroups, by_task
+from swarmwright.analysis.tasks import TaskGroups, group_by_task
 from tests.python.analysis.runs import KnownRun
 
 
@@ -12,7 +12,7 @@ def tasks(
     path: Path, *changes: dict[str, Any], by: str = "fitness", held_out: bool = False
 ) -> list[TaskGroups]:
     runs = [KnownRun(path / str(number), [[1.0]], **one) for number, one in enumerate(changes)]
-    return by_task(group(runs)[0], by=by, held_out=held_out)
+    return group_by_task(group(runs)[0], by=by, held_out=held_out)
 
 
 GATHERING = {
@@ -101,10 +101,10 @@ def test_definitions_of_fitness_make_tasks_where_they_count(tmp_path: Path) -> N
         for expression in (None, "2 * steps")
         for size in (4, 9)
     ]
-    found = by_task(expressions, by="fitness", held_out=False)
+    found = group_by_task(expressions, by="fitness", held_out=False)
     assert [one.label for one in found] == ["fitness not given", "fitness 2 * steps"]
-    assert len(by_task(expressions, by="fitness", held_out=True)) == 2
-    assert len(by_task(expressions, by="coverage", held_out=False)) == 1
+    assert len(group_by_task(expressions, by="fitness", held_out=True)) == 2
+    assert len(group_by_task(expressions, by="coverage", held_out=False)) == 1
     aggregates = with_methods(
         {"ranking": {"episodes": 3}}, {"ranking": {"episodes": 3, "aggregate": "worst"}}
     )

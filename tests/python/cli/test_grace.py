@@ -35,13 +35,13 @@ def test_on_sigterm_the_request_under_way_is_finished(
             time.sleep(0.01)
         leaving.send_signal(signal.SIGTERM)
 
-    beside = threading.Thread(target=preempt)
-    beside.start()
+    with_best_of = threading.Thread(target=preempt)
+    with_best_of.start()
     experiment = Experiment.from_mapping(
         {"simulation": name, "method": {"population": 6, "generations": 1}, "validate": False}
     )
     run = optimize(experiment, broker=embedded_broker, out=tmp_path / "run", progress=False)
-    beside.join()
+    with_best_of.join()
     assert leaving.wait(30) == 0
     with sqlite3.connect(run.path / "run.sqlite") as store:
         attempts = store.execute("SELECT server, attempt, error FROM attempt").fetchall()

@@ -24,7 +24,7 @@ from swarmwright.analysis.sweep.run import (
 )
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.analysis.sweep.workers import WorkerPool
-from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
+from swarmwright.analysis.sweep_folders import exclude_missing, exclude_unreadable
 from swarmwright.common.errors import InputError, PlugInError
 from swarmwright.common.files import write_whole
 from swarmwright.common.plug_in_code import report_failures
@@ -154,7 +154,7 @@ def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
 
 
 def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
-    experiments = [_recorded_variant(member) for member in sweep.variants]
+    experiments = [_record_variant(member) for member in sweep.variants]
     first = experiments[0]
     common = {
         key: value
@@ -181,7 +181,7 @@ def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
     }
 
 
-def _recorded_variant(variant: Variant) -> dict[str, Any]:
+def _record_variant(variant: Variant) -> dict[str, Any]:
     """Return the recorded values of a variant, with the original names of its code."""
     experiment = variant.experiment
     values = {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}
@@ -215,12 +215,12 @@ class Outcome:
             if task in self.runs:
                 runs.append(self.runs[task])
             elif not (task.folder / STORE).exists():
-                unreadable += as_missing([task.folder])
+                unreadable += exclude_missing([task.folder])
             else:
                 try:
                     runs.append(Run.open(task.folder))
                 except InputError as error:
-                    unreadable.append(as_unreadable(task.folder, error))
+                    unreadable.append(exclude_unreadable(task.folder, error))
         return runs, [
             replace(left_out_run, label=task.variant.label, seed=task.seed)
             for left_out_run in unreadable

@@ -144,7 +144,7 @@ class Sweep:
                 )
         if is_record(source.values):
             return cls(**load_recorded_sweep(file, source.values, out, settings))
-        return cls._checked(source, file, out, settings)
+        return cls._check(source, file, out, settings)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], *, out: Path | None = None) -> Self:
@@ -156,10 +156,10 @@ class Sweep:
         plain = {
             key: value if key == "experiment" else _convert_to_lists(value) for key, value in values.items()
         }
-        return cls._checked(Source("", values=plain), None, out, ())
+        return cls._check(Source("", values=plain), None, out, ())
 
     @classmethod
-    def _checked(cls, source: Source, file: Path | None, out: Path | None, settings: Iterable[str]) -> Self:
+    def _check(cls, source: Source, file: Path | None, out: Path | None, settings: Iterable[str]) -> Self:
         values = source.values
         if "simulation" in values and "experiment" not in values:
             raise InputError(

@@ -14,11 +14,16 @@ from swarmwright.analysis.comparison import (
     check_options,
     compare_all,
     compare_opened,
-    held_out_known,
+    has_held_out_fitness,
 )
-from swarmwright.analysis.episodes import LeftOut, episodes_of, left_out
-from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
-from swarmwright.analysis.indicators import By, measure, quick_indicators
+from swarmwright.analysis.episodes import LeftOut, episodes_of, find_exclusion
+from swarmwright.analysis.groups import (
+    collect_mission_names,
+    differing_keys,
+    flatten_experiment,
+    restore_mission_names,
+)
+from swarmwright.analysis.indicators import By, find_quick_indicators, measure
 from swarmwright.analysis.sweep.execution import conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
@@ -81,7 +86,7 @@ class SweepResult:
         for run in self.unfinished:
             variant = variant_of(run.path)
             label = "" if variant is None else variant[0]
-            excluded.append(left_out(run, label, None, None, unfinished=False))
+            excluded.append(find_exclusion(run, label, None, None, unfinished=False))
         return (*(entry for entry in excluded if entry is not None), *self.unreadable)
 
     def table(self) -> list[dict[str, Any]]:
@@ -97,10 +102,10 @@ class SweepResult:
         is computed quickly: fronts of at most 1,000 candidates with three objectives, including fitness, or
         300 with four), or by qd_score and coverage, as in `compare`.
         """
-        missions = written_missions(self.runs)
-        experiments = [as_written(flattened_of(run), run, missions) for run in self.runs]
+        missions = collect_mission_names(self.runs)
+        experiments = [restore_mission_names(flatten_experiment(run), run, missions) for run in self.runs]
         differing = option_columns(list(zip(experiments, differing_keys(experiments), strict=True)))
-        indicators = {by: measure(by, self.runs)[1] for by in quick_indicators(self.runs)}
+        indicators = {by: measure(by, self.runs)[1] for by in find_quick_indicators(self.runs)}
         missing = dict.fromkeys(["fitness", "held_out", *indicators], math.nan)
         return [
             {
@@ -184,7 +189,7 @@ class SweepResult:
         """
         from swarmwright.display.figures.style import save
 
-        comparison = self.compare(held_out=held_out_known(self.runs))
+        comparison = self.compare(held_out=has_held_out_fitness(self.runs))
         for note in comparison.notes:
             logging.getLogger("swarmwright").warning("%s", note)
         figure = comparison.figure(x=x, metrics=metrics, style=style, width=width, title=title)

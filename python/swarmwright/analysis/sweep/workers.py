@@ -141,8 +141,8 @@ class WorkerPool:
         """
         waiting = deque(tasks)
         try:
-            for place in range(len(self._processes)):
-                self._start(place)
+            for index in range(len(self._processes)):
+                self._start(index)
             while waiting or any(process is not None and process.task for process in self._processes):
                 for key, _ in self._selector.select(_POLL_S):
                     self._receive(key.data, waiting)
@@ -150,26 +150,26 @@ class WorkerPool:
         finally:
             self._close()
 
-    def _start(self, place: int) -> None:
+    def _start(self, index: int) -> None:
         """Start a process, which gets its first task when it is ready."""
         settings = {
             "variants": [_plain(variant) for variant in self._variants],
             "broker": self._broker,
-            "servers": self._servers[place],
+            "servers": self._servers[index],
             "reports": ("warnings" if reports.needs_only_warnings() else "all")
             if reports.has_listeners()
             else "",
         }
         process = _Process(settings, self._threads)
-        self._processes[place] = process
-        self._selector.register(process.events, selectors.EVENT_READ, place)
+        self._processes[index] = process
+        self._selector.register(process.events, selectors.EVENT_READ, index)
 
-    def _receive(self, place: int, waiting: deque[Task]) -> None:
-        process = self._processes[place]
+    def _receive(self, index: int, waiting: deque[Task]) -> None:
+        process = self._processes[index]
         assert process is not None
         messages = process.read_reports()
         if messages is None:
-            self._replace(place, waiting)
+            self._replace(index, waiting)
             return
         for message in messages:
             if self._take(process, message):
@@ -219,15 +219,17 @@ class WorkerPool:
             return
         task = waiting.popleft()
         self._listener.on_begin(task)
-        place = next(index for index, variant in enumerate(self._variants) if variant is task.variant)
-        process.give(task, {"variant": place, "seed": task.seed, "folder": str(task.folder)})
+        index_of_variant = next(
+            index for index, variant in enumerate(self._variants) if variant is task.variant
+        )
+        process.give(task, {"variant": index_of_variant, "seed": task.seed, "folder": str(task.folder)})
 
-    def _replace(self, place: int, waiting: deque[Task]) -> None:
+    def _replace(self, index: int, waiting: deque[Task]) -> None:
         """Replace a process that has ended, if there is still work."""
-        process = self._processes[place]
+        process = self._processes[index]
         assert process is not None
         self._selector.unregister(process.events)
-        self._processes[place] = None
+        self._processes[index] = None
         task, ready = process.task, process.ready
         message = process.exit_report()
         process.close(time.monotonic())
@@ -236,7 +238,7 @@ class WorkerPool:
         elif not ready:
             raise RunError(message)
         if waiting:
-            self._start(place)
+            self._start(index)
 
     def _close(self) -> None:
         """End all processes and handle their last reports, on how interrupted runs ended."""

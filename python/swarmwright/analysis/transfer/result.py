@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.significance import Difference, difference, holm
 from swarmwright.analysis.table import CSV, check
-from swarmwright.analysis.tasks import by_task
+from swarmwright.analysis.tasks import group_by_task
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.files import write_text
 from swarmwright.common.html import render_preformatted
@@ -96,19 +96,21 @@ class Transfer:
     @cached_property
     def group_losses(self) -> tuple[GroupLoss, ...]:
         """The losses of each group of runs, by the best of each run, target by target."""
-        found = []
+        losses = []
         for target in self.targets:
-            of = {str(transfer.run.path): transfer for transfer in self.runs if transfer.target == target}
+            runs_of_group = {
+                str(transfer.run.path): transfer for transfer in self.runs if transfer.target == target
+            }
             for group in self.groups:
-                members = [of[str(run.path)] for run in group.runs]
+                members = [runs_of_group[str(run.path)] for run in group.runs]
                 columns = np.array(
                     [
                         (member.source_fitness[0].mean, member.target_fitness[0].mean, member.losses[0].mean)
                         for member in members
                     ]
                 ).T
-                found.append(GroupLoss(group.label, target, *columns))
-        return tuple(found)
+                losses.append(GroupLoss(group.label, target, *columns))
+        return tuple(losses)
 
     @cached_property
     def tasks(self) -> tuple[GroupTask, ...]:
@@ -116,14 +118,14 @@ class Transfer:
 
         Losses are differences of fitness, so those of unlike tasks have unlike units.
         """
-        found = []
-        tasks = by_task(self.groups, by="fitness", held_out=False)
+        tasks_in_order = []
+        tasks = group_by_task(self.groups, by="fitness", held_out=False)
         for target in self.targets:
             losses = [group_loss for group_loss in self.group_losses if group_loss.target == target]
             for task in tasks:
                 members = tuple(losses[index] for index in task.indices)
-                found.append(GroupTask(task.label, task.differs, target, members, _tested(members)))
-        return tuple(found)
+                tasks_in_order.append(GroupTask(task.label, task.differs, target, members, _test(members)))
+        return tuple(tasks_in_order)
 
     @property
     def pairs(self) -> tuple[GroupPair, ...]:
@@ -133,8 +135,8 @@ class Transfer:
     def __repr__(self) -> str:
         """Say what was evaluated where."""
         runs = len(self.runs) // max(len(self.targets), 1)
-        of = f"{runs} run{'' if runs == 1 else 's'}"
-        return f"<Transfer of {of} to {', '.join(self.targets)}: {len(self.seeds)} held-out seeds>"
+        subject = f"{runs} run{'' if runs == 1 else 's'}"
+        return f"<Transfer of {subject} to {', '.join(self.targets)}: {len(self.seeds)} held-out seeds>"
 
     def _repr_html_(self) -> str:
         """Return what is printed, for notebooks."""
@@ -184,16 +186,16 @@ class Transfer:
                 run.candidates, run.source_episodes.tolist(), run.target_episodes.tolist(), strict=True
             )
             for candidate, source, target in rows:
-                whose = (run.run.path, run.target, candidate.generation, candidate.candidate)
-                table.writerows((*whose, *row) for row in zip(self.seeds, source, target, strict=True))
+                key = (run.run.path, run.target, candidate.generation, candidate.candidate)
+                table.writerows((*key, *row) for row in zip(self.seeds, source, target, strict=True))
         write_text(path, text.getvalue())
 
 
-def _tested(groups: Sequence[GroupLoss]) -> tuple[GroupPair, ...]:
+def _test(groups: Sequence[GroupLoss]) -> tuple[GroupPair, ...]:
     pairs = list(combinations(groups, 2))
-    differences = [difference(one.losses, other.losses) for one, other in pairs]
+    differences = [difference(first.losses, second.losses) for first, second in pairs]
     corrected = holm([pair_difference.p for pair_difference in differences])
     return tuple(
-        GroupPair(one, other, of, p)
-        for (one, other), of, p in zip(pairs, differences, corrected, strict=True)
+        GroupPair(first, second, samples, p)
+        for (first, second), samples, p in zip(pairs, differences, corrected, strict=True)
     )

@@ -19,23 +19,28 @@ _CANDIDATES = 15
 
 def table(transfer: "Transfer") -> str:
     """Return a table for each target, then one of the groups, then notes."""
-    lines = list(_one_run(transfer) if len(transfer.runs) == len(transfer.targets) else _runs(transfer))
+    lines = list(_format_run(transfer) if len(transfer.runs) == len(transfer.targets) else _runs(transfer))
     if len(transfer.group_losses) > 1:
         lines += ["", *_groups(transfer)]
     return "\n".join([*lines, *(f"Note: {escape_line(note)}." for note in transfer.notes)])
 
 
-def _one_run(transfer: "Transfer") -> Iterator[str]:
+def _format_run(transfer: "Transfer") -> Iterator[str]:
     """Yield the candidates of a run."""
     count = len(transfer.seeds)
     yield f"Mean fitness of {count} episodes with held-out seeds, and what is lost (95 % interval):"
     for run in transfer.runs:
         rows = [["candidate", "recorded", "fitness", f"in {run.target}", "loss", "95 % interval"]]
         shown = zip(run.candidates, run.source_fitness, run.target_fitness, run.losses, strict=True)
-        for candidate, here, there, lost in list(shown)[:_CANDIDATES]:
+        for candidate, source, target, lost in list(shown)[:_CANDIDATES]:
             recorded = "" if candidate.recorded is None else number(candidate.recorded)
             rows.append(
-                [candidate.label, recorded, *map(number, (here.mean, there.mean, lost.mean)), _interval(lost)]
+                [
+                    candidate.label,
+                    recorded,
+                    *map(number, (source.mean, target.mean, lost.mean)),
+                    _interval(lost),
+                ]
             )
         yield ""
         yield from columns(rows)
@@ -58,12 +63,12 @@ def _runs(transfer: "Transfer") -> Iterator[str]:
     )
     for target in transfer.targets:
         rows = [["run", "fitness", f"in {target}", "loss", "95 % interval", "rank correlation"]]
-        rows += [_of_run(run) for run in transfer.runs if run.target == target]
+        rows += [_make_row(run) for run in transfer.runs if run.target == target]
         yield ""
         yield from columns(rows)
 
 
-def _of_run(transferred: "Transferred") -> list[str]:
+def _make_row(transferred: "Transferred") -> list[str]:
     numbers = (
         transferred.source_fitness[0].mean,
         transferred.target_fitness[0].mean,
@@ -94,7 +99,7 @@ def _groups(transfer: "Transfer") -> Iterator[str]:
         yield from columns(rows)
         if task.pairs:
             yield ""
-            yield from pairs_table(task.pairs, what=" of the loss")
+            yield from pairs_table(task.pairs, quantity=" of the loss")
     if several:
         yield ""
 
@@ -105,10 +110,10 @@ def _interval(estimate: "Estimate") -> str:
     return f"{number(estimate.low)} to {number(estimate.high)}"
 
 
-def _correlation(found: "Correlation") -> str:
-    if found.low is None or found.high is None:
-        return f"{found.rho:.2f}"
-    return f"{found.rho:.2f} ({found.low:.2f} to {found.high:.2f})"
+def _correlation(correlation: "Correlation") -> str:
+    if correlation.low is None or correlation.high is None:
+        return f"{correlation.rho:.2f}"
+    return f"{correlation.rho:.2f} ({correlation.low:.2f} to {correlation.high:.2f})"
 
 
 def to_mapping(transfer: "Transfer") -> dict[str, Any]:
@@ -128,11 +133,11 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
                         "generation": candidate.generation,
                         "candidate": candidate.candidate,
                         "recorded": candidate.recorded,
-                        "fitness": vars(here),
-                        "fitness_in_target": vars(there),
+                        "fitness": vars(source),
+                        "fitness_in_target": vars(target),
                         "loss": vars(lost),
                     }
-                    for candidate, here, there, lost in zip(
+                    for candidate, source, target, lost in zip(
                         run.candidates, run.source_fitness, run.target_fitness, run.losses, strict=True
                     )
                 ],

@@ -5,10 +5,10 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from swarmwright.analysis.caveats import budgets, pooled, ties
+from swarmwright.analysis.caveats import budgets, describe_pooling, ties
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import FEW_RUNS
-from swarmwright.analysis.tasks import by_task, different_tasks, untested
+from swarmwright.analysis.tasks import describe_untested, different_tasks, group_by_task
 from swarmwright.analysis.transfer.result import Transfer
 from swarmwright.common.arguments import check_arguments, integer, require_list, text
 from swarmwright.common.errors import InputError
@@ -85,7 +85,9 @@ def transfer(
     """
     require_list("runs", runs, "run folders")
     require_list("to", to, "simulations or files of them")
-    to = [text("to", given, "a list of names of simulations, or of files of them") for given in to]
+    to = [
+        text("to", opened_runs, "a list of names of simulations, or of files of them") for opened_runs in to
+    ]
     seeds = integer("seeds", seeds)
     opened = [open_run(run) for run in runs]
     if not opened:
@@ -94,30 +96,30 @@ def transfer(
         if number < least:
             raise InputError(f"{name}: must be at least {least}, not {number}")
     groups, notes = group(opened, besides={"parameters.seed"})
-    kept = [run for group in groups for run in group.runs]
+    counted_runs = [run for group in groups for run in group.runs]
     ranges = ranges_of(vary)
     if pseudo_reality:
-        for run in kept:
+        for run in counted_runs:
             require_e_pucks(run.experiment)
         ranges = [*E_PUCKS, *ranges]
     targets = targets_of(to, ranges)
-    used = set[int]().union(*(run._store.collect_seeds() for run in kept))
-    first = min(run.experiment.first_seed for run in kept)
+    used = set[int]().union(*(run._store.collect_seeds() for run in counted_runs))
+    first = min(run.experiment.first_seed for run in counted_runs)
     episodes = choose_unseen_seeds(first, used if seed is None else set(), seeds, seed)
-    plans = [_plan(run, targets, candidates, random, seeds) for run in kept]
+    plans = [_plan(run, targets, candidates, random, seeds) for run in counted_runs]
     for plan in plans:
         plan.check(broker)
     total = sum(plan.episodes(seeds) for plan in plans)
     work = Work(episodes, broker, servers, on_progress, total, prefix=prefix)
-    found = [
+    transfers = [
         transferred
-        for run, plan in zip(kept, plans, strict=True)
-        for transferred in _transferred(run, plan, work)
+        for run, plan in zip(counted_runs, plans, strict=True)
+        for transferred in _evaluate_run(run, plan, work)
     ]
     names = tuple(target.name for target in targets)
-    said = (*notes, *_same(plans), *_cautions(groups, found))
-    result = Transfer(tuple(episodes), names, tuple(found), tuple(groups), said)
-    return replace(result, notes=(*said, *ties(result.pairs)))
+    sentences = (*notes, *_check_equal(plans), *_cautions(groups, transfers))
+    result = Transfer(tuple(episodes), names, tuple(transfers), tuple(groups), sentences)
+    return replace(result, notes=(*sentences, *ties(result.pairs)))
 
 
 def _plan(run: Run, targets: Sequence[Target], candidates: int, random: int, seeds: int) -> Plan:
@@ -125,16 +127,16 @@ def _plan(run: Run, targets: Sequence[Target], candidates: int, random: int, see
     return Plan.of(resolve_experiment(run, best[0].generation), best, targets, random=random, seeds=seeds)
 
 
-def _transferred(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:
+def _evaluate_run(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:
     """Evaluate the candidates of a run in its own simulation and in all targets."""
     source = work.evaluate_source(plan)
     ranking = plan.experiment.new_ranking()
     for target, experiments in plan.targets:
-        there = work.evaluate_target(plan, target, experiments)
-        yield Transferred(run, target.name, plan.candidates, source, there, ranking)
+        target_fitness = work.evaluate_target(plan, target, experiments)
+        yield Transferred(run, target.name, plan.candidates, source, target_fitness, ranking)
 
 
-def _same(plans: Sequence[Plan]) -> Iterator[str]:
+def _check_equal(plans: Sequence[Plan]) -> Iterator[str]:
     """Yield which targets are the simulations that the candidates were evolved in."""
     same = {
         target.name: None
@@ -149,47 +151,53 @@ def _same(plans: Sequence[Plan]) -> Iterator[str]:
         )
 
 
-def _failed(found: Sequence[Transferred]) -> Iterator[str]:
+def _describe_failures(failures: Sequence[Transferred]) -> Iterator[str]:
     """Yield how many episodes failed in each simulation, and how they count."""
-    there: dict[str, int] = {}
+    failed_targets: dict[str, int] = {}
     evaluate_source: dict[str, int] = {}  # those of a run are the same for all of its targets
-    for transferred in found:
-        there[transferred.target] = there.get(transferred.target, 0) + transferred.failed
+    for transferred in failures:
+        failed_targets[transferred.target] = failed_targets.get(transferred.target, 0) + transferred.failed
         evaluate_source[str(transferred.run.path)] = transferred.source_failed
-    left_out = any(transferred.ranking.options.failure_fitness is None for transferred in found)
+    left_out = any(transferred.ranking.options.failure_fitness is None for transferred in failures)
     how = (
         "are left out, so the means are those of the episodes that worked and not to be reported; "
         "ranking.failed: NUMBER gives failures a fitness"
         if left_out
         else "count with the fitness that ranking.failed gives them"
     )
-    for where, count in {"the runs' own simulation": sum(evaluate_source.values()), **there}.items():
+    for where, count in {"the runs' own simulation": sum(evaluate_source.values()), **failed_targets}.items():
         if count:
             yield f"{format_count(count, 'episode')} failed in {where} and {how}"
 
 
-def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Iterable[str]:
-    yield from _failed(found)
+def _cautions(groups: Sequence[RunGroup], cautions: Sequence[Transferred]) -> Iterable[str]:
+    yield from _describe_failures(cautions)
     if len(groups) > 1 and min(len(group.runs) for group in groups) < FEW_RUNS:
         yield f"with fewer than {FEW_RUNS} runs of a group a test has little power"
-    tasks = by_task(groups, by="fitness", held_out=False)
+    tasks = group_by_task(groups, by="fitness", held_out=False)
     if any(len(task.indices) > 1 for task in tasks) and len(tasks) > 1:
         yield different_tasks()
     members = [(task.differs, [groups[index].label for index in task.indices]) for task in tasks]
-    alone = untested(members)
+    alone = describe_untested(members)
     if alone is not None:
         yield alone
-    yield from pooled(groups, tasks)
+    yield from describe_pooling(groups, tasks)
     yield from budgets(groups)
-    if any(not math.isfinite(transferred.losses[0].mean) for transferred in found):
+    if any(not math.isfinite(transferred.losses[0].mean) for transferred in cautions):
         yield "the best of a run failed in every episode"
 
 
-def of_run(run: Run) -> Transfer | None:
+def load_run_transfer(run: Run) -> Transfer | None:
     """Return what a run has ended with, because its `validate` names simulations; None where it has not."""
-    found = run.transferred
-    if not found:
+    transfers_of_run = run.transferred
+    if not transfers_of_run:
         return None
     groups, _ = group([run])
-    names = tuple(transferred.target for transferred in found)
-    return Transfer(tuple(read_seeds(run)), names, found, tuple(groups), tuple(_cautions(groups, found)))
+    names = tuple(transferred.target for transferred in transfers_of_run)
+    return Transfer(
+        tuple(read_seeds(run)),
+        names,
+        transfers_of_run,
+        tuple(groups),
+        tuple(_cautions(groups, transfers_of_run)),
+    )

@@ -65,7 +65,7 @@ def figures(generation: "Generation") -> dict[str, float]:
     }
 
 
-def held_out_figures(run: "Run") -> dict[str, float]:
+def get_held_out_figures(run: "Run") -> dict[str, float]:
     """Return the fitness of a run's best on held-out seeds, its 95 % interval and its failed episodes.
 
     Empty without a validation.

@@ -11,7 +11,7 @@ from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.values import flatten
 from swarmwright.runs import picture
-from swarmwright.runs.callbacks._base import Callback, figures, held_out_figures
+from swarmwright.runs.callbacks._base import Callback, figures, get_held_out_figures
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -121,7 +121,7 @@ class MLflow(Callback):
 
         now = time.time_ns() // 1_000_000
         self._waiting += [
-            Metric(name, value, now, run.generations - 1) for name, value in held_out_figures(run).items()
+            Metric(name, value, now, run.generations - 1) for name, value in get_held_out_figures(run).items()
         ]
         self._send()
         picture.wait()

@@ -8,7 +8,7 @@ import numpy as np
 from swarmwright.common.arguments import path_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import dump
-from swarmwright.runs.callbacks._base import Callback, figures, held_out_figures
+from swarmwright.runs.callbacks._base import Callback, figures, get_held_out_figures
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -59,7 +59,7 @@ class TensorBoard(Callback):
     def conclude(self, run: "Run") -> None:
         """Add a histogram of the last generation's fitness, and the fitness on held-out seeds."""
         if run.generations:
-            for name, value in held_out_figures(run).items():
+            for name, value in get_held_out_figures(run).items():
                 self._writer.add_scalar(name, value, run.generations - 1)
             last = run.record.fitness[run.record.generation == run.generations - 1]
             last = last[np.isfinite(last)]

@@ -137,12 +137,12 @@ class ToolMetrics(_Metrics):
         yield _counter("candidates_failed", "Evaluated candidates that failed.", self._failed)
         yield _counter("evaluations", "Finished evaluations on servers.", self._evaluations)
         yield _gauge("evaluations_pending", "Requested evaluations that have not finished.", self._pending)
-        yield _labelled_counter(
+        yield _make_labelled_counter(
             "attempts", "Attempts at evaluations, single or in batches.", ("mode", "outcome"), self._attempts
         )
         states = Counter(self._servers.values())
         benched = sum(server.get("benched") is not None for server in self._status.get("servers", ()))
-        yield _labelled_gauge(
+        yield _make_labelled_gauge(
             "servers",
             "Servers with the simulation by state; benched: pausing after a failure.",
             ("state",),
@@ -151,7 +151,7 @@ class ToolMetrics(_Metrics):
         silence = _measure_silence(self._status)
         longest = sorted(silence, key=lambda server: -silence[server])[:_NAMED_SERVERS]
         yield _gauge("silence_seconds", "Silence of the blocking server.", max(silence.values(), default=0))
-        yield _labelled_gauge(
+        yield _make_labelled_gauge(
             "server_silence_seconds",
             "Silence of servers with work, the longest first; at most ten.",
             ("server",),
@@ -183,13 +183,13 @@ class ServerMetrics(_Metrics):
 
     def _families(self) -> "Iterator[Metric]":
         states = Counter(self._states.values())
-        yield _labelled_gauge(
+        yield _make_labelled_gauge(
             "servers",
             "Servers of this process, by state.",
             ("state",),
             {(state,): states[state] for state in ("ready", "busy", "lost", "ended")},
         )
-        yield _labelled_counter("server_events", "Events of servers.", ("event",), self._events)
+        yield _make_labelled_counter("server_events", "Events of servers.", ("event",), self._events)
 
 
 def _measure_silence(status: Mapping[str, Any]) -> dict[int, float]:
@@ -212,7 +212,7 @@ def _counter(name: str, meaning: str, value: float) -> "Metric":
     return CounterMetricFamily(f"swarmwright_{name}", meaning, value=value)
 
 
-def _labelled_gauge(
+def _make_labelled_gauge(
     name: str, meaning: str, labels: tuple[str, ...], values: Mapping[Any, float]
 ) -> "Metric":
     from prometheus_client.core import GaugeMetricFamily
@@ -223,7 +223,7 @@ def _labelled_gauge(
     return family
 
 
-def _labelled_counter(
+def _make_labelled_counter(
     name: str, meaning: str, labels: tuple[str, ...], values: Mapping[Any, float]
 ) -> "Metric":
     from prometheus_client.core import CounterMetricFamily

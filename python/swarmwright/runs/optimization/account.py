@@ -33,7 +33,7 @@ class Rate:
     def __init__(self, now: float, evaluations: int) -> None:
         self._reports = deque([(now, evaluations)])
 
-    def after(self, now: float, evaluations: int) -> float:
+    def add(self, now: float, evaluations: int) -> float:
         """Add a report; return the rate since the last report at least two seconds ago, or the start."""
         reports = self._reports
         reports.append((now, evaluations))
@@ -120,7 +120,7 @@ class Account:
             self._method.budget, self._budget.evaluations or _UNLIMITED_EVALUATIONS, _UNLIMITED_EVALUATIONS
         )
 
-    def expected_generations(self, generations: int | None = None) -> int:
+    def estimate_generations(self, generations: int | None = None) -> int:
         """Estimate the run's total number of generations after these, by default after the stored ones."""
         so_far = self.stored if generations is None else generations
         return self._budget.estimate_generations(so_far, self.evaluations)
@@ -153,7 +153,7 @@ class Account:
             failed_so_far=self.failed,
             evaluations=summary.evaluations,
             seconds=elapsed,
-            evaluations_per_second=self._rate.after(time.monotonic(), summary.evaluations),
+            evaluations_per_second=self._rate.add(time.monotonic(), summary.evaluations),
             seconds_left=seconds_left,
             waiting_for=waiting_for,
             budget=budget,

@@ -151,7 +151,7 @@ class Ahead(Strategy):
 
     def _expect(self) -> None:
         """Publish the expected number of generations for watchers."""
-        generations = self.loop.account.expected_generations()
+        generations = self.loop.account.estimate_generations()
         if generations != self._expected:
             self._expected = generations
             self._producer.expect(generations)

@@ -40,7 +40,7 @@ class Evaluator:
         """Return the fitness of a generation's candidates, computed by the ranking."""
         return self._ranking.score(results.fitness, genomes)
 
-    def failed_candidates(self, results: Results) -> NDArray[np.bool_]:
+    def find_failed_candidates(self, results: Results) -> NDArray[np.bool_]:
         """Return which candidates failed in an episode, (candidates,).
 
         Call it before `fitness`, which may change the state of the ranking.
@@ -166,11 +166,11 @@ class TwoSimulationsEvaluator(Evaluator):
         metrics = np.concatenate([fast.metrics, slow[:, :, np.newaxis]], axis=2)
         return Results(fast.fitness, np.ascontiguousarray(metrics), journal)
 
-    def failed_candidates(self, results: Results) -> NDArray[np.bool_]:
+    def find_failed_candidates(self, results: Results) -> NDArray[np.bool_]:
         """Return which candidates failed in an episode of either simulation."""
         slow, descriptor = results.metrics[:, :, -1], results.metrics[:, :, self._descriptor]
         chosen = self._slow.find_transferred(results.fitness, slow, descriptor)
-        return super().failed_candidates(results) | (chosen & ~np.isfinite(slow).all(axis=1))
+        return super().find_failed_candidates(results) | (chosen & ~np.isfinite(slow).all(axis=1))
 
     def fitness(self, results: Results, genomes: Genomes) -> Fitness:  # noqa: ARG002 - of the base class
         """Return the ranking's fitness from both simulations; see `Evaluator.fitness`."""

@@ -100,7 +100,7 @@ class Generational(Strategy):
     ) -> GenerationResult:
         """Rank the results and tell the method; sample: stored instead of the genomes."""
         loop, method = self.loop, self.loop.method
-        failures = loop.failed_candidates(results)
+        failures = loop.find_failed_candidates(results)
         fitness = loop.evaluator.fitness(results, genomes)
         failed = None if failures is None else int(np.count_nonzero(failures | np.isnan(fitness)))
         loop.check(fitness, results)

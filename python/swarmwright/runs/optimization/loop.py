@@ -315,18 +315,18 @@ class Loop:
         self, backend: Backend, generation: int | None, evaluations: tuple[int, int] | None = None
     ) -> None:
         """Tell the backend which generation it evaluates, for watchers."""
-        backend.announce(self.name, generation, self.account.expected_generations(), evaluations)
+        backend.announce(self.name, generation, self.account.estimate_generations(), evaluations)
 
     def log_step(self, step: str) -> None:
         """Log the next step of a large generation."""
         if self.is_large:
             progress.info("%s", step)
 
-    def failed_candidates(self, results: Results) -> NDArray[np.bool_] | None:
+    def find_failed_candidates(self, results: Results) -> NDArray[np.bool_] | None:
         """Return which candidates failed in an episode; None if these are those without a fitness."""
         if self.ranking.options.failure_fitness is None:
             return None
-        return self.evaluator.failed_candidates(results)
+        return self.evaluator.find_failed_candidates(results)
 
     def _population_fitness(self) -> Fitness:
         """Return the fitness of the method's population. Raises PlugInError if it is invalid."""

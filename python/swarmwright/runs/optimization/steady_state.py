@@ -122,7 +122,7 @@ class SteadyState(Strategy):
         genomes: Genomes = np.array([evaluation.genome for evaluation in self._part], dtype=np.float32)
         fitness = self._fitness()
         self._part = []
-        failures = self.loop.failed_candidates(results)
+        failures = self.loop.find_failed_candidates(results)
         failed = None if failures is None else int(np.count_nonzero(failures | np.isnan(fitness)))
         return self.loop.record_generation(genomes, self._seeds, results, fitness, failed=failed)
 

@@ -129,8 +129,8 @@ class Work:
 
     def evaluate_source(self, plan: Plan) -> Values:
         """Return the fitness in the run's own simulation, (candidates, seeds)."""
-        experiment = self._prefixed(plan.experiment)
-        where = self._where(experiment)
+        experiment = self._add_prefix(plan.experiment)
+        where = self._choose_servers(experiment)
         return self._fitness(experiment, plan.genomes, self._seeds, where)
 
     def evaluate_target(self, plan: Plan, target: Target, experiments: Sequence[Experiment]) -> Values:
@@ -140,8 +140,8 @@ class Work:
         """
         try:
             if not target.sets_servers:
-                experiments = [self._prefixed(changed) for changed in experiments]
-            where = self._where(experiments[0], placed=target.sets_servers)
+                experiments = [self._add_prefix(changed) for changed in experiments]
+            where = self._choose_servers(experiments[0], placed=target.sets_servers)
             if len(experiments) == 1:
                 return self._fitness(experiments[0], plan.genomes, self._seeds, where)
             with open_once(experiments[0], *where, most=len(plan.genomes)) as where:
@@ -159,11 +159,11 @@ class Work:
         except (InputError, RunError) as error:
             raise with_message(error, f"{target.name}: {error}") from error
 
-    def _prefixed(self, experiment: Experiment) -> Experiment:
+    def _add_prefix(self, experiment: Experiment) -> Experiment:
         """Return an experiment with the prefix, if there is one."""
         return experiment if self._prefix is None else dataclasses.replace(experiment, prefix=self._prefix)
 
-    def _where(self, experiment: Experiment, *, placed: bool = False) -> Where:
+    def _choose_servers(self, experiment: Experiment, *, placed: bool = False) -> Where:
         """Return broker and servers for `open_backend`; placed: the experiment itself names them."""
         broker, servers = (None, None) if placed else (self._broker, self._servers)
         if experiment.broker is None and catalogue.is_local(experiment.simulation):

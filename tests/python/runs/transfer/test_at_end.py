@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume, transfer
-from swarmwright.analysis.transfer.transfer import of_run
+from swarmwright.analysis.transfer.transfer import load_run_transfer
 
 NOISY: dict[str, Any] = {
     "simulation": "minisim",
@@ -79,7 +79,7 @@ def test_a_run_ends_with_the_numbers_of_transfer(tmp_path: Path) -> None:
         assert one.target_episodes.tolist() == same.target_episodes.tolist()
     assert [one.target for one in run.transferred] == ["harder.yaml", "other", "pseudo-reality"]
     assert harder.losses[0].mean == expected.runs[0].losses[0].mean
-    found = of_run(run)
+    found = load_run_transfer(run)
     assert found is not None
     assert found.seeds == expected.seeds
     assert str(found).count("Rank correlation of the 6 candidates") == 3
