@@ -231,5 +231,5 @@ def test_compile_needs_a_controller(tmp_path: Path) -> None:
 def test_a_controller_stays_here_in_other_modes(tmp_path: Path) -> None:
     one = experiment(tmp_path, "x", controller="json")
     for mode in ("stepwise", "batched"):
-        with pytest.raises(InputError, match=f"mode: in the mode {mode} controllers stay here"):
+        with pytest.raises(InputError, match=f"mode: {mode} keeps controllers in this process"):
             one.replace(mode=mode)

@@ -74,7 +74,7 @@ def problem(folder: Path, old: str, new: str) -> str:
         (
             "metrics:",
             "environment: {A: '{prt}'}\n  metrics:",
-            "simulation.environment.A: {prt} is not a placeholder",
+            "simulation.environment.A: {prt} is neither a placeholder nor a parameter",
         ),
         ("metrics:", 'fitness: "a +"\n  metrics:', "simulation.fitness: "),
         (
@@ -105,10 +105,12 @@ def test_mistakes(tmp_path: Path, old: str, new: str, reason: str) -> None:
 def test_a_parameter_takes_no_placeholder_s_place(tmp_path: Path, where: dict[str, Any], name: str) -> None:
     (tmp_path / "world.sdf").write_text("<world>{instance}</world>")
     definition = {"folder": str(tmp_path), **where}
-    with pytest.raises(InputError, match=rf"^parameters\.{name}: {{{name}}} is .*; rename the parameter, or"):
+    with pytest.raises(
+        InputError, match=rf"^parameters\.{name}: {{{name}}} stands for .*; rename the parameter or"
+    ):
         experiment(**definition).replace(parameters={name: 3})
     evolved = {"kind": "parameter_set", "parameters": {name: {"type": "real", "range": [0, 5]}}}
-    with pytest.raises(InputError, match=rf"^controller\.parameters\.{name}: {{{name}}} is "):
+    with pytest.raises(InputError, match=rf"^controller\.parameters\.{name}: {{{name}}} stands for "):
         experiment(**definition).replace(controller=evolved)
     # Where the placeholder is not used, it is a name like any other.
     assert experiment(folder=str(tmp_path)).replace(parameters={name: 3}).parameters == {name: 3}

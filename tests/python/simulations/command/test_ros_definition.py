@@ -157,7 +157,7 @@ def test_fitness_is_needed() -> None:
 
 def test_parameters_need_a_way_to_the_simulation() -> None:
     values = {**with_(), "parameters": {"width": 5}}
-    with pytest.raises(InputError, match=r"parameters.width: does not reach the simulation: .*reset.p"):
+    with pytest.raises(InputError, match=r"parameters.width: does not reach the simulation; .*reset.p"):
         Experiment.from_mapping(values)
     values["simulation"]["reset"]["command"] = ["./reset", "{width}"]
     assert Experiment.from_mapping(values).parameters["width"] == 5
@@ -166,7 +166,7 @@ def test_parameters_need_a_way_to_the_simulation() -> None:
 def test_robots_that_are_there_have_one_server() -> None:
     assert Experiment.from_mapping(with_()).servers == 1
     for servers in (2, "local"):
-        with pytest.raises(InputError, match="servers: only one server can drive the robots: write"):
+        with pytest.raises(InputError, match="servers: only one server can drive the robots; write"):
             Experiment.from_mapping({**with_(), "servers": servers})
     assert Experiment.from_mapping({**with_(start="./simulator"), "servers": 2}).servers == 2
     own = {"ROS_MASTER_URI": "http://localhost:1131{instance}"}

@@ -113,7 +113,7 @@ def test_a_reset_command_of_ros_gets_no_text(tmp_path: Path, monkeypatch: pytest
             with pytest.raises(InputError, match=r"^speed: .* found, but reset\.command"):
                 simulation.reset({"speed": text}, 1)
     with pytest.raises(
-        InputError, match=r"^parameters\.speed: 'a' found, but reset\.command: \{speed\} stands"
+        InputError, match=r"^parameters\.speed: 'a' found, but reset\.command: \{speed\} is part of a word"
     ):
         ros(["./reset", "a:={speed}"]).replace(parameters={"speed": "a"})
     ros(["./reset", "a:={speed}"], choices={"speed": ["a", 1]}).replace(parameters={"speed": "a"})

@@ -166,7 +166,7 @@ def test_a_received_run_is_read_without_its_code(
     assert changed.generations == 5
     with caplog.at_level(logging.WARNING, "swarmwright"):
         assert run.validation is None
-    assert "held-out fitness is unavailable: the ranking search.py:Lowest makes it" in caplog.text
+    assert "held-out fitness is unavailable: it is computed by the ranking search.py:Lowest" in caplog.text
     uses: list[Any] = [
         lambda: resume(path, generations=4),
         lambda: post_evaluate(Run.open(path), episodes=2),
