@@ -159,7 +159,7 @@ class Key:
         entries: list[Entry] = []
         # By symbol: looks whose colours mean something else differ by shape only.
         alike: dict[tuple[str, bool], list[tuple[str, str]]] = {}
-        drawn = self._drawn_looks()
+        drawn = self._find_looks()
         for look in looks.names():
             if look == (LED, "") or look not in drawn:
                 continue
@@ -176,7 +176,7 @@ class Key:
             (name, (_mark(state_color(index), "o"),)) for index, name in enumerate(self._states)
         ]
 
-    def _drawn_looks(self) -> set[tuple[str, str]]:
+    def _find_looks(self) -> set[tuple[str, str]]:
         """Return the kinds and states of bodies in the drawn scenes."""
         every = [Bodies.from_bodies(scene.bodies) for scene in self._scenes]
         return {bodies.looks[index] for bodies in every for index in np.unique(bodies.look)}

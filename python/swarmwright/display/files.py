@@ -74,7 +74,7 @@ def _check_states(parts: Sequence[Part]) -> None:
     if any(trace is not None and trace.states is not None for trace in traces):
         return
     machines = parts[0].machines
-    if not machines.kind or machines.machine or machines.colored_groups:
+    if not machines.kind or machines.machine or machines.groups_with_colors:
         why = "this episode does not report them"
     elif machines.groups is not None:
         why = "no controller of this team has any"

@@ -44,7 +44,7 @@ class Machines:
     groups: tuple[Group, ...] | None = None
 
     @cached_property
-    def colored_groups(self) -> list[dict[str, Any]] | None:
+    def groups_with_colors(self) -> list[dict[str, Any]] | None:
         """The groups of a team with their state machines; None without state machines.
 
         The `first_color` of a machine is the index of the colour of its state 0: the colours of a group
@@ -92,7 +92,7 @@ class StateColors:
         states. bodies: of the first scene, whose names identify the group of an agent.
         """
         first = np.zeros(states.shape[1], dtype=np.int64)
-        groups = machines.colored_groups
+        groups = machines.groups_with_colors
         if groups is None:
             states_of_all = machines.common_machine(-1)["states"] if machines.groups is None else []
             names = [state["name"] for state in states_of_all]

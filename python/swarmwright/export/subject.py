@@ -300,7 +300,7 @@ def load_subject(
             )
         except SwarmwrightError as error:
             reason = str(error)
-    channels = _stored_channels(run)
+    channels = _load_channels(run)
     description, step = _select_channels(channels, part), _step_seconds(channels)
     subject = Subject(specification, facts, description, reason=reason, topics=topics, step_size=step)
     subject = _with_arena_meanings(run, subject)
@@ -351,7 +351,7 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
     return Subject(chosen.specification, facts, values=values, ranges=ranges)
 
 
-def _stored_channels(run: "Run") -> Mapping[str, Any]:
+def _load_channels(run: "Run") -> Mapping[str, Any]:
     """Return the stored description of the simulation, see `catalogue.channels`."""
     return run._store.channels() or {}
 

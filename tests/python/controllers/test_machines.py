@@ -35,7 +35,7 @@ def test_subtrees_of_a_tree_have_a_condition_and_a_behaviour() -> None:
 
 
 def test_groups_of_a_team_have_machines_of_their_own() -> None:
-    groups = machines_of(TEAM).colored_groups
+    groups = machines_of(TEAM).groups_with_colors
     assert groups is not None
     assert [(group["name"], group["first"], group["end"]) for group in groups] == [
         ("scouts", 0, 2),
@@ -46,7 +46,7 @@ def test_groups_of_a_team_have_machines_of_their_own() -> None:
     assert groups[1]["machine"]["form"] == "tree"
     assert machines_of(MODULES).groups is None
     assert (
-        machines_of({**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]}).colored_groups
+        machines_of({**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]}).groups_with_colors
         is None
     )
 

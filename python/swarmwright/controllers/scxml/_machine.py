@@ -285,7 +285,7 @@ class _Resolved:
         self.machine = machine
         self.sensors, self.actuators = sensors, actuators
         self.problems = ProblemLines()
-        self.exported = self._exported_identifiers()
+        self.exported = self._find_exported_identifiers()
         self.first = self._first_numbers()
         self.constants = {
             normalize_name(name): value
@@ -325,7 +325,7 @@ class _Resolved:
         }
         return edges, self._outputs()
 
-    def _exported_identifiers(self) -> dict[str, dict[str, int]]:
+    def _find_exported_identifiers(self) -> dict[str, dict[str, int]]:
         """Return the indices of the identifiers of sensors and of actuators in an exported file.
 
         An exported file declares an identifier for each name; the result is empty for other files.

@@ -194,7 +194,7 @@ def _episode(part: Part) -> dict[str, Any]:
         "trace": None if trace is None else _trace(trace, keys, part),
         "states": None if trace is None else states_data(trace, keys),
         "machine": None if trace is None else machine_data(trace, part),
-        "groups": part.machines.colored_groups,
+        "groups": part.machines.groups_with_colors,
     }
 
 

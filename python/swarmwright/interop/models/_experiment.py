@@ -390,8 +390,8 @@ class Draft:
         if self.groups:
             lines.append("  groups:")
             lines += [
-                _line(name, options, f"{place.element}, {place.file.name}:{place.line}", "    ")
-                for name, (options, place) in self.groups.items()
+                _line(name, options, f"{location.element}, {location.file.name}:{location.line}", "    ")
+                for name, (options, location) in self.groups.items()
             ]
         if self.parameters.evolved:
             lines.append("  parameters:")

@@ -123,9 +123,9 @@ class Problems:
     def __init__(self) -> None:
         self.lines = ProblemLines()
 
-    def add(self, place: Location, message: str) -> None:
+    def add(self, location: Location, message: str) -> None:
         """Add a problem, without repetition."""
-        self.lines.add(place.format(message))
+        self.lines.add(location.format(message))
 
     def stop(self) -> None:
         """Raise InputError with all problems, if any."""

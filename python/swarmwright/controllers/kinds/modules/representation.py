@@ -226,8 +226,8 @@ class Changes:
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
         self._behaviours, self._first = layout.sets_state.shape
-        self._conditions, self._each = layout.sets_transition.shape
-        self._width = self._first + layout.transitions * self._each
+        self._conditions, self._transition_size = layout.sets_transition.shape
+        self._width = self._first + layout.transitions * self._transition_size
         slots = [(_MORE, 0, layout.states), (_LESS, 0, layout.states)]
         for state in range(layout.states):
             slots += self._state_slots(1 + state * self._width)
@@ -241,9 +241,9 @@ class Changes:
         slots += [(_MOVE, at + column, 0) for column in range(1, self._first) if column != 3]
         slots += [(_MORE, at + 3, most), (_LESS, at + 3, most)]
         for k in range(most):
-            start = at + self._first + k * self._each
+            start = at + self._first + k * self._transition_size
             slots += [(_CHOICE, start, 0), (_CHOICE, start + 1, self._conditions)]
-            slots += [(_MOVE, start + column, 0) for column in range(2, self._each)]
+            slots += [(_MOVE, start + column, 0) for column in range(2, self._transition_size)]
         return slots
 
     def make(self, genomes: _Numbers, streams: Sequence[Stream], severities: _Numbers) -> None:
@@ -285,8 +285,12 @@ class Changes:
             used_transitions = np.clip(rows[..., 3].astype(np.int64), 0, layout.transitions)
             parts[..., after] = exists & (used_transitions < layout.transitions)
             parts[..., after + 1] = exists & (used_transitions > 1)
-        transitions = rows[..., self._first :].reshape(count, layout.states, layout.transitions, self._each)
-        inner = parts[..., after + 2 :].reshape(count, layout.states, layout.transitions, self._each)
+        transitions = rows[..., self._first :].reshape(
+            count, layout.states, layout.transitions, self._transition_size
+        )
+        inner = parts[..., after + 2 :].reshape(
+            count, layout.states, layout.transitions, self._transition_size
+        )
         used = exists[..., np.newaxis] & (np.arange(layout.transitions) < used_transitions[..., np.newaxis])
         inner[..., 0] = used & ((states > 2) & (not layout.tree))[:, np.newaxis, np.newaxis]
         inner[..., 1] = used & (self._conditions > 1)
@@ -403,13 +407,13 @@ class Modules(Representation):
         return self.catalogue.state_weights
 
     @cached_property
-    def _each(self) -> int:
+    def _transition_size(self) -> int:
         """Number of genes of a transition."""
         return self.catalogue.transition_weights
 
     @cached_property
     def _width(self) -> int:
-        return self._first + self._most * self._each
+        return self._first + self._most * self._transition_size
 
     @property
     def _tree(self) -> bool:
@@ -435,7 +439,7 @@ class Modules(Representation):
             return low, high + 1 if whole else high
 
         transition: list[tuple[float, float]] = [(0, other_states), (0, len(self.catalogue.conditions))]
-        transition += [limits(self._conditions[column]) for column in range(2, self._each)]
+        transition += [limits(self._conditions[column]) for column in range(2, self._transition_size)]
         state: list[tuple[float, float]] = [(0, len(self.catalogue.behaviours)), limits(self._behaviours[1])]
         state += [limits(self._behaviours[2]), (0, most + 1)]
         state += [limits(self._behaviours[column]) for column in range(4, self._first)]
@@ -485,7 +489,7 @@ class Modules(Representation):
             weights = weights.copy()
             rows = weights[..., 1:].reshape(*weights.shape[:-1], self.options.states, self._width)
             rows[..., 0] = self._behaviour_numbers[rows[..., 0].astype(np.int64)]
-            parts = rows[..., self._first + 1 :: self._each]
+            parts = rows[..., self._first + 1 :: self._transition_size]
             parts[...] = self._condition_numbers[parts.astype(np.int64)]
         return weights.astype(np.float32)
 
@@ -512,7 +516,7 @@ class Modules(Representation):
                 rows[..., column] = self._floor_clip(rows[..., column], low, high)
         alone = (states == 1)[..., np.newaxis]
         rows[..., 3] = np.where(alone, 0, self._floor_clip(rows[..., 3], 0, self._most))
-        parts = rows[..., self._first :].reshape(*rows.shape[:-1], self._most, self._each)
+        parts = rows[..., self._first :].reshape(*rows.shape[:-1], self._most, self._transition_size)
         other_states = np.maximum(states - 1, 1)[..., np.newaxis, np.newaxis]
         target = np.floor(parts[..., 0]) % other_states
         indices = np.arange(self.options.states)[:, np.newaxis]
@@ -560,7 +564,7 @@ class Modules(Representation):
                 genome[at + column] = state.parameters[name] + (0.5 if self._is_integer(at + column) else 0.0)
             genome[at + 3] = weights[at + 3] + 0.5
             for k, transition in enumerate(state.transitions):
-                start_gene = at + self._first + k * self._each
+                start_gene = at + self._first + k * self._transition_size
                 genome[start_gene] = transition.target - (transition.target > index) + 0.5
                 genome[start_gene + 1] = weights[start_gene + 1] + 0.5
                 for name, column in catalogue.condition_columns[transition.condition].items():
@@ -613,7 +617,7 @@ class Modules(Representation):
     def _targets(self) -> NDArray[np.intp]:
         """Return where the targets of all transitions are in a genome."""
         rows = 1 + self._width * np.arange(self.options.states)[:, np.newaxis]
-        targets: NDArray[np.intp] = rows + self._first + self._each * np.arange(self._most)
+        targets: NDArray[np.intp] = rows + self._first + self._transition_size * np.arange(self._most)
         return targets.ravel()
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
@@ -680,7 +684,7 @@ class Modules(Representation):
         rows = counted[1:].reshape(self.options.states, self._width)
         rows[:, [column for column, behaviour in self._behaviours.items() if behaviour[2]]] = True
         for column, condition in self._conditions.items():
-            rows[:, self._first + column :: self._each] = condition[2]
+            rows[:, self._first + column :: self._transition_size] = condition[2]
         return Changes(
             Layout(
                 states=self.options.states,
@@ -696,7 +700,7 @@ class Modules(Representation):
 
     def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
         """Return weights in units of their ranges; choices are not scaled, unused weights are 0."""
-        weights = self._rounded_weights(genomes)
+        weights = self._round_weights(genomes)
         lower, upper = self.bounds
         ranges = upper - lower
         ranges[self._choices] = 1.0
@@ -707,13 +711,13 @@ class Modules(Representation):
         parts = used[:, 1:].reshape(len(weights), self.options.states, self._width)
         parts[..., : self._first] = self._sets_state[rows[..., 0].astype(np.int64)] & exists[..., np.newaxis]
         for k in range(self._most):
-            at = self._first + k * self._each
+            at = self._first + k * self._transition_size
             used_transitions = exists & (rows[..., 3] > k)
             sets = self._sets_transition[rows[..., at + 1].astype(np.int64)]
-            parts[..., at : at + self._each] = sets & used_transitions[..., np.newaxis]
+            parts[..., at : at + self._transition_size] = sets & used_transitions[..., np.newaxis]
         return np.where(used, weights / ranges, 0.0)
 
-    def _rounded_weights(self, genomes: Genomes) -> NDArray[np.float64]:
+    def _round_weights(self, genomes: Genomes) -> NDArray[np.float64]:
         """Return the limited weights, rounded to float32."""
         return self._limit_weights(genomes).astype(np.float32).astype(np.float64)
 
@@ -729,7 +733,7 @@ class Modules(Representation):
     @cached_property
     def _sets_transition(self) -> NDArray[np.bool_]:
         """For each condition, the genes of a transition that are in use."""
-        used = np.zeros((len(self.catalogue.conditions), self._each), dtype=np.bool_)
+        used = np.zeros((len(self.catalogue.conditions), self._transition_size), dtype=np.bool_)
         used[:, [0, 1]] = True
         for index, columns in enumerate(self.catalogue.condition_columns.values()):
             used[index, list(columns.values())] = True
@@ -740,7 +744,7 @@ class Modules(Representation):
         column = (gene - 1) % self._width
         if column < self._first:
             return self._behaviours[column][2]
-        return self._conditions[(column - self._first) % self._each][2]
+        return self._conditions[(column - self._first) % self._transition_size][2]
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
         """Return a copy of `mother` with a run of states of `father`, at least one and not all."""
@@ -778,14 +782,14 @@ class Modules(Representation):
 
     def distances(self, genome: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        weights = self._rounded_weights(np.concatenate([genome[np.newaxis], others]))
+        weights = self._round_weights(np.concatenate([genome[np.newaxis], others]))
         return self._distances(weights[0], weights[1:])
 
     def distances_among(
         self, genomes: Genomes, indices: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """Return the distances between genomes, given by their indices."""
-        weights = self._rounded_weights(genomes)
+        weights = self._round_weights(genomes)
         distances = np.empty(others.shape)
         for part in split_rows(len(indices), others.shape[1] * self.genome_size):
             distances[part] = self._distances(weights[indices[part]][:, np.newaxis], weights[others[part]])

@@ -41,7 +41,7 @@ Control::Control(Graph& graph, Mapping mapping)
       steps_(graph_.advertise<messages::Float32MultiArray>(graph_.resolve("~/steps"), 1000)),
       actuators_(static_cast<std::size_t>(exported_actuators)),
       moved_(Clock::now()) {
-  // Beside the service: where ROS 2 has another implementation of DDS, topics are found, services are not.
+  // In addition to the service: another implementation of DDS in ROS 2 finds topics, but no services.
   graph_.receive_all<messages::Empty>(graph_.resolve("~/reset"), [this](const messages::Empty&) { reset(); });
   exported_reset();
 }
@@ -62,7 +62,7 @@ void Control::cycle() {
     reason_.clear();
   }
   inputs_.draw();
-  // Inputs has refused what is not finite: this is an overflow, or a topic as the source of random numbers.
+  // Inputs are finite, so this is an overflow, or a topic as the source of random numbers.
   if (!exported_step(inputs_.values().data(), actuators_.data())) {
     if (!refused_) {
       graph_.warn(
@@ -92,7 +92,7 @@ void Control::look() {
   outputs_.check_types();
 }
 
-// Cycles follow the clock of a simulation where there is one: where it stands still, nothing else stops the robot.
+// Cycles follow the clock of a simulation, if any; if that clock stops, only this stops the robot.
 void Control::watch(Clock::time_point now) {
   const double seconds = graph_.seconds();
   if (seconds != seen_) {
@@ -112,7 +112,7 @@ void Control::watch(Clock::time_point now) {
   outputs_.stop();
 }
 
-// Says why, again when the reason changes and from time to time; the robot is told in every cycle, for it may listen
+// Logs the reason, again if it changes and at intervals; stops the robot in every cycle, because it may subscribe
 // later.
 void Control::stopped(const Missing& missing) {
   const Clock::time_point now = Clock::now();
@@ -132,7 +132,7 @@ void Control::stopped(const Missing& missing) {
   outputs_.stop();
 }
 
-// What the controller has sensed and done, for those who listen: one row, sensors first.
+// Publishes sensors and actuators for other nodes: a single row, sensors first.
 void Control::show() {
   if (steps_->listeners() == 0) return;
   messages::Float32MultiArray step;

@@ -1,5 +1,5 @@
 // @mark@; changes here are lost.
-// The exported controller, whatever its prefix and its size.
+// The exported controller, independent of its prefix and its size.
 #pragma once
 
 #include <stdbool.h>
@@ -16,7 +16,7 @@ extern const char* const exported_actuator_names[];
 // Starts an episode: clears the state.
 void exported_reset(void);
 
-// Computes the actuators for one control cycle; false when it refuses a step, see its header.
+// Computes the actuators for one control cycle; returns false if it refuses a step, see its header.
 bool exported_step(const float* sensors, float* actuators);
 
 #ifdef __cplusplus

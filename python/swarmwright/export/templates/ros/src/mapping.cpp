@@ -27,7 +27,7 @@ std::string short_type(const std::string& name) {
 
 namespace {
 
-// A value as messages repeat it.
+// Returns a value for a message.
 std::string shown(const Value& value) {
   std::ostringstream text;
   const char* between = "";
@@ -57,7 +57,7 @@ std::string shown(const Value& value) {
   return "";
 }
 
-// One block of the mapping: its keys are asked for, and those that nobody asked for are mistakes.
+// A block of the mapping; keys that were not read are mistakes.
 class Block {
  public:
   Block(std::string where, const Value& value) : where_(std::move(where)), value_(value) {
@@ -89,7 +89,7 @@ class Block {
     return value == nullptr ? otherwise : finite(key, *value);
   }
 
-  // One that binary32, which controllers get, can hold.
+  // Returns a number that fits into binary32, the type of sensors and actuators.
   double single(const std::string& key) {
     const double value = finite(key, get(key));
     if (std::abs(value) > double{std::numeric_limits<float>::max()}) {
@@ -111,12 +111,12 @@ class Block {
     return value->boolean;
   }
 
-  // The turn: after which the same directions come again; 0 for numbers of another kind.
+  // Period of a direction, a full turn; 0 for other numbers.
   std::optional<Interval> interval(const std::string& key, double turn = 0) {
     const Value* value = find(key);
     if (value == nullptr) return std::nullopt;
     if (value->kind != Value::Kind::list || value->list.size() != 2) fail(key + ": expected two numbers [low, high]");
-    const double low = finite(key, value->list[0]);  // one after the other: the first that is none is named
+    const double low = finite(key, value->list[0]);  // in order, so that the error names the first mistake
     const Interval found{low, finite(key, value->list[1])};
     if (!(low < found.second)) {
       std::ostringstream remedy;
@@ -165,7 +165,7 @@ class Block {
   }
 
   double finite(const std::string& key, const Value& value) const {
-    // YAML 1.1, which ROS 1 reads, takes a number such as 1e-3 for text.
+    // In YAML 1.1, which ROS 1 uses, a number such as 1e-3 is a text.
     static const std::regex exponent("[-+]?(\\.[0-9]+|[0-9]+(\\.[0-9]*)?)[eE][-+]?[0-9]+");
     double number = NAN;
     const char* what = "found";
@@ -185,7 +185,7 @@ class Block {
 };
 
 Place place(Block& block) {
-  // One after the other: the first that is missing is named.
+  // In order, so that the error names the first missing key.
   const std::string topic = block.text("topic");
   const std::string type = short_type(block.text("type"));
   return {block.where(), topic, type, block.has("field") ? block.text("field") : ""};

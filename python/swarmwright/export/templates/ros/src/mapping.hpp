@@ -1,5 +1,5 @@
 // @mark@; changes here are lost.
-// What mapping.yaml says: which field of which topic is which sensor or actuator of the controller.
+// The content of mapping.yaml, which maps fields of topics to sensors and actuators of the controller.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 #include "value.hpp"
 
-// A mistake in the mapping: where it is and how to repair it.
+// A mistake in the mapping, with its location and its remedy.
 struct MappingError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -21,25 +21,25 @@ using Interval = std::pair<double, double>;
 
 // A number on a topic.
 struct Place {
-  std::string where;  // in the mapping, for messages: sensors[0] (goal x)
+  std::string where;  // location in the mapping, for messages: sensors[0] (goal x)
   std::string topic;
-  std::string type;   // in the short spelling: geometry_msgs/Twist
-  std::string field;  // empty where the mapping names none
+  std::string type;   // short form: geometry_msgs/Twist
+  std::string field;  // empty if the mapping names none
 };
 
 struct SensorMapping {
-  Place place;  // without a topic where the value has another source
+  Place place;  // without a topic if the value has another source
   // sensor = clip(value * scale + offset), in binary64, then rounded to binary32.
   double scale = 1;
   double offset = 0;
   std::optional<Interval> clip;
-  std::optional<double> infinite;     // the value where nothing is in range; default: the largest range
-  std::optional<Interval> sector;     // of a laser scan, in degrees, counter-clockwise from straight ahead
-  bool mean = false;                  // of the ranges in the sector, instead of the smallest
+  std::optional<double> infinite;     // the value if nothing is in range; default: the largest range
+  std::optional<Interval> sector;     // of a laser scan, in degrees, counter-clockwise from the front
+  bool mean = false;                  // use the mean of the ranges in the sector, not the smallest
   double timeout = 0;                 // s
   bool random = false;                // a new number from 0 to 1 in each cycle
-  std::optional<std::uint64_t> seed;  // of these numbers; default: another one at each start
-  std::optional<double> constant;     // the value in every cycle, of a sensor that the robot lacks
+  std::optional<std::uint64_t> seed;  // of these numbers; default: a different one at each start
+  std::optional<double> constant;     // the value in every cycle, for a sensor that the robot lacks
 };
 
 struct ActuatorMapping {
@@ -62,8 +62,8 @@ struct Mapping {
 Mapping read_mapping(const Value& value, const std::vector<std::string>& sensors,
                      const std::vector<std::string>& actuators);
 
-// geometry_msgs/Twist for geometry_msgs/msg/Twist, too.
+// Returns the short form of a type: geometry_msgs/Twist for geometry_msgs/msg/Twist.
 std::string short_type(const std::string& name);
 
-// "a, b or c".
+// Returns "a, b or c".
 std::string choice(const std::vector<std::string>& words);

@@ -9,7 +9,7 @@
 
 namespace {
 
-using Reading = std::optional<double>;  // none: the message says nothing about this sensor
+using Reading = std::optional<double>;  // none: the message has no value for this sensor
 
 template <typename Message>
 using Reader = std::function<Reading(const Message&, const SensorMapping&)>;
@@ -20,8 +20,8 @@ using Writers = std::map<std::string, std::function<void(Message&, double)>>;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
 
-// A range as REP 117 defines it: beyond the largest one nothing is seen, minus infinity is too close to be measured;
-// NaN and other numbers below the smallest one are no measurements. A largest range of 0 is not known.
+// A range as in REP 117: above the largest range, nothing was detected; minus infinity is too close for a measurement;
+// NaN and other numbers below the smallest range are no measurements. A largest range of 0 is unknown.
 Reading range(double value, double smallest, double largest, const SensorMapping& sensor) {
   const bool limited = largest > 0 && std::isfinite(largest);
   if (value == -INFINITY) return smallest;
@@ -33,15 +33,15 @@ Reading range(double value, double smallest, double largest, const SensorMapping
   return value;
 }
 
-// Whether an angle lies in a sector, both in degrees, whatever turns they count from. Ends belong to it, and so does
-// what rounding moved beyond them.
+// Returns whether an angle is in a sector, both in degrees, in any turn. Both ends belong to it, with a tolerance for
+// rounding.
 bool within(double angle, const Interval& sector) {
   constexpr double tolerance = 1e-4;
   const double from = angle - sector.first + tolerance;
   return from - 360 * std::floor(from / 360) <= sector.second - sector.first + 2 * tolerance;
 }
 
-// The smallest range of a sector, or the mean of its ranges, summed in the order of the message.
+// Returns the smallest range of a sector, or the mean of its ranges, summed in the order of the message.
 Reading sector(const messages::LaserScan& scan, const SensorMapping& sensor) {
   double sum = 0;
   double least = INFINITY;
@@ -63,7 +63,7 @@ double yaw(const messages::Quaternion& q) {
   return std::atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
 }
 
-// Every type of message has its fields here; `type` is its name in the mapping.
+// The fields of each type of message; `type` is its name in the mapping.
 template <typename Message>
 struct Type;
 
@@ -149,7 +149,7 @@ struct Type<messages::Float64> : Number<messages::Float64> {
   static constexpr const char* name = "std_msgs/Float64";
 };
 
-// A message that begins with a header has the time in it.
+// Messages with a header contain the time.
 void stamp(const Graph& graph, messages::TwistStamped& message) { graph.stamp(message.header); }
 template <typename Message>
 void stamp(const Graph&, Message&) {}
@@ -176,7 +176,7 @@ std::vector<std::string> names(Types<Messages...>) {
   return {Type<Messages>::name...};
 }
 
-// The name of a field, and how it is read or written; where a type has only one, the mapping need not name it.
+// The name of a field and its function to read or write; optional in the mapping if a type has a single field.
 template <typename Use>
 std::pair<std::string, Use> field(const std::map<std::string, Use>& fields, const Place& place) {
   if (place.field.empty() && fields.size() == 1) return *fields.begin();
@@ -188,7 +188,7 @@ std::pair<std::string, Use> field(const std::map<std::string, Use>& fields, cons
   throw MappingError(place.where + ": field " + what + "; expected " + choice(names));
 }
 
-// All entries of a topic have its type, and nobody else uses it with another one.
+// Checks that all entries of a topic, and other nodes, use the same type.
 template <typename Entry>
 std::string type_of(const Graph& graph, const std::string& topic, const std::vector<Entry>& entries) {
   const Place* first = nullptr;
@@ -304,7 +304,7 @@ bool Inputs::subscribe(const std::string& topic, const std::string& type) {
       heard_[i] = graph_.seconds();
       if (!value) continue;
       const auto sensed = static_cast<float>(clipped(*value * sensor.scale + sensor.offset, sensor.clip));
-      // NaN and infinities are no measurements: the sensor is as silent as if they had not come.
+      // NaN and infinities are no measurements, and are ignored.
       if (!std::isfinite(sensed)) continue;
       values_[i] = sensed;
       times_[i] = graph_.seconds();
@@ -318,7 +318,7 @@ Missing Inputs::missing() const {
   const double now = graph_.seconds();
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     const SensorMapping& sensor = sensors_[i];
-    // What came later than now came before a simulation began anew.
+    // Messages from the future are from before a restart of the simulation.
     const auto recent = [&](const std::optional<double>& time) {
       return time && now >= *time && now - *time <= sensor.timeout;
     };

@@ -1,5 +1,5 @@
 // @mark@; changes here are lost.
-// Sensors from topics, actuators to topics.
+// Reads sensors from topics, and publishes actuators on topics.
 #pragma once
 
 #include <cstdint>
@@ -12,18 +12,18 @@
 #include "graph.hpp"
 #include "mapping.hpp"
 
-// Why sensors have no value.
+// The reasons for sensors without a value.
 struct Missing {
-  std::vector<std::string> silent;    // topics from which nothing has come for longer than the time-out
-  std::vector<std::string> unusable;  // of topics that do send: what their messages lack
+  std::vector<std::string> silent;    // topics without a message for longer than the time-out
+  std::vector<std::string> unusable;  // defects of the messages of other topics
 
   bool none() const { return silent.empty() && unusable.empty(); }
 
-  // Begins with the one word and, where topics are silent, with what is to be said of them.
+  // Returns the reasons: a word, and for silent topics a text about them.
   std::string text(const std::string& word, const std::string& of_silent) const;
 };
 
-// Numbers from 0 to 1, 1 excluded: SplitMix64, of which the upper 24 bits are taken.
+// Random numbers in 0 .. 1, without 1: the upper 24 bits of SplitMix64.
 class Generator {
  public:
   explicit Generator(std::optional<std::uint64_t> seed);
@@ -33,14 +33,14 @@ class Generator {
   std::uint64_t state_;
 };
 
-// The latest value of every sensor, and when it came.
+// The latest value of every sensor, and its time.
 class Inputs {
  public:
-  // Subscribes to resolved topics. Throws MappingError for a type or a field that is not known, or that the topic does
-  // not have.
+  // Subscribes to resolved topics. Throws MappingError for an unknown type or field, or one that the topic does not
+  // have.
   Inputs(Graph& graph, const std::vector<SensorMapping>& sensors);
 
-  // Sensors from which nothing has come for longer than their time-out.
+  // Returns the sensors without a message for longer than their time-out.
   Missing missing() const;
 
   // Draws the values of random sensors for the next cycle.
@@ -48,7 +48,7 @@ class Inputs {
 
   const std::vector<float>& values() const { return values_; }
 
-  // Throws MappingError for a topic that others use with another type, now that they may be known.
+  // Throws MappingError for a topic that other nodes use with another type.
   void check_types() const;
 
  private:
@@ -59,23 +59,23 @@ class Inputs {
   const std::vector<SensorMapping>& sensors_;
   std::vector<float> values_;
   std::vector<std::optional<double>> times_;
-  std::vector<std::optional<double>> heard_;  // when a message came, with a value for the sensor or without
+  std::vector<std::optional<double>> heard_;  // time of the latest message, with or without a value for the sensor
   std::vector<std::pair<std::size_t, Generator>> generators_;
 };
 
-// The topics that actuators are published on.
+// The topics of the actuators.
 class Outputs {
  public:
-  // Advertises resolved topics. Throws MappingError as Inputs does.
+  // Advertises resolved topics. Throws MappingError, see Inputs.
   Outputs(Graph& graph, const std::vector<ActuatorMapping>& actuators);
 
-  // Publishes one command on each topic.
+  // Publishes a command on each topic.
   void publish(const std::vector<float>& actuators);
 
   // Publishes zeros.
   void stop();
 
-  // As that of Inputs.
+  // See Inputs.
   void check_types() const;
 
  private:
@@ -84,6 +84,6 @@ class Outputs {
 
   Graph& graph_;
   const std::vector<ActuatorMapping>& actuators_;
-  // By topic: publishes a command; without actuators, zeros.
+  // For each topic, a function that publishes a command; without actuators, zeros.
   std::vector<std::function<void(const std::vector<float>*)>> topics_;
 };

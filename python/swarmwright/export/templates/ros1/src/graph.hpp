@@ -1,5 +1,5 @@
 // @mark@; changes here are lost.
-// What the node asks of ROS 1.
+// The interface of the node to ROS 1.
 #pragma once
 
 #include <functional>
@@ -51,7 +51,7 @@ class Publisher {
 
 class Graph {
  public:
-  // The full name of a topic, remapped: /robot_1/scan. Throws std::exception for what is no name.
+  // Returns the full, remapped name of a topic: /robot_1/scan. Throws std::exception for an invalid name.
   std::string resolve(const std::string& name) {
     const std::string given = ros::names::resolve(name.rfind("~/", 0) == 0 ? "~" + name.substr(2) : name, false);
     const std::string full = ros::names::remap(given);
@@ -59,7 +59,7 @@ class Graph {
     return full;
   }
 
-  // The types with which nodes use a topic.
+  // Returns the types with which nodes use a topic.
   std::vector<std::string> types(const std::string& topic) const {
     XmlRpc::XmlRpcValue arguments;
     XmlRpc::XmlRpcValue response;
@@ -67,7 +67,7 @@ class Graph {
     std::vector<std::string> found;
     arguments[0] = ros::this_node::getName();
     arguments[1] = "";
-    // ros::master::getTopics would wait until a master that is gone is back, and the robot would get no more commands.
+    // ros::master::getTopics waits for a lost master, and the robot would get no more commands.
     if (!ros::master::execute("getPublishedTopics", arguments, response, known, false)) return found;
     for (int i = 0; i < known.size(); ++i) {
       if (static_cast<std::string>(known[i][0]) == topic) found.push_back(static_cast<std::string>(known[i][1]));
@@ -75,13 +75,13 @@ class Graph {
     return found;
   }
 
-  // Of the messages that have come, the latest is read.
+  // Reads the latest message only.
   template <typename Message>
   void subscribe(const std::string& topic, std::function<void(const Message&)> read) {
     subscribe<Message>(topic, std::move(read), 1);
   }
 
-  // Every message that has come is read.
+  // Reads every message.
   template <typename Message>
   void receive_all(const std::string& topic, std::function<void(const Message&)> read) {
     subscribe<Message>(topic, std::move(read), 10);
@@ -94,7 +94,7 @@ class Graph {
 
   void stamp(messages::Header& header) const { header.stamp = ros::Time::now(); }
 
-  // Seconds, of simulated time where there is such a thing, else of a clock that never jumps.
+  // Returns seconds of simulated time if used, otherwise of a monotonic clock.
   double seconds() const { return ros::Time::isSimTime() ? ros::Time::now().toSec() : ros::SteadyTime::now().toSec(); }
 
   void info(const std::string& text) const { ROS_INFO("%s", text.c_str()); }
@@ -108,13 +108,13 @@ class Graph {
     subscribers_.push_back(node_.subscribe<Message>(given(topic), depth, received));
   }
 
-  // What roscpp, which remaps names itself, is to be given for a full name: a:=b b:=a would else have no effect.
+  // Returns the name for roscpp, which remaps names itself: otherwise a:=b b:=a would have no effect.
   const std::string& given(const std::string& topic) const {
     const auto found = given_.find(topic);
     return found == given_.end() ? topic : found->second;
   }
 
   ros::NodeHandle node_;
-  std::map<std::string, std::string> given_;  // by full name: the name before it was remapped
+  std::map<std::string, std::string> given_;  // the name before remapping, by full name
   std::vector<ros::Subscriber> subscribers_;
 };

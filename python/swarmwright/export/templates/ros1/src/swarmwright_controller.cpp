@@ -1,5 +1,5 @@
 // @mark@; changes here are lost.
-// Runs the exported controller: sensors from topics, commands to topics, at a rate, as mapping.yaml says.
+// Runs the exported controller: sensors from topics, commands to topics, at a rate, see mapping.yaml.
 #include <atomic>
 #include <csignal>
 #include <cstdlib>
@@ -21,8 +21,8 @@ std::atomic<bool> ended{false};
 
 void end(int) { ended = true; }
 
-// roscpp's own answer to `rosnode kill`, and to a second node of the name, is to leave at once: the last command would
-// stay in force.
+// By default, roscpp exits at once on `rosnode kill` or for a second node of the same name: the last command would
+// remain in force.
 void end_as_told(XmlRpc::XmlRpcValue& parameters, XmlRpc::XmlRpcValue& result) {
   std::string reason = "no reason given";
   if (parameters.getType() == XmlRpc::XmlRpcValue::TypeArray && parameters.size() > 1 &&
@@ -36,11 +36,11 @@ void end_as_told(XmlRpc::XmlRpcValue& parameters, XmlRpc::XmlRpcValue& result) {
 
 void end_on_signals() {
   for (const int number : {SIGINT, SIGTERM}) std::signal(number, end);
-  // A closed terminal; nohup has it ignored.
+  // A closed terminal; nohup ignores it.
   if (std::signal(SIGHUP, end) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
 }
 
-// roscpp waits for a master without looking at signals. Returns whether one answers before the node is told to end.
+// Waits for a master and for signals, which roscpp ignores. Returns whether a master answers before a signal.
 bool await_master() {
   if (ros::master::check()) return true;
   ROS_WARN("no master answers at %s (ROS_MASTER_URI); waiting for it", ros::master::getURI().c_str());
@@ -51,8 +51,8 @@ bool await_master() {
   return false;
 }
 
-// Nor does roscpp stop registering topics with a master that was lost meanwhile. It gives up 2 s after the node was
-// told to end, long after the last command of a robot that is driven.
+// Ends the node 2 s after a signal even if the master was lost, while roscpp keeps registering topics. A moving robot
+// has its last command by then.
 void end_without_master() {
   std::thread([] {
     while (!ended) ros::WallDuration(0.1).sleep();
@@ -114,7 +114,7 @@ class Node {
     }
     if (!ros::ok()) return;
     control_.stop();
-    ros::WallDuration(0.1).sleep();  // until it is sent
+    ros::WallDuration(0.1).sleep();  // until the message is sent
   }
 
  private:
@@ -141,7 +141,7 @@ int main(int argc, char** argv) {
   end_without_master();
   ros::XMLRPCManager::instance()->unbind("shutdown");
   ros::XMLRPCManager::instance()->bind("shutdown", end_as_told);
-  const ros::NodeHandle node;  // without one nothing can be said any more
+  const ros::NodeHandle node;  // required for logging
   try {
     Node().run();
     return EXIT_SUCCESS;

@@ -1,5 +1,5 @@
 // @mark@; changes here are lost.
-// What the node asks of ROS 2.
+// The interface of the node to ROS 2.
 #pragma once
 
 #include <chrono>
@@ -60,7 +60,7 @@ class Graph {
 
   bool simulated() const { return simulated_; }
 
-  // The full name of a topic, remapped: /robot_1/scan. Throws std::exception for what is no name.
+  // Returns the full, remapped name of a topic: /robot_1/scan. Throws std::exception for an invalid name.
   std::string resolve(const std::string& name) {
     const auto topics = node_->get_node_topics_interface();
     try {
@@ -68,11 +68,11 @@ class Graph {
       given_[full] = topics->resolve_topic_name(name, true);
       return full;
     } catch (const rclcpp::exceptions::RCLErrorBase& error) {
-      throw std::invalid_argument(error.message);  // without the line of ROS's own source that noticed it
+      throw std::invalid_argument(error.message);  // without the source line in ROS
     }
   }
 
-  // The types with which others use a topic.
+  // Returns the types with which other nodes use a topic.
   std::vector<std::string> types(const std::string& topic) const {
     std::vector<std::string> found;
     for (const auto& ends :
@@ -85,20 +85,20 @@ class Graph {
     return found;
   }
 
-  // Of the messages that have come, the latest is read. Every publisher can serve it: reliable or not.
+  // Reads the latest message only. Works with reliable and unreliable publishers.
   template <typename Message>
   void subscribe(const std::string& topic, std::function<void(const Message&)> read) {
     subscribe<Message>(topic, std::move(read), rclcpp::QoS(1).best_effort());
   }
 
-  // Every message is read, also that of a publisher which sends it as soon as it knows of the subscription, as
-  // `ros2 topic pub --once` does.
+  // Reads every message, even of a publisher that sends it as soon as it detects the subscription, such as
+  // `ros2 topic pub --once`.
   template <typename Message>
   void receive_all(const std::string& topic, std::function<void(const Message&)> read) {
     subscribe<Message>(topic, std::move(read), rclcpp::QoS(10).reliable());
   }
 
-  // Every subscription can be served.
+  // Works with all subscriptions.
   template <typename Message>
   std::shared_ptr<Publisher<Message>> advertise(const std::string& topic, std::size_t depth) {
     return std::make_shared<Publisher<Message>>(
@@ -107,7 +107,7 @@ class Graph {
 
   void stamp(messages::Header& header) const { header.stamp = node_->now(); }
 
-  // Seconds, of simulated time where that is used, else of a clock that never jumps.
+  // Returns seconds of simulated time if used, otherwise of a monotonic clock.
   double seconds() const {
     if (simulated_) return node_->now().seconds();
     return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -123,7 +123,7 @@ class Graph {
         given(topic), qos, [read = std::move(read)](const Message& message) { read(message); }));
   }
 
-  // What rclcpp, which remaps names itself, is to be given for a full name: a:=b b:=a would else have no effect.
+  // Returns the name for rclcpp, which remaps names itself: otherwise a:=b b:=a would have no effect.
   const std::string& given(const std::string& topic) const {
     const auto found = given_.find(topic);
     return found == given_.end() ? topic : found->second;
@@ -131,6 +131,6 @@ class Graph {
 
   rclcpp::Node::SharedPtr node_;
   bool simulated_;
-  std::map<std::string, std::string> given_;  // by full name: the name before it was remapped
+  std::map<std::string, std::string> given_;  // the name before remapping, by full name
   std::vector<rclcpp::SubscriptionBase::SharedPtr> subscriptions_;
 };

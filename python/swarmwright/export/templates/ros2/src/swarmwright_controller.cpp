@@ -1,5 +1,5 @@
 // @mark@; changes here are lost.
-// Runs the exported controller: sensors from topics, commands to topics, at a rate, as mapping.yaml says.
+// Runs the exported controller: sensors from topics, commands to topics, at a rate, see mapping.yaml.
 #include <atomic>
 #include <chrono>
 #include <csignal>
@@ -24,7 +24,7 @@ void end(int) { ended = true; }
 
 void end_on_signals() {
   for (const int number : {SIGINT, SIGTERM}) std::signal(number, end);
-  // A closed terminal; nohup has it ignored.
+  // A closed terminal; nohup ignores it.
   if (std::signal(SIGHUP, end) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
 }
 
@@ -59,7 +59,7 @@ void run(const rclcpp::Node::SharedPtr& node) {
   }
   if (!rclcpp::ok()) return;
   control.stop();
-  std::this_thread::sleep_for(std::chrono::milliseconds(100));  // until it is sent
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));  // until the message is sent
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ bool any(const std::string& text, std::initializer_list<const char*> words) {
   return std::find(words.begin(), words.end(), text) != words.end();
 }
 
-// What a word without quotes stands for, as in YAML 1.1, where on, yes and true are the same.
+// Returns the value of a word without quotes, as in YAML 1.1, where on, yes and true are equal.
 Value plain(const std::string& text) {
   static const std::regex number("[-+]?(\\.[0-9]+|[0-9]+(\\.[0-9]*)?)([eE][-+]?[0-9]+)?");
   if (any(text, {"true", "True", "TRUE", "yes", "Yes", "YES", "on", "On", "ON"})) return Value::of(true);
@@ -68,7 +68,7 @@ Value read_yaml(const std::string& file) {
   std::string text;
   try {
     if (stream) text.assign(std::istreambuf_iterator<char>(stream), {});
-  } catch (const std::ios_base::failure&) {  // as of a folder
+  } catch (const std::ios_base::failure&) {  // for example, for a folder
     stream.setstate(std::ios_base::failbit);
   }
   if (!stream) throw MappingError("mapping: " + file + ": cannot be read: " + std::strerror(errno));

@@ -5,5 +5,5 @@
 
 #include "value.hpp"
 
-// The content of a file. Throws MappingError when it cannot be read or is no YAML.
+// Returns the content of a file. Throws MappingError if it cannot be read or is invalid YAML.
 Value read_yaml(const std::string& file);
