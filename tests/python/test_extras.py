@@ -99,4 +99,4 @@ def test_a_run_needs_no_libraries_for_figures(tmp_path: Path) -> None:
     ):
         done = program(*command, folder=tmp_path, missing=LEFT_OUT)
         assert done.returncode == 2
-        assert done.stderr == f"swarmwright: this needs the package {package}: pip install {package}\n"
+        assert done.stderr == f"swarmwright: the package {package} is missing: pip install {package}\n"

@@ -94,9 +94,9 @@ def test_what_cannot_be_saved_is_refused(program: Any, experiment: str, tmp_path
         ("--save x.avi", 2, "--save x.avi: files end with .html, .gif, .mp4 or .png"),
         ("--save nowhere/x.gif", 2, "there is no folder 'nowhere'"),
         ("--save full.png", 2, "full.png: cannot be written: No space left"),
-        ("--save x.png --visual", 2, "give one of them"),
-        ("--save x.png --show tracks", 2, "--show: 'tracks' found"),
-        ("--speed 2", 2, "--speed is for pictures, videos and pages: give --save FILE as well"),
+        ("--save x.png --visual", 2, "leave one out"),
+        ("--save x.png --show tracks", 2, "--show: 'tracks' is not a part"),
+        ("--speed 2", 2, "--speed needs a file to write: add --save FILE"),
         ("--save x.png --set simulation=dark.py:Dark --set parameters={}", 2, "add a method scene()"),
         ("--save x.png --set simulation=dark.py:Failing --set parameters={}", 1, "no step (dark.py:7)"),
         (

@@ -216,7 +216,7 @@ def test_a_controller_of_a_file(program: Any, noisy: Path) -> None:
         (["mine.json"], "evaluate EXPERIMENT.yaml --controller FILE --episodes 100"),
         (
             ["run", "--controller", "mine.json"],
-            "there are no recorded episodes of this controller to repeat; add --episodes N",
+            "the run has no recorded episodes of this controller; add --episodes N",
         ),
         (
             ["run", "--controller", "mine.json", "--seed", "1", "--candidate", "0"],
@@ -259,10 +259,10 @@ def test_a_learning_curve(program: Any, noisy: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--out", "c.png"], "--out: add --curve N"),
-        (["--curve", "3", "--candidate", "1"], "--candidate: has no meaning with --curve"),
-        (["--curve", "3", "--metrics", "all"], "--metrics: has no meaning with --curve"),
-        (["--curve", "3", "--out", "c.txt"], "ends with .png, .svg or .pdf, or with .csv for a table"),
+        (["--out", "c.png"], "--out draws a learning curve; add --curve N"),
+        (["--curve", "3", "--candidate", "1"], "--candidate: cannot be combined with --curve"),
+        (["--curve", "3", "--metrics", "all"], "--metrics: cannot be combined with --curve"),
+        (["--curve", "3", "--out", "c.txt"], "must end with .png, .svg or .pdf, or with .csv for a table"),
         (["--curve", "0"], "--curve"),
     ],
 )

@@ -145,7 +145,7 @@ def test_what_there_is_not_cannot_be_replayed(program: Any, run: str) -> None:
     one = "result: holds one generation, number 0"
     for options, said in (
         ("--episode 1", "episode 1: the run has only episode 0"),
-        ("--episode 0 --seed 3", "give one of them"),
+        ("--episode 0 --seed 3", "leave one out"),
         ("--generation 1", f"{one}, not 1"),
         ("--generation 0 --candidate 5", "result: generation 0 has candidates 0 to 4, but no candidate 5"),
         ("--candidate 0:5", "result: generation 0 has candidates 0 to 4, but no candidate 5"),
@@ -213,8 +213,8 @@ def test_several_candidates_stand_on_a_page(program: Any, run: str, tmp_path: Pa
     assert program("replay", run, "--beside", "0:3", "--save", "one.html").returncode == 0
     assert '"name":"0:3"' in (tmp_path / "one.html").read_text(encoding="utf-8"), "the run is the same"
     for arguments, words in (
-        (("--beside", "0:3"), "--beside is shown by a page: --save FILE.html"),
-        (("--beside", "0:3", "--save", "x.gif"), "--beside is shown by a page: --save FILE.html"),
+        (("--beside", "0:3"), "--beside needs a page: --save FILE.html"),
+        (("--beside", "0:3", "--save", "x.gif"), "--beside needs a page: --save FILE.html"),
         (
             ("--beside", "best", "--save", "x.html"),
             "--beside best: expected GENERATION:CANDIDATE such as 0:7",

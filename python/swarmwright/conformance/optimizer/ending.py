@@ -13,7 +13,7 @@ TAKEN = "protocol.md, Reservation of servers"
 
 
 def release(record: Record) -> str:
-    """The name of the tool; skips the rule when it has none."""
+    """Return the name of the tool; skip the rule if it has none."""
     names = {str(content["tool"]) for _, content in record.messages if "tool" in content}
     if not names:
         raise Skip("the tool does not name itself: its servers are free after each episode")
@@ -23,7 +23,7 @@ def release(record: Record) -> str:
 
 
 def must_give_back(record: Record) -> None:
-    """Failure unless each server that was used got run: false after its last episode."""
+    """Raise Failure unless each used server got run: false after its last episode."""
     for server in sorted({episode.server for episode in record.episodes}):
         mine = [content for content in record.on("control") if content.get("server") == server]
         if not mine or mine[-1].get("run", True) is not False:

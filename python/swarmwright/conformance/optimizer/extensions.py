@@ -11,7 +11,7 @@ NUMBERS = "protocol.md, Messages of numbers"
 
 
 def play_offloaded(tool: Tool) -> Record:
-    """A run on two servers that evaluate; skips the rule when the tool does not let them."""
+    """Play a run on two servers that evaluate; skip the rule if the tool does not use them."""
     record = tool.requests("offloaded")
     if not record.requests:
         raise Skip("the tool sends no evaluate: it does not offload")
@@ -19,7 +19,7 @@ def play_offloaded(tool: Tool) -> Record:
 
 
 def must_be_whole(tool: Tool, record: Record, done: str) -> None:
-    """Failure unless as many episodes were evaluated as stepwise; those of a tool of one mode are not known.
+    """Raise Failure unless as many episodes were evaluated as stepwise, if their number is known.
 
     done: what was done with them, in words.
     """

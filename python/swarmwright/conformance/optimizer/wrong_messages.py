@@ -12,7 +12,7 @@ from swarmwright.servers.broker.client import Failure, format_payload
 PAUSE_S = 0.03
 """Seconds between a wrong message and the next."""
 Tried = defaultdict[str, int]
-"""How many wrong messages have been sent on each topic, by all servers of a scene."""
+"""Number of wrong messages sent on each topic, by all servers of a scene."""
 
 
 class WrongFirst(Actor):
@@ -22,7 +22,7 @@ class WrongFirst(Actor):
     """
 
     at_once = 3
-    """Wrong messages before one right one, at most."""
+    """Largest number of wrong messages before a right one."""
 
     def __init__(self, server: int, tried: Tried) -> None:
         super().__init__(server)
@@ -63,7 +63,7 @@ class WrongFirst(Actor):
             super().says(topic, **right)
 
     def waits_with(self, topic: str) -> list[Json]:
-        """Right messages on a topic that have not been sent yet."""
+        """Return the right messages on a topic that are still to be sent."""
         return [right for name, right in self.waits if name == topic]
 
     def answers(self, content: Json) -> bool:
@@ -87,14 +87,14 @@ class WrongFirst(Actor):
             super().control(content)
 
     def note_reaction(self, reaction: str) -> None:
-        """Note what came for a wrong message; the first time."""
+        """Record the first reaction to a wrong message."""
         notes = self.stage.record.notes
         if "reaction" not in notes:
             notes |= {"reaction": reaction, "reaction to": self.wrong}
 
 
 def make_actors(kind: type[WrongFirst]) -> list[Actor]:
-    """Two servers that share the work."""
+    """Create two servers that share the work."""
     tried: Tried = defaultdict(int)
     return [kind(1, tried), kind(2, tried)]
 

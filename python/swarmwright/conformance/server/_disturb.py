@@ -14,9 +14,9 @@ Maker = Callable[[str], Sequence[Junk]]
 
 
 def disturb(server: ServerPeer, junk: Maker, why: str, *, free: bool = True) -> None:
-    """Publish junk to a free server, and in the first step of an episode, which must go on all the same.
+    """Publish junk to a free server, and in the first step of an episode, which must continue.
 
-    junk: gets the hash that an episode has. free: whether a free server gets it, too.
+    junk: function of the episode's hash. free: whether a free server gets it, too.
 
     Raises Failure that names the message at fault, and Skip where the episode ends correctly, but the server
     also continues without an answer, so that it is not known whether it accepted the junk.
@@ -71,7 +71,7 @@ def _running(server: ServerPeer, junk: Maker, why: str, *, waits: bool = True) -
 
 
 def _repeatable(server: ServerPeer) -> bool:
-    """Whether the episode can be compared with the reference; the server is free afterwards."""
+    """Return whether episodes can be compared with the reference; the server is free afterwards."""
     if server.trajectory is None or not server.trajectory.messages:
         return False
     tried = server.deterministic is None and server.repeats is None
@@ -82,7 +82,7 @@ def _repeatable(server: ServerPeer) -> bool:
 
 
 def _find_culprit(server: ServerPeer, junk: Maker, why: str) -> Failure | None:
-    """The failure of the first piece that has one by itself; None when there is none."""
+    """Return the failure of the first piece that fails alone; None if there is none."""
     for index in range(len(junk(new_hash()))):
         if not server.prepare_retry():
             return None
@@ -98,7 +98,7 @@ def _describe(topic: str, payload: str | bytes) -> str:
 
 
 def _describe_all(pieces: Sequence[Junk]) -> str:
-    """All of them; of many of a kind the beginnings."""
+    """Describe all pieces, shortened if there are many."""
     most = 240 if len(pieces) <= 4 else 90
     texts = [_describe(topic, payload) for topic, payload in pieces]
     return "; ".join(text if len(text) <= most else f"{text[:most]}..." for text in texts)

@@ -1,4 +1,4 @@
-"""Offloaded evaluations with which rules try a server: controllers, requests and their answers."""
+"""Offloaded evaluations for rules: controllers, requests and answers."""
 
 from collections.abc import Mapping
 
@@ -22,11 +22,11 @@ SEEDS = (3, 1)
 CANDIDATES = 3
 """Candidates of a request."""
 _LARGEST_WEIGHT = 1e38
-"""Parameters from here on are left out of parameter sets: in binary32 they may not be finite."""
+"""Parameters from this size are excluded from parameter sets: in binary32 they may not be finite."""
 
 
 def offered_controllers(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
-    """Controllers of the first kind that is announced and steers agents; a parameter set where none does."""
+    """Create controllers of the first announced kind that steers agents, or else a parameter set."""
     server.announces(mode="offloaded")
     if server.steers_itself:
         return parameter_sets(server, candidates)
@@ -37,7 +37,7 @@ def offered_controllers(server: Server, candidates: int = CANDIDATES) -> Control
 
 
 def request_fitness(server: Server, request: Json) -> Json:
-    """The answer to a request that is to be served."""
+    """Send a valid request, and return the answer."""
     sent = server.request(request)
     answer = answer_to(server, request, sent, 4 * server.settings.timeout)
     kind, reason = error_of(answer)
@@ -54,9 +54,9 @@ def must_announce_kind(server: Server, kind: str) -> None:
 
 
 def parameter_sets(server: Server, candidates: int) -> ControllerSet:
-    """Sets with the numbers among the parameters of the episodes; skips the rule where there are none.
+    """Create sets of the numeric parameters of the episodes; skip the rule if there are none.
 
-    All candidates are the same: which other values the simulation takes is not known.
+    All candidates are equal, because other valid values are unknown.
     """
     must_announce_kind(server, "parameter_set")
     values = numbers_in_parameters(server)
@@ -66,7 +66,7 @@ def parameter_sets(server: Server, candidates: int) -> ControllerSet:
 
 
 def numbers_in_parameters(server: Server) -> dict[str, float]:
-    """The numbers among the parameters of the episodes, of which a set can be made."""
+    """Return the numeric parameters of the episodes that can be in a set."""
     return {
         name: value
         for name, value in server.settings.parameters.items()
@@ -77,7 +77,7 @@ def numbers_in_parameters(server: Server) -> dict[str, float]:
 
 
 def parameter_set_of(values: Mapping[str, float], candidates: int) -> ControllerSet:
-    """Parameter sets of these values, the same for all candidates."""
+    """Create parameter sets of these values, equal for all candidates."""
     types = {name: "integer" if isinstance(value, int) else "real" for name, value in values.items()}
     architecture = {
         "version": 1,

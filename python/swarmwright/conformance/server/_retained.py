@@ -9,13 +9,13 @@ MODES = ("batched", "offloaded")
 
 
 def read_retained(server: Server, topics: list[str]) -> list[Message]:
-    """What the broker keeps on these topics."""
+    """Return the retained messages on these topics."""
     with Client(server.client.url, server.prefix, topics) as client:
         return [message for message in client.drain(server.quiet) if message.retained and message.payload]
 
 
 def must_have_presence(server: Server) -> bool:
-    """Whether what the server announces requires presence: an instance, or a mode of `MODES`."""
+    """Return whether the announcement requires presence: an instance, or a mode of `MODES`."""
     modes = server.announced.get("modes")
     return bool(server.instance) or (isinstance(modes, list) and any(mode in modes for mode in MODES))
 

@@ -44,7 +44,7 @@ SILENT = "it gives up a batch without the error failed: is the tool to wait for 
 
 
 class Batch:
-    """A batch under way: the rows that wait for actuators, and the fitness of what has ended.
+    """A running batch: the rows that wait for actuators, and the fitness of finished episodes.
 
     patience: how many times longer than others the first answer may take.
     """
@@ -60,7 +60,7 @@ class Batch:
         self.receive(patience)
 
     def receive(self, patience: int = 1) -> None:
-        """The next sensors message."""
+        """Take the next sensors message."""
         answer = answer_to(self.server, self.request, self.sent, patience * self.server.settings.timeout)
         kind, reason = error_of(answer)
         if kind:
@@ -89,7 +89,7 @@ class Batch:
             self.metrics[episode] = {name: float(numbers(named, name, "<f8")[index]) for name in named}
 
     def _sensors(self, rows: int) -> int:
-        """How many numbers a row has. Failure for rows of a simulation that steers its agents itself."""
+        """Return the length of a row. Raises Failure if the simulation steers its agents itself."""
         if not self.server.steers_itself:
             return self.server.sensors
         if rows:
@@ -97,7 +97,7 @@ class Batch:
         return 0
 
     def answer(self, values: Sequence[Sequence[float]], **changes: Any) -> str:  # noqa: ANN401 - JSON
-        """Send a row of actuators for each row; what was sent."""
+        """Send a row of actuators for each row; return the sent message."""
         message: Json = {
             "kind": "actuators",
             "version": 1,
@@ -345,9 +345,9 @@ def can_be_cancelled(server: Server) -> None:
     seconds=60,
 )
 def gives_up(server: Server) -> Note:
-    """No actuators for as long as the time-out. That it is held afterwards for a while is no mistake.
+    """No actuators until the time-out. The server may be reserved for a while afterwards.
 
-    Nor is silence, since the protocol did not always demand the error; but the tool waits in vain.
+    Silence is accepted, too, since earlier protocols did not demand the error; but the tool waits in vain.
     """
     _steps(server)
     patience = short_patience(server)
@@ -368,9 +368,9 @@ def gives_up(server: Server) -> Note:
 
 
 _SEEDS = (BEYOND_32_BITS + 1, 2**53 + 1, LARGEST_SEED)
-"""Seeds of evaluate and start that are others if bits are lost."""
+"""Seeds of evaluate and start that change if bits are lost."""
 _OTHER_SEED = 5
-"""What `parameters` of evaluate and start say as seed, which the seeds of the message replace."""
+"""The seed in `parameters` of evaluate and start, which the seeds of the message replace."""
 _SEEDS_FIX = (
     "read each of seeds as an unsigned 64-bit integer and put it into the parameters, replacing their seed"
 )
@@ -386,7 +386,7 @@ _SEEDS_FIX = (
 def seeds_of_evaluations(server: Server) -> None:
     """Seeds of more than 32 and of more than 53 bits, and another one in the parameters.
 
-    Controllers that give another fitness with any seed are the matter of other rules.
+    Other rules cover controllers that give another fitness with any seed.
     """
     controllers = offered_controllers(server, 1)
     server.comparable()
@@ -478,7 +478,7 @@ def _difference(server: Server, seed: int, trajectory: Trajectory) -> str:
 
 
 def _differs(stepwise: Trajectory, batched: Trajectory) -> str:
-    """The first difference; metrics are not compared, since none were asked for."""
+    """Return the first difference; metrics are not compared, since none were requested."""
     return stepwise.difference(replace(batched, metrics=stepwise.metrics))
 
 
@@ -489,9 +489,9 @@ def _has_fitness(fitness: float, trajectory: Trajectory) -> bool:
 def _describe_lost_seed(
     played: Callable[[int], Trajectory], seed: int, agrees: Callable[[Trajectory], bool]
 ) -> str:
-    """Which other seed an episode of `seed` was played with, in words; empty where none is found.
+    """Describe the other seed with which an episode of `seed` was played; empty if none is found.
 
-    played: the episode of a seed. agrees: whether what came is that episode.
+    played: returns the episode of a seed. agrees: returns whether the result is that episode.
     """
     causes = {
         _OTHER_SEED: "which is in parameters",

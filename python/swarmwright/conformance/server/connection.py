@@ -21,12 +21,12 @@ from swarmwright.conformance.server.presence import presence
 from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Failure, Message, format_payload
 
 BACK_S = 15.0
-"""Seconds in which a server is back when the broker is."""
+"""Seconds after which a server reconnects to a restored broker."""
 BROKER = "decision 003"
 
 
 def door(server: Server) -> Door:
-    """The proxy between server and broker; skips the rule where there is none."""
+    """Return the proxy between server and broker; skip the rule without one."""
     if server.door is None:
         raise Skip(
             "the kit is not between server and broker: let it start a broker, or start the server (--exec)"
@@ -35,7 +35,7 @@ def door(server: Server) -> Door:
 
 
 def must_come_back(server: Server, why: str) -> float:
-    """Open the proxy and ask until it answers; after how many seconds it did."""
+    """Open the proxy and repeat the discovery; return the seconds until an answer."""
     door(server).open()
     start = time.monotonic()
     while time.monotonic() < start + BACK_S:
@@ -167,7 +167,7 @@ def leftovers(server: Server) -> None:
 
 
 def _request(server: Server) -> Json | None:
-    """A request that the server would answer; None where it announces no mode with requests."""
+    """Build a request that the server would answer; None if it announces no mode with requests."""
     modes = server.announced.get("modes", [])
     if "batched" in modes:
         return batch(server, [1])
@@ -209,13 +209,13 @@ def cut_short(server: Server) -> None:
 
 WHERE = "protocol.md, Two servers with one ID"
 LEAVES_WITHIN_S = 30.0
-"""Seconds in which a process starts, finds another server with its ID, and ends."""
+"""Seconds for a process to start, find another server with its ID, and exit."""
 OTHER = "another-instance"
-"""The instance of the other server, which the kit plays."""
+"""The instance of the other server, played by the kit."""
 
 
 def instance(server: Server) -> str:
-    """Its instance; skips the rule where it announces none."""
+    """Return the server's instance; skip the rule if it announces none."""
     server.announces()
     if not server.instance:
         raise Skip("not announced: capabilities.swarmwright.instance")
@@ -365,7 +365,7 @@ def _publish(server: Server, message: Json) -> None:
 
 @contextmanager
 def _rival(server: Server) -> Iterator[Json]:
-    """Cut the connection and retain the presence of another server until the end; gives that presence."""
+    """Cut the connection and retain the presence of another server, which is yielded."""
     gate, own = door(server), presence(server)
     capabilities = own["capabilities"]
     elsewhere = {"instance": OTHER, "host": "another-host", "pid": 1}
@@ -394,7 +394,7 @@ def _rival(server: Server) -> Iterator[Json]:
 
 
 def _must_publish(server: Server, mine: str, expected: str, sent: str) -> None:
-    """Wait for the next presence of this server; Failure unless it has this state."""
+    """Wait for the next presence of this server. Raises Failure unless it has this state."""
 
     def is_own(message: Message) -> bool:
         return (

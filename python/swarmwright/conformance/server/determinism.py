@@ -28,19 +28,19 @@ from, for example, make two seeds alike by chance. The first pair that differs i
 
 
 def read_determinism(server: Server) -> str | None:
-    """`capabilities.swarmwright.determinism`, None when the server does not say."""
+    """Return `capabilities.swarmwright.determinism`, None if it is missing."""
     declaration = server.announced.get("determinism")
     return declaration if isinstance(declaration, str) else None
 
 
 def another(server: Server) -> Trajectory:
-    """An episode with other actuators and another seed."""
+    """Play an episode with other actuators and another seed."""
     policy = Wander(server.actuators, seed=77) if server.trajectory and server.trajectory.messages else None
     return server.play(policy, {**server.settings.parameters, "seed": 77})
 
 
 def seeded(server: Server, seed: int) -> Json:
-    """The parameters, with a seed."""
+    """Return the parameters with a seed."""
     return {**server.settings.parameters, "seed": seed}
 
 
@@ -131,9 +131,9 @@ def forgets(server: Server) -> None:
 
 
 def skip_unused_seed(server: Server) -> Skip:
-    """Why a rule is skipped that needs two seeds with different episodes.
+    """Return the reason to skip a rule that needs two seeds with different episodes.
 
-    With --vary it is known that the seed changes nothing, so nothing is left to doubt.
+    With --vary, the seed is known to change nothing, so there is no doubt.
     """
     if server.settings.vary:
         return Skip(SEED_UNUSED)
@@ -141,7 +141,7 @@ def skip_unused_seed(server: Server) -> Skip:
 
 
 def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
-    """Two sets of parameters and their trajectories, which differ; skips the rule when none are found."""
+    """Return two sets of parameters with different trajectories; skip the rule if none are found."""
     server.comparable()
     first_trajectory, second_trajectory = seeded(server, 1), seeded(server, 2)
     first, second = server.play(parameters=first_trajectory), server.play(parameters=second_trajectory)
@@ -228,7 +228,7 @@ def _alike(server: Server, first: int, second: int) -> bool:
 
 
 def effective(server: Server, first: Policy, second: Policy) -> tuple[Trajectory, Trajectory]:
-    """Two trajectories that differ; skips the rule when actuators change nothing that could be seen."""
+    """Return two different trajectories; skip the rule if actuators have no visible effect."""
     server.comparable()
     _ = server.reference
     trajectories = server.play(first), server.play(second)

@@ -1,4 +1,4 @@
-"""S1: who answers a discovery, and how."""
+"""S1: answers to discoveries."""
 
 import json
 import time
@@ -137,7 +137,7 @@ def many_agents(server: Server) -> None:
 
 
 def compare_agents(server: Server, key: str, most: float) -> None:
-    """Require as many agents as it announces, then one more. Raises Failure."""
+    """Require as many agents as announced, then one more. Raises Failure."""
     needs = {"dimensions": server.settings.dimensions}
     fits = server.discovery(requirements={**needs, key: most})
     server.must_answer(

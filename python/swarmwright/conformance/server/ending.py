@@ -14,9 +14,9 @@ from swarmwright.conformance.server._rules import rule
 from swarmwright.servers.broker.client import PRESENCE, Failure
 
 MEASUREMENT_S = 0.5
-"""Seconds that are aimed at for one measurement."""
+"""Target duration of a measurement, seconds."""
 STEPS = 15
-"""Steps in which the time between sensor messages is measured."""
+"""Steps of the measurement of the time between sensor messages."""
 LISTENING_S = 0.12
 """Seconds in which the sensor messages of a step come, delayed acknowledgements (40 ms on Linux) included."""
 HELD_BACK_S = 0.03

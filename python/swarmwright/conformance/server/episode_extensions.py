@@ -20,7 +20,7 @@ from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Failure, forma
 
 
 def names(server: Server) -> list[str]:
-    """The metrics that are announced; skips the rule when there are none."""
+    """Return the announced metrics; skip the rule if there are none."""
     server.announces()
     metrics = server.announced.get("metrics")
     if not metrics:
@@ -82,7 +82,7 @@ def skip_without_scenes(server: Server) -> None:
 
 
 def watch_episode(server: Server, **fields: Any) -> tuple[Trajectory, list[Json], str]:  # noqa: ANN401 - JSON
-    """A whole episode of a tool with a topic of its own: what happened, what came there, what was sent."""
+    """Play an episode with a reply topic; return its trajectory, its scenes and the sent message."""
     episode = server.episode()
     episode.configure()
     topic = TO_TOOL + server.token
@@ -126,7 +126,7 @@ def sends_scene_per_step(server: Server) -> str:
     needs=["S14.1"],
 )
 def they_can_be_drawn(server: Server) -> None:
-    """What a viewer needs of the first scene and the last."""
+    """The arrays of the first and the last scene."""
     skip_without_scenes(server)
     _, scenes, sent = watch_episode(server, scenes=PARTS)
     if not scenes:
@@ -165,7 +165,7 @@ def _rays(rays: object, bodies: int, sent: str) -> None:
 
 
 def _row(part: Mapping[str, Any], key: str, count: int | None, sent: str) -> "np.ndarray[Any, Any]":
-    """An array with so many entries. Raises Failure when it is none."""
+    """Return an array with this many entries. Raises Failure if it is invalid."""
     value = part.get(key)
     if not isinstance(value, bytes) or len(value) % 4:
         description = f"{len(value)} bytes" if isinstance(value, bytes) else f"{value!r:.80}"

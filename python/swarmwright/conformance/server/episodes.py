@@ -13,7 +13,7 @@ from swarmwright.servers.broker.client import Failure
 
 
 def begin_episode(server: Server, topic: str = "control") -> Episode:
-    """An episode whose first step has been asked for; skips the rule when no agent is asked."""
+    """Begin an episode up to its first sensor messages; skip the rule if no agent is asked."""
     episode = server.episode()
     episode.configure()
     episode.start(topic)
@@ -24,7 +24,7 @@ def begin_episode(server: Server, topic: str = "control") -> Episode:
 
 
 def play_until_several(server: Server) -> Episode:
-    """An episode in which at least two agents have been asked in one step."""
+    """Play an episode until at least two agents are asked in one step."""
     episode = begin_episode(server)
     while not episode.over and len(episode.pending) < 2:
         for agent, turn, sensors in list(episode.pending):
@@ -73,7 +73,7 @@ def sensors(server: Server) -> str:
 
 
 def first_steps(server: Server) -> Episode:
-    """An episode after three steps; its messages have been looked at."""
+    """Play three steps of an episode, and check its messages."""
     episode = begin_episode(server)
     for _ in range(3):
         for agent, turn, numbers in list(episode.pending):

@@ -44,18 +44,18 @@ from swarmwright.servers.broker.client import Failure, format_payload
 
 NORMAL = "normal"
 REAL = ("layered", "fully_meshed", "evostick", "hebbian")
-"""Kinds of controller of which every weight may be any number."""
+"""Kinds of controller whose weights can be any numbers."""
 ROWS = ("center", "deviation", "middle", "reach", "lower", "upper")
 
 
 def makes_samples(server: Server, architecture: Json) -> bool:
-    """Whether the server announces that it makes such genomes itself."""
+    """Return whether the server announces that it creates such genomes from samples."""
     announced = server.announced.get("distributions")
     return isinstance(announced, list) and NORMAL in announced and architecture.get("kind") in REAL
 
 
 def sample_of(weights: int, candidates: int) -> Json:
-    """A sample of so many candidates; some weights are at their limits."""
+    """Build a sample of this many candidates, with some weights at their limits."""
     genes = np.arange(weights)
     rows = {
         "center": np.sin(genes),
@@ -79,7 +79,7 @@ def sample_of(weights: int, candidates: int) -> Json:
 
 
 def genomes_of(sample: Json) -> NDArray[np.float32]:
-    """(count, weights): what protocol.md, Samples, makes of a mirrored sample."""
+    """Return the genomes of a mirrored sample (protocol.md, Samples), (count, weights)."""
     center, deviation, middle, reach, lower, upper = (np.frombuffer(sample[name], "<f8") for name in ROWS)
     candidates = np.arange(sample["first"], sample["first"] + sample["count"])
     streams = Streams(sample["seed"], sample["purpose"], sample["generation"], (candidates // 2).tolist())
@@ -90,7 +90,7 @@ def genomes_of(sample: Json) -> NDArray[np.float32]:
 
 
 def wrong_samples(weights: int, candidates: int) -> list[tuple[str, Json]]:
-    """Samples that are to be refused, each with the field that is wrong."""
+    """Return invalid samples, each with its invalid field."""
     sound = sample_of(weights, candidates)
     nan = np.full(weights, np.nan).tobytes()
     changed = {
@@ -108,9 +108,9 @@ def wrong_samples(weights: int, candidates: int) -> list[tuple[str, Json]]:
 
 OFFLOADED = "protocol.md, Offloaded evaluation"
 LONG_REQUEST_S = 0.5
-"""Seconds of a request during which any other must have come."""
+"""Duration of a request in seconds, during which any other request arrives."""
 _MOST_REPETITIONS = 1 << 16
-"""How many times the controllers of a request are evaluated at most to keep a server busy."""
+"""Largest number of repetitions of a request's controllers to keep a server busy."""
 
 
 @rule(
@@ -141,7 +141,7 @@ def is_answered(server: Server) -> None:
 
 
 def _finite(server: Server, request: Json) -> NDArray[np.float64]:
-    """The fitness of three candidates in two episodes, none of which fails."""
+    """Return the finite fitness of three candidates in two episodes."""
     answer = request_fitness(server, request)
     fitness = numbers(answer, "fitness", "<f8")
     if len(fitness) != CANDIDATES * len(SEEDS):
@@ -188,7 +188,7 @@ def _must_equal_stepwise(server: Server, kind: str, **options: str) -> str:
 
 
 def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> str:
-    """Failure unless every candidate has its stepwise fitness in every episode; how many differ."""
+    """Raise Failure unless all candidates have their stepwise fitness; return how many values differ."""
     fitness = numbers(request_fitness(server, evaluation(server, controllers, SEEDS)), "fitness", "<f8")
     free_again(server)
     for candidate in range(CANDIDATES):

@@ -16,11 +16,11 @@ WHERE = "protocol.md, Presence"
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 DETERMINISM = ("bitwise", "statistical", "none")
 CHANGE_TOLD_S = 2.0
-"""Seconds in which a change of presence is told; 150 ms of them it must have lasted."""
+"""Seconds after which a change of presence is published; it must have lasted 150 ms."""
 
 
 def presence(server: Server) -> Json:
-    """The retained message; skips the rule when there is none and none is required."""
+    """Return the retained message; skip the rule if there is none and none is required."""
     messages = read_retained(server, [f"{PRESENCE}{server.id}"])
     if not messages:
         skip_without_presence(server)
@@ -121,7 +121,7 @@ def consistent(server: Server) -> None:
 
 
 def _begin_waiting(server: Server) -> Episode:
-    """An episode of conformance/a in which agents have sensed, and wait."""
+    """Begin an episode of conformance/a whose agents wait for actuators."""
     presence(server)
     episode = server.episode(tool="conformance/a")
     episode.configure()

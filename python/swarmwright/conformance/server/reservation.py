@@ -14,13 +14,13 @@ from swarmwright.servers.broker.client import TO_TOOL, Failure, Message
 LONGEST_REASON = 2000
 TAKEN = "protocol.md, Reservation of servers"
 HOLD_S = 5.0
-"""Seconds for which parameters without control, and a tool that named itself, keep a server."""
+"""Seconds for which parameters without control, and a named tool, reserve a server."""
 TURN_S = 5.0
 """Seconds after which another tool that requests the server gets it."""
 
 
 def must_be_taken(server: Server, why: str, sent: str = "", **changes: object) -> None:
-    """Failure when it answers a discovery now."""
+    """Raise Failure if the server answers a discovery now."""
     question = server.discovery(**changes)
     discovery = server.client.send("discovery", **question)
     message = server.client.next(
@@ -32,7 +32,7 @@ def must_be_taken(server: Server, why: str, sent: str = "", **changes: object) -
 
 
 def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> float:
-    """Ask until it answers; Failure when it does not. Returns after how many seconds it did."""
+    """Repeat the discovery; return the seconds until an answer. Raises Failure without one."""
     start = time.monotonic()
     while time.monotonic() < start + seconds:
         if server.is_free(within=0.25):
@@ -199,7 +199,7 @@ def tells_of_failures(server: Server) -> str:
 
 
 def short_patience(server: Server) -> float:
-    """After how many seconds it gives up an episode; skips the rule when that is not known, or long."""
+    """Return the server's time-out of an episode; skip the rule if it is unknown or long."""
     patience = server.settings.step_timeout
     if patience is None:
         raise Skip("give --step-timeout SECONDS, what the server was started with, 10 at most")
@@ -209,7 +209,7 @@ def short_patience(server: Server) -> float:
 
 
 def play_named(server: Server, tool: str) -> Episode:
-    """A whole episode of a tool that names itself; afterwards the server is held."""
+    """Play an episode of a named tool, after which the server is reserved."""
     skip_without_presence(server)
     episode = server.episode(tool=tool)
     episode.configure()
@@ -280,7 +280,7 @@ def ignores_named_end(server: Server) -> None:
 
 
 def _must_go_on(server: Server, tool: str | None, others: list[dict[str, str]]) -> None:
-    """An episode of a tool, and run: false of others in its middle, each with what names it."""
+    """Play an episode of a tool, with run: false of others in the middle."""
     skip_without_presence(server)
     if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself, it may be over before it could be ended")

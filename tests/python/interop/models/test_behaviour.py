@@ -95,7 +95,7 @@ def test_the_command_line(program: Any, edited: Edited, tmp_path: Path) -> None:
     assert whole.returncode == 0, whole.stderr
     again = program("import", "problem.xml", "walk.scxml", "-o", "drawn.yaml")
     assert again.returncode == 2
-    assert "'drawn.controller.json' exists and is not written over" in again.stderr
+    assert "'drawn.controller.json' already exists" in again.stderr
     assert not (tmp_path / "drawn.yaml").exists()
 
 

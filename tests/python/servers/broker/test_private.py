@@ -231,9 +231,9 @@ def test_the_file_of_an_account_is_for_other_programs(start: Any, program: Any, 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--anonymous", "--users", "users"], "--anonymous admits every client, --users does not"),
-        (["--account", "x", "--anonymous"], "--account is for brokers without --anonymous"),
-        (["--account", "x", "--socket", "s"], "--account is for a port, add --port PORT"),
+        (["--anonymous", "--users", "users"], "--anonymous and --users exclude each other"),
+        (["--account", "x", "--anonymous"], "--account and --anonymous exclude each other"),
+        (["--account", "x", "--socket", "s"], "--account needs --port PORT"),
     ],
 )
 def test_options_that_exclude_each_other(
