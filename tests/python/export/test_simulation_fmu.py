@@ -375,7 +375,7 @@ def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.fmu").write_text("of another program")
     for words, expected in (
-        (["minisin"], "is neither a built-in simulation (arena, emergency_exit, minisim) nor an experiment file"),
+        (["minisin"], "is neither a built-in simulation (arena, emergency_exit, minisim)"),
         (["minisim", "--set", "parameters.numAgent=3"], "did you mean 'numAgents'?"),
         (["minisim", "--set", "parameters.numAgents=-3"], "numAgents"),
         (["minisim", "--set", "numAgents=3"], "write --set parameters.numAgents=3"),
