@@ -227,7 +227,7 @@ def test_sighup_has_files_read_again_and_ends_nothing(start: Any, program: Any, 
     logged = [json.loads(line) for line in (tmp_path / "broker.log").read_text().splitlines()]
     names = [line["event"] for line in logged]
     assert "reloaded" in names
-    (wrong,) = [line["message"] for line in logged if "the old settings stay in use" in line.get("message", "")]
+    (wrong,) = [line["message"] for line in logged if "old settings stay in use" in line.get("message", "")]
     assert "line 2" in wrong
 
 

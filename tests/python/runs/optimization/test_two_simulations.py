@@ -231,9 +231,7 @@ def test_the_best_are_validated_in_the_slow_simulation(whole: Run) -> None:
     assert best.recorded == whole.best.fitness
     command = [sys.executable, "-m", "swarmwright", "runs", "show", str(whole.path)]
     said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=50).stdout
-    assert (
-        f"{whole.slow_evaluations} of {whole.evaluations} candidates were also evaluated in harder" in said
-    )
+    assert f"{whole.slow_evaluations} of {whole.evaluations} candidates were also evaluated in harder" in said
     assert "20 episodes with held-out seeds in harder" in said
 
 
