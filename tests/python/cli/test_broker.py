@@ -108,7 +108,7 @@ def test_what_to_do_next_are_three_commands(program: Any, tmp_path: Path) -> Non
     ]
     again = program("broker", "--init", "my lab", "--host", "broker.example", "--prefix", "a/b")
     assert again.returncode != 0
-    assert "nothing is overwritten" in again.stderr
+    assert "not overwritten" in again.stderr
     for path in (tmp_path / "my lab").glob("*.password"):
         assert path.read_text().strip() not in made.stdout
 
@@ -130,7 +130,7 @@ def test_a_group_is_added_to_a_broker(program: Any, tmp_path: Path) -> None:
     assert "mqtts://broker.example:8883" in (tmp_path / "lab" / "b-tool.env").read_text()
     twice = program("broker", "--init", "lab", "--prefix", "b", "--json")
     assert twice.returncode == 2
-    assert "nothing is overwritten" in twice.stderr
+    assert "not overwritten" in twice.stderr
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_a_broker_whose_terminal_goes_ends(tmp_path: Path) -> None:
     while b"listens" not in shown:
         shown += os.read(terminal, 1024)
     os.kill(pid, signal.SIGHUP)
-    while b"read again" not in shown:
+    while b"Reloaded" not in shown:
         shown += os.read(terminal, 1024)
     os.close(terminal)
     deadline = time.monotonic() + 20

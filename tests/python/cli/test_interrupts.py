@@ -127,7 +127,7 @@ def test_it_says_so_also_while_it_starts(start: Any, tmp_path: Path, number: sig
 def test_a_large_population_is_announced_and_may_be_interrupted(start: Any, tmp_path: Path) -> None:
     (tmp_path / "large.yaml").write_text(LARGE)
     process = start("optimize", "large.yaml", "--out", "large")
-    assert "400,000 candidates with 49 genes each: " in (first := process.stderr.readline())
+    assert "400,000 candidates with 49 genes each need " in (first := process.stderr.readline())
     assert first.rstrip().endswith(("and some time", "if the run is killed"))
     assert process.stderr.readline() == "swarmwright: generation 0: making candidates\n"
     process.send_signal(signal.SIGINT)

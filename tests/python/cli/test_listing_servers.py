@@ -58,7 +58,7 @@ def test_silence_is_explained(program: Any, start: Any, embedded_broker: str) ->
     done = program(*where, "--simulation", "plane", "--dimensions", "3")
     assert done.returncode == 0
     assert "No server answered a discovery of 'plane' (dimensions: 3)." in done.stdout
-    assert "offers another title" in done.stdout
+    assert "another title or other dimensions" in done.stdout
     events(start("serve", "minisim", "--broker", embedded_broker, "--json"), "ready")
     done = program(*where, "--simulation", "minisim", "--dimensions", "3")
     assert "No server answered" in done.stdout, "minisim has two dimensions"
@@ -75,8 +75,8 @@ def test_without_a_server_the_option_is_named(program: Any, embedded_broker: str
     ("options", "words"),
     [
         (("--dimensions", "2"), "--dimensions needs --simulation"),
-        (("--simulation", "x", "--watch"), "without --watch and --forget-lost"),
-        (("--simulation", "x", "--forget-lost"), "without --watch and --forget-lost"),
+        (("--simulation", "x", "--watch"), "with --watch or --forget-lost"),
+        (("--simulation", "x", "--forget-lost"), "with --watch or --forget-lost"),
         (("--simulation", "x", "--broker", "mqtt://a:1,mqtt://b:1"), "names several brokers"),
     ],
 )
