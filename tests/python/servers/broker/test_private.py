@@ -223,7 +223,7 @@ def test_the_file_of_an_account_is_for_other_programs(start: Any, program: Any, 
     file.write_text("notes\n")
     refused = program("broker", "--port", "0", "--account", "me.env")
     assert refused.returncode == 2
-    assert "me.env is another file" in refused.stderr
+    assert "me.env was not written by --account" in refused.stderr
     assert file.read_text() == "notes\n"
 
 
