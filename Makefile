@@ -456,6 +456,7 @@ lint-cpp:
 lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/pylint --jobs 2 python/swarmwright
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/stubtest swarmwright._engine --mypy-config-file pyproject.toml

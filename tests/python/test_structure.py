@@ -1,7 +1,6 @@
-"""Guards that no other tool has: cycles of imports, decisions by words of errors, names that say nothing."""
+"""Guards that no other tool has: cycles of imports, decisions by words of errors."""
 
 import ast
-from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -69,18 +68,11 @@ def imports(tree: ast.AST, module: str, package: str) -> Iterator[str]:
         yield from imports(node, module, package)
 
 
-MOST = {"found": 668, "given": 173, "here": 46, "one": 96, "told": 22}
-"""Names that do not say what they hold, and how often they are still bound: lower the number with each that
-gets a better one."""
-
-
 class Scanned(NamedTuple):
     """What a module has."""
 
     imports: set[str]
     words_of_errors: list[int]
-    names: Counter[str]
-    """Those that it binds, of `MOST`."""
 
 
 @cache
@@ -91,7 +83,7 @@ def scanned() -> dict[str, Scanned]:
         package = module if path.name == "__init__.py" else module.rpartition(".")[0]
         tree = ast.parse(path.read_text("utf-8"))
         imported = {one for one in imports(tree, module, package) if one in MODULES and one != module}
-        found[module] = Scanned(imported, list(words_of_errors(tree)), Counter(empty_names(tree)))
+        found[module] = Scanned(imported, list(words_of_errors(tree)))
     return found
 
 
@@ -195,21 +187,6 @@ def test_no_decision_is_made_by_the_words_of_an_error() -> None:
         if one.words_of_errors
     }
     assert found.keys() == READ.keys(), found
-
-
-def empty_names(tree: ast.AST) -> Iterator[str]:
-    """Yield the names of `MOST` that are bound."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in MOST:
-            yield node.id
-        elif isinstance(node, ast.arg) and node.arg in MOST:
-            yield node.arg
-
-
-def test_names_say_what_they_hold() -> None:
-    counted = sum((module.names for module in scanned().values()), Counter[str]())
-    more = {name: counted[name] for name, most in MOST.items() if counted[name] > most}
-    assert not more, "a name such as `candidate` or `labels` says what it holds"
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ class Indicator:
     where objectives are not scaled."""
     largest: int = 0
     """Candidates of the largest front that is compared; 0 of others."""
-    given: bool = False
+    is_explicit: bool = False
     """Whether offset or reference point were given."""
     notes: tuple[str, ...] = ()
     """Caveats, a sentence each."""
@@ -113,9 +113,9 @@ class Indicator:
         if self.by == "fitness":
             return ""
         options = [f"--by {self.by}"]
-        if self.given and self.offset is not None:
+        if self.is_explicit and self.offset is not None:
             options.append(f"--offset {self.offset:.15g}")
-        if self.given and self.reference is not None:
+        if self.is_explicit and self.reference is not None:
             options += [
                 f"--reference {shlex.quote(f'{name}={value:.15g}')}" for name, value in self.reference.items()
             ]
@@ -146,7 +146,11 @@ class Indicator:
             return "Coverage of each run's archive: the share of its cells that have an elite."
         if self.by == "qd_score":
             assert self.offset is not None
-            why = "" if self.given or not self.offset else ", the lowest fitness of an elite of these runs"
+            why = (
+                ""
+                if self.is_explicit or not self.offset
+                else ", the lowest fitness of an elite of these runs"
+            )
             return (
                 "QD score of each run's archive: the sum over its elites of fitness minus an offset of "
                 f"{self.offset:.6g}{why}."
@@ -318,7 +322,7 @@ def _build_front_indicator(elites: Sequence[Elites], reference: dict[str, float]
             "in every objective, and add nothing"
         )
         notes = (note,) if behind else ()
-        return Indicator("hypervolume", reference=reference, largest=largest, given=True, notes=notes)
+        return Indicator("hypervolume", reference=reference, largest=largest, is_explicit=True, notes=notes)
     # Fronts without candidates have no range, and no hypervolume with any.
     finite_values = every if len(every) else np.array([[0.0], [1.0]]) * np.ones(len(names))
     worst, best = finite_values.min(axis=0), finite_values.max(axis=0)
@@ -369,4 +373,4 @@ def _build_archive_indicator(elites: Sequence[Elites], requested_offset: float |
         "lower QD score; give the worst possible fitness"
     )
     notes = (note,) if lowest < offset else ()
-    return Indicator("qd_score", offset=offset, given=requested_offset is not None, notes=notes)
+    return Indicator("qd_score", offset=offset, is_explicit=requested_offset is not None, notes=notes)

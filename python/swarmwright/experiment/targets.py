@@ -64,7 +64,7 @@ class OtherSimulation:
 
     def make_experiments(self, experiment: Experiment, count: int) -> list[Experiment]:  # noqa: ARG002 - as targets have it
         """Return the changed experiment of all episodes. Raises InputError if the change is invalid."""
-        experiment = without_targets(experiment)
+        experiment = drop_targets(experiment)
         if self._has_keys:
             changed = with_source(experiment, self._source(), only=CHANGED, reason=_REASON, rule=_RULE)
             return [_with_sizes(changed, experiment)]
@@ -107,7 +107,7 @@ class PseudoReality:
 
     def make_experiments(self, experiment: Experiment, count: int) -> list[Experiment]:
         """Return an experiment with sampled parameters for each episode, the same for all runs."""
-        experiment = without_targets(experiment)
+        experiment = drop_targets(experiment)
         return [self._sample(experiment, model) for model in range(count)]
 
     def _sample(self, experiment: Experiment, model: int) -> Experiment:
@@ -184,7 +184,7 @@ def is_same(first_experiment: Experiment, second_experiment: Experiment) -> bool
     return all(first.get(key) == second.get(key) for key in _CONDITIONS)
 
 
-def without_targets(experiment: Experiment) -> Experiment:
+def drop_targets(experiment: Experiment) -> Experiment:
     """Return an experiment without its other simulations."""
     ranking = experiment.ranking
     if isinstance(ranking, SlowOptions):
@@ -256,7 +256,7 @@ def _range_problems(experiment: Experiment, source: Source) -> list[str]:
         ranges = _ranges(experiment)
         key = "vary" if experiment.validate.vary else key
         if ranges:
-            PseudoReality(tuple(ranges)).make_experiments(without_targets(experiment), 1)
+            PseudoReality(tuple(ranges)).make_experiments(drop_targets(experiment), 1)
     except InputError as error:
         return [f"{source.locate(('validate', key))}{error}"]
     return []
@@ -320,9 +320,7 @@ def _build_target(
     experiment: Experiment, name: str, file: Source, position: str, *, ask: bool = True
 ) -> dict[str, Any]:
     """Return a target with its changed keys after checks."""
-    changed = with_source(
-        without_targets(experiment), file, only=CHANGED, reason=_REASON, rule=_RULE, ask=ask
-    )
+    changed = with_source(drop_targets(experiment), file, only=CHANGED, reason=_REASON, rule=_RULE, ask=ask)
     _require_fit(name, _with_sizes(changed, experiment), experiment, position)
     values = changed.to_mapping()
     keys = {key: values[key] for key in file.values if key in values}

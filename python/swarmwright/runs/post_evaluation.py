@@ -174,7 +174,7 @@ class PostEvaluation(ControllerEvaluation):
     candidate: int
     recorded: float
     """Fitness in the record, by which it was chosen."""
-    seen: int
+    seen: int  # pylint: disable=disallowed-name # the name in the store
     """How many of the seeds the evolution had used as well."""
     validated: int = 0
     """How many of the seeds the run's validation had used as well; these results are not additional

@@ -31,7 +31,7 @@ class Session:
     """Number, from 1."""
     started: str
     """ISO 8601, UTC."""
-    place: str
+    place: str  # pylint: disable=disallowed-name # the name in the store
     """Where evaluations ran: servers on a broker, or this process; or `NOTHING_LEFT`."""
     host: str
     machine: str

@@ -25,7 +25,7 @@ _LARGEST_WEIGHT = 1e38
 """Parameters from this size are excluded from parameter sets: in binary32 they may not be finite."""
 
 
-def offered_controllers(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
+def list_controllers(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
     """Create controllers of the first announced kind that steers agents, or else a parameter set."""
     server.announces(mode="offloaded")
     if server.steers_itself:

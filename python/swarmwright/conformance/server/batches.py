@@ -28,7 +28,7 @@ from swarmwright.conformance._extensions import (
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Steer, Trajectory, is_same_fitness
 from swarmwright.conformance.rules import Note, NotTried, Skip
-from swarmwright.conformance.server._evaluations import NUMBERS, SEEDS, offered_controllers, request_fitness
+from swarmwright.conformance.server._evaluations import NUMBERS, SEEDS, list_controllers, request_fitness
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.determinism import BEYOND_32_BITS, LARGEST_SEED
 from swarmwright.conformance.server.reservation import (
@@ -388,7 +388,7 @@ def seeds_of_evaluations(server: Server) -> None:
 
     Other rules cover controllers that give another fitness with any seed.
     """
-    controllers = offered_controllers(server, 1)
+    controllers = list_controllers(server, 1)
     server.comparable()
     parameters = {**server.settings.parameters, "seed": _OTHER_SEED}
     request = evaluation(server, controllers, _SEEDS, parameters=parameters)

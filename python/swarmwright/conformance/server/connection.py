@@ -13,7 +13,7 @@ from swarmwright.conformance._extensions import TOOL, batch, evaluation
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import NotTried, Skip
-from swarmwright.conformance.server._evaluations import offered_controllers
+from swarmwright.conformance.server._evaluations import list_controllers
 from swarmwright.conformance.server._retained import read_retained
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begin_episode
@@ -173,7 +173,7 @@ def _request(server: Server) -> Json | None:
         return batch(server, [1])
     if "offloaded" in modes:
         with suppress(Skip, NotTried):
-            return evaluation(server, offered_controllers(server, 1), [1])
+            return evaluation(server, list_controllers(server, 1), [1])
     return None
 
 

@@ -30,9 +30,9 @@ from swarmwright.conformance.server._evaluations import (
     CANDIDATES,
     NUMBERS,
     SEEDS,
+    list_controllers,
     must_announce_kind,
     numbers_in_parameters,
-    offered_controllers,
     parameter_set_of,
     parameter_sets,
     request_fitness,
@@ -124,7 +124,7 @@ _MOST_REPETITIONS = 1 << 16
 )
 def is_answered(server: Server) -> None:
     """Three candidates in two episodes; a sample of three, and its genomes."""
-    controllers = offered_controllers(server)
+    controllers = list_controllers(server)
     _finite(server, evaluation(server, controllers, SEEDS))
     if not makes_samples(server, controllers.architecture):
         return
@@ -168,7 +168,7 @@ def _finite(server: Server, request: Json) -> NDArray[np.float64]:
 )
 def properties(server: Server) -> None:
     """The properties of an answer; none at all are MQTT 3.1.1's."""
-    request = evaluation(server, offered_controllers(server), [1])
+    request = evaluation(server, list_controllers(server), [1])
     answer = request_fitness(server, request)
     if answer["correlation"] is None and answer["content_type"] is None:
         raise Skip("the server speaks MQTT 3.1.1, which has no properties")
@@ -340,7 +340,7 @@ def parameter_set(server: Server) -> str | None:
 )
 def metrics(server: Server) -> str:
     """None, one, all."""
-    controllers = offered_controllers(server, 1)
+    controllers = list_controllers(server, 1)
     announced = server.announced.get("metrics") or []
     answer = request_fitness(server, evaluation(server, controllers, [1]))
     if answer.get("metrics"):
@@ -375,7 +375,7 @@ def metrics(server: Server) -> str:
 )
 def answers_in_order(server: Server) -> None:
     """Five requests at once."""
-    controllers = offered_controllers(server)
+    controllers = list_controllers(server)
     requests = [evaluation(server, controllers, SEEDS) for _ in range(5)]
     sent = ""
     for request in requests:
@@ -406,7 +406,7 @@ def is_held_for_tool(server: Server) -> None:
 
     Then requests for another instance, and for this one.
     """
-    controllers = offered_controllers(server)
+    controllers = list_controllers(server)
     request_fitness(server, evaluation(server, controllers, [1]))
     must_be_taken(server, f"it is held for {TOOL}", "evaluate")
     reason = evaluation(server, controllers, [1], tool=OTHER)
@@ -429,7 +429,7 @@ def is_held_for_tool(server: Server) -> None:
 )
 def refuses_during_episode(server: Server) -> None:
     """Evaluate in the middle of an episode."""
-    controllers = offered_controllers(server)
+    controllers = list_controllers(server)
     episode = begin_episode(server)
     must_be_refused(server, evaluation(server, controllers, [1]), ["taken"], "an episode is under way")
     trajectory = episode.play()
@@ -451,7 +451,7 @@ def refuses_during_episode(server: Server) -> None:
 )
 def invalid(server: Server) -> None:
     """Requests in which one field of evaluate, or of its sample, is wrong."""
-    controllers = offered_controllers(server)
+    controllers = list_controllers(server)
     architecture = controllers.architecture
     misfits: list[tuple[str, Json]]
     if server.steers_itself:
@@ -501,7 +501,7 @@ def invalid(server: Server) -> None:
 )
 def ignores_junk(server: Server) -> None:
     """Junk, an unknown kind, a reply elsewhere; then a request with unknown keys."""
-    controllers = offered_controllers(server)
+    controllers = list_controllers(server)
     topic = f"swarmwright/v1/server/{server.id}"
     for payload in (
         b"",
@@ -548,7 +548,7 @@ def lease_ends(server: Server) -> None:
     The larger one grows until the other has to wait for it. The largest, or one that takes long, is sent
     three times: on a busy machine the second may come when the first is done.
     """
-    small = offered_controllers(server)
+    small = list_controllers(server)
     times, left = 16, 3
     while left:
         copies = min(times, 1024)

@@ -205,5 +205,5 @@ def _predict(knowledge: _Knowledge, squares: Values) -> Values:
     same = squares < _SMALLEST_SQUARED_DISTANCE
     weights = np.where(same.any(axis=1, keepdims=True), same, 1 / np.where(same, 1.0, squares))
     sums = np.add.accumulate(weights, axis=1)[:, -1]
-    found: Values = np.add.accumulate(weights * knowledge.disparities, axis=1)[:, -1] / sums
-    return found
+    estimates: Values = np.add.accumulate(weights * knowledge.disparities, axis=1)[:, -1] / sums
+    return estimates

@@ -177,7 +177,7 @@ class StoreWriter:
 
     def begin(
         self,
-        place: str,
+        place: str,  # pylint: disable=disallowed-name # of the session
         libraries: Sequence[str] = (),
         code: int | None = None,
         notes: Iterable[str] = (),

@@ -25,8 +25,8 @@ from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.servers.evaluation.base import BROKERLESS, Backend, Controllers, Progress, Results, Servers
 from swarmwright.servers.evaluation.code_failures import build_error
-from swarmwright.servers.evaluation.here import is_here
 from swarmwright.servers.evaluation.in_process import PythonBackend
+from swarmwright.servers.evaluation.local import is_here
 from swarmwright.servers.evaluation.metrics import select_metrics
 from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.opening import open_backend

@@ -29,8 +29,8 @@ from swarmwright.servers.evaluation.base import (
     metrics_of,
     resolve_servers,
 )
-from swarmwright.servers.evaluation.here import has_workers, prefers_local, require_here
 from swarmwright.servers.evaluation.launched import LaunchedServers, start
+from swarmwright.servers.evaluation.local import has_workers, prefers_local, require_here
 from swarmwright.servers.evaluation.module_code import is_in_python, names_of, with_digests
 from swarmwright.servers.evaluation.through_broker import BrokerBackend
 from swarmwright.servers.server_use import ServerUses
