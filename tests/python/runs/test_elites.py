@@ -141,7 +141,7 @@ def test_a_race_is_refused_whose_metrics_would_have_different_seeds(
     values: dict[str, Any], tmp_path: Path
 ) -> None:
     raced = {**values, "ranking": {"kind": "race", "episodes": 8}}
-    words = r"ranking\.kind: race leaves out episodes .* \(steps, distance\) .*; take kind: absolute"
+    words = r"ranking\.kind: race skips episodes.* \(steps, distance\) .*; use kind: absolute"
     (tmp_path / "raced.yaml").write_text(json.dumps(raced))
     sweep = {"experiment": values, "grid": {"ranking": [values["ranking"], raced["ranking"]]}}
     with pytest.raises(InputError, match=words):
@@ -158,7 +158,7 @@ def test_estimates_of_a_slow_simulation_are_refused(values: dict[str, Any], kind
     ranking: dict[str, Any] = {"kind": kind, "slow": {"parameters": {"maxSteps": 9}}}
     if kind == "transferability":
         ranking |= {"descriptor": ["steps"], "threshold": 1.0}
-    words = rf"cannot be combined with {kind}: most .* estimates.* \(steps, distance\) .*kind: absolute"
+    words = rf"cannot be combined with {kind}, as it would keep .* \(steps, distance\) .*kind: absolute"
     with pytest.raises(InputError, match=words):
         Experiment.from_mapping({**values, "ranking": ranking})
 
@@ -425,7 +425,7 @@ def test_a_simulation_without_metrics_is_refused(tmp_path: Path) -> None:
 
 
 def test_reevaluation_is_refused() -> None:
-    with pytest.raises(InputError, match=r"ranking\.reevaluate: map_elites keeps no members"):
+    with pytest.raises(InputError, match=r"ranking\.reevaluate: map_elites has no survivors"):
         Experiment.from_mapping({**ARCHIVE, "ranking": {"episodes": 2, "reevaluate": True}})
 
 

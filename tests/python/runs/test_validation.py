@@ -424,7 +424,7 @@ def test_a_mistake_is_reported(validate: Any, message: str) -> None:
 def test_a_fitness_needs_as_many_episodes_as_the_ranking_takes() -> None:
     worst = {**NOISY, "ranking": {"episodes": 8, "aggregate": "worst"}}
     with pytest.raises(
-        InputError, match=r"validate.episodes: must be at least ranking.episodes, 8, of which"
+        InputError, match=r"validate.episodes: must be at least ranking.episodes, 8, for one fitness value"
     ):
         Experiment.from_mapping({**worst, "validate": {"episodes": 7}})
     assert Experiment.from_mapping({**worst, "validate": {"episodes": 8}}).validate.episodes == 8

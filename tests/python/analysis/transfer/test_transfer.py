@@ -213,7 +213,7 @@ def test_the_same_simulation_as_in_evolution_is_noted(runs: list[Run]) -> None:
         ({"vary": FASTER, "random": -1}, "random: must be at least 0, not -1"),
         ({}, "nothing to transfer to"),
         ({"to": ["minisin"]}, "^minisin: simulation: unknown simulation 'minisin'; did you mean 'minisim"),
-        ({"to": ["emergency_exit"]}, "name a file"),
+        ({"to": ["emergency_exit"]}, "give a .yaml file"),
         ({"vary": {"parameters.speed": (0, 1)}}, "^vary: parameters.speed=0..1: unknown"),
     ],
 )
@@ -227,7 +227,7 @@ def test_mistakes_are_found_before_anything_is_evaluated(
 def test_controllers_have_to_fit(runs: list[Run], tmp_path: Path) -> None:
     path = tmp_path / "stadium.yaml"
     path.write_text("simulation: emergency_exit\n")
-    with pytest.raises(InputError, match="the run's controllers have 4 sensors and 1 actuators, agents of"):
+    with pytest.raises(InputError, match="the run's controllers have 4 sensors and 1 actuators, but agents of"):
         transfer(runs[:1], [str(path)])
     with pytest.raises(InputError, match="there are no runs"):
         transfer([], vary=FASTER)

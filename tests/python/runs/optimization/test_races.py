@@ -293,14 +293,14 @@ def test_failures_in_a_race_have_their_episode(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("method", "ranking", "words"),
     [
-        ({"kind": "racing"}, {"kind": "race"}, r"ranking\.kind: racing races its candidates itself"),
-        ({"operation": "steady_state"}, {"kind": "race"}, r"ranking\.kind: in steady state no gen"),
+        ({"kind": "racing"}, {"kind": "race"}, r"ranking\.kind: racing already races its candidates"),
+        ({"operation": "steady_state"}, {"kind": "race"}, r"ranking\.kind: steady state has no gen"),
         (
             {},
             {"kind": "race", "reevaluate": True},
             "reevaluate: survivors and new candidates have different episodes",
         ),
-        ({"kind": "racing"}, {"reevaluate": True}, r"ranking\.reevaluate: racing keeps no members"),
+        ({"kind": "racing"}, {"reevaluate": True}, r"ranking\.reevaluate: racing has no survivors"),
         ({"kind": "racing", "operation": "steady_state"}, {}, "it tests candidates together"),
     ],
 )

@@ -286,7 +286,7 @@ def test_a_changed_class_is_not_used_silently(tmp_path: Path) -> None:
         ({"ranking": ranking(slow={"method": {}})}, r"method: does not belong to a target"),
         (
             {"ranking": ranking(slow={"simulation": "emergency_exit"})},
-            r"x\.yaml:\d+: ranking\.slow: .*controllers have 4 sensors and 1 actuators, agents of emerg",
+            r"x\.yaml:\d+: ranking\.slow: .*controllers have 4 sensors and 1 actuators, but agents of emerg",
         ),
         (
             {"method": {"kind": "nnga", "operation": "steady_state"}},
