@@ -45,18 +45,18 @@ class Evaluator:
 
         Call it before `fitness`, which may change the state of the ranking.
         """
-        return np.asarray(self.failed_episodes(results).any(axis=1))
+        return np.asarray(self.find_failed_episodes(results).any(axis=1))
 
     def explain_failure(self, results: Results) -> str:
         """Explain candidates that failed without a failed episode; empty if another reason is known."""
-        if results.journal.errors or self.failed_episodes(results).any():
+        if results.journal.errors or self.find_failed_episodes(results).any():
             return ""
         return (
             ": all of their episodes succeeded, but the ranking's result is not finite, for example a sum "
             "beyond the range of binary64, or the result of a plug-in"
         )
 
-    def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
+    def find_failed_episodes(self, results: Results) -> NDArray[np.bool_]:
         """Return which episodes failed, (candidates, episodes)."""
         return ~np.isfinite(results.fitness)
 
@@ -107,9 +107,9 @@ class RaceEvaluator(Evaluator):
                 on_progress(whole, whole, "")
                 return Results(fitness, metrics, journal)
 
-    def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
+    def find_failed_episodes(self, results: Results) -> NDArray[np.bool_]:
         """Return which of the episodes that were run failed, (candidates, episodes)."""
-        failed = super().failed_episodes(results)
+        failed = super().find_failed_episodes(results)
         return failed & (
             np.arange(failed.shape[1]) < self._race.count_episodes(results.fitness)[:, np.newaxis]
         )

@@ -227,7 +227,9 @@ def test_mistakes_are_found_before_anything_is_evaluated(
 def test_controllers_have_to_fit(runs: list[Run], tmp_path: Path) -> None:
     path = tmp_path / "stadium.yaml"
     path.write_text("simulation: emergency_exit\n")
-    with pytest.raises(InputError, match="the run's controllers have 4 sensors and 1 actuators, but agents of"):
+    with pytest.raises(
+        InputError, match="the run's controllers have 4 sensors and 1 actuators, but agents of"
+    ):
         transfer(runs[:1], [str(path)])
     with pytest.raises(InputError, match="there are no runs"):
         transfer([], vary=FASTER)
