@@ -11,6 +11,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from swarmwright.common.arguments import check_arguments, flag, path_of
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.html import facts, picture, png_of
@@ -33,9 +36,7 @@ from swarmwright.servers.rows import Attempt, Event, FailureReason, ServerShare,
 from swarmwright.simulations.user_code.trust import trusting
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from swarmwright.runs.elites import Elites
     from swarmwright.runs.metric_curves import Names
@@ -341,7 +342,7 @@ class Run:
         return RecordTable(self._store.record(), self.metrics)
 
     @cached_property
-    def fitness(self) -> "NDArray[np.float64]":
+    def fitness(self) -> NDArray[np.float64]:
         """(evaluations,) fitness of every evaluation in the order of the record, NaN where it failed.
 
         `record` has it, too; this reads nothing else.

@@ -610,7 +610,7 @@ def test_what_cannot_be_compared_or_written(tmp_path: Path) -> None:
             compare(two(tmp_path), at=at)
     with pytest.raises(InputError, match=r"\.png, \.svg or \.pdf"):
         compare(two(tmp_path)).plot(tmp_path / "x.gif")
-    with pytest.raises(InputError, match="there is no folder"):
+    with pytest.raises(InputError, match="does not exist; create it first"):
         compare(two(tmp_path)).plot(tmp_path / "nowhere" / "x.png")
 
 

@@ -202,7 +202,7 @@ def test_what_does_not_fit_is_refused(folder: Path) -> None:
         compare_controllers(folder / "exit", folder / "mine.json")
     with pytest.raises(InputError, match="has generations 0 to 2, but no generation 9"):
         compare_controllers(a, f"{a}:9:0")
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="file not found"):
         compare_controllers(a, folder / "nothing.json")
     with pytest.raises(InputError, match="B: must be the path of a run folder or a controller"):
         compare_controllers(a, 3)  # type: ignore[arg-type]
@@ -260,7 +260,9 @@ def test_mistakes_of_the_command(folder: Path, tmp_path: Path) -> None:
     assert "does not affect how a candidate is evaluated" in command(
         a, a, "--set", "method.generations=2", status=2
     )
-    assert "figures end with .png, .svg or .pdf" in command(a, a, "--save", tmp_path / "x.txt", status=2)
+    assert "unknown suffix of a figure; use .png, .svg or .pdf" in command(
+        a, a, "--save", tmp_path / "x.txt", status=2
+    )
     assert "this table ends with .csv" in command(a, a, "--csv", tmp_path / "x.txt", status=2)
 
 
@@ -279,7 +281,7 @@ def test_the_figure_draws_pairs_that_count(folder: Path, failed: float | None) -
     assert points.tolist() == sorted(found.paired.tolist())
     title = ordered.get_title(loc="left")
     lost = found.first.failed + found.second.failed
-    expected = f"; {len(found.left_out)} left out" if failed is None else f"; {lost} failures count as -1"
+    expected = f"; {len(found.left_out)} excluded" if failed is None else f"; {lost} failures count as -1"
     assert expected in title
 
 

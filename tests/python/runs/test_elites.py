@@ -132,7 +132,7 @@ def test_figures(kind: str, count: int, tmp_path: Path) -> None:
         assert any(text.startswith(name) for text in texts)
     assert any(text.startswith("distance, metres") for text in texts) == (count > 1)
     assert figure.get_suptitle() == f"minisim: {kind} evolves a {run.experiment.controller.kind} controller"
-    with pytest.raises(InputError, match=r"figures end with"):
+    with pytest.raises(InputError, match=r"unknown suffix of a figure"):
         run.elites.plot(tmp_path / "elites.txt")
 
 

@@ -103,7 +103,7 @@ def test_the_plot_is_a_png_of_a_good_size(finished: Run, tmp_path: Path) -> None
     width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     assert width >= 1000
     assert height >= 600
-    with pytest.raises(InputError, match="there is no folder"):
+    with pytest.raises(InputError, match="does not exist; create it first"):
         finished.plot(tmp_path / "none" / "x.png")
 
 

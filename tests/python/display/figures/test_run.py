@@ -112,7 +112,7 @@ def test_fitness_that_hardly_changes_has_digits_enough(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "label"),
     [
-        ({"ranking": {"kind": "absolute", "reevaluate": True}}, "(evaluated again)"),
+        ({"ranking": {"kind": "absolute", "reevaluate": True}}, "(re-evaluated)"),
         ({"method": {"kind": "racing", "evaluations": 100}}, "(most instances)"),
     ],
 )

@@ -111,7 +111,7 @@ def with_(**changes: Any) -> dict[str, Any]:
         ),
         ({"spawn": {"uri": "rover"}}, "simulation.spawn.poses: write either poses, with a pose"),
         ({"spawn": {"file": "no.sdf", "poses": [{}, {}]}}, "simulation.spawn.file: no.sdf: there is no"),
-        ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is neither a placeholder"),
+        ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is not a placeholder"),
     ],
     ids=str,
 )  # fmt: skip
