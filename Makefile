@@ -506,7 +506,8 @@ reference: $(VENV)/.engine
 	$(BIN)/python -m swarmwright.conformance._reference > docs/reference/conformance.md
 
 docs: reference $(VENV)/.docs build/site-scripts/.fetched
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	# --quiet would hide warnings from --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo build/site/index.html
 
 # The reference pages in the repository are those that the code makes, and the built-in missions those of their YAML files.

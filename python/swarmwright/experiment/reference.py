@@ -81,7 +81,7 @@ def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
         yield from _iter_table(shared, set(), schema)
     for variant in variants:
         kind = _kind(variant)["const"]
-        yield from ("", f"### {name}: {{kind: {kind}}}{' (default)' if kind == DEFAULT_KINDS[name] else ''}")
+        yield from ("", f"### `{name}: {{kind: {kind}}}`{' (default)' if kind == DEFAULT_KINDS[name] else ''}")
         yield from ("", variant["description"])
         if name == "controller" and kind in _MORE:
             yield from ("", _MORE[kind])
@@ -132,7 +132,7 @@ def _iter_launchers(schema: dict[str, Any]) -> Iterator[str]:
             for key, schema_of_key in definition["properties"].items()
             if key not in shared["properties"]
         }
-        yield from ("", f"### servers: {{launcher: {kind}}}", "", definition["description"], "")
+        yield from ("", f"### `servers: {{launcher: {kind}}}`", "", definition["description"], "")
         if options:
             yield from _iter_table(options, set(definition["required"]), schema)
 

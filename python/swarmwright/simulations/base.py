@@ -239,7 +239,7 @@ class Simulation(Described):
 
         Args:
             parameters: the experiment's parameters. Declared parameters have been checked, and defaults
-            added.
+                added.
             seed: seed of the episode, 0 to 2**64 - 1; the only source of randomness.
 
         Returns:
