@@ -164,3 +164,18 @@ def explain_not_utf8(error: UnicodeEncodeError) -> str:
     if sys.getfilesystemencoding().lower() not in {"utf-8", "utf8"}:
         remedy = "set PYTHONUTF8=1, or a locale with UTF-8 (LC_ALL=C.UTF-8)"
     return f"{part}: is not valid UTF-8, in which files of runs and brokers are written; {remedy}"
+
+
+def state_folder() -> Path | None:
+    """Return the folder of what Swarmwright remembers of this user: below XDG_STATE_HOME or ~/.local/state.
+
+    A relative XDG_STATE_HOME is ignored, as the XDG Base Directory Specification requires. None for a user
+    without a home folder, such as in containers.
+    """
+    state = Path(os.environ.get("XDG_STATE_HOME", ""))
+    if not state.is_absolute():
+        try:
+            state = Path.home() / ".local" / "state"
+        except RuntimeError:
+            return None
+    return state / "swarmwright"

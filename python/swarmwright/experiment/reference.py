@@ -81,7 +81,10 @@ def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
         yield from _iter_table(shared, set(), schema)
     for variant in variants:
         kind = _kind(variant)["const"]
-        yield from ("", f"### `{name}: {{kind: {kind}}}`{' (default)' if kind == DEFAULT_KINDS[name] else ''}")
+        yield from (
+            "",
+            f"### `{name}: {{kind: {kind}}}`{' (default)' if kind == DEFAULT_KINDS[name] else ''}",
+        )
         yield from ("", variant["description"])
         if name == "controller" and kind in _MORE:
             yield from ("", _MORE[kind])

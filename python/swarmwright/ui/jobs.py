@@ -1,12 +1,13 @@
 """Commands that the window starts: runs, resumed runs, deletions.
 
 Each is a command that a person could type. Its session is its own, so that it survives the window; SIGINT
-ends it as Ctrl-C does; what it prints is in a file. `.swarmwright/jobs` below the folder has all that is
-current of it, so that a window that starts later goes on with the queue.
+ends it as Ctrl-C does; what it prints is in a file. The queue is in the user's state folder, so that a window
+that starts later goes on with it, and never in the folder of runs, which may come from somebody else.
 """
 
 import contextlib
 import fcntl
+import hashlib
 import json
 import os
 import re
@@ -16,6 +17,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -23,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright import InputError
+from swarmwright.common.files import state_folder
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 MOST_SEEDS = 200
@@ -65,13 +68,15 @@ class Jobs:
     """The queue of a folder; as many of it run at once as there are processors.
 
     Args:
-        folder: of the runs.
+        folder: of the runs; the queue belongs to it.
         slots: jobs at once; default: one for each processor.
     """
 
     def __init__(self, folder: Path, slots: int | None = None) -> None:
         self.folder = folder
-        self._jobs = folder / ".swarmwright" / "jobs"
+        state = state_folder() or Path(tempfile.mkdtemp(prefix="swarmwright-"))
+        digest = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:32]
+        self._jobs = state / "ui-jobs" / digest
         self._slots = slots or len(os.sched_getaffinity(0))
         self._children: list[subprocess.Popen[bytes]] = []
         """Those that this window started, to be reaped."""
@@ -249,7 +254,7 @@ class Jobs:
 
     @contextlib.contextmanager
     def _lock(self) -> Iterator[None]:
-        self._jobs.mkdir(parents=True, exist_ok=True)
+        self._jobs.mkdir(parents=True, exist_ok=True, mode=0o700)
         with (self._jobs / "lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield

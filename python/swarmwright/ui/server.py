@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
+from swarmwright.common.files import state_folder
 
 PORT = 8501
 ATTEMPTS = 20
@@ -32,13 +33,14 @@ def missing_library() -> str | None:
 def read_token() -> str:
     """Return this user's token: the same at each start, so that an address stays what it is.
 
-    It is in `ui-token` below XDG_STATE_HOME, by default ~/.local/state/swarmwright. A file that others can
-    read or write is not trusted; where none can be kept, the token is a new one.
+    It is in `ui-token` in the state folder. A file that others can read or write is not trusted; where none
+    can be kept, the token is a new one.
     """
-    state = Path(os.environ.get("XDG_STATE_HOME", ""))
     new = secrets.token_urlsafe(24)
+    folder = state_folder()
+    if folder is None:
+        return new
     try:
-        folder = (state if state.is_absolute() else Path.home() / ".local" / "state") / "swarmwright"
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         file = folder / "ui-token"
         try:
@@ -52,7 +54,7 @@ def read_token() -> str:
             return token if is_private and status.st_uid == os.getuid() and len(token) >= len(new) else new
         with os.fdopen(descriptor, "w", encoding="ascii") as stored:
             stored.write(new)
-    except (OSError, RuntimeError, ValueError):  # RuntimeError: a user without a home
+    except (OSError, ValueError):
         pass
     return new
 

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -85,7 +86,7 @@ def test_a_job_is_interrupted_keeps_its_results_and_survives_its_window(jobs: Jo
 def test_a_job_that_is_killed_has_failed(jobs: Jobs) -> None:
     [job] = jobs.start(ENDLESS, "endless", [])
     until(jobs, lambda now: now[0].state == "running")
-    process = (jobs.folder / ".swarmwright" / "jobs" / job.id / "process").read_text().split()[0]
+    process = (jobs._jobs / job.id / "process").read_text().split()[0]
     os.killpg(int(process), signal.SIGKILL)
     until(jobs, lambda now: now[0].state == "failed")
 
@@ -126,6 +127,17 @@ def test_names_that_are_taken_are_refused(jobs: Jobs) -> None:
     assert not (jobs.folder / "elsewhere.yaml").exists()
 
 
+@pytest.mark.slow
+def test_a_queue_in_a_received_folder_is_not_executed(jobs: Jobs) -> None:
+    [job] = jobs.start(SMALL, "small", [])
+    planted = jobs.folder / "received" / ".swarmwright" / "jobs"
+    shutil.copytree(jobs._jobs, planted)
+    received = Jobs(jobs.folder / "received")
+    received.advance()
+    assert received.list_jobs() == []
+    assert (planted / job.id / "job.json").is_file()
+
+
 @pytest.mark.parametrize("seeds", [[-1], [2**63], [*range(201)]])
 def test_seeds_out_of_range_are_refused(jobs: Jobs, seeds: list[int]) -> None:
     with pytest.raises(InputError, match="seeds: at most 200"):
@@ -152,8 +164,8 @@ def test_only_jobs_of_the_queue_are_stopped(jobs: Jobs, job: str) -> None:
 )
 def test_damaged_files_of_a_job_harm_nothing(jobs: Jobs, file: str, content: str) -> None:
     [job] = jobs.start(SMALL, "small", [])
-    (jobs.folder / ".swarmwright" / "jobs" / job.id / "process").write_text(f"{os.getpid()} 0\n")
-    (jobs.folder / ".swarmwright" / "jobs" / job.id / file).write_text(content)
+    (jobs._jobs / job.id / "process").write_text(f"{os.getpid()} 0\n")
+    (jobs._jobs / job.id / file).write_text(content)
     states = [known.state for known in jobs.list_jobs()]
     assert states in ([], ["failed"]), "a process that has the number of another one is not taken for it"
 

@@ -6,12 +6,12 @@ folder controls everything in it.
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
+from swarmwright.common.files import state_folder
 from swarmwright.common.warn_once import warn_once
 
 Ask = Callable[[str], bool]
@@ -24,18 +24,9 @@ _all = 0
 
 
 def folder() -> Path | None:
-    """Return the folder with a file for each digest: below XDG_STATE_HOME, by default ~/.local/state.
-
-    A relative XDG_STATE_HOME is ignored, as the XDG Base Directory Specification requires. None for a user
-    without a home folder, such as in containers.
-    """
-    state = Path(os.environ.get("XDG_STATE_HOME", ""))
-    if not state.is_absolute():
-        try:
-            state = Path.home() / ".local" / "state"
-        except RuntimeError:
-            return None
-    return state / "swarmwright" / "trusted-code"
+    """Return the folder with a file for each digest; None for a user without a home folder."""
+    state = state_folder()
+    return None if state is None else state / "trusted-code"
 
 
 def digest_of(files: Mapping[str, str]) -> str:
