@@ -105,14 +105,14 @@ def mann_whitney(first: Values, second: Values, u: float) -> float:
     above, it is the normal approximation with corrections for ties and continuity.
     """
     n, m = len(first), len(second)
-    describe_pooling = np.concatenate([first, second])
-    if (describe_pooling == describe_pooling[0]).all():
+    pooled = np.concatenate([first, second])
+    if (pooled == pooled[0]).all():
         return 1.0
     if n + m > _MOST_EXACT_RUNS:
         from scipy.stats import mannwhitneyu
 
         return float(mannwhitneyu(first, second, alternative="two-sided", method="asymptotic").pvalue)
-    counts = _rank_sums(compute_doubled_midranks(describe_pooling), n)
+    counts = _rank_sums(compute_doubled_midranks(pooled), n)
     distance = np.abs(np.arange(len(counts)) - n * (n + m + 1))  # of doubled sums, from their mean
     observed = abs(2 * u - n * m)
     return float(min(1.0, counts[distance >= observed - 1e-9].sum() / counts.sum()))
@@ -180,17 +180,17 @@ def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
     where these are counted quickly, else of random ones with a fixed seed.
     """
     ordered = [_replace_nan(values) for values in groups]
-    describe_pooling = np.concatenate(ordered)
-    if (describe_pooling == describe_pooling[0]).all():
+    pooled = np.concatenate(ordered)
+    if (pooled == pooled[0]).all():
         return Kruskal(0.0, 1.0)
     from scipy.stats import kruskal
 
     # Computed from ranks, which are finite for infinite values too.
-    ranks = compute_doubled_midranks(describe_pooling)
+    ranks = compute_doubled_midranks(pooled)
     sizes = np.array([len(values) for values in ordered], dtype=np.int64)
     result = kruskal(*np.split(ranks, np.cumsum(sizes)[:-1]))
     h = float(result.statistic)
-    if len(describe_pooling) > _MOST_EXACT_RUNS:
+    if len(pooled) > _MOST_EXACT_RUNS:
         return Kruskal(h, float(result.pvalue), "chi-square")
     # H grows with the sum of squared rank sums over sizes, alone.
     observed = _spread(np.add.reduceat(ranks, np.cumsum(sizes) - sizes), sizes)

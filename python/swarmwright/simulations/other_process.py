@@ -81,7 +81,7 @@ def _append_trace(trace: list[tuple[str, str]], step: int, state: StepResult) ->
 
 
 def difference(repeated: Outcome, original: Outcome, host: Host) -> str | None:
-    """Describe the first difference between two episodes that should be the same; None without one.
+    """Return in what two episodes that should be the same differ first; None where they do not.
 
     host: host of the simulation, whose declared determinism decides what must agree.
     """
@@ -89,7 +89,7 @@ def difference(repeated: Outcome, original: Outcome, host: Host) -> str | None:
     if not is_statistical:
         for (label, digest), (_, first) in zip(repeated.trace, original.trace, strict=False):
             if digest != first:
-                return f"different {label}"
+                return label
     tolerance = host.tolerance if is_statistical else 0.0
     names = ["fitness", *(f"metric {name!r}" for name, _ in host.metrics)]
     for name, result, previous in zip(names, repeated.results, original.results, strict=False):
@@ -99,7 +99,7 @@ def difference(repeated: Outcome, original: Outcome, host: Host) -> str | None:
             or abs(result - previous) <= margin
             or (np.isnan(result) and np.isnan(previous))
         ):
-            return f"different {name}, {result!r} instead of {previous!r}"
+            return f"{name}, {result!r} instead of {previous!r}"
     return None
 
 

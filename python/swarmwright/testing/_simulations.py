@@ -123,7 +123,7 @@ class _Check:
         assert description is None, self._words("in another process", description, _OUTSIDE)
 
     def _words(self, variant: str, description: str | None, cause: str) -> str:
-        episode = f"an episode {variant}, with the same seed and actions, has {description}"
+        episode = f"an episode {variant}, with the same seed and actions, differs in its {description}"
         return f"{self.name}: {episode}; look for {cause}"
 
 

@@ -139,15 +139,21 @@ def test_what_follows_from_the_seed_passes() -> None:
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        (Unseeded, r"Unseeded: an episode of another object, .* has another fitness, .* not from `seed`"),
-        (Counting, r"Counting: an episode that is repeated, .* has other observations at its start; .*reset"),
-        (LastSeed, r"LastSeed: an episode after one with another seed, .* other end after 4 steps; .*reset"),
+        (Unseeded, r"Unseeded: an episode of another object, .* differs in its fitness, .* not from `seed`"),
+        (
+            Counting,
+            r"Counting: an episode that is repeated, .* differs in its observations at its start; .*reset",
+        ),
+        (
+            LastSeed,
+            r"LastSeed: an episode after one with another seed, .* differs in its end after 4 steps; .*reset",
+        ),
         (
             Hashed,
-            r"Hashed: an episode with another hash seed \(PYTHONHASHSEED\), .* another fitness, .* sort them",
+            r"Hashed: an episode with another hash seed \(PYTHONHASHSEED\), .* in its fitness, .* sort them",
         ),
-        (Numbered, r"Numbered: an episode in another process, .* another fitness, .* kept in classes"),
-        (Drawn, r"Drawn: an episode in which `scene` is called, .* other observations after 1 step; .*scene"),
+        (Numbered, r"Numbered: an episode in another process, .* differs in its fitness, .* kept in classes"),
+        (Drawn, r"Drawn: an episode in which `scene` is called, .* its observations after 1 step; .*scene"),
     ],
 )
 def test_what_does_not_is_found(kind: type[Simulation], message: str) -> None:
