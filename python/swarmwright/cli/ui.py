@@ -15,8 +15,7 @@ from swarmwright.common.errors import InputError
 @click.command(
     "ui",
     cls=Command,
-    example="swarmwright ui runs --open\n"
-    "ssh -L 8501:127.0.0.1:8501 cluster swarmwright ui results --port 8501",
+    example="swarmwright ui runs --open\nswarmwright ui results --port 8501 --read-only",
 )
 @click.argument("folder", type=ExistingPath(folder=True), metavar="[FOLDER]", required=False)
 @click.option(

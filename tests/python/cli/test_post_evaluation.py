@@ -74,7 +74,7 @@ def test_any_run_can_be_asked(program: Any, noisy: Path) -> None:
     wrong = program("evaluate", "run", "--set", "parameters.maxSteps=3")
     assert wrong.returncode == 2
     assert wrong.stderr == (
-        "swarmwright: --set parameters.maxSteps=3: parameters: --set changes the conditions, so that the "
+        "swarmwright: --set parameters.maxSteps=3: parameters: --set changes the conditions, so the "
         "result cannot be compared with the record; add --episodes N\n"
     )
 

@@ -114,9 +114,9 @@ def test_help_loads_neither_engine_nor_large_libraries() -> None:
         (["optimize", "nowhere/x.yaml"], ["does not exist", "nor does its folder 'nowhere'"]),
         (["optimize", "."], ["'.' is a folder where a file is expected.\n"]),
         (["optimize", "run"], ["expected: name", "run/experiment.yaml", "'swarmwright resume run'"]),
-        (["optimize", "experiment.yaml", "--generations", "30"], ["'--set method.generations=30' here"]),
-        (["sweep", "experiment.yaml", "--population=9"], ["'--set method.population=9' here"]),
-        (["optimize", "experiment.yaml", "--method"], ["'--set method.kind=VALUE' here"]),
+        (["optimize", "experiment.yaml", "--generations", "30"], ["use '--set method.generations=30'"]),
+        (["sweep", "experiment.yaml", "--population=9"], ["use '--set method.population=9'"]),
+        (["optimize", "experiment.yaml", "--method"], ["use '--set method.kind=VALUE'"]),
         (["replay", ".", "--out", "no/x.gif"], ["--save", "there is no folder 'no'"]),
         (["plot", ".", "--save", "no/x.png"], ["--out", "there is no folder 'no'"]),
         (["optimize", "experiment.yaml", "--servers", "many"], ["'many' is neither a number of servers"]),
@@ -182,7 +182,7 @@ def test_files_for_another_command_are_known(program: Any, tmp_path: Path) -> No
     for command, file, other in (("optimize", "sweep", "sweep"), ("sweep", "experiment", "optimize")):
         result = program(command, f"{file}.yaml")
         assert result.returncode == 2
-        assert f"which 'swarmwright {other}' runs" in result.stderr
+        assert f"run it with 'swarmwright {other}'" in result.stderr
         assert "unknown key" not in result.stderr
 
 

@@ -219,7 +219,7 @@ def test_several_candidates_stand_on_a_page(program: Any, run: str, tmp_path: Pa
             ("--beside", "best", "--save", "x.html"),
             "--beside best: expected GENERATION:CANDIDATE such as 0:7",
         ),
-        (("--beside", "7:1", "--save", "x.html"), "holds one generation, number 0, not 7"),
+        (("--beside", "7:1", "--save", "x.html"), "has only generation 0, but no generation 7"),
     ):
         wrong = program("replay", run, *arguments)
         assert wrong.returncode == 2

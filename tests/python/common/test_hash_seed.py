@@ -25,7 +25,7 @@ def test_the_seed_of_a_process_is_known(given: str | None) -> None:
     environment = {name: value for name, value in os.environ.items() if name != processes.VARIABLE}
     if given is not None:
         environment[processes.VARIABLE] = given
-    code = "from swarmwright.common import processes; print(processes.of_this_process())"
+    code = "from swarmwright.common import processes; print(processes.current_hash_seed())"
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )

@@ -27,7 +27,7 @@ def test_it_is_compiled_once_and_announced(checkout: Path, caplog: pytest.LogCap
         assert [simulation_fmu.read_library() for _ in range(2)] == [b"library\n"] * 2
     assert (checkout / "times").read_text() == "0\n"
     (said,) = (record.getMessage() for record in caplog.records)
-    assert said.startswith("compiling the library that FMUs of simulations hold, once")
+    assert said.startswith("compiling the library of FMUs of simulations, once")
 
 
 @pytest.mark.slow

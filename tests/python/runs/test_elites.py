@@ -341,8 +341,8 @@ def test_measures_outside_of_their_range_are_counted(partial: Any, program: Any)
     one = run.elites.outside["there"]
     assert one == (below, above, 0.2, 0.3, values.min(), values.max())
     note = (
-        f"Of 30 candidates, {below} below and {above} above the range of there, 0.2 to 0.3, count for its "
-        f"first and last bin; values are {values.min():.6g} to {values.max():.6g}."
+        f"{below} below and {above} above of 30 candidates are outside the range of there, 0.2 to 0.3, and "
+        f"count for its first and last bin; values are {values.min():.6g} to {values.max():.6g}."
     )
     assert run.elites.notes == [note]
     assert program("runs", "elites", "run").stdout.splitlines()[-1] == note

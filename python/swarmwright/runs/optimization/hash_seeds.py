@@ -51,8 +51,9 @@ def warn_of_hash_seed(experiment: Experiment, backend: Backend) -> None:
         return
     logging.getLogger("swarmwright").warning(
         "the run is not reproducible: episodes of %s depend on Python's hash seed, which is random in each "
-        "process; with another hash seed, an episode differs in its %s. Sort sets of strings before iterating "
-        "over them, evaluate on servers, which share a hash seed (`servers: local`), or set PYTHONHASHSEED=0",
+        "process; with another hash seed, an episode differs in its %s. Sort sets of strings before you "
+        "iterate over them, evaluate on servers, which share a hash seed (`servers: local`), or set "
+        "PYTHONHASHSEED=0",
         kind.__name__, effect,
     )  # fmt: skip
 

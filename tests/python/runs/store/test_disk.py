@@ -65,9 +65,9 @@ def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
         run = Run.open(place / "run")
         assert run.record.fitness.max() == run.best.fitness
         assert run.state == "done"
-        with pytest.raises(InputError, match="may not be written by this user"):
+        with pytest.raises(InputError, match="is not writable by this user"):
             resume(run, generations=9)
-        with pytest.raises(InputError, match=r"cannot be created: .* may not be written by this user"):
+        with pytest.raises(InputError, match=r"cannot be created: .* is not writable by this user"):
             optimize(EXPERIMENT, out=place / "another")
 
 
@@ -83,7 +83,7 @@ def test_resuming_what_is_read_only_is_refused_before_anything_is_printed(
         assert run(["resume", str(place / "run")]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert f"{place / 'run'}: may not be written by this user" in printed.err
+    assert f"{place / 'run'}: is not writable by this user" in printed.err
 
 
 @pytest.mark.slow

@@ -163,7 +163,7 @@ def test_a_simulation_that_is_missing_at_the_end_is_reported(
         run = optimize(made, out=tmp_path / "run")
     (said,) = [one.getMessage() for one in caplog.records if "transferred" in one.getMessage()]
     assert "robots" in said
-    assert f"the run itself is finished, and `swarmwright resume {run.path}` does it later" in said
+    assert f"`swarmwright resume {run.path}` repeats the transfer" in said
     assert run.state == "done"
     assert [one.target for one in run.transferred] == ["harder.yaml"]
     assert run.transfer_is_due

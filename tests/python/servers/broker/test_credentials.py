@@ -16,10 +16,10 @@ from tests.conftest import environment
 # What of the engine reads the environment is tested beside it; here is who fills it.
 ASK = """
 import os, sys
-from swarmwright.servers.broker.credentials import from_keyring
+from swarmwright.servers.broker.credentials import load_from_keyring
 from swarmwright.common.errors import InputError
 try:
-    from_keyring(sys.argv[1])
+    load_from_keyring(sys.argv[1])
 except InputError as error:
     print("error:", error)
 print(os.environ.get("SWARMWRIGHT_PASSWORD"))

@@ -48,8 +48,8 @@ def test_a_server_that_the_system_kills_meanwhile_has_not_had_its_evaluations(nu
     ended: list[Any] = []
 
     class Heard(Output):
-        def say(self, server: int, text: str, place: str = "") -> None:
-            assert (server, place) == (1, "")
+        def record(self, server: int, text: str, work: str = "") -> None:
+            assert (server, work) == (1, "")
             said.append(text)
 
     def tell(news: News) -> None:

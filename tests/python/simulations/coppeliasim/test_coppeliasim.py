@@ -121,7 +121,7 @@ def test_one_record_on_one_server_and_on_two(tmp_path: Path) -> None:
         (("infinite: 1, ", ""), r"/rover\[0\]: sensor wall is nan, expected a finite number"),
         (("ticks: 2", "tocks: 2"), r"robots.yaml:8: tocks: "),
         (("steps: 20", "poses: [{x: 1}]"), "poses: 1 found, expected a pose for each of 2 robots"),
-        (("{sensor: wall, time", "{sensor: wal, time"), "there is no sensor 'wal'; wall, left are"),
+        (("{sensor: wall, time", "{sensor: wal, time"), "there is no sensor 'wal'; available: wall, left"),
         (("steps: 20", "area: {x: [0, 1], y: [0, 1]}\napart: 2"), "area: it is too small for 2 robots"),
         (("steps: 20", "start: [no-such-program]"), "start: no-such-program: No such file or directory"),
         (("steps: 20", "start: ['false']"), r"start: false has ended \(status 1\)"),

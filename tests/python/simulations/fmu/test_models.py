@@ -195,7 +195,7 @@ def test_start_values_of_arrays_and_their_sizes(tmp_path: Path) -> None:
     assert (made.sensors, made.actuators) == (2, 2)
     assert math.isfinite(score(made))
     mistakes: list[tuple[dict[str, Any], str]] = [
-        ({"count": 5, "from": [0.0] * 6}, "from of .* has the shape 5 x 2, 10 values .* but 6 are given"),
+        ({"count": 5, "from": [0.0] * 6}, "from of .* has the shape 5 x 2; expected 10 values, .* not 6"),
         ({"count": 0}, "count of .* is a structural parameter, expected an integer from 1, not 0"),
         ({"count": [5]}, "count of .* is a single value, not a list"),
     ]

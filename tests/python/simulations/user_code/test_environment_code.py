@@ -121,7 +121,10 @@ def test_an_edited_environment_is_not_used(name: str, folder: Path, caplog: pyte
     forget()
     with caplog.at_level(logging.WARNING):
         assert repeat(Run.open(run.path)).same
-    assert "gain.py was edited since the run; its copy in the run folder is used; --simulation" in caplog.text
+    assert (
+        "gain.py was edited since the run; its copy in the run folder is used; use --simulation"
+        in caplog.text
+    )
     with pytest.raises(InputError, match=r"gain.py was edited"):
         resume(run.path, generations=3)
     # The name means the current version as ever, before and after.

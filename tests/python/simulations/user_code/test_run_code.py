@@ -44,7 +44,7 @@ def test_runs_verify_finds_an_edited_copy(run: Run) -> None:
     assert verify(run.path).problems == []
     edit(run.path / COPY / "gather.py", *FACTOR)
     (problem,) = verify(run.path).problems
-    assert "gather.py: was edited" in problem.message
+    assert "gather.py: this copy of the run's code was edited" in problem.message
     shutil.rmtree(run.path / "code")
     assert verify(run.path).problems == [], "the store is whole without it"
 
@@ -112,7 +112,7 @@ def test_a_change_that_is_accepted_is_recorded(
     assert repeat(longer, generation=0).same
     assert len(caplog.messages) == 1
     assert (
-        "gather.py was edited since the run; its copy in the run folder is used; --simulation"
+        "gather.py was edited since the run; its copy in the run folder is used; use --simulation"
         in caplog.messages[0]
     )
     # From then on it is the run's own code: it goes on without another word.
