@@ -427,14 +427,16 @@ def test_a_format_that_is_not_here_is_not_checked_and_all_else_is(
         "rust: not checked: not an export format of this installation; install the package that adds it"
     ]
     assert "Evaluated again in 14 episodes" in lines
-    words = "Controller code verified in part: c; not checked: rust (no export format of this installation)"
+    words = (
+        "Controller code verified in part: c; not checked: rust (not an export format of this installation)"
+    )
     assert lines[-1] == words
     asked = program("verify", "rust.zip", "--require-formats", "--json")
     assert asked.returncode == 1
     found = json.loads(asked.stdout)
     assert found["ok"]
     assert found["fitness_checked"]
-    assert found["formats_not_checked"] == {"rust": "no export format of this installation"}
+    assert found["formats_not_checked"] == {"rust": "not an export format of this installation"}
     assert program("verify", "rust.zip", "--require-fitness").returncode == 0
     assert program("verify", bundle, "--require-formats").returncode == 0
 
@@ -467,7 +469,7 @@ def test_a_format_that_the_controller_is_not_exported_to_is_a_problem(
     write(tmp_path / "x.zip", files, sealed=True)
     (problem,) = verify_bundle(tmp_path / "x.zip").problems
     assert problem.startswith(f"{form}: this controller cannot be exported to this format: {reason}")
-    assert ("; Swarmwright 9.9.9 wrote it" in problem) == (by is not None)
+    assert ("; verify it with Swarmwright 9.9.9, which wrote it" in problem) == (by is not None)
 
 
 @pytest.mark.parametrize("by", [None, "9.9.9"])
