@@ -183,7 +183,7 @@ def test_resources_that_no_node_has_are_named(
     both = made.replace(servers=[entry, {"launcher": "process", "count": 1}])
     optimize(both, out=tmp_path / "run", progress=False)
     what = "worker" if cluster.kind == "dask" else "node"
-    assert f"{cluster.kind}: 1 of 1 servers wait: no {what} of the cluster has {{" in caplog.text
+    assert f"{cluster.kind}: 1 of 1 servers are waiting: no {what} of the cluster has {{" in caplog.text
     assert "simulator: 2" in caplog.text
 
 

@@ -46,7 +46,7 @@ def test_duplicate_keys_are_collected() -> None:
         ('["a\n"]', "Invalid control character"),
         ("[Infinity]", "Infinity is not a JSON number"),
         ("[1e999]", "too large"),
-        ("[" * 200, "nested more than 100 deep"),
+        ("[" * 200, "nesting is deeper than 100 levels"),
         ("[" + "1" * 2000 + "]", "the number is too long"),
     ],
 )
