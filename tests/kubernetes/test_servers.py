@@ -96,7 +96,7 @@ def test_pods_that_wait_are_reported_with_the_words_of_the_scheduler(
     made = experiment(cluster, name, node_selector={"gpu": "true"})
 
     def labelled() -> None:
-        until(lambda: "servers wait" in caplog.text)
+        until(lambda: "servers are waiting" in caplog.text)
         cluster.control.kubectl("label", "node", "node-1", "gpu=true")
 
     thread = threading.Thread(target=labelled)
@@ -104,7 +104,7 @@ def test_pods_that_wait_are_reported_with_the_words_of_the_scheduler(
     optimize(made, out=tmp_path / "run", progress=False)
     thread.join()
     cluster.control.kubectl("label", "node", "node-1", "gpu-")
-    assert "2 of 2 servers wait: Unschedulable: 0/2 nodes are available" in caplog.text
+    assert "2 of 2 servers are waiting: Unschedulable: 0/2 nodes are available" in caplog.text
 
 
 def test_an_elastic_pool_and_a_quota_for_one_pod(
@@ -118,10 +118,10 @@ def test_an_elastic_pool_and_a_quota_for_one_pod(
     def wait(generation: Any) -> None:
         done.append(generation.generation)
         if len(done) == 1:
-            until(lambda: "servers wait" in caplog.text)
+            until(lambda: "servers are waiting" in caplog.text)
 
     optimize(made, wait, out=tmp_path / "run", progress=False)
-    assert "1 of 2 servers wait: pods is forbidden: exceeded quota: few, requested: pods=1" in caplog.text
+    assert "1 of 2 servers are waiting: pods is forbidden: exceeded quota: few, requested: pods=1" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -102,12 +102,12 @@ def test_waiting_in_the_queue_is_reported_with_its_reason(
     slurm.set_node("State=DRAIN", "Reason=test")
 
     def resumed() -> None:
-        until(lambda: "servers wait: pending (" in caplog.text)
+        until(lambda: "servers are waiting: pending (" in caplog.text)
         slurm.set_node("State=RESUME")
 
     made = experiment(tmp_path / "shared")
     in_thread(resumed, lambda: optimize(made, out=tmp_path / "run", progress=False))
-    assert "slurm: 2 of 2 servers wait: pending (" in caplog.text
+    assert "slurm: 2 of 2 servers are waiting: pending (" in caplog.text
 
 
 def in_thread(beside: Callable[[], None], work: Callable[[], object]) -> None:
