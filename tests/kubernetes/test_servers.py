@@ -121,7 +121,8 @@ def test_an_elastic_pool_and_a_quota_for_one_pod(
             until(lambda: "servers are waiting" in caplog.text)
 
     optimize(made, wait, out=tmp_path / "run", progress=False)
-    assert "1 of 2 servers are waiting: pods is forbidden: exceeded quota: few, requested: pods=1" in caplog.text
+    reason = "pods is forbidden: exceeded quota: few, requested: pods=1"
+    assert f"1 of 2 servers are waiting: {reason}" in caplog.text
 
 
 @pytest.mark.parametrize(
