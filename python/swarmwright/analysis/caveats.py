@@ -87,9 +87,9 @@ def _lengths(groups: Sequence["Group"], indicator: Indicator, *, held_out: bool)
     command = _command(groups, f"{indicator.options} --at {shortest}".lstrip())
     if held_out:
         counts = "; ".join(f"{group.label}: {span(group.counts)}" for group in groups)
-        count_words = f" ({counts})" if len(groups) <= _NAMED else ""
+        counts_text = f" ({counts})" if len(groups) <= _NAMED else ""
         yield (
-            f"budgets are unequal: the runs have {shortest:,} to {longest:,} evaluations{count_words}, and "
+            f"budgets are unequal: the runs have {shortest:,} to {longest:,} evaluations{counts_text}, and "
             f"the best at the end of each was validated; {command} compares recorded fitness after as "
             f"many{episode_words}, and `swarmwright evaluate RUN --curve 20` evaluates the best so far of a "
             "run on held-out seeds over its evaluations"

@@ -117,12 +117,12 @@ class BrokerBackend:
 
     def build_journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
         """Build the journal of a pool's evaluations, with the times of its warnings."""
-        build_journal = Journal.from_fields(attempts, warnings)
-        self._code_failures.note(build_journal)
-        warning = self._missing_audits.note(build_journal)
+        journal = Journal.from_fields(attempts, warnings)
+        self._code_failures.note(journal)
+        warning = self._missing_audits.note(journal)
         if warning is not None:
             reports.tell({"event": "warning", "message": warning})
-        return build_journal
+        return journal
 
     def failure_of(self, reason: str, /) -> SimulationError | None:
         """Return the error of the simulation's code on servers for a reason in a journal."""
@@ -211,14 +211,14 @@ class BrokerBackend:
         evaluated = set[int]()
         fitness = np.full((count, len(seeds)), np.nan)
         metrics = np.full((count, len(seeds), len(self.metrics)), np.nan)
-        build_journal = Journal()
+        journal = Journal()
         empty = np.empty((0, weights), dtype=np.float32)
 
         def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32]:
             nonlocal remaining
             rows = list(candidates)
             fitness[rows], metrics[rows] = results.fitness, results.metrics
-            build_journal.extend(results.journal)
+            journal.extend(results.journal)
             on_results(candidates, results)
             evaluated.update(rows)
             if len(remaining) and (
@@ -232,7 +232,7 @@ class BrokerBackend:
             on_progress(done, count * len(seeds), waiting_for)
 
         self._stream(first, seeds, feed, progress, revised=True)
-        return Results(fitness, metrics, build_journal)
+        return Results(fitness, metrics, journal)
 
     def repeat(
         self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
