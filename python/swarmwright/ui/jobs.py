@@ -140,7 +140,8 @@ class Jobs:
             with file.open("x", encoding="utf-8") as stream:
                 stream.write(text)
         except FileExistsError:
-            if file.read_text("utf-8", errors="replace") != text:
+            is_same = file.is_file() and file.read_text("utf-8", errors="replace") == text
+            if not is_same:
                 raise InputError(f"name: {file} exists already; choose another name") from None
         except OSError as error:
             raise InputError(f"name: {file} cannot be written: {error.strerror}") from None
