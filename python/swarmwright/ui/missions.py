@@ -81,8 +81,8 @@ def try_out(mission: dict[str, Any], seed: int, controller: Controller | None = 
         if isinstance(value, int | float) and value > most:
             raise InputError(f"{key}: at most {most:g} can be tried here, not {value:g}")
     if controller is None:
-        genome = tried.new_method().ask()[seed % len(tried.new_method().ask())]
-        controller = Controller(tried.representation().specification(genome))
+        genomes = tried.new_method().ask()
+        controller = Controller(tried.representation().specification(genomes[seed % len(genomes)]))
     episodes = Episodes(tried, seeds=[seed], watch=True)
     episodes.run(controller)
     with TemporaryDirectory() as folder:
