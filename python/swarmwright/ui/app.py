@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import logging
 import threading
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
@@ -73,9 +74,14 @@ class Window:
     async def watch(self) -> None:
         """Look for changes until cancelled."""
         while True:
-            if not self._read_only:
-                await run_in_threadpool(self.jobs.advance)
-            if await run_in_threadpool(self.index.refresh, FIRST_S):
+            try:
+                if not self._read_only:
+                    await run_in_threadpool(self.jobs.advance)
+                is_changed = await run_in_threadpool(self.index.refresh, FIRST_S)
+            except OSError as error:  # a full disk, a folder that is gone: later it may be there again
+                logging.getLogger("swarmwright").warning("the list of runs is not up to date: %s", error)
+                is_changed = False
+            if is_changed:
                 async with self._changed:
                     self._changed.notify_all()
             await asyncio.sleep(REFRESH_S if self.index.is_complete else 0)
@@ -87,8 +93,7 @@ class Window:
         """
         while True:
             if self.index.version != version:
-                message = self.index.delta(version)
-                version = self.index.version
+                version, message = self.index.delta(version)
                 yield b"data: " + message + b"\n\n"
             async with self._changed:
                 if self.index.version == version:
@@ -128,11 +133,15 @@ class Window:
                 self._replays.move_to_end(key)
                 return self._replays[key]
         page = run.replay(**options).html
+        self._keep(key, page)
+        return page
+
+    def _keep(self, key: tuple[object, ...], page: str) -> None:
+        """Keep the page of an episode, as long as it is among the newest."""
         with self._lock:
             self._replays[key] = page
             while sum(map(len, self._replays.values())) > REPLAY_BYTES and len(self._replays) > 1:
                 self._replays.popitem(last=False)
-        return page
 
     def density(self, request: Request) -> dict[str, Any]:
         """Return the evaluations of a run as a grid."""
@@ -179,8 +188,7 @@ class Window:
         controller = Run(self.index.path(run)).best.controller if run else None
         page = missions.try_out(mission, index(values.get("seed")), controller)
         name = token_urlsafe(12)
-        with self._lock:
-            self._replays[(name,)] = page
+        self._keep((name,), page)
         return {"id": name}
 
     def find_try(self, request: Request) -> str:

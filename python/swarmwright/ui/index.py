@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright import InputError, Run
+from swarmwright import InputError, Run, SwarmwrightError
 from swarmwright.common.simulation_names import label_of
 
 STORE = "run.sqlite"
@@ -120,8 +120,8 @@ class RunIndex:
         self.path(name)
         return self._rows[name]
 
-    def delta(self, version: int) -> bytes:
-        """Return what has changed since a version, as JSON: the new version, rows, ids that are gone.
+    def delta(self, version: int) -> tuple[int, bytes]:
+        """Return the present version, and as JSON what has changed since another: rows, ids that are gone.
 
         It is built once for all who ask for the same.
         """
@@ -138,7 +138,7 @@ class RunIndex:
                     "gone": [name for name in names if name not in self._rows],
                 }
                 message_bytes = self._deltas[version] = json.dumps(message, allow_nan=False).encode()
-            return message_bytes
+            return self.version, message_bytes
 
     def _update(self, name: str, row: Row | None) -> None:
         with self._lock:
@@ -169,7 +169,7 @@ class RunIndex:
     def _read(self, name: str) -> Row:
         try:
             return self._with_rate(summarize(Run(self.folder / name), name))
-        except InputError as error:
+        except (SwarmwrightError, OSError) as error:
             return Row(name, "unreadable", problem=str(error))
 
     def _with_rate(self, row: Row) -> Row:

@@ -143,3 +143,32 @@ def test_a_slow_reader_gets_what_has_changed_at_once(folder: Path) -> None:
     first, second = asyncio.run(read())
     assert len(first["rows"]) == 2  # type: ignore[arg-type]
     assert second["gone"] == ["run-1", "run-2"]
+
+
+def test_the_list_goes_on_after_an_error_of_the_disk(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def watch() -> int:
+        window = Window(folder, read_only=True)
+        refresh = window.index.refresh
+        errors = [OSError("no space left")]
+
+        def fail_once(seconds: float) -> bool:
+            if errors:
+                raise errors.pop()
+            return refresh(seconds)
+
+        monkeypatch.setattr(window.index, "refresh", fail_once)
+        monkeypatch.setattr("swarmwright.ui.app.REFRESH_S", 0.01)
+        watcher = asyncio.create_task(window.watch())
+        message = await asyncio.wait_for(anext(window.events(0)), 20)
+        watcher.cancel()
+        return len(json.loads(message.removeprefix(b"data: "))["rows"])
+
+    assert asyncio.run(watch()) > 0
+
+
+def test_the_pages_that_are_kept_are_bounded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swarmwright.ui.app.REPLAY_BYTES", 1000)
+    window = Window(folder)
+    for number in range(10):
+        window._keep((str(number),), "x" * 400)
+    assert [key for (key,) in window._replays] == ["8", "9"]

@@ -29,7 +29,7 @@ def index(made: Path, tmp_path: Path) -> RunIndex:
 
 
 def delta(index: RunIndex, version: int = 0) -> dict[str, Any]:
-    values: dict[str, Any] = json.loads(index.delta(version))
+    values: dict[str, Any] = json.loads(index.delta(version)[1])
     return values
 
 
@@ -99,7 +99,7 @@ def test_a_broken_store_is_listed_with_the_reason(index: RunIndex, content: byte
     row = index.row("broken")
     assert row.state == "unreadable"
     assert row.problem
-    json.loads(index.delta(0))
+    json.loads(index.delta(0)[1])
 
 
 def test_links_and_hidden_folders_are_left_out(index: RunIndex, made: Path) -> None:
