@@ -12,7 +12,8 @@ from starlette.applications import Starlette
 
 import swarmwright
 from swarmwright import Run
-from swarmwright.ui.app import Window, create_app
+from swarmwright.ui.app import create_app
+from swarmwright.ui.window import Window
 from tests.python.records import EXPERIMENT
 from tests.python.ui.client import call
 
@@ -157,7 +158,7 @@ def test_the_list_goes_on_after_an_error_of_the_disk(folder: Path, monkeypatch: 
             return refresh(seconds)
 
         monkeypatch.setattr(window.index, "refresh", fail_once)
-        monkeypatch.setattr("swarmwright.ui.app.REFRESH_S", 0.01)
+        monkeypatch.setattr("swarmwright.ui.window.REFRESH_S", 0.01)
         watcher = asyncio.create_task(window.watch())
         message = await asyncio.wait_for(anext(window.events(0)), 20)
         watcher.cancel()
@@ -167,8 +168,8 @@ def test_the_list_goes_on_after_an_error_of_the_disk(folder: Path, monkeypatch: 
 
 
 def test_the_pages_that_are_kept_are_bounded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("swarmwright.ui.app.REPLAY_BYTES", 1000)
+    monkeypatch.setattr("swarmwright.ui.window.REPLAY_BYTES", 1000)
     window = Window(folder)
     for number in range(10):
-        window._keep((str(number),), "x" * 400)
-    assert [key for (key,) in window._replays] == ["8", "9"]
+        window.keep_page(str(number), "x" * 400)
+    assert [*window._pages] == ["8", "9"]

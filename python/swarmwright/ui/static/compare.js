@@ -2,7 +2,7 @@
 import { ask, h, problem } from "./dom.js";
 import { runAddress } from "./runs.js";
 
-export function showComparison(view, query) {
+export function show(view, query) {
   const runs = query.getAll("run");
   let isGone = false;
   const heldOut = h("input", { type: "checkbox", change: load });

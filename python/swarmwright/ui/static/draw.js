@@ -159,7 +159,7 @@ function free(mission, stem) {
   return `${stem}_${number}`;
 }
 
-export function showBoard(view, query) {
+export function show(view, query) {
   let mission = null;
   let name = "";
   let selection = null;

@@ -5,7 +5,7 @@ import { store } from "./store.js";
 
 const EVERY_MS = 1500;
 
-export function showJobs(view) {
+export function show(view) {
   const list = h("div");
   const opened = new Set();
   let timer = null;

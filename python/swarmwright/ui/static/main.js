@@ -1,42 +1,37 @@
-// The address says what is shown: #/ the list, #/run/ID, #/compare?run=ID&run=ID, #/new, #/jobs, #/draw.
-import { ask, h } from "./dom.js";
-import { showComparison } from "./compare.js";
-import { showBoard } from "./draw.js";
-import { showJobs } from "./jobs.js";
-import { showNew } from "./new.js";
-import { showRun } from "./run.js";
-import { showRuns } from "./runs.js";
+// The address says what is shown: `#/` the list of runs, `#/VIEW/ARGUMENT?QUERY` any other view.
+import { ask, h, problem } from "./dom.js";
 import { store } from "./store.js";
 
 const view = document.getElementById("view");
 const trail = document.getElementById("trail");
 const connection = document.getElementById("connection");
+const START = "runs";
 let leave = () => {};
+let routed = 0;
 
-const routes = [
-  [/^$/, (_match, query) => showRuns(view, query)],
-  [/^run\/(.+)$/, (match, query) => showRun(view, decodeURIComponent(match[1]), query)],
-  [/^new$/, (_match, query) => showNew(view, query)],
-  [/^draw$/, (_match, query) => showBoard(view, query)],
-  [/^jobs$/, () => showJobs(view)],
-  [/^compare$/, (_match, query) => showComparison(view, query)],
-];
-
-function route() {
+async function route() {
+  const number = ++routed;
   const [path, query = ""] = location.hash.replace(/^#\/?/, "").split("?");
+  const [name, ...rest] = (path || START).split("/");
   leave();
-  view.replaceChildren();
-  for (const [pattern, show] of routes) {
-    const match = pattern.exec(path);
-    if (match === null) continue;
-    const shown = show(match, new URLSearchParams(query));
-    leave = shown.leave ?? (() => {});
-    trail.replaceChildren(...(shown.trail ?? []).map((name) => h("span", {}, name)));
-    document.title = [...(shown.trail ?? []), "Swarmwright"].reverse().slice(0, 2).join(" – ");
-    view.focus({ preventScroll: true });
+  leave = () => {};
+  const entry = store.window.views.find((each) => each.name === name && !each.is_tab);
+  if (entry === undefined) {
+    view.replaceChildren(h("p", {}, "There is no such page. ", h("a", { href: "#/" }, "All runs")));
     return;
   }
-  view.append(h("p", {}, "There is no such page. ", h("a", { href: "#/" }, "All runs")));
+  try {
+    const { show } = await import(new URL(entry.script, document.baseURI));
+    if (number !== routed) return;
+    view.replaceChildren();
+    const shown = show(view, new URLSearchParams(query), decodeURIComponent(rest.join("/"))) ?? {};
+    leave = shown.leave ?? (() => {});
+    trail.replaceChildren(...(shown.trail ?? []).map((each) => h("span", {}, each)));
+    document.title = [...(shown.trail ?? []), "Swarmwright"].reverse().slice(0, 2).join(" – ");
+    view.focus({ preventScroll: true });
+  } catch (error) {
+    if (number === routed) view.replaceChildren(problem(error));
+  }
 }
 
 function theme(choice) {
@@ -73,6 +68,11 @@ store.onConnection((isConnected) => {
   connection.className = isConnected ? "live" : "lost";
 });
 store.connect();
-store.window = await ask("window").catch(() => ({ folder: "", read_only: true }));
-for (const link of document.querySelectorAll(".changes")) link.hidden = store.window.read_only;
+store.window = await ask("window").catch((error) => {
+  view.replaceChildren(problem(error));
+  return store.window;
+});
+document.getElementById("views").replaceChildren(...store.window.views
+  .filter((each) => each.title && !each.is_tab && !(each.is_for_changes && store.window.read_only))
+  .map((each) => h("a", { href: `#/${each.name}` }, each.title)));
 route();

@@ -3,7 +3,7 @@ import { ask, change, h, problem } from "./dom.js";
 
 const CHECK_AFTER_MS = 400;
 
-export function showNew(view, query) {
+export function show(view, query) {
   const editor = h("textarea", { class: "editor", spellcheck: "false", rows: 26, "aria-label": "Experiment (YAML)", input: () => later() });
   const problems = h("ul", { class: "problems", role: "status" });
   const name = h("input", { required: true, pattern: "[A-Za-z0-9_][A-Za-z0-9_.\\-]{0,99}", "aria-label": "Name", placeholder: "name" });

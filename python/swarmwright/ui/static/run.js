@@ -35,7 +35,7 @@ function heldOutWords(heldOut) {
   return `${figure(heldOut.mean)}${interval}${failed}`;
 }
 
-export function showRun(view, id) {
+export function show(view, _query, id) {
   const head = h("div", { class: "run-head" });
   const chart = h("div", { class: "chart" });
   const chosen = h("div", { class: "chosen" });
@@ -44,6 +44,8 @@ export function showRun(view, id) {
   const curve = new LearningCurve(chart, { click: choose });
   let details = null;
   let isGone = false;
+  let isTabbed = false;
+  let leaveTab = () => {};
   let version = 0;
 
   const candidate = { generation: number("generation"), candidate: number("candidate"), seed: number("seed") };
@@ -87,7 +89,10 @@ export function showRun(view, id) {
       details = now;
       drawHead();
       curve.update(now, density);
-      if (!tabs.hasChildNodes()) drawTabs();
+      if (!isTabbed) {
+        isTabbed = true;
+        await drawTabs();
+      }
     } catch (error) {
       if (!isGone) head.replaceChildren(h("h1", {}, id), problem(error));
     }
@@ -144,7 +149,7 @@ export function showRun(view, id) {
     if (!isBeside) pane.scrollIntoView({ block: "nearest", behavior: "smooth" });
   }
 
-  function drawTabs() {
+  async function drawTabs() {
     const content = h("div", { class: "tab", role: "tabpanel" });
     const pages = {
       Experiment: () => experiment(),
@@ -160,8 +165,20 @@ export function showRun(view, id) {
       Sessions: () => table(["started", "where", "host", "took", "ended"],
         details.sessions.map((session) => [date(session.started), session.place, session.host, duration(session.seconds), session.outcome ?? ""]), ""),
     };
+    const { tabs: offered } = await ask("tabs", { run: id });
+    if (isGone) return;
+    for (const each of store.window.views.filter((entry) => offered.includes(entry.name))) {
+      pages[each.title] = async () => {
+        const { show: draw } = await import(new URL(each.script, document.baseURI));
+        const element = h("div");
+        leaveTab = (await draw(element, { id, details, replay }))?.leave ?? (() => {});
+        return element;
+      };
+    }
     const buttons = Object.entries(pages).map(([name, page]) => h("button", { type: "button", role: "tab", click: async (event) => {
       for (const button of buttons) button.setAttribute("aria-selected", String(button === event.currentTarget));
+      leaveTab();
+      leaveTab = () => {};
       try {
         content.replaceChildren(await page());
       } catch (error) {
@@ -193,6 +210,7 @@ export function showRun(view, id) {
     leave: () => {
       isGone = true;
       stop();
+      leaveTab();
       curve.destroy();
     },
   };

@@ -107,7 +107,7 @@ function compareBy(key, isReversed) {
   };
 }
 
-export function showRuns(view, query) {
+export function show(view, query) {
   let sort = query.get("sort") ?? "created";
   let isReversed = query.get("order") !== "up";
   const lines = new Map();

@@ -4,7 +4,7 @@ class Store {
   rows = new Map();
   version = 0;
   isLoaded = false;
-  window = { folder: "", read_only: true };
+  window = { folder: "", read_only: true, views: [] };
   #listeners = new Set();
   #connection = () => {};
 

@@ -9,8 +9,8 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, templates
 from swarmwright.common.yaml import dump
-from swarmwright.ui import missions
 from swarmwright.ui.app import create_app
+from swarmwright.ui.views import draw as missions
 from tests.python.ui.client import Answer, call
 
 SMALL: dict[str, Any] = {

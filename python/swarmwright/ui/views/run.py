@@ -1,4 +1,4 @@
-"""What the page of a run shows, as values for JSON."""
+"""The page of a run: its curve with every evaluation, replays, experiment, servers and failures."""
 
 import base64
 from dataclasses import asdict
@@ -6,10 +6,14 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+from starlette.requests import Request
 
 from swarmwright import InputError, Run
 from swarmwright.runs.density import evaluation_density, nearest_evaluation
 from swarmwright.ui.index import as_values, finite
+from swarmwright.ui.requests import read_integer, read_number
+from swarmwright.ui.views._base import STATIC, View
+from swarmwright.ui.window import Window
 
 CURVE_POINTS = 1500
 MOST_EVENTS = 300
@@ -124,3 +128,36 @@ def journal(run: Run) -> dict[str, Any]:
             for failure in run.failures()[:MOST_REASONS]
         ],
     }
+
+
+def replay(window: Window, request: Request) -> str:
+    """Return the page of an episode of a candidate."""
+    run = window.run(request)
+    options: dict[str, Any] = {
+        name: read_integer(request, name)
+        for name in ("generation", "candidate", "episode", "seed")
+        if name in request.query_params
+    }
+    best = () if {"generation", "candidate"} & options.keys() else (run.evaluations,)
+    return window.page((str(run.path), *sorted(options.items()), *best), lambda: run.replay(**options).html)
+
+
+def request_nearest(window: Window, request: Request) -> dict[str, Any]:
+    """Return the evaluation that is nearest to a point of the grid."""
+    point = [read_number(request, name) for name in ("number", "fitness", "width", "height")]
+    return nearest(window.run(request), *point)
+
+
+VIEW = View(
+    "run",
+    STATIC / "run.js",
+    answers={
+        "run": lambda window, request: describe(window.run(request)),
+        "density": lambda window, request: density(
+            window.run(request), read_integer(request, "columns"), read_integer(request, "rows")
+        ),
+        "nearest": request_nearest,
+        "journal": lambda window, request: journal(window.run(request)),
+    },
+    documents={"replay": replay},
+)

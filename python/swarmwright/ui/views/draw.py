@@ -1,13 +1,19 @@
-"""Missions of the arena for the drawing board: read, checked, tried and written."""
+"""The drawing board: missions of the arena, read, checked, tried and written."""
 
 import secrets
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from swarmwright import Controller, Episodes, Experiment, InputError, templates
+from starlette.requests import Request
+
+from swarmwright import Controller, Episodes, Experiment, InputError, Run, templates
 from swarmwright.common import yaml
+from swarmwright.ui.index import as_values
 from swarmwright.ui.jobs import EXPERIMENT_BYTES, NAME
+from swarmwright.ui.requests import read_field, read_index
+from swarmwright.ui.views._base import STATIC, Values, View
+from swarmwright.ui.window import Window
 
 PREFIX = "parameters.mission."
 LONGEST_TRY_S = 300.0
@@ -119,3 +125,54 @@ def save(folder: Path, name: str, mission: dict[str, Any], *, replace: bool) -> 
     except OSError as error:
         raise InputError(f"name: {file} cannot be written: {error.strerror}") from None
     return file.name
+
+
+def read_mission(window: Window, request: Request) -> Values:
+    """Return a built-in mission, or one of the folder."""
+    text = text_of(window.index.folder, request.query_params.get("name", ""))
+    return {"mission": as_values(parse(text))}
+
+
+def parse_text(_window: Window, values: dict[str, Any]) -> Values:
+    """Return the mission that a text describes, and what is wrong with it."""
+    try:
+        mission = parse(read_field(values, "text", str))
+    except InputError as error:
+        return {"problems": str(error).splitlines()}
+    return {"mission": as_values(mission), "problems": problems(mission)}
+
+
+def write_text(_window: Window, values: dict[str, Any]) -> Values:
+    """Return the text of a mission, and what is wrong with it."""
+    mission = read_field(values, "mission", dict)
+    return {"text": yaml.dump(mission), "problems": problems(mission)}
+
+
+def start_try(window: Window, values: dict[str, Any]) -> Values:
+    """Play an episode of a mission; return the name of its page."""
+    mission, name = read_field(values, "mission", dict), read_field(values, "run", str)
+    controller = Run(window.index.path(name)).best.controller if name else None
+    page = try_out(mission, read_index(values.get("seed")), controller)
+    page_id = secrets.token_urlsafe(12)
+    window.keep_page(page_id, page)
+    return {"id": page_id}
+
+
+def save_mission(window: Window, values: dict[str, Any]) -> Values:
+    """Write a mission into the folder of the runs."""
+    mission, name = read_field(values, "mission", dict), read_field(values, "name", str)
+    return {"file": save(window.index.folder, name, mission, replace=values.get("replace") is True)}
+
+
+VIEW = View(
+    "draw",
+    STATIC / "draw.js",
+    "Draw",
+    answers={
+        "missions": lambda window, _request: names(window.index.folder),
+        "mission": read_mission,
+    },
+    asks={"mission_text": write_text, "mission_parse": parse_text, "mission_try": start_try},
+    changes={"mission_save": save_mission},
+    documents={"try": lambda window, request: window.page(request.query_params.get("id", ""))},
+)

@@ -1,0 +1,36 @@
+"""The list of all runs, and what is done with several of them."""
+
+from dataclasses import asdict
+from typing import Any
+
+from swarmwright import InputError
+from swarmwright.ui.requests import read_field, read_index
+from swarmwright.ui.views._base import STATIC, Values, View
+from swarmwright.ui.window import Window
+
+MOST_RUNS = 500
+
+
+def read_runs(window: Window, values: dict[str, Any]) -> list[str]:
+    """Return the runs that a request names. Raises InputError for one that is not in the list."""
+    runs = [read_field({"runs": run}, "runs", str) for run in read_field(values, "runs", list)]
+    for run in runs:
+        window.index.path(run)
+    if not 1 <= len(runs) <= MOST_RUNS:
+        raise InputError(f"runs: choose 1 to {MOST_RUNS} runs, not {len(runs)}")
+    return runs
+
+
+def delete(window: Window, values: dict[str, Any]) -> Values:
+    """Delete runs, by a job."""
+    return {"jobs": [asdict(window.jobs.delete(read_runs(window, values)))]}
+
+
+def resume(window: Window, values: dict[str, Any]) -> Values:
+    """Resume runs, by a job each, up to a number of generations if there is one."""
+    generations = values.get("generations")
+    count = None if generations is None else read_index(generations)
+    return {"jobs": [asdict(window.jobs.resume(run, count)) for run in read_runs(window, values)]}
+
+
+VIEW = View("runs", STATIC / "runs.js", changes={"delete": delete, "resume": resume})

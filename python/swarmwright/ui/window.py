@@ -1,0 +1,117 @@
+"""What all views of a window share: the list of runs, the queue, opened runs, pages of replays."""
+
+import asyncio
+import logging
+import threading
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable, Hashable
+from pathlib import Path
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+
+from swarmwright import InputError, Run
+from swarmwright.ui.index import RunIndex
+from swarmwright.ui.jobs import Jobs
+
+REFRESH_S = 0.5
+"""Between two looks at the stores."""
+FIRST_S = 0.4
+"""After which the rows that have been read are shown, where there are many."""
+HEARTBEAT_S = 15.0
+"""After which a silent stream of events says that it is there: proxies close silent ones."""
+REPLAY_BYTES = 64 << 20
+"""Pages of replays that are kept."""
+MOST_OPENED = 20
+"""Runs that are kept open."""
+
+
+class Window:
+    """What the views share.
+
+    Attributes:
+        index: the list of runs.
+        jobs: the queue of commands.
+        figures: held while Matplotlib draws, which it does in one thread at a time.
+
+    Args:
+        folder: whose runs are shown.
+        read_only: start nothing.
+    """
+
+    def __init__(self, folder: Path, *, read_only: bool = False) -> None:
+        self.index = RunIndex(folder)
+        self.jobs = Jobs(folder)
+        self._read_only = read_only
+        self._opened: OrderedDict[str, tuple[object, Run]] = OrderedDict()
+        self._pages: OrderedDict[Hashable, str] = OrderedDict()
+        self._lock = threading.Lock()
+        self.figures = threading.Lock()
+        self._changed = asyncio.Condition()
+
+    async def watch(self) -> None:
+        """Look for changes until cancelled."""
+        while True:
+            try:
+                if not self._read_only:
+                    await run_in_threadpool(self.jobs.advance)
+                is_changed = await run_in_threadpool(self.index.refresh, FIRST_S)
+            except OSError as error:  # a full disk, a folder that is gone: later it may be there again
+                logging.getLogger("swarmwright").warning("the list of runs is not up to date: %s", error)
+                is_changed = False
+            if is_changed:
+                async with self._changed:
+                    self._changed.notify_all()
+            await asyncio.sleep(REFRESH_S if self.index.is_complete else 0)
+
+    async def events(self, version: int) -> AsyncIterator[bytes]:
+        """Yield changes of the list since a version, as server-sent events.
+
+        A reader that is slow gets what has changed meanwhile at once: nothing is queued for it.
+        """
+        while True:
+            if self.index.version != version:
+                version, message = self.index.delta(version)
+                yield b"data: " + message + b"\n\n"
+            async with self._changed:
+                if self.index.version == version:
+                    try:
+                        await asyncio.wait_for(self._changed.wait(), HEARTBEAT_S)
+                    except TimeoutError:
+                        yield b": still here\n\n"
+
+    def run(self, request: Request) -> Run:
+        """Return the run that a request names, opened anew where it has changed."""
+        name = request.query_params.get("run", "")
+        row = self.index.row(name)
+        with self._lock:
+            opened = self._opened.get(name)
+            if opened is not None and opened[0] == row:
+                return opened[1]
+        run = Run(self.index.path(name))
+        with self._lock:
+            self._opened[name] = (row, run)
+            self._opened.move_to_end(name)
+            while len(self._opened) > MOST_OPENED:
+                self._opened.popitem(last=False)
+        return run
+
+    def keep_page(self, key: Hashable, page: str) -> None:
+        """Keep a page, as of an episode, as long as it is among the newest."""
+        with self._lock:
+            self._pages[key] = page
+            self._pages.move_to_end(key)
+            while sum(map(len, self._pages.values())) > REPLAY_BYTES and len(self._pages) > 1:
+                self._pages.popitem(last=False)
+
+    def page(self, key: Hashable, make: Callable[[], str] | None = None) -> str:
+        """Return a page that is kept, or make and keep it. Raises InputError where there is none to make."""
+        with self._lock:
+            if key in self._pages:
+                self._pages.move_to_end(key)
+                return self._pages[key]
+        if make is None:
+            raise InputError("this page is not kept any more; make it again")
+        page = make()
+        self.keep_page(key, page)
+        return page
