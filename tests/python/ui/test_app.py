@@ -10,37 +10,13 @@ import numpy as np
 import pytest
 from starlette.applications import Starlette
 
-import swarmwright
 from swarmwright import Run
-from swarmwright.ui.app import create_app
 from swarmwright.ui.window import Window
-from tests.python.records import EXPERIMENT
 from tests.python.ui.client import call
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("runs")
-    for seed in (1, 2):
-        swarmwright.optimize(EXPERIMENT, servers="in-process", seed=seed, out=folder / f"run-{seed}")
-    return folder
-
-
-@pytest.fixture
-def app(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Starlette:
-    """Return an application whose list is complete from the start: nothing runs the watcher here."""
-    refresh = Window.__init__
-
-    def complete(self: Window, folder: Path, *, read_only: bool = False) -> None:
-        refresh(self, folder, read_only=read_only)
-        self.index.refresh()
-
-    monkeypatch.setattr(Window, "__init__", complete)
-    return create_app(folder, token=None)
-
-
-def test_a_run_is_described(app: Starlette, folder: Path) -> None:
-    run = Run(folder / "run-1")
+def test_a_run_is_described(app: Starlette, two_runs: Path) -> None:
+    run = Run(two_runs / "run-1")
     values = call(app, "/api/run", run="run-1").values
     assert values["curve"]["best_so_far"] == [summary.best_so_far for summary in run.history]
     assert values["best"]["candidate"] == run.best.candidate
@@ -48,8 +24,8 @@ def test_a_run_is_described(app: Starlette, folder: Path) -> None:
     assert values["sessions"][0]["outcome"] == "done"
 
 
-def test_every_evaluation_is_in_the_grid(app: Starlette, folder: Path) -> None:
-    run = Run(folder / "run-1")
+def test_every_evaluation_is_in_the_grid(app: Starlette, two_runs: Path) -> None:
+    run = Run(two_runs / "run-1")
     values = call(app, "/api/density", run="run-1", columns=50, rows=20).values
     cells = np.frombuffer(base64.b64decode(values["cells"]), np.uint8).reshape(50, 20)
     assert values["evaluations"] == run.evaluations
@@ -57,8 +33,8 @@ def test_every_evaluation_is_in_the_grid(app: Starlette, folder: Path) -> None:
     assert cells.any(axis=1).sum() == min(50, run.evaluations)
 
 
-def test_a_point_finds_its_evaluation(app: Starlette, folder: Path) -> None:
-    run = Run(folder / "run-1")
+def test_a_point_finds_its_evaluation(app: Starlette, two_runs: Path) -> None:
+    run = Run(two_runs / "run-1")
     for number in (0, 7, run.evaluations - 1):
         point: dict[str, Any] = {
             "number": number,
@@ -86,13 +62,6 @@ def test_why_there_is_no_replay_is_a_page(app: Starlette) -> None:
     assert b"candidate" in answer.body
 
 
-def test_runs_are_compared_as_by_the_command(app: Starlette, folder: Path) -> None:
-    answer = call(app, "/api/compare", run=["run-1", "run-2"])
-    comparison = swarmwright.compare([folder / "run-1", folder / "run-2"])
-    assert answer.values["text"] == str(comparison)
-    assert answer.values["figure"].lstrip().startswith("<?xml")
-
-
 def test_the_journal_names_servers_and_failures(app: Starlette) -> None:
     assert set(call(app, "/api/journal", run="run-1").values) == {"events", "servers", "failures"}
 
@@ -112,9 +81,6 @@ def test_the_journal_names_servers_and_failures(app: Starlette) -> None:
             "must be finite",
         ),
         ("nearest", {"run": "run-1", "number": "1e300", "fitness": 0, "width": "1e300", "height": 1}, None),
-        ("compare", {}, "run: choose 1 to 500 runs"),
-        ("compare", {"run": ["run-1"] * 501}, "run: choose 1 to 500 runs"),
-        ("compare", {"run": "run-1", "at": "soon"}, "at: must be a whole number"),
         ("journal", {"run": "run-1\0"}, "there is no such run"),
     ],
 )
@@ -129,9 +95,9 @@ def test_wrong_requests_are_told_why(
         assert message in answer.values["error"]
 
 
-def test_a_slow_reader_gets_what_has_changed_at_once(folder: Path) -> None:
+def test_a_slow_reader_gets_what_has_changed_at_once(two_runs: Path) -> None:
     async def read() -> list[dict[str, object]]:
-        window = Window(folder)
+        window = Window(two_runs)
         window.index.refresh()
         events = window.events(0)
         first = await anext(events)
@@ -146,9 +112,9 @@ def test_a_slow_reader_gets_what_has_changed_at_once(folder: Path) -> None:
     assert second["gone"] == ["run-1", "run-2"]
 
 
-def test_the_list_goes_on_after_an_error_of_the_disk(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_list_goes_on_after_an_error_of_the_disk(two_runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async def watch() -> int:
-        window = Window(folder, read_only=True)
+        window = Window(two_runs, read_only=True)
         refresh = window.index.refresh
         errors = [OSError("no space left")]
 
@@ -167,9 +133,9 @@ def test_the_list_goes_on_after_an_error_of_the_disk(folder: Path, monkeypatch: 
     assert asyncio.run(watch()) > 0
 
 
-def test_the_pages_that_are_kept_are_bounded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_pages_that_are_kept_are_bounded(two_runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("swarmwright.ui.window.REPLAY_BYTES", 1000)
-    window = Window(folder)
+    window = Window(two_runs)
     for number in range(10):
         window.keep_page(str(number), "x" * 400)
     assert [*window._pages] == ["8", "9"]

@@ -43,8 +43,8 @@ export function date(iso) {
 
 /** Asks the server; what it says is wrong is thrown as an Error. */
 export async function ask(path, parameters = {}) {
-  const query = new URLSearchParams();
-  for (const [key, value] of Object.entries(parameters)) {
+  const query = new URLSearchParams(parameters instanceof URLSearchParams ? parameters : []);
+  for (const [key, value] of parameters instanceof URLSearchParams ? [] : Object.entries(parameters)) {
     for (const each of Array.isArray(value) ? value : [value]) {
       if (each !== null && each !== undefined) query.append(key, each);
     }

@@ -4,28 +4,78 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from starlette.requests import Request
+from starlette.responses import Response
 
-from swarmwright import InputError, compare
+from swarmwright import Comparison, InputError, compare
+from swarmwright.analysis.table import csv_text, latex_text
 from swarmwright.ui.index import as_values
 from swarmwright.ui.requests import read_optional_integer
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.window import Window
 
 MOST_COMPARED = 500
+FIGURES = {"svg": "image/svg+xml", "pdf": "application/pdf", "png": "image/png"}
+
+
+def compute(window: Window, request: Request) -> Comparison:
+    """Return the comparison that a request asks for. Raises InputError for wrong values."""
+    query = request.query_params
+    names = query.getlist("run")
+    if not 1 <= len(names) <= MOST_COMPARED:
+        raise InputError(f"run: choose 1 to {MOST_COMPARED} runs, not {len(names)}")
+    return compare(
+        [window.index.path(name) for name in names],
+        held_out=query.get("held_out") == "true",
+        unfinished=query.get("unfinished") == "true",
+        by=query.get("by") or "fitness",  # type: ignore[arg-type]  # `compare` checks it
+        at=read_optional_integer(request, "at"),
+        at_episodes=read_optional_integer(request, "at_episodes"),
+    )
+
+
+def draw(comparison: Comparison, request: Request, ending: str) -> bytes:
+    """Return the figure as a file of this ending."""
+    query = request.query_params
+    with TemporaryDirectory() as folder:
+        file = comparison.plot(
+            Path(folder) / f"comparison.{ending}",
+            x=query.get("x") or "evaluations",
+            metrics="all" if query.get("metrics") == "true" else None,
+            style=query.get("style") or "screen",
+            width=query.get("width") or None,
+        )
+        return file.read_bytes()
 
 
 def answer(window: Window, request: Request) -> Values:
-    """Return the comparison of several runs: its text, values and figure."""
-    names = request.query_params.getlist("run")
-    if not 1 <= len(names) <= MOST_COMPARED:
-        raise InputError(f"run: choose 1 to {MOST_COMPARED} runs, not {len(names)}")
-    paths = [window.index.path(name) for name in names]
-    is_held_out = request.query_params.get("held_out") == "true"
+    """Return the comparison of several runs: its text, values and figure, and its tables for LaTeX."""
     with window.figures:
-        comparison = compare(paths, held_out=is_held_out, at=read_optional_integer(request, "at"))
-        with TemporaryDirectory() as folder:
-            figure = comparison.plot(Path(folder) / "comparison.svg").read_text("utf-8")
-    return {"text": str(comparison), "values": as_values(comparison.to_mapping()), "figure": figure}
+        comparison = compute(window, request)
+        values = comparison.to_mapping()
+        for group, described in zip(comparison.groups, values["groups"], strict=True):
+            for run, entry in zip(group.runs, described["runs"], strict=True):
+                entry["id"] = str(run.path.relative_to(window.index.folder))
+        return {
+            "text": str(comparison),
+            "values": as_values(values),
+            "latex": latex_text(comparison),
+            "figure": draw(comparison, request, "svg").decode(),
+        }
 
 
-VIEW = View("compare", STATIC / "compare.js", answers={"compare": answer})
+def download(window: Window, request: Request) -> Response:
+    """Return the figure or the table of a comparison as a file."""
+    ending = request.query_params.get("format", "")
+    with window.figures:
+        if ending in FIGURES:
+            content, media_type = draw(compute(window, request), request, ending), FIGURES[ending]
+        elif ending == "csv":
+            content = csv_text(compute(window, request), window.index.folder).encode()
+            media_type = "text/csv"
+        else:
+            raise InputError(f"format: must be one of {', '.join((*FIGURES, 'csv'))}, not {ending[:50]!r}")
+    headers = {"Content-Disposition": f'attachment; filename="comparison.{ending}"'}
+    return Response(content, media_type=media_type, headers=headers)
+
+
+VIEW = View("compare", STATIC / "compare.js", answers={"compare": answer, "compare_file": download})
