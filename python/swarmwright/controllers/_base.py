@@ -117,6 +117,11 @@ class Representation(ABC):
         bounded = np.isfinite(lower) & np.isfinite(upper)
         return np.where(bounded, lower, -1.0), np.where(bounded, upper, 1.0)
 
+    @property
+    def gene_names(self) -> tuple[str, ...]:
+        """A name for each gene, for people; empty (the default) if genes have none."""
+        return ()
+
     @abstractmethod
     def architecture(self) -> dict[str, Any]:
         """Return the part of the specification that all controllers share: everything but the weights.

@@ -24,6 +24,11 @@ OUTPUT_RANGE = {
 """Range of a node's output that is mapped to actuators in -1..1, by activation."""
 
 
+def number_names(noun: str, count: int) -> list[str]:
+    """Return a name for each of several things: `sensor 0`, `sensor 1`, .."""
+    return [f"{noun} {number}" for number in range(count)]
+
+
 class NetworkOptions(RepresentationOptions):
     """Options of all networks; those of the genetic operators follow FREVO's FullyMeshedNet."""
 
@@ -110,6 +115,17 @@ class NodeNetwork(Representation):
     def genome_size(self) -> int:
         """Number of genes: a bias for each node and its weights."""
         return int(self._starts[-1])
+
+    def node_names(self) -> Sequence[tuple[str, Sequence[str]]]:
+        """Return the name of each node and those of its inputs, in the genome's order; by default none."""
+        return ()
+
+    @property
+    def gene_names(self) -> tuple[str, ...]:
+        """The node and the input of each weight, such as `actuator 0, sensor 3`."""
+        return tuple(
+            f"{node}, {source}" for node, sources in self.node_names() for source in ("bias", *sources)
+        )
 
     @property
     def initial_range(self) -> Limits:

@@ -269,6 +269,15 @@ class Generations:
             raise self.build_damage_error(_DISAGREE) from error
         return np.concatenate(columns) if columns else np.zeros(0)
 
+    def measure_bytes(self, row: Row) -> int:
+        """Return the bytes of an evaluation of a generation."""
+        size = self._connection.execute(
+            "SELECT (length(fitness) + length(episodes) + length(metrics) + length(genomes)) / evaluations "
+            "FROM block WHERE first >= ? AND first < ? LIMIT 1",
+            (row.first, row.summary.evaluations),
+        ).fetchone()
+        return 0 if size is None else int(size[0])
+
     def best_fitness(self, first: int, end: int) -> float:
         """Return the best fitness of the evaluations from `first` to before `end`; NaN if all failed.
 

@@ -3,7 +3,7 @@
 import hashlib
 import operator
 import sqlite3
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -207,6 +207,26 @@ class StoreReader:
             evaluation = None if row is None else self._read_generation(generations, row)
         if evaluation is not None:
             yield evaluation
+
+    def read_generations(self, numbers: Iterable[int]) -> Iterator[GenerationResult]:
+        """Yield those of some generations that exist, in the order of `numbers`."""
+        with self._pieces() as begin:
+            for number in numbers:
+                with begin() as connection:
+                    tables = self._open_tables(connection)
+                    row = tables.row(number)
+                    result = None if row is None else self._read_generation(tables, row)
+                if result is not None:
+                    yield result
+                    del result  # before the next one is read
+
+    def measure_generation_bytes(self) -> int:
+        """Return the mean size of the evaluations of a generation, about; 0 without generations."""
+        with self._generations() as generations:
+            row = generations.last()
+            if row is None:
+                return 0
+            return generations.measure_bytes(row) * row.summary.evaluations // (row.generation + 1)
 
     def collect_seeds(self) -> set[int]:
         """Return all simulation seeds of the finished generations, without checking their digests."""

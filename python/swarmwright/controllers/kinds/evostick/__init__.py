@@ -9,7 +9,7 @@ from pydantic import Field
 from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers._base import RepresentationOptions
-from swarmwright.controllers.networks import NodeNetwork
+from swarmwright.controllers.networks import NodeNetwork, number_names
 
 
 class EvostickOptions(RepresentationOptions):
@@ -49,6 +49,13 @@ class Evostick(NodeNetwork):
     def node_sizes(self) -> Sequence[int]:
         """Return one node with all genes, so that crossover exchanges runs of genes."""
         return [(self.sensors + 1) * self.actuators - 1]
+
+    @property
+    def gene_names(self) -> tuple[str, ...]:
+        """The actuator and the sensor of each weight."""
+        sources = [*number_names("sensor", self.sensors), "bias"]
+        nodes = number_names("actuator", self.actuators)
+        return tuple(f"{node}, {source}" for source in sources for node in nodes)
 
     @property
     def bounds(self) -> Limits:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.controllers.networks import NetworkOptions, NodeNetwork
+from swarmwright.controllers.networks import NetworkOptions, NodeNetwork, number_names
 
 
 class FullyMeshedOptions(NetworkOptions):
@@ -36,6 +36,11 @@ class FullyMeshed(NodeNetwork):
         """Return the number of all nodes, for each node that is not an input."""
         computed = self.options.hidden + self.actuators
         return [self.sensors + computed] * computed
+
+    def node_names(self) -> Sequence[tuple[str, Sequence[str]]]:
+        """Return the name of each node and those of its inputs, in the genome's order."""
+        nodes = number_names("hidden", self.options.hidden) + number_names("actuator", self.actuators)
+        return [(node, number_names("sensor", self.sensors) + nodes) for node in nodes]
 
     def architecture(self) -> dict[str, Any]:
         """Return the specification of all controllers, without weights."""

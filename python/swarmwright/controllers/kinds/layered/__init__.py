@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.controllers.networks import NetworkOptions, NodeNetwork
+from swarmwright.controllers.networks import NetworkOptions, NodeNetwork, number_names
 
 Size = Annotated[int, Field(ge=1, le=10_000)]
 
@@ -44,6 +44,19 @@ class Layered(NodeNetwork):
         """Return the size of the previous layer, for each node."""
         layers = [self.sensors, *self.options.hidden, self.actuators]
         return [inputs for inputs, nodes in pairwise(layers) for _ in range(nodes)]
+
+    def node_names(self) -> Sequence[tuple[str, Sequence[str]]]:
+        """Return the name of each node and those of its inputs, in the genome's order."""
+        hidden = [
+            number_names("hidden" if len(self.options.hidden) == 1 else f"layer {layer} node", size)
+            for layer, size in enumerate(self.options.hidden)
+        ]
+        layers = [
+            number_names("sensor", self.sensors),
+            *hidden,
+            number_names("actuator", self.actuators),
+        ]
+        return [(node, sources) for sources, nodes in pairwise(layers) for node in nodes]
 
     def architecture(self) -> dict[str, Any]:
         """Return the specification of all controllers, without weights."""

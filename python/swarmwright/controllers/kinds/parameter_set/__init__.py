@@ -195,6 +195,11 @@ class ParameterSet(Representation):
         return len(self.options.parameters)
 
     @property
+    def gene_names(self) -> tuple[str, ...]:
+        """The names of the parameters."""
+        return tuple(self.options.parameters)
+
+    @property
     def bounds(self) -> Limits:
         """0 to 1."""
         return np.zeros(self.genome_size), np.ones(self.genome_size)
