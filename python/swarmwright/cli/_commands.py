@@ -107,6 +107,8 @@ class Group(click.Group):
     sections: heading -> commands that the help lists below it; empty for a single list.
     """
 
+    command_class = Command
+
     def __init__(
         self,
         *args: Any,  # noqa: ANN401 - click's signature

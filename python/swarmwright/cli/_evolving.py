@@ -63,8 +63,6 @@ def evolve(
     experiment: "Experiment",
     work: "Callable[[OnGeneration, OnProgress], Run]",
     *,
-    tensorboard: Path | None,
-    mlflow: str | None,
     observing: Observing,
     broker: str | None = None,
     prefix: str | None = None,
@@ -75,9 +73,7 @@ def evolve(
         output: where to show them.
         experiment: the experiment to run.
         work: gets the functions to call after each generation and within it.
-        tensorboard: folder for TensorBoard, or None.
-        mlflow: MLflow's tracking server, or None.
-        observing: log and metrics for programs.
+        observing: where to report progress beside the output.
         broker: the run's broker, if it may differ from the experiment's.
         prefix: topic prefix, if it differs from the experiment's.
     """
@@ -86,16 +82,18 @@ def evolve(
     where = _resume_options(experiment, broker, prefix)
     try:
         with leave_reports_to_caller():
-            return _evolve(
-                output,
-                experiment,
-                work,
-                tensorboard=tensorboard,
-                mlflow=mlflow,
-                observing=observing,
-                broker=broker,
-                where=where,
-            )
+            run, reader = _run(output, experiment, work, observing)
+            error = reader.lost
+            if error is None:
+                try:
+                    _conclude(output, run, broker, where)
+                except OSError as failure:
+                    if isinstance(failure, BrokenPipeError) or failure.filename != STDOUT:
+                        raise
+                    error = failure
+            if error is not None:
+                return _report_lost_output(error, run, where)
+            return INTERRUPTED if run.interrupted else 0
     except InterruptedWithResults as interrupt:
         # On standard error, in place of the results.
         complain(
@@ -104,24 +102,20 @@ def evolve(
         return INTERRUPTED
 
 
-def _evolve(
+def _run(
     output: Output,
     experiment: "Experiment",
     work: "Callable[[OnGeneration, OnProgress], Run]",
-    *,
-    tensorboard: Path | None,
-    mlflow: str | None,
     observing: Observing,
-    broker: str | None,
-    where: str,
-) -> int:
+) -> "tuple[Run, Reader]":
+    """Do the work and show its progress; return the run, and whether the output was read to the end."""
     from swarmwright.runs.optimization.optimize import InterruptedWithResults
 
     reader = Reader()
     with ExitStack() as stack:
         observer = stack.enter_context(observe_run(output, observing))
         observer.log_start(experiment)
-        watchers = [stack.enter_context(callback) for callback in _watchers(experiment, tensorboard, mlflow)]
+        watchers = [stack.enter_context(callback) for callback in _watchers(experiment, observing)]
         shown = stack.enter_context(progress(output, experiment.budget))
 
         def tell(generation: "Generation") -> bool:
@@ -141,17 +135,7 @@ def _evolve(
             stack.close()
         except KeyboardInterrupt:
             raise InterruptedWithResults(run.path) from None
-    if reader.lost is not None:
-        return _report_lost_output(reader.lost, run, where)
-    try:
-        _conclude(output, run, broker, where)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        if error.filename != STDOUT:
-            raise
-        return _report_lost_output(error, run, where)
-    return INTERRUPTED if run.interrupted else 0
+    return run, reader
 
 
 def _resume_options(experiment: "Experiment", broker: str | None, prefix: str | None) -> str:
@@ -185,13 +169,13 @@ def _report_lost_output(error: OSError, run: "Run", where: str) -> int:
     return INTERRUPTED if closed else RunError.exit_status
 
 
-def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | None) -> "Iterator[Callback]":
+def _watchers(experiment: "Experiment", observing: Observing) -> "Iterator[Callback]":
     from swarmwright.runs import callbacks
 
-    if tensorboard is not None:
-        yield callbacks.TensorBoard(tensorboard, experiment)
-    if mlflow is not None:
-        yield callbacks.MLflow(mlflow, experiment)
+    if observing.tensorboard is not None:
+        yield callbacks.TensorBoard(observing.tensorboard, experiment)
+    if observing.mlflow is not None:
+        yield callbacks.MLflow(observing.mlflow, experiment)
 
 
 class Reader:

@@ -28,7 +28,6 @@ def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     file = click.option(
         "--log",
         type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
-        metavar="FILE",
         help="Append events to FILE, one JSON object per line; - is standard error.",
     )
     level = click.option(

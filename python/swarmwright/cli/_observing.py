@@ -1,5 +1,6 @@
 """Observers of a run on the command line: logs, metrics, warnings."""
 
+import functools
 import re
 import time
 from collections import Counter
@@ -98,43 +99,46 @@ def _show(text: str) -> None:
     complain(escape_line(text))
 
 
-class Endpoint(click.ParamType[tuple[str, int]]):
-    """HOST:PORT, or PORT on the loopback address."""
-
-    name = "endpoint"
-
-    def convert(
-        self, value: str | tuple[str, int], param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, int]:
-        """Return host and port."""
-        if isinstance(value, tuple):
-            return value
-        host, _, port = value.rpartition(":")
-        host = host.removeprefix("[").removesuffix("]") or "127.0.0.1"
-        if not port.isascii() or not port.isdigit() or int(port) > 65535:
-            self.fail(f"'{value}' is not an address: give HOST:PORT, or a PORT from 0 to 65535.", param, ctx)
-        return host, int(port)
-
-
-def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """Add `--log FILE` with its level and size, and `--metrics HOST:PORT`."""
-    metrics = click.option(
-        "--metrics",
-        type=Endpoint(),
-        metavar="[HOST:]PORT",
-        help="Serve Prometheus metrics at http://HOST:PORT/metrics. Default host: 127.0.0.1.",
-    )
-    return log_options(metrics(command))
+def _endpoint(value: str) -> tuple[str, int]:
+    """Parse HOST:PORT, or PORT on the loopback address."""
+    host, _, port = value.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]") or "127.0.0.1"
+    if not port.isascii() or not port.isdigit() or int(port) > 65535:
+        raise click.BadParameter(f"'{value}' is not an address: give HOST:PORT, or a PORT from 0 to 65535.")
+    return host, int(port)
 
 
 @dataclass(frozen=True)
 class Observing:
-    """Options for the log and the metrics."""
+    """Where a command reports its progress to, beside its output."""
 
     log: Path | None = None
     log_level: str = "info"
-    metrics: tuple[str, int] | None = None
     log_size: int | None = None
+    metrics: tuple[str, int] | None = None
+    tensorboard: Path | None = None
+    mlflow: str | None = None
+
+
+def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    """Add `--log FILE` with its level and size, and `--metrics HOST:PORT`.
+
+    The command gets `observing`, an `Observing`. It also takes `--tensorboard` and `--mlflow`, if they are
+    declared above.
+    """
+    metrics = click.option(
+        "--metrics",
+        type=_endpoint,
+        metavar="[HOST:]PORT",
+        help="Serve Prometheus metrics at http://HOST:PORT/metrics. Default host: 127.0.0.1.",
+    )
+
+    @functools.wraps(command)
+    def observed(**options: Any) -> Any:  # noqa: ANN401 - the command's
+        values = {field.name: options.pop(field.name) for field in fields(Observing) if field.name in options}
+        return command(observing=Observing(**values), **options)
+
+    return log_options(metrics(observed))
 
 
 class ToolObserver:

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import click
 
@@ -23,12 +23,17 @@ from swarmwright.experiment.broker_address import (
     prefix_problem,
 )
 
+if TYPE_CHECKING:
+    from swarmwright import Experiment
+
 LARGEST_ID = 2**63 - 1
 """Largest id of a server, in the protocol."""
 
 
 class WholeNumber(click.IntRange):
     """A whole number in a range, with a clear error for anything else."""
+
+    name = "n"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:  # noqa: ANN401 - click's signature
         """The number."""
@@ -42,51 +47,44 @@ class WholeNumber(click.IntRange):
 class RealNumber(click.FloatRange):
     """A number in a range; NaN, which no limit excludes, is refused."""
 
+    name = "seconds"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401 - click's signature
         """The number."""
-        number = float(super().convert(value, param, ctx))
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
         if math.isnan(number):
             self.fail(f"'{value}' is not a number.", param, ctx)
-        return number
+        return float(super().convert(value, param, ctx))
 
 
-class FiniteNumber(click.ParamType[float]):
-    """Any finite number; help shows no range."""
-
-    name = "number"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401 - click's signature
-        """The number."""
-        number = float(click.FLOAT.convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"'{value}' is not a finite number.", param, ctx)
-        return number
+# Types below are functions: click reports the option, and the message of `click.BadParameter`.
 
 
-class BrokerUrl(click.ParamType[str]):
-    """Address of a broker, without a password: other users of the machine can list processes."""
-
-    name = "url"
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Check the address."""
-        problem = broker_problem(value)
-        if problem:
-            self.fail(f"the broker's address {problem}.", param, ctx)
-        return value
+def finite_number(value: str) -> float:
+    """Parse any finite number; help shows no range."""
+    number = float(click.FLOAT(value))
+    if not math.isfinite(number):
+        raise click.BadParameter(f"'{value}' is not a finite number.")
+    return number
 
 
-class Prefix(click.ParamType[str]):
-    """The first levels of all topics."""
+def broker_url(value: str) -> str:
+    """Check the address of a broker; it has no password, as other users of the machine can list processes."""
+    problem = broker_problem(value)
+    if problem:
+        raise click.BadParameter(f"the broker's address {problem}.")
+    return value
 
-    name = "prefix"
 
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Check the prefix."""
-        problem = prefix_problem(value)
-        if problem:
-            self.fail(f"'{value}' {problem}.", param, ctx)
-        return value
+def topic_prefix(value: str) -> str:
+    """Check the first levels of all topics."""
+    problem = prefix_problem(value)
+    if problem:
+        raise click.BadParameter(f"'{value}' {problem}.")
+    return value
 
 
 class ExistingPath(click.ParamType[Path]):
@@ -96,9 +94,8 @@ class ExistingPath(click.ParamType[Path]):
     in place of a run folder; `FILE` and `PAGE` in it are replaced.
     """
 
-    name = "path"
-
     def __init__(self, *, folder: bool | None = False, for_experiment: str = "") -> None:
+        self.name = "dir" if folder else "file"
         self.folder = folder
         self.for_experiment = for_experiment
 
@@ -129,26 +126,21 @@ class ExistingPath(click.ParamType[Path]):
         return f", {self.for_experiment.replace('FILE', shlex.quote(str(file))).replace('PAGE', page)}"
 
 
-class ControllerOrCandidate(click.ParamType[str]):
-    """A file with a controller, the folder of a run, or a candidate of it, `RUN:GENERATION:CANDIDATE`."""
-
-    name = "controller"
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Check that the file or folder exists."""
-        run, *numbers = value.rsplit(":", 2)
-        if len(numbers) == 2 and not Path(value).exists():
-            ExistingPath(folder=True).convert(run, param, ctx)
-            CandidateId().convert(":".join(numbers), param, ctx)
-        else:
-            ExistingPath(folder=None).convert(value, param, ctx)
-        return value
+def controller_or_candidate(value: str) -> str:
+    """Check a file with a controller, the folder of a run, or a candidate `RUN:GENERATION:CANDIDATE`."""
+    run, *numbers = value.rsplit(":", 2)
+    if len(numbers) == 2 and not Path(value).exists():
+        ExistingPath(folder=True).convert(run, None, None)
+        candidate_id(":".join(numbers))
+    else:
+        ExistingPath(folder=None).convert(value, None, None)
+    return value
 
 
 class OutputFile(click.ParamType[Path]):
     """A file to write later, checked as far as possible before the work starts."""
 
-    name = "path"
+    name = "file"
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Check that the file can be written."""
@@ -164,16 +156,11 @@ class OutputFile(click.ParamType[Path]):
         return path
 
 
-class OutputFolder(click.ParamType[Path]):
-    """A folder to write into, which may not exist yet."""
-
-    name = "path"
-
-    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Refuse "", which does not mean the working folder ('.')."""
-        if value == "":
-            self.fail("it is empty; name a folder, or '.' for the working folder.", param, ctx)
-        return Path(value)
+def output_folder(value: str) -> Path:
+    """Return a folder to write into, which may not exist yet; refuse "", which does not mean '.'."""
+    if value == "":
+        raise click.BadParameter("it is empty; name a folder, or '.' for the working folder.")
+    return Path(value)
 
 
 class OutputOption(click.Option):
@@ -227,27 +214,20 @@ Servers = int | str
 _SERVER_WORDS = ("auto", "local", "in-process")
 
 
-class ServerCount(click.ParamType[Servers]):
-    """`auto`, `local`, `in-process`, a number of servers, or launchers with numbers, `slurm:4`."""
-
-    name = "auto|local|in-process|N|LAUNCHER:N"
-
-    def convert(self, value: str | int, param: click.Parameter | None, ctx: click.Context | None) -> Servers:
-        """Parse the word or the number."""
-        if value in _SERVER_WORDS or (isinstance(value, str) and ":" in value):
-            return value
-        try:
-            number = int(value)
-        except ValueError:
-            self.fail(
-                f"'{value}' is neither a number of servers nor 'auto', 'local' or 'in-process', nor a "
-                f"launcher with a number, such as slurm:4{_leave_out_hint(str(value))}.",
-                param,
-                ctx,
-            )
-        if not 1 <= number <= 1024:
-            self.fail(f"{number} is not in the range 1..1024.", param, ctx)
-        return number
+def server_count(value: str) -> Servers:
+    """Parse `auto`, `local`, `in-process`, a number of servers, or launchers with numbers, `slurm:4`."""
+    if value in _SERVER_WORDS or ":" in value:
+        return value
+    try:
+        number = int(value)
+    except ValueError:
+        raise click.BadParameter(
+            f"'{value}' is neither a number of servers nor 'auto', 'local' or 'in-process', nor a "
+            f"launcher with a number, such as slurm:4{_leave_out_hint(value)}."
+        ) from None
+    if not 1 <= number <= 1024:
+        raise click.BadParameter(f"{number} is not in the range 1..1024.")
+    return number
 
 
 def _leave_out_hint(value: str) -> str:
@@ -257,67 +237,32 @@ def _leave_out_hint(value: str) -> str:
     return "; leave --servers out to use the experiment's" if value in LAUNCHERS.names() else ""
 
 
-class CandidateId(click.ParamType[tuple[int | None, int]]):
-    """`G:N`, a candidate of a generation; or `N`, an evaluation of the whole run."""
-
-    name = "candidate"
-
-    def convert(
-        self, value: str, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int | None, int]:
-        """Return generation, None if it is missing, and candidate."""
-        number = WholeNumber(min=0, max=2**63 - 1)
-        generation, colon, candidate = value.rpartition(":")
-        if not all(
-            part.isascii() and part.isdigit() for part in (candidate, *([generation] if colon else []))
-        ):
-            self.fail(
-                f"'{value}' is not G:N, such as 19:3: generation and candidate, both from 0.", param, ctx
-            )
-        return (
-            number.convert(generation, param, ctx) if colon else None,
-            number.convert(candidate, param, ctx),
+def candidate_id(value: str) -> tuple[int | None, int]:
+    """Parse `G:N`, a candidate of a generation, or `N`, an evaluation of the whole run; G is None then."""
+    number = WholeNumber(min=0, max=2**63 - 1)
+    parts = value.split(":")
+    if len(parts) > 2 or not all(part.isascii() and part.isdigit() for part in parts):
+        raise click.BadParameter(
+            f"'{value}' is not G:N, such as 19:3: generation and candidate, both from 0."
         )
+    *generation, candidate = (number.convert(part, None, None) for part in parts)
+    return (generation[0] if generation else None), candidate
 
 
-class Renamed(click.ParamType[tuple[str, str]]):
-    """A group or task, and its new name."""
-
-    name = "GROUP=NAME"
-
-    def convert(
-        self,
-        value: Any,  # noqa: ANN401 - click's signature
-        param: click.Parameter | None,
-        ctx: click.Context | None,
-    ) -> tuple[str, str]:
-        """Split at the first equals sign."""
-        if isinstance(value, tuple):
-            return value
-        old, equals, new = str(value).partition("=")
-        if not old or not equals or not new.strip():
-            self.fail(f"{value!r} is not GROUP=NAME, such as nnga='genetic algorithm'.", param, ctx)
-        return old, new.strip()
+def renamed(value: str) -> tuple[str, str]:
+    """Split a group or task from its new name at the first equals sign."""
+    old, equals, new = value.partition("=")
+    if not old or not equals or not new.strip():
+        raise click.BadParameter(f"{value!r} is not GROUP=NAME, such as nnga='genetic algorithm'.")
+    return old, new.strip()
 
 
-class ObjectiveValue(click.ParamType[tuple[str, float]]):
-    """`NAME=VALUE`, a value of an objective."""
-
-    name = "value"
-
-    def convert(
-        self,
-        value: Any,  # noqa: ANN401 - click's signature
-        param: click.Parameter | None,
-        ctx: click.Context | None,
-    ) -> tuple[str, float]:
-        """Return the name and the value."""
-        if isinstance(value, tuple):
-            return value
-        name, equals, number = value.partition("=")
-        if not name or not equals:
-            self.fail(f"'{value}' is not NAME=VALUE, such as fitness=0.", param, ctx)
-        return name, FiniteNumber().convert(number, param, ctx)
+def objective_value(value: str) -> tuple[str, float]:
+    """Parse `NAME=VALUE`, a value of an objective."""
+    name, equals, number = value.partition("=")
+    if not name or not equals:
+        raise click.BadParameter(f"'{value}' is not NAME=VALUE, such as fitness=0.")
+    return name, finite_number(number)
 
 
 Decorator = Callable[[Any], Any]
@@ -336,7 +281,7 @@ def combine_options(*options: Decorator) -> Decorator:
 
 servers_option: Decorator = click.option(
     "--servers",
-    type=ServerCount(),
+    type=server_count,
     metavar="N",
     help="""\b
 N           start N servers on this machine
@@ -351,9 +296,7 @@ LAUNCHER:N  servers elsewhere: slurm:200, or
 )
 
 simulation_option: Decorator = click.option(
-    "--simulation",
-    metavar="FILE:CLASS",
-    help="Python class to use if the run's was edited or moved.",
+    "--simulation", metavar="FILE:CLASS", help="Python class to use if the run's was edited or moved."
 )
 
 
@@ -387,8 +330,13 @@ def set_option(
 
 
 json_option: Decorator = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object per line."
+    "--json",
+    "output",
+    is_flag=True,
+    callback=lambda _context, _parameter, is_set: Output(as_json=is_set),
+    help="Print one JSON object per line.",
 )
+"""`--json`; the command gets `output`, an `Output`."""
 
 
 def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
@@ -405,7 +353,7 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     candidate = click.option(
         "--candidate",
         "chosen",
-        type=CandidateId(),
+        type=candidate_id,
         metavar="G:N",
         help="""\b
 G:N  candidate N of generation G
@@ -433,9 +381,7 @@ Counted from 0. Default: the best.""",
 
 
 held_out_option: Decorator = click.option(
-    "--held-out",
-    is_flag=True,
-    help="Compare the best candidates by their validation on held-out seeds.",
+    "--held-out", is_flag=True, help="Compare the best candidates by their validation on held-out seeds."
 )
 at_option: Decorator = click.option(
     "--at",
@@ -463,7 +409,7 @@ _BY_OPTIONS: tuple[Decorator, ...] = (
     ),
     click.option(
         "--reference",
-        type=ObjectiveValue(),
+        type=objective_value,
         multiple=True,
         metavar="NAME=VALUE",
         help="With --by hypervolume: reference point, a value for fitness and each objective. Default: "
@@ -471,7 +417,7 @@ _BY_OPTIONS: tuple[Decorator, ...] = (
     ),
     click.option(
         "--offset",
-        type=FiniteNumber(),
+        type=finite_number,
         metavar="FITNESS",
         help="With --by qd_score: worst possible fitness, subtracted from each elite's. Default: 0, or "
         "the lowest compared fitness if negative.",
@@ -496,7 +442,7 @@ _SHOWN_OPTIONS: tuple[Decorator, ...] = (
     click.option(
         "--label",
         "labels",
-        type=Renamed(),
+        type=renamed,
         multiple=True,
         metavar="GROUP=NAME",
         help="Rename a group or task: --label nnga='genetic algorithm'. Repeatable.",
@@ -504,10 +450,21 @@ _SHOWN_OPTIONS: tuple[Decorator, ...] = (
 )
 
 
+def _with_comparison(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    @functools.wraps(command)
+    def comparing(**options: Any) -> Any:  # noqa: ANN401 - the command's
+        from swarmwright.cli._comparison import ComparisonOptions
+
+        compared = ComparisonOptions.from_options(options)
+        return command(compared=compared, **options)
+
+    return comparing
+
+
 compare_options = combine_options(
-    *_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS
+    *_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS, _with_comparison
 )
-"""Options shared by commands that compare runs: the fields of `_comparison.ComparisonOptions`."""
+"""Options shared by commands that compare runs, which get `compared`, a `ComparisonOptions`."""
 
 
 DEFAULT_BROKER = "mqtt://localhost:1883"
@@ -521,7 +478,7 @@ def broker_option(*, default: str | None, text: str) -> Decorator:
     """
     return click.option(
         "--broker",
-        type=BrokerUrl(),
+        type=broker_url,
         metavar="URL",
         default=default,
         envvar=BROKER_VARIABLE if default else None,
@@ -533,13 +490,13 @@ def broker_option(*, default: str | None, text: str) -> Decorator:
 
 peer_prefix_option: Decorator = click.option(
     "--prefix",
-    type=Prefix(),
+    type=topic_prefix,
     metavar="P",
     help=f"Topic prefix, such as lab/1. Default: {PREFIX_VARIABLE} on a named broker, or none.",
 )
 prefix_option: Decorator = click.option(
     "--prefix",
-    type=Prefix(),
+    type=topic_prefix,
     default="",
     metavar="P",
     envvar=PREFIX_VARIABLE,
@@ -559,7 +516,7 @@ def _clear_environment_prefix(
 
 experiment_prefix_option: Decorator = click.option(
     "--prefix",
-    type=Prefix(),
+    type=topic_prefix,
     metavar="P",
     callback=_clear_environment_prefix,
     help=f"Topic prefix. Default: the experiment's, {PREFIX_VARIABLE}, or none.",
@@ -583,19 +540,19 @@ def prefix_settings(prefix: str | None) -> tuple[str, ...]:
 wait_option: Decorator = click.option(
     "--wait",
     type=RealNumber(0, 31 * 86400.0),
-    metavar="SECONDS",
     help="Time to wait for an unreachable broker. Default: the experiment's timeouts.connect, or 0.",
 )
 
 
-def experiment_broker(broker: str | None, experiment_value: str | None, servers: object) -> str | None:
+def experiment_broker(experiment: "Experiment", broker: str | None, servers: object = None) -> str | None:
     """Return the broker of an experiment: the option, then the experiment file, then the environment.
 
     None without a broker, and for evaluation in this process, which connects to none.
     """
-    if broker is not None or experiment_value is not None or servers in ("local", "in-process"):
+    servers = experiment.servers if servers is None else servers
+    if broker is not None or experiment.broker is not None or servers in ("local", "in-process"):
         return broker
-    return _environment_broker()
+    return environment_broker()
 
 
 def peer_broker(broker: str | None, command: str | None) -> str | None:
@@ -603,7 +560,7 @@ def peer_broker(broker: str | None, command: str | None) -> str | None:
 
     None without a broker: then the kit starts one.
     """
-    chosen = _environment_broker() if broker is None and command is None else broker
+    chosen = environment_broker() if broker is None and command is None else broker
     if chosen is not None and "," in chosen:
         raise click.BadParameter("names several brokers; a peer is tried on one.", param_hint="'--broker'")
     return chosen
@@ -620,10 +577,11 @@ def peer_prefix(prefix: str | None, broker: str | None) -> str:
     return prefix
 
 
-def _environment_broker() -> str | None:
+def environment_broker() -> str | None:
+    """Return the broker that the environment names, checked as the option is."""
     named = os.environ.get(BROKER_VARIABLE)
     try:
-        return BrokerUrl().convert(named, None, None) if named else None
+        return broker_url(named) if named else None
     except click.BadParameter as error:
         error.param_hint = f"'{BROKER_VARIABLE}' (environment)"
         raise
@@ -668,8 +626,8 @@ def episodes_options(figure: str, table: str) -> Decorator:
     The command gets `picture` and `table`, whose endings are checked before it runs.
     """
     return combine_options(
-        click.option("--out", "picture", cls=SaveOption, type=OutputFile(), metavar="FILE", help=figure),
-        click.option("--csv", "table", type=OutputFile(), metavar="FILE", help=table),
+        click.option("--out", "picture", cls=SaveOption, type=OutputFile(), help=figure),
+        click.option("--csv", "table", type=OutputFile(), help=table),
         _with_checked_files,
     )
 

@@ -1,5 +1,6 @@
 """Options of commands that save an episode as a picture, page or video, and its display in a browser."""
 
+import functools
 import os
 import subprocess
 import sys
@@ -7,15 +8,16 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 from click.core import ParameterSource
 
-from swarmwright.cli._options import OutputFile, RealNumber, SaveOption, combine_options, experiment_broker
+from swarmwright.cli._options import OutputFile, RealNumber, SaveOption, combine_options, environment_broker
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
+    from swarmwright import Experiment
     from swarmwright.display import Recording, Shown
     from swarmwright.display.pictures import PictureRecording
 
@@ -57,7 +59,56 @@ def open_in_browser(file: Path) -> bool:
     return False
 
 
-Colors = Literal["auto", "state", "value", "controller"]
+class Picture(NamedTuple):
+    """Options of a command that shows an episode: the file for it, or None, and what it shows."""
+
+    file: Path | None
+    opening: bool
+    speed: float
+    shown: "Shown"
+
+    def describe(self, recording: "Recording | PictureRecording") -> dict[str, Any]:
+        """Return the facts of a written recording for `--json`."""
+        steps = len(recording.fitness_so_far) - 1
+        return {"fitness": recording.fitness, "steps": steps, "picture": str(self.file)}
+
+    @property
+    def sentence(self) -> str:
+        """The kind and path of the written file."""
+        assert self.file is not None
+        words = {".html": "The page", ".mp4": "The video", ".gif": "The animation"}
+        return f"{words.get(self.file.suffix.lower(), 'The picture')} is in {self.file}"
+
+    def open(self, output: Output) -> None:
+        """Open the file in a browser, if that was requested; print its address."""
+        if self.file is None or not self.opening:
+            return
+        address = self.file.absolute().as_uri()
+        if open_in_browser(self.file):
+            output.text(f"Opening it in the browser. If no window appears: {address}")
+        else:
+            output.text(f"Open it in a browser: {address}")
+
+
+def _with_picture(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    @functools.wraps(command)
+    def picturing(
+        *,
+        picture: Path | None,
+        opening: bool,
+        speed: float,
+        parts: str,
+        colors: str,
+        **rest: Any,  # noqa: ANN401 - those of the command
+    ) -> Any:  # noqa: ANN401 - the command's
+        if picture is None:
+            check_unsaved({"opening": "--open", "parts": "--show", "colors": "--colors"})
+        else:
+            _check_file(picture)
+        return command(picture=Picture(picture, opening, speed, _parse_parts(parts, colors)), **rest)
+
+    return picturing
+
 
 picture_options = combine_options(
     click.option(
@@ -65,7 +116,6 @@ picture_options = combine_options(
         "picture",
         cls=SaveOption,
         type=OutputFile(),
-        metavar="FILE",
         help="Write the episode to a file: .html is an interactive page, .gif an animation, .mp4 a video, "
         ".png a still image with trajectories.",
     ),
@@ -100,11 +150,9 @@ picture_options = combine_options(
         help="Colour bodies by kind and state, by value, or by the state of their controller's state "
         "machine.",
     ),
+    _with_picture,
 )
-"""`--save`, `--open`, `--speed`, `--show` and `--colors`.
-
-The command gets `picture`, `opening`, `speed`, `parts` and `colors`.
-"""
+"""`--save`, `--open`, `--speed`, `--show` and `--colors`; the command gets `picture`, a `Picture`."""
 
 
 def check_unsaved(options: Mapping[str, str]) -> None:
@@ -115,19 +163,20 @@ def check_unsaved(options: Mapping[str, str]) -> None:
             raise click.UsageError(f"{option} needs a file to write: add --save FILE.")
 
 
-def broker_of(simulation: str, broker: str | None, experiment_value: str | None) -> str | None:
+def broker_of(experiment: "Experiment", broker: str | None, simulation: str | None = None) -> str | None:
     """Return the broker on which to compute an episode; None for this process.
 
     For a simulation that this process lacks, the experiment's broker or the environment's is the default.
+    simulation: replaces the experiment's.
     """
     from swarmwright.simulations import catalogue
 
-    if broker is not None or catalogue.is_local(simulation):
+    if broker is not None or catalogue.is_local(simulation or experiment.simulation):
         return broker
-    return experiment_broker(None, experiment_value, None)
+    return environment_broker() if experiment.broker is None else None
 
 
-def check_file(picture: Path) -> None:
+def _check_file(picture: Path) -> None:
     """Refuse a file with an unknown ending."""
     from swarmwright.display.files import FORMATS
 
@@ -136,7 +185,7 @@ def check_file(picture: Path) -> None:
         raise click.UsageError(f"--save {picture}: files end with {endings}.")
 
 
-def parse_parts(parts: str, colors: Colors) -> "Shown":
+def _parse_parts(parts: str, colors: Any) -> "Shown":  # noqa: ANN401 - one of its colours
     """Parse `--show` and `--colors`."""
     from swarmwright.display import PARTS, Shown
 
@@ -149,24 +198,3 @@ def parse_parts(parts: str, colors: Colors) -> "Shown":
     shown = Shown(**{part: part in names for part in PARTS}, colors=colors)
     chosen = click.get_current_context().get_parameter_source("parts") is not ParameterSource.DEFAULT
     return shown if chosen else replace(shown, labels=None)
-
-
-def describe_file(picture: Path) -> str:
-    """Return a sentence on the kind and path of a written file."""
-    words = {".html": "The page", ".mp4": "The video", ".gif": "The animation"}
-    return f"{words.get(picture.suffix.lower(), 'The picture')} is in {picture}"
-
-
-def describe_recording(recording: "Recording | PictureRecording", picture: Path) -> dict[str, Any]:
-    """Return the facts of a written recording for `--json`."""
-    steps = len(recording.fitness_so_far) - 1
-    return {"fitness": recording.fitness, "steps": steps, "picture": str(picture)}
-
-
-def show_in_browser(output: Output, picture: Path) -> None:
-    """Open a file in a browser, or print its address if that is not possible."""
-    address = picture.absolute().as_uri()
-    if open_in_browser(picture):
-        output.text(f"Opening it in the browser. If no window appears: {address}")
-    else:
-        output.text(f"Open it in a browser: {address}")

@@ -20,7 +20,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log, log_options
-from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
+from swarmwright.cli._options import ExistingPath, WholeNumber, json_option, topic_prefix
 from swarmwright.cli._output import Output
 from swarmwright.common.errors import InputError
 from swarmwright.common.processes import allow_more_open_files
@@ -182,16 +182,11 @@ def reload(broker: "_engine.Broker", output: Output, lines: Log) -> None:
 Port = WholeNumber(0, 65535)
 
 
-class Mode(click.ParamType[int]):
-    """Permissions of a file in octal digits, as for chmod."""
-
-    name = "mode"
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the permissions as bits."""
-        if not re.fullmatch("0?[0-7]{3}", value):
-            self.fail(f"'{value}' is not a mode; write three octal digits, such as 660.", param, ctx)
-        return int(value, 8)
+def _mode(value: str) -> int:
+    """Parse the permissions of a file in octal digits, as for chmod."""
+    if not re.fullmatch("0?[0-7]{3}", value):
+        raise click.BadParameter(f"'{value}' is not a mode; write three octal digits, such as 660.")
+    return int(value, 8)
 
 
 _LOGGER = logging.getLogger("swarmwright.servers.broker")
@@ -208,7 +203,12 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 
 
 @click.command("broker", cls=Command, example=EXAMPLE)
-@click.option("--port", type=Port, help="TCP port; 0 takes a free one.  [default: 1883, or 8883 with TLS]")
+@click.option(
+    "--port",
+    type=Port,
+    metavar="PORT",
+    help="TCP port; 0 takes a free one.  [default: 1883, or 8883 with TLS]",
+)
 @click.option(
     "--host",
     "hosts",
@@ -226,7 +226,7 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 )
 @click.option(
     "--socket-mode",
-    type=Mode(),
+    type=_mode,
     metavar="MODE",
     help="Permissions of the socket; users who may write to it may connect.  [default: 600]",
 )
@@ -239,9 +239,7 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     help="Allow websocket connections from web pages of this origin, such as https://dash.example.org, or "
     "* for all. Pages of the broker's host are always allowed. Repeatable.",
 )
-@click.option(
-    "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users may connect."
-)
+@click.option("--users", type=ExistingPath(), help="Password file; only its users may connect.")
 @click.option(
     "--anonymous",
     is_flag=True,
@@ -252,24 +250,17 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     "--account",
     "account_file",
     type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
     help="Write the account to a file of shell variables (mode 0600), for peers not made with "
     "Swarmwright: `. FILE` before they start. Removed when the broker ends.",
 )
 @click.option(
-    "--access",
-    type=ExistingPath(),
-    metavar="FILE",
-    help="Access rules for topics, in the format of Mosquitto's acl_file.",
+    "--access", type=ExistingPath(), help="Access rules for topics, in the format of Mosquitto's acl_file."
 )
-@click.option(
-    "--certificate", type=ExistingPath(), metavar="FILE", help="Listen with TLS; certificate chain, PEM."
-)
-@click.option("--key", type=ExistingPath(), metavar="FILE", help="Private key of the certificate, PEM.")
+@click.option("--certificate", type=ExistingPath(), help="Listen with TLS; certificate chain, PEM.")
+@click.option("--key", type=ExistingPath(), help="Private key of the certificate, PEM.")
 @click.option(
     "--client-ca",
     type=ExistingPath(),
-    metavar="FILE",
     help="Require client certificates signed by an authority in this file, PEM (mutual TLS).",
 )
 @click.option(
@@ -290,7 +281,7 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 @click.option(
     "--prefix",
     "prefixes",
-    type=Prefix(),
+    type=topic_prefix,
     multiple=True,
     metavar="P",
     help="With --init: topic prefix with separate accounts. Repeatable.",
@@ -298,7 +289,6 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 @click.option(
     "--iterations",
     type=WholeNumber(min=1000, max=10_000_000),
-    metavar="N",
     help="With --init: PBKDF2 rounds per password.  [default: 210000, as OWASP advises]",
 )
 @click.option(
@@ -306,7 +296,6 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     type=WholeNumber(min=1, max=2**32 - 1),
     default=500_000,
     show_default=True,
-    metavar="N",
     help="Packets accepted from one client per second; a faster client is slowed down.",
 )
 @click.option(
@@ -341,7 +330,7 @@ def command(
     log: Path | None,
     log_level: str,
     log_size: int | None,
-    as_json: bool,
+    output: Output,
 ) -> int:
     """Run an MQTT broker, or write the configuration of one.
 
@@ -351,7 +340,6 @@ def command(
     machines are admitted only with TLS and a password file or client certificates. On SIGHUP the broker
     reloads its files.
     """
-    output = Output(as_json=as_json)
     if folder is not None or add_user is not None:
         others = {
             "--socket": socket_file,

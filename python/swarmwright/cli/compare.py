@@ -4,23 +4,8 @@ from pathlib import Path
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import (
-    ControllerOrCandidate,
-    ExistingPath,
-    Servers,
-    WholeNumber,
-    episodes_options,
-    experiment_broker,
-    experiment_broker_options,
-    json_option,
-    prefix_settings,
-    server_output_option,
-    servers_option,
-    set_option,
-    trust_option,
-    write_episodes,
-)
 from swarmwright.cli._output import Output, show_warnings
 
 
@@ -32,40 +17,38 @@ from swarmwright.cli._output import Output, show_warnings
     "swarmwright compare runs/minisim-1 mine.json --out comparison.pdf --csv episodes.csv\n"
     "swarmwright compare controller.json mine.json --experiment minisim.yaml --json",
 )
-@click.argument("first", type=ControllerOrCandidate(), metavar="A")
-@click.argument("second", type=ControllerOrCandidate(), metavar="B")
+@click.argument("first", type=options.controller_or_candidate, metavar="A")
+@click.argument("second", type=options.controller_or_candidate, metavar="B")
 @click.option(
     "--experiment",
     "experiment_file",
-    type=ExistingPath(folder=False),
-    metavar="FILE",
+    type=options.ExistingPath(folder=False),
     help="Experiment for both controllers. Default: A's, or B's if A is not a run.",
 )
 @click.option(
     "--episodes",
-    type=WholeNumber(min=1, max=10_000_000),
-    metavar="N",
+    type=options.WholeNumber(min=1, max=10_000_000),
     default=100,
     show_default=True,
     help="Number of episodes.",
 )
 @click.option(
     "--seed",
-    type=WholeNumber(min=0, max=2**62),
+    type=options.WholeNumber(min=0, max=2**62),
     metavar="S",
     help="Simulation seed of the first episode; the others count up. Default: held-out seeds that neither "
     "run used.",
 )
-@set_option("Override a value of the experiment: parameters.maxSteps=40, ranking.failed=0.")
-@episodes_options(
+@options.set_option("Override a value of the experiment: parameters.maxSteps=40, ranking.failed=0.")
+@options.episodes_options(
     "Draw the episodes of both and their differences: .png, .svg or .pdf.",
     "Write every episode as a table: seed, first, second, difference.",
 )
-@experiment_broker_options()
-@servers_option
-@server_output_option
-@trust_option
-@json_option
+@options.experiment_broker_options()
+@options.servers_option
+@options.server_output_option
+@options.trust_option
+@options.json_option
 def command(
     first: str,
     second: str,
@@ -77,8 +60,8 @@ def command(
     table: Path | None,
     broker: str | None,
     prefix: str | None,
-    servers: Servers | None,
-    as_json: bool,
+    servers: options.Servers | None,
+    output: Output,
 ) -> None:
     """Compare two controllers in the same episodes.
 
@@ -100,10 +83,9 @@ def command(
     from swarmwright.experiment.settings import refuse_seed
     from swarmwright.runs.post_evaluation import EvaluationOptions
 
-    output = Output(as_json=as_json)
     show_warnings()
     refuse_seed(settings)
-    changed = (*settings, *prefix_settings(prefix))
+    changed = (*settings, *options.prefix_settings(prefix))
     if experiment_file is None:
         match = Match.of(first, second, None)
         experiment = match.experiment.with_settings(changed, only=settable(), reason=NOT_EVALUATED)
@@ -111,13 +93,11 @@ def command(
     else:
         match = Match.of(first, second, experiment_of(experiment_file, changed))
         experiment = match.experiment
-    broker = experiment_broker(
-        broker, experiment.broker, servers if servers is not None else experiment.servers
-    )
+    broker = options.experiment_broker(experiment, broker, servers)
     with shown_episodes(output) as on_progress:
         comparison = match.evaluate(EvaluationOptions.of(episodes, seed, broker, servers, on_progress))
     if settings:
         output.text(f"Settings: {', '.join(settings)}")
     output.block(str(comparison))
     output.json({"settings": list(settings), **comparison.to_mapping()})
-    write_episodes(output, comparison, picture, table)
+    options.write_episodes(output, comparison, picture, table)

@@ -27,6 +27,7 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--output",
+    "target",
     cls=OutputOption,
     type=click.Path(path_type=Path),
     required=True,
@@ -36,7 +37,7 @@ from swarmwright.cli._output import Output, show_warnings
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
 @json_option
 def command(
-    fmus: tuple[str, ...], connections: tuple[str, ...], output: Path, force: bool, as_json: bool
+    fmus: tuple[str, ...], connections: tuple[str, ...], target: Path, force: bool, output: Output
 ) -> None:
     """Connect FMUs to one system (SSP).
 
@@ -47,24 +48,23 @@ def command(
     from swarmwright.common.errors import InputError
     from swarmwright.simulations.fmu.coupling import component_files, write_system
 
-    printer = Output(as_json=as_json)
     show_warnings()
-    if output.suffix != ".ssp":
-        raise InputError(f"{output}: the name of an SSP must end with .ssp")
-    if output.is_dir():
-        raise InputError(f"{output}: is a folder; name a file with --output")
-    if output.exists() and not force:
-        raise InputError(f"{output}: already exists; choose another --output, or overwrite it with --force")
+    if target.suffix != ".ssp":
+        raise InputError(f"{target}: the name of an SSP must end with .ssp")
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; name a file with --output")
+    if target.exists() and not force:
+        raise InputError(f"{target}: already exists; choose another --output, or overwrite it with --force")
     files = component_files(fmus)
-    data, scaled = write_system(output.stem, files, connections)
+    data, scaled = write_system(target.stem, files, connections)
     try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        output.write_bytes(data)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
     except OSError as error:
-        raise InputError(f"{output}: cannot be written: {error.strerror}") from error
+        raise InputError(f"{target}: cannot be written: {error.strerror}") from error
     plural = "" if len(connections) == 1 else "s"
-    printer.text(f"{output}: {', '.join(files)}; {len(connections)} connection{plural}")
+    output.text(f"{target}: {', '.join(files)}; {len(connections)} connection{plural}")
     for words in scaled.values():
-        printer.text(f"  {words}: converted")
-    about = {"file": str(output), "components": list(files), "connections": list(connections)}
-    printer.json({**about, "scaled": scaled})
+        output.text(f"  {words}: converted")
+    about = {"file": str(target), "components": list(files), "connections": list(connections)}
+    output.json({**about, "scaled": scaled})

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     "file",
     cls=SaveOption,
     type=OutputFile(),
-    metavar="FILE",
     help="File to write: .png, .svg or .pdf. Default: controller.png in the run's folder, or FILE's name "
     "with .png.",
 )
@@ -43,7 +42,7 @@ def command(
     generation: int | None,
     candidate: int | None,
     simulation: str | None,
-    as_json: bool,
+    output: Output,
 ) -> None:
     """Draw a controller: its network or its states.
 
@@ -55,7 +54,6 @@ def command(
     from swarmwright.display.figures import style
     from swarmwright.runs.choice import choose
 
-    output = Output(as_json=as_json)
     if source.is_dir():
         target = file or source / "controller.png"
         style.check_figure_path(target)

@@ -1,36 +1,20 @@
 """`swarmwright evaluate`: a candidate on held-out seeds, an evaluation repeated, or a learning curve."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import (
-    ExistingPath,
-    OutputFile,
-    OutputOption,
-    Servers,
-    WholeNumber,
-    candidate_options,
-    experiment_broker,
-    experiment_broker_options,
-    json_option,
-    prefix_settings,
-    server_output_option,
-    servers_option,
-    set_option,
-    simulation_option,
-    trust_option,
-)
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.common.formatting import format_count
 from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
-    from swarmwright import ControllerEvaluation, Experiment, PostEvaluation, Repetition, Run
-    from swarmwright.cli._options import Servers
+    from swarmwright import ControllerEvaluation, LearningCurve, PostEvaluation, Repetition
     from swarmwright.common.statistics import Estimate
 
 
@@ -51,57 +35,54 @@ NOT_EVALUATED = (
     "swarmwright evaluate runs/minisim-1 --curve 20 --out curve.png\n"
     "swarmwright evaluate minisim.yaml --controller mine.json --episodes 100",
 )
-@click.argument("run", type=ExistingPath(folder=None), metavar="RUN")
+@click.argument("run", type=options.ExistingPath(folder=None))
 @click.option(
     "--controller",
     "controller_file",
-    type=ExistingPath(folder=None),
+    type=options.ExistingPath(folder=None),
     metavar="C",
     help="Controller file (JSON, or YAML of a machine) or run folder to evaluate instead; RUN may then be "
     "an experiment file. Needs --episodes or --seed.",
 )
 @click.option(
     "--episodes",
-    type=WholeNumber(min=1, max=10_000_000),
-    metavar="N",
+    type=options.WholeNumber(min=1, max=10_000_000),
     help="Evaluate in N episodes on seeds outside the record. Default with --seed: 100.",
 )
 @click.option(
     "--seed",
-    type=WholeNumber(min=0, max=2**62),
+    type=options.WholeNumber(min=0, max=2**62),
     metavar="S",
     help="Simulation seed of the first episode; the others count up. Default: the held-out seeds of the "
     "run's validation; give S for fresh seeds.",
 )
 @click.option(
     "--curve",
-    type=WholeNumber(min=1, max=100_000),
-    metavar="N",
+    type=options.WholeNumber(min=1, max=100_000),
     help="Evaluate the best candidate after each of N evenly spaced generations, on the same held-out "
     "seeds. Default of --episodes: 100.",
 )
 @click.option(
     "--out",
     "file",
-    cls=OutputOption,
-    type=OutputFile(),
-    metavar="FILE",
+    cls=options.OutputOption,
+    type=options.OutputFile(),
     help="With --curve: draw it (.png, .svg or .pdf), or write it as a table (.csv).",
 )
-@candidate_options
-@set_option("With --episodes: override a value of the run: parameters.maxSteps=40.")
+@options.candidate_options
+@options.set_option("With --episodes: override a value of the run: parameters.maxSteps=40.")
 @click.option(
     "--metrics",
     metavar="NAME,..",
     help="With --episodes: additional metrics to measure, such as arrived,steps; 'all' for every "
     "announced metric.",
 )
-@experiment_broker_options()
-@servers_option
-@simulation_option
-@server_output_option
-@trust_option
-@json_option
+@options.experiment_broker_options()
+@options.servers_option
+@options.simulation_option
+@options.server_output_option
+@options.trust_option
+@options.json_option
 def command(
     run: Path,
     controller_file: Path | None,
@@ -115,9 +96,9 @@ def command(
     metrics: str | None,
     broker: str | None,
     prefix: str | None,
-    servers: Servers | None,
+    servers: options.Servers | None,
     simulation: str | None,
-    as_json: bool,
+    output: Output,
 ) -> int:
     """Repeat an evaluation, or evaluate on held-out seeds.
 
@@ -135,99 +116,89 @@ def command(
 
     If the simulation's code was edited after the run, the copy in RUN is used, with a message.
     """
-    from swarmwright import Run
+    from swarmwright import PostEvaluation, Run, learning_curve, post_evaluate, repeat
+    from swarmwright.cli._experiments import experiment_of
+    from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD
     from swarmwright.experiment.settings import refuse_seed
     from swarmwright.runs.code import resolve_experiment
     from swarmwright.runs.edits import differences
+    from swarmwright.runs.post_evaluation import EPISODES
 
-    output = Output(as_json=as_json)
     show_warnings()
-    _check_curve(curve, file, controller_file, candidate, generation, metrics)
+    repeats = episodes is None and seed is None and curve is None
+    of_candidate = {"--candidate": candidate, "--generation": generation}
+    if curve is not None:
+        _refuse({"--controller": controller_file, **of_candidate, "--metrics": metrics}, "--curve")
+    if file is not None:
+        _check_file(file, curve)
     if controller_file is not None:
-        _require_no_candidate(candidate, generation, simulation)
-        if episodes is None and seed is None:
+        _refuse({**of_candidate, "--simulation": simulation}, "--controller")
+        if repeats:
             raise click.UsageError(
                 "--controller: the run has no recorded episodes of this controller; add --episodes N"
             )
-        evaluation = _evaluate_controller(
-            output,
-            run,
-            controller_file,
-            episodes,
-            seed,
-            (*settings, *prefix_settings(prefix)),
-            metrics,
-            broker=broker,
-            servers=servers,
-        )
-        source = {"run": str(run), "controller": str(controller_file), "settings": list(settings)}
-        output.json({**source, **evaluation.to_mapping()})
-        output.text(f"The controller of {controller_file}.")
-        _show_settings(output, settings)
-        _show(
-            output,
-            evaluation,
-            f"the held-out {_format_span(evaluation)}" if seed is None else f"the {_format_span(evaluation)}",
-        )
-        return 0
-    if run.is_file():
+    elif run.is_file():
         raise click.UsageError(
             f"'{run}' is a file where a run folder is expected. Evaluate a controller file in an experiment, "
             "or in that of a run folder: swarmwright evaluate EXPERIMENT.yaml --controller FILE --episodes "
             "100"
         )
-    opened = Run.open(run)
-    repeats = episodes is None and seed is None and curve is None
-    only = KEYS_OUTSIDE_RECORD - {"validate"} if repeats else settable()
-    reason = (
-        "--set changes the conditions, so the result cannot be compared with the record; add --episodes N"
-        if repeats
-        else NOT_EVALUATED
-    )
-    used = resolve_experiment(opened, opened.evaluation(candidate, generation).generation, simulation)
     refuse_seed(settings)
-    experiment = used.with_settings((*settings, *prefix_settings(prefix)), only=only, reason=reason)
-    broker = experiment_broker(
-        broker, experiment.broker, servers if servers is not None else experiment.servers
-    )
-    if repeats:
+    changed = (*settings, *options.prefix_settings(prefix))
+    opened = Run.open(run) if controller_file is None or run.is_dir() else None
+    if opened is None:
+        used = experiment = experiment_of(run, changed)
+    else:
+        at = None if controller_file else opened.evaluation(candidate, generation).generation
+        used = resolve_experiment(opened, at, simulation)
+        experiment = used.with_settings(
+            changed,
+            only=KEYS_OUTSIDE_RECORD - {"validate"} if repeats else settable(),
+            reason="--set changes the conditions, so the result cannot be compared with the record; add "
+            "--episodes N"
+            if repeats
+            else NOT_EVALUATED,
+        )
+    where: dict[str, Any] = {
+        "experiment": experiment,
+        "broker": options.experiment_broker(experiment, broker, servers),
+        "servers": servers,
+    }
+    if opened is not None and repeats:
         if metrics is not None:
             raise click.UsageError("--metrics: add --episodes N; metrics are measured in new episodes only")
-
-        return show_repetition(output, opened, experiment, candidate, generation, broker, servers)
-    if curve is not None:
-        where = (broker, servers)
+        return show_repetition(output, repeat(opened, candidate, generation, **where))
+    where |= {"episodes": episodes or EPISODES, "seed": seed}
+    if opened is not None and curve is not None:
         _show_settings(output, settings)
-        return show_learning_curve(output, opened, curve, file, episodes, seed, experiment, settings, where)
-    from swarmwright import post_evaluate
-    from swarmwright.cli._progress import episodes as shown_episodes
-    from swarmwright.runs.post_evaluation import EPISODES
-
+        with shown_episodes(output) as on_progress:
+            learned = learning_curve(opened, curve, on_progress=on_progress, **where)
+        show_learning_curve(output, learned, file, settings)
+        return 0
+    where |= {"controller": controller_file, "metrics": _names(metrics)}
     with shown_episodes(output) as on_progress:
-        evaluated = post_evaluate(
-            opened,
-            candidate,
-            generation,
-            episodes=episodes or EPISODES,
-            seed=seed,
-            experiment=experiment,
-            broker=broker,
-            servers=servers,
-            on_progress=on_progress,
-            metrics=_names(metrics),
+        evaluated: Any = opened or experiment
+        evaluation: ControllerEvaluation = post_evaluate(
+            evaluated, candidate, generation, on_progress=on_progress, **where
         )
-    output.json({"run": str(run), "settings": list(settings), **evaluated.to_mapping()})
-    # Other parameters make other episodes of the same seeds.
-    other = any(difference.matters for difference in differences(used.to_mapping(), experiment.to_mapping()))
-    output.text(
-        f"Candidate {evaluated.candidate} of generation {evaluated.generation}, evaluation "
-        f"{evaluated.number}: recorded fitness {evaluated.recorded + 0.0:.6g}"
-        f"{', without these settings' if other else ''}."
-    )
+    source = {"run": str(run)} | ({} if controller_file is None else {"controller": str(controller_file)})
+    output.json({**source, "settings": list(settings), **evaluation.to_mapping()})
+    if isinstance(evaluation, PostEvaluation):
+        # Other parameters make other episodes of the same seeds.
+        other = any(changes.matters for changes in differences(used.to_mapping(), experiment.to_mapping()))
+        output.text(
+            f"Candidate {evaluation.candidate} of generation {evaluation.generation}, evaluation "
+            f"{evaluation.number}: recorded fitness {evaluation.recorded + 0.0:.6g}"
+            f"{', without these settings' if other else ''}."
+        )
+        validation = () if other or opened is None else (opened._store.validation() or {}).get("seeds", ())
+        seeds = _describe_seeds(evaluation, validation)
+    else:
+        output.text(f"The controller of {controller_file}.")
+        seeds = f"the {'held-out ' if seed is None else ''}{format_seeds(evaluation.seeds)}"
     _show_settings(output, settings)
-    validation = () if other else (opened._store.validation() or {}).get("seeds", ())
-    _show(output, evaluated, _describe_seeds(evaluated, validation))
+    _show(output, evaluation, seeds)
     return 0
 
 
@@ -237,83 +208,20 @@ def _show_settings(output: Output, settings: Sequence[str]) -> None:
         output.text(f"Settings: {', '.join(settings)}")
 
 
-def _check_curve(
-    curve: int | None,
-    file: Path | None,
-    controller: Path | None,
-    candidate: int | None,
-    generation: int | None,
-    metrics: str | None,
-) -> None:
-    """Raise a UsageError for options that exclude or need --curve."""
-    if curve is None:
-        if file is not None:
-            raise click.UsageError("--out draws a learning curve; add --curve N")
-        return
-    for option, value in (
-        ("--controller", controller), ("--candidate", candidate), ("--generation", generation),
-        ("--metrics", metrics),
-    ):  # fmt: skip
+def _refuse(given: Mapping[str, object], option: str) -> None:
+    """Raise a UsageError for a given option that cannot be combined with another."""
+    for name, value in given.items():
         if value is not None:
-            raise click.UsageError(f"{option}: cannot be combined with --curve; leave it out")
-    if file is not None and file.suffix.lower() not in {".csv", ".png", ".svg", ".pdf"}:
+            raise click.UsageError(f"{name}: cannot be combined with {option}; leave it out")
+
+
+def _check_file(file: Path, curve: int | None) -> None:
+    """Raise a UsageError for `--out` without a curve, or with another ending."""
+    if curve is None:
+        raise click.UsageError("--out draws a learning curve; add --curve N")
+    if file.suffix.lower() not in {".csv", ".png", ".svg", ".pdf"}:
         raise click.UsageError(
             f"--out {file}: the name must end with .png, .svg or .pdf, or with .csv for a table"
-        )
-
-
-def _require_no_candidate(candidate: int | None, generation: int | None, simulation: str | None) -> None:
-    """Raise a UsageError for options that choose a candidate of the run, or its code."""
-    for option, value in (
-        ("--candidate", candidate),
-        ("--generation", generation),
-        ("--simulation", simulation),
-    ):
-        if value is not None:
-            raise click.UsageError(f"{option}: cannot be combined with --controller; leave it out")
-
-
-def _evaluate_controller(
-    output: Output,
-    run: Path,
-    file: Path,
-    episodes: int | None,
-    seed: int | None,
-    settings: tuple[str, ...],
-    metrics: str | None,
-    *,
-    broker: str | None,
-    servers: Servers | None,
-) -> "ControllerEvaluation":
-    """Evaluate the controller of a file in the simulation of a run or of an experiment file."""
-    from swarmwright import Run, post_evaluate
-    from swarmwright.cli._experiments import experiment_of
-    from swarmwright.cli._progress import episodes as shown_episodes
-    from swarmwright.experiment.settings import refuse_seed
-    from swarmwright.runs.code import resolve_experiment
-    from swarmwright.runs.post_evaluation import EPISODES
-
-    refuse_seed(settings)
-    if run.is_dir():
-        opened = Run.open(run)
-        used = resolve_experiment(opened)
-        experiment = used.with_settings(settings, only=settable(), reason=NOT_EVALUATED)
-    else:
-        opened, experiment = None, experiment_of(run, settings)
-    broker = experiment_broker(
-        broker, experiment.broker, servers if servers is not None else experiment.servers
-    )
-    with shown_episodes(output) as on_progress:
-        return post_evaluate(
-            opened or experiment,
-            controller=file,
-            episodes=episodes or EPISODES,
-            seed=seed,
-            experiment=experiment,
-            broker=broker,
-            servers=servers,
-            on_progress=on_progress,
-            metrics=_names(metrics),
         )
 
 
@@ -333,14 +241,12 @@ def settable() -> frozenset[str]:
 def _show(output: Output, evaluation: "ControllerEvaluation", seeds: str) -> None:
     """Print the statistics; seeds: their description."""
     values = evaluation.to_mapping()
-    count = len(evaluation.episodes)
-    output.text(f"{count} episode{'s' * (count > 1)} with {seeds}:")
+    output.text(f"{format_count(len(evaluation.episodes), 'episode')} with {seeds}:")
     value = evaluation.ranking.options.failure_fitness
     if evaluation.failed and value is None:
         output.text(
             f"  {evaluation.failed} failed; do not report the mean of the others (--set "
-            "ranking.failed=NUMBER "
-            "gives failed episodes a fitness):"
+            "ranking.failed=NUMBER gives failed episodes a fitness):"
         )
     elif evaluation.failed:
         output.text(f"  {evaluation.failed} failed and count as {value:g}:")
@@ -348,12 +254,12 @@ def _show(output: Output, evaluation: "ControllerEvaluation", seeds: str) -> Non
     spread = "" if deviation is None else f", standard deviation {deviation:.4g}"
     output.text(f"  mean {_interval(evaluation.mean)}{spread}")
     output.text(f"  median {values['median']:.6g}, lowest {values['min']:.6g}, highest {values['max']:.6g}")
-    options = evaluation.ranking.options
-    if hasattr(options, "slow"):
+    ranking = evaluation.ranking.options
+    if hasattr(ranking, "slow"):
         output.text("  in the run's own simulation; the recorded fitness includes the ranking's slow one")
-    if options.episodes > 1 and evaluation.fitness != evaluation.mean:
-        how = getattr(options, "aggregate", options.kind)
-        label = f"  fitness, as the {how} of {options.episodes} episodes"
+    if ranking.episodes > 1 and evaluation.fitness != evaluation.mean:
+        how = getattr(ranking, "aggregate", ranking.kind)
+        label = f"  fitness, as the {how} of {ranking.episodes} episodes"
         enough = math.isfinite(evaluation.fitness.mean)  # of those that did not fail
         output.text(f"{label}: {_interval(evaluation.fitness) if enough else 'unknown, too many failed'}")
     _show_metrics(output, evaluation)
@@ -365,7 +271,7 @@ def _describe_seeds(evaluation: "PostEvaluation", validation: Sequence[int]) -> 
     validation: seeds of the run's own validation; empty without one, or if its episodes differ.
     """
     last, count = evaluation.seeds[-1], len(evaluation.seeds)
-    seeds = _format_span(evaluation)
+    seeds = format_seeds(evaluation.seeds)
     if evaluation.seen:
         return f"the {seeds}, {evaluation.seen} of them used by the run"
     if not (evaluation.validated and validation):
@@ -375,9 +281,9 @@ def _describe_seeds(evaluation: "PostEvaluation", validation: Sequence[int]) -> 
     return f"the held-out {seeds}, {overlap} those of the run's validation (fresh ones: --seed {fresh})"
 
 
-def _format_span(evaluation: "ControllerEvaluation") -> str:
-    first, last = evaluation.seeds[0], evaluation.seeds[-1]
-    return f"seeds {first} to {last}" if len(evaluation.seeds) > 1 else f"seed {first}"
+def format_seeds(seeds: Sequence[int]) -> str:
+    """Return consecutive seeds as text: seeds 3 to 7."""
+    return f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
 
 
 def _show_metrics(output: Output, evaluation: "ControllerEvaluation") -> None:
@@ -400,41 +306,17 @@ def _interval(estimate: "Estimate") -> str:
 
 
 def show_learning_curve(
-    output: Output,
-    run: "Run",
-    points: int,
-    file: Path | None,
-    episodes: int | None,
-    seed: int | None,
-    experiment: "Experiment",
-    settings: Sequence[str],
-    where: "tuple[str | None, Servers | None]",
-) -> int:
-    """Evaluate a learning curve and print it as a table; if there is a file, write or draw it."""
-    from swarmwright import learning_curve
-    from swarmwright.cli._progress import episodes as shown_episodes
-    from swarmwright.runs.post_evaluation import EPISODES
-
-    broker, servers = where
-    with shown_episodes(output) as on_progress:
-        curve = learning_curve(
-            run,
-            points,
-            episodes=episodes or EPISODES,
-            seed=seed,
-            experiment=experiment,
-            broker=broker,
-            servers=servers,
-            on_progress=on_progress,
-        )
+    output: Output, curve: "LearningCurve", file: Path | None, settings: Sequence[str]
+) -> None:
+    """Print a learning curve as a table; if there is a file, write or draw it."""
+    is_table = file is not None and file.suffix.lower() == ".csv"
     if file is not None:
-        (curve.export if file.suffix.lower() == ".csv" else curve.plot)(file)
+        (curve.export if is_table else curve.plot)(file)
     output.json(
         {**curve.to_mapping(), "settings": list(settings), "file": None if file is None else str(file)}
     )
-    first, last, count = curve.seeds[0], curve.seeds[-1], len(curve.seeds)
-    seeds = f"seed {first}" if count == 1 else f"seeds {first} to {last}"
-    output.text(f"The {run.best_words}, in {count} episode{'s' * (count > 1)} with the {seeds}:")
+    count = format_count(len(curve.seeds), "episode")
+    output.text(f"The {curve.run.best_words}, in {count} with the {format_seeds(curve.seeds)}:")
     output.text("generation  evaluations   candidate     recorded     held-out  95 % interval")
     for point in curve.points:
         best = point.best.fitness
@@ -450,47 +332,29 @@ def show_learning_curve(
             "them a fitness."
         )
     if file is not None:
-        output.text(f"The {'table' if file.suffix.lower() == '.csv' else 'figure'} is in {file}")
-    return 0
+        output.text(f"The {'table' if is_table else 'figure'} is in {file}")
 
 
-def show_repetition(
-    output: Output,
-    run: "Run",
-    experiment: "Experiment",
-    candidate: int | None,
-    generation: int | None,
-    broker: str | None,
-    servers: "Servers | None",
-) -> int:
-    """Repeat an evaluation and compare it with its record; return the exit status, 0 if they are the same."""
-    from swarmwright import repeat
+_REPETITION = (
+    *("number", "generation", "candidate", "seeds", "recorded", "repeated", "same", "left_out"),
+    *("recorded_errors", "errors"),
+)
+"""Fields of a repetition for `--json`."""
 
-    repetition = repeat(run, candidate, generation, experiment=experiment, broker=broker, servers=servers)
-    output.json(
-        {
-            "number": repetition.number,
-            "generation": repetition.generation,
-            "candidate": repetition.candidate,
-            "seeds": repetition.seeds,
-            "recorded": repetition.recorded.tolist(),
-            "repeated": repetition.repeated.tolist(),
-            "same": repetition.same,
-            "left_out": repetition.left_out,
-            "recorded_errors": repetition.recorded_errors,
-            "errors": repetition.errors,
-        }
-    )
+
+def show_repetition(output: Output, repetition: "Repetition") -> int:
+    """Compare a repetition with its record; return the exit status, 0 if they are the same."""
+    recorded, repeated = repetition.recorded.tolist(), repetition.repeated.tolist()
+    values = {name: getattr(repetition, name) for name in _REPETITION}
+    output.json(values | {"recorded": recorded, "repeated": repeated})
     output.text(
         f"Candidate {repetition.candidate} of generation {repetition.generation}, evaluation "
         f"{repetition.number}."
     )
-    for episode, (before, now) in enumerate(
-        zip(repetition.recorded.tolist(), repetition.repeated.tolist(), strict=True)
-    ):
+    for episode, (before, now) in enumerate(zip(recorded, repeated, strict=True)):
         output.text(f"  episode {episode}: recorded {_fitness(before)}, now {_fitness(now)}")
     if repetition.left_out:
-        ran = len(repetition.recorded)
+        ran = len(recorded)
         output.text(
             f"It was dropped from the race after {ran} of {ran + repetition.left_out} episodes, "
             "which are compared."

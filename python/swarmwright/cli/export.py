@@ -1,20 +1,19 @@
 """`swarmwright export`: a controller as source code or as a model."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._experiments import importer_of
-from swarmwright.cli._options import (
-    ExistingPath,
-    OutputFolder,
-    OutputOption,
-    candidate_options,
-    json_option,
-    trust_option,
-)
 from swarmwright.cli._output import Output, show_warnings
+
+if TYPE_CHECKING:
+    from swarmwright.export.bundle import Bundle
+    from swarmwright.export.subject import Subject
 
 
 @click.command(
@@ -23,7 +22,7 @@ from swarmwright.cli._output import Output, show_warnings
     example="swarmwright export runs/minisim-1 --to c --output robot --verify\n"
     "swarmwright export runs/minisim-1 --to python --candidate 19:3 --prefix steering",
 )
-@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
+@click.argument("run", type=options.ExistingPath(folder=True))
 @click.option(
     "--to",
     "form",
@@ -33,12 +32,13 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--output",
-    cls=OutputOption,
-    type=OutputFolder(),
+    "target",
+    cls=options.OutputOption,
+    type=options.output_folder,
     metavar="DIR",
     help="Folder to write to. Default: the prefix, in the working folder.",
 )
-@candidate_options
+@options.candidate_options
 @click.option(
     "--group",
     metavar="NAME",
@@ -65,23 +65,20 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--mapping",
-    type=ExistingPath(),
-    metavar="FILE",
+    type=options.ExistingPath(),
     help="With --bundle: add this file as mapping.yaml, which maps sensors and actuators to topics.",
 )
 @click.option(
     "--license",
     "terms",
-    type=ExistingPath(),
-    metavar="FILE",
+    type=options.ExistingPath(),
     help="With --bundle: add this text as LICENSE.txt. Default: permission to do anything with it.",
 )
 @click.option(
     "--model",
     "model",
-    type=ExistingPath(folder=None),
+    type=options.ExistingPath(folder=None),
     multiple=True,
-    metavar="FILE",
     help="Instead of --to: write a copy of this file, which `swarmwright import` has read, with the "
     "candidate's values. Repeatable.",
 )
@@ -90,12 +87,12 @@ from swarmwright.cli._output import Output, show_warnings
     is_flag=True,
     help="Overwrite files that Swarmwright did not export, or that were edited since.",
 )
-@trust_option
-@json_option
+@options.trust_option
+@options.json_option
 def command(
     run: Path,
     form: str | None,
-    output: Path | None,
+    target: Path | None,
     generation: int | None,
     candidate: int | None,
     group: str | None,
@@ -106,7 +103,7 @@ def command(
     terms: Path | None,
     model: tuple[Path, ...],
     force: bool,
-    as_json: bool,
+    output: Output,
 ) -> int:
     """Export a controller for robots and other programs.
 
@@ -115,26 +112,32 @@ def command(
     simulation's, or for ONNX within 1e-5.
     """
     from swarmwright.export import EXPORTERS
+    from swarmwright.export.bundle import export_bundle
     from swarmwright.export.exporting import PREFIX, export_controller
 
-    printer = Output(as_json=as_json)
     show_warnings()
-    _check_output(output, run)
+    if target is not None and (target / "run.sqlite").exists() and target.resolve() != run.resolve():
+        raise click.UsageError(f"--output {target}: is the folder of another run; name a separate folder")
+    which: dict[str, Any] = {"generation": generation, "candidate": candidate, "force": force}
     if bundle is not None:
-        if form is not None or output is not None or verify:
+        if form is not None or target is not None or verify:
             raise click.UsageError(
                 "--bundle holds all formats, verified: leave out --to, --output and --verify"
             )
         if group is not None:
             raise click.UsageError("--group goes with --to: a bundle holds one controller for all agents")
-        prefix = prefix or PREFIX
-        return _bundle(printer, run, bundle, generation, candidate, prefix, mapping, terms, force=force)
+        bundled = export_bundle(run, bundle, prefix=prefix or PREFIX, mapping=mapping, license=terms, **which)
+        _print_bundle(output, run, bundle, bundled)
+        return 0
     if model:
-        if form is not None or verify or output is None:
+        if form is not None or verify or target is None:
             raise click.UsageError(
                 "--model writes into a folder: name it with --output, leave out --to and --verify"
             )
-        return _model(printer, run, model, output, generation, candidate, force=force)
+        subject, written = importer_of(model).write_back(run, model, target, **which)
+        _print_subject(output, subject, written)
+        output.json({"run": str(run), "files": [str(file) for file in written]})
+        return 0
     if form is None:
         raise click.UsageError(
             f"name a format: --to {', '.join(EXPORTERS.names())}; or give --bundle FILE.zip or --model FILE"
@@ -142,117 +145,49 @@ def command(
     if mapping is not None or terms is not None:
         raise click.UsageError("--mapping and --license are for bundles: name one with --bundle FILE.zip")
     exported = export_controller(
-        run,
-        to=form,
-        output=output,
-        generation=generation,
-        candidate=candidate,
-        group=group,
-        prefix=prefix,
-        verify=verify,
-        force=force,
+        run, to=form, output=target, group=group, prefix=prefix, verify=verify, **which
     )
-    facts = dict(exported.subject.facts)
-    printer.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
-    for file in exported.files:
-        printer.text(f"  {file}")
+    facts = _print_subject(output, exported.subject, exported.files)
     verification = exported.verification
-    printer.json(
-        {
-            "run": str(run),
-            "to": form,
-            "files": [str(file) for file in exported.files],
-            **{name.lower(): text for name, text in facts.items() if name != "Run"},
-            **(
-                {}
-                if verification is None
-                else {
-                    "largest_difference": verification.largest_difference,
-                    "verification": verification.to_mapping(),
-                }
-            ),
-        }
-    )
+    record = {"run": str(run), "to": form, "files": [str(file) for file in exported.files], **facts}
     if verification is None:
+        output.json(record)
         return 0
+    checked = {
+        "largest_difference": verification.largest_difference, "verification": verification.to_mapping()
+    }  # fmt: skip
+    output.json(record | checked)
     if verification.self_test:
-        printer.text(f"The self-test {verification.self_test} is ok")
+        output.text(f"The self-test {verification.self_test} is ok")
     if verification.without_episodes:
-        printer.text(f"Verified without episodes: {verification.without_episodes}")
-    printer.text(f"Verified: {verification.words}" if verification.ok else verification.words)
+        output.text(f"Verified without episodes: {verification.without_episodes}")
+    output.text(f"Verified: {verification.words}" if verification.ok else verification.words)
     return 0 if verification.ok else 1
 
 
-def _check_output(output: Path | None, run: Path) -> None:
-    if output is not None and (output / "run.sqlite").exists() and output.resolve() != run.resolve():
-        raise click.UsageError(f"--output {output}: is the folder of another run; name a separate folder")
-
-
-def _model(
-    printer: Output,
-    run: Path,
-    files: tuple[Path, ...],
-    output: Path,
-    generation: int | None,
-    candidate: int | None,
-    *,
-    force: bool,
-) -> int:
-    """Write copies of a model's files with a candidate's values, and say where they are."""
-    subject, written = importer_of(files).write_back(
-        run, files, output, generation=generation, candidate=candidate, force=force
-    )
+def _print_subject(output: Output, subject: "Subject", files: Sequence[Path] = ()) -> dict[str, str]:
+    """Print which controller was exported, and its files; return the facts on it for `--json`."""
     facts = dict(subject.facts)
-    printer.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
-    for file in written:
-        printer.text(f"  {file}")
-    printer.json({"run": str(run), "files": [str(file) for file in written]})
-    return 0
+    output.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
+    for file in files:
+        output.text(f"  {file}")
+    return {name.lower(): text for name, text in facts.items() if name != "Run"}
 
 
-def _bundle(
-    printer: Output,
-    run: Path,
-    file: Path,
-    generation: int | None,
-    candidate: int | None,
-    prefix: str,
-    mapping: Path | None,
-    terms: Path | None,
-    *,
-    force: bool,
-) -> int:
-    """Write an archive, and say what is in it."""
-    from swarmwright.export.bundle import export_bundle
-
-    bundled = export_bundle(
-        run,
-        file,
-        generation=generation,
-        candidate=candidate,
-        prefix=prefix,
-        mapping=mapping,
-        license=terms,
-        force=force,
-    )
-    facts = dict(bundled.subject.facts)
-    printer.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
+def _print_bundle(output: Output, run: Path, file: Path, bundled: "Bundle") -> None:
+    """Print what is in an archive."""
+    facts = _print_subject(output, bundled.subject)
     for form, verification in bundled.verified.items():
-        printer.text(f"  {form}: {verification.words}")
+        output.text(f"  {form}: {verification.words}")
     for form, reason in bundled.unverified.items():
-        printer.text(f"  {form}: not verified: {reason}")
+        output.text(f"  {form}: not verified: {reason}")
     for form, reason in bundled.without.items():
-        printer.text(f"  {form}: left out: {reason}")
-    printer.text(f"{file}: SHA-256 of the manifest {bundled.digest}")
-    printer.json(
+        output.text(f"  {form}: left out: {reason}")
+    output.text(f"{file}: SHA-256 of the manifest {bundled.digest}")
+    output.json(
         {
-            "run": str(run),
-            "bundle": str(file),
-            "digest": bundled.digest,
-            **{name.lower(): text for name, text in facts.items() if name != "Run"},
+            "run": str(run), "bundle": str(file), "digest": bundled.digest, **facts,
             "verified": {form: verification.to_mapping() for form, verification in bundled.verified.items()},
-            "unverified": bundled.unverified,
-            "without": bundled.without,
+            "unverified": bundled.unverified, "without": bundled.without,
         }
-    )
-    return 0
+    )  # fmt: skip

@@ -6,17 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import (
-    DEFAULT_BROKER,
-    OutputOption,
-    Prefix,
-    WholeNumber,
-    broker_option,
-    experiment_broker,
-    json_option,
-    set_option,
-)
 from swarmwright.cli._output import Output, show_warnings
 from swarmwright.experiment.broker_address import PREFIX_VARIABLE
 
@@ -34,7 +25,7 @@ _PROXY_ONLY = "applies only to FMUs of simulation servers; add --proxy"
     "swarmwright export-fmu arena --set parameters.mission=aac --set parameters.robots=5 --output arena.fmu\n"
     "swarmwright export-fmu minisim --proxy --broker mqtt://localhost --output server.fmu",
 )
-@click.argument("simulation", metavar="SIMULATION")
+@click.argument("simulation")
 @click.option(
     "--fmi",
     type=click.Choice(["2", "3"]),
@@ -44,7 +35,8 @@ _PROXY_ONLY = "applies only to FMUs of simulation servers; add --proxy"
 )
 @click.option(
     "--output",
-    cls=OutputOption,
+    "target",
+    cls=options.OutputOption,
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="File to write. Default: SIMULATION.fmu.",
@@ -54,36 +46,35 @@ _PROXY_ONLY = "applies only to FMUs of simulation servers; add --proxy"
     is_flag=True,
     help="Export an FMU that steps the simulation of a server, found through the broker.",
 )
-@broker_option(
+@options.broker_option(
     default=None,
     text="With --proxy: the broker, which masters can change. Default: the experiment's, SWARMWRIGHT_BROKER, "
-    f"or {DEFAULT_BROKER}.",
+    f"or {options.DEFAULT_BROKER}.",
 )
 @click.option(
     "--prefix",
-    type=Prefix(),
+    type=options.topic_prefix,
     metavar="P",
     help=f"With --proxy: topic prefix. Default: the experiment's, {PREFIX_VARIABLE}, or none.",
 )
 @click.option(
     "--server",
-    type=WholeNumber(min=0, max=2**31 - 1),
+    type=options.WholeNumber(min=0, max=2**31 - 1),
     metavar="ID",
     help="With --proxy: use only this server. Default: any free server with the simulation.",
 )
 @click.option(
     "--agents",
-    type=WholeNumber(min=1),
-    metavar="N",
+    type=options.WholeNumber(min=1),
     help="With --proxy: number of agents that have variables. Default: the simulation's.",
 )
-@set_option("Set a parameter of the simulation: parameters.numAgents=3.")
+@options.set_option("Set a parameter of the simulation: parameters.numAgents=3.")
 @click.option("--force", is_flag=True, help="Overwrite a file that Swarmwright did not export.")
-@json_option
+@options.json_option
 def command(
     simulation: str,
     fmi: str,
-    output: Path | None,
+    target: Path | None,
     proxy: bool,
     broker: str | None,
     prefix: str | None,
@@ -91,7 +82,7 @@ def command(
     agents: int | None,
     settings: tuple[str, ...],
     force: bool,
-    as_json: bool,
+    output: Output,
 ) -> None:
     """Export a simulation as an FMU for co-simulation.
 
@@ -108,21 +99,20 @@ def command(
     from swarmwright.export.writing import write
     from swarmwright.simulations.catalogue import title
 
-    printer = Output(as_json=as_json)
     show_warnings()
-    options = {"--broker": broker, "--prefix": prefix, "--server": server, "--agents": agents}
-    if not proxy and (ignored := [name for name, value in options.items() if value is not None]):
+    of_proxy = {"--broker": broker, "--prefix": prefix, "--server": server, "--agents": agents}
+    if not proxy and (ignored := [name for name, value in of_proxy.items() if value is not None]):
         raise InputError(f"{ignored[0]} {_PROXY_ONLY}")
     experiment = _experiment(simulation, settings, proxy=proxy)
     label = title(experiment.simulation)
-    file = output or Path(f"{_stem(simulation)}.fmu")
+    file = target or Path(f"{_stem(simulation)}.fmu")
     if file.is_dir():
         raise InputError(f"{file}: is a folder; name a file with --output")
     name = re.sub(r"\W", "_", file.stem, flags=re.ASCII)
     name = name if name[:1].isalpha() else f"model_{name}"
     if proxy:
         address = Address(
-            broker or experiment.broker or experiment_broker(None, None, "auto") or DEFAULT_BROKER,
+            broker or experiment.broker or options.environment_broker() or options.DEFAULT_BROKER,
             with_environment(experiment).prefix if prefix is None else prefix,
             server,
             experiment.timeouts.discovery,
@@ -133,9 +123,9 @@ def command(
         model = Model.from_simulation(experiment.simulation, experiment.parameters)
     write({file.name: build_model_fmu(model, fmi=f"{fmi}.0", name=name)}, file.parent, force=force)
     origin = f", by servers on {address.broker}" if proxy else ""
-    printer.text(f"{file}: {label}, FMI {fmi}.0{origin}")
+    output.text(f"{file}: {label}, FMI {fmi}.0{origin}")
     about: dict[str, object] = {"file": str(file), "simulation": label, "fmi": f"{fmi}.0"}
-    printer.json({**about, "broker": address.broker} if proxy else about)
+    output.json({**about, "broker": address.broker} if proxy else about)
 
 
 def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "Experiment":

@@ -46,11 +46,7 @@ _FIELD = "For a FREVO session: the field, as JSON or FREVO's .ser. Default: the 
     metavar="KIND",
     help="Use this controller with its defaults instead of the session's or model's.",
 )
-@click.option(
-    "--ranking",
-    metavar="KIND",
-    help="For a FREVO session: use this ranking with its defaults.",
-)
+@click.option("--ranking", metavar="KIND", help="For a FREVO session: use this ranking with its defaults.")
 def command(
     files: tuple[Path, ...],
     target: Path | None,

@@ -4,25 +4,11 @@ from pathlib import Path
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import SETTINGS, Command
 from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._experiments import experiment_of
 from swarmwright.cli._observing import Observing, observe_options
-from swarmwright.cli._options import (
-    ExistingPath,
-    OutputOption,
-    Servers,
-    WholeNumber,
-    experiment_broker,
-    experiment_broker_options,
-    json_option,
-    prefix_settings,
-    server_output_option,
-    servers_option,
-    set_option,
-    trust_option,
-    wait_option,
-)
 from swarmwright.cli._output import Output, show_warnings
 
 
@@ -33,24 +19,26 @@ from swarmwright.cli._output import Output, show_warnings
     example="swarmwright optimize experiments/minisim.yaml --seed 7 --servers 2\n"
     "swarmwright optimize experiments/minisim.yaml --set method.kind=cma_es --set method.generations=30",
 )
-@click.argument("file", type=ExistingPath(), metavar="FILE")
-@experiment_broker_options()
-@set_option()
-@click.option("--seed", type=WholeNumber(min=0), metavar="S", help="Seed of the run. Default: FILE's.")
+@click.argument("file", type=options.ExistingPath())
+@options.experiment_broker_options()
+@options.set_option()
+@click.option(
+    "--seed", type=options.WholeNumber(min=0), metavar="S", help="Seed of the run. Default: FILE's."
+)
 @click.option(
     "--out",
-    cls=OutputOption,
+    cls=options.OutputOption,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
     help="Folder for the results. Default: a new one in runs/.",
 )
-@servers_option
-@server_output_option
-@wait_option
+@options.servers_option
+@options.server_output_option
+@options.wait_option
 @watch_options
 @observe_options
-@trust_option
-@json_option
+@options.trust_option
+@options.json_option
 def command(
     file: Path,
     settings: tuple[str, ...],
@@ -58,15 +46,10 @@ def command(
     prefix: str | None,
     seed: int | None,
     out: Path | None,
-    servers: Servers | None,
+    servers: options.Servers | None,
     wait: float | None,
-    tensorboard: Path | None,
-    mlflow: str | None,
-    log: Path | None,
-    log_level: str,
-    log_size: int | None,
-    metrics: tuple[str, int] | None,
-    as_json: bool,
+    observing: Observing,
+    output: Output,
 ) -> int:
     """Run the experiment in FILE.
 
@@ -76,11 +59,9 @@ def command(
     """
     from swarmwright import optimize
 
-    output = Output(as_json=as_json)
     show_warnings()
-    experiment = experiment_of(file, (*settings, *prefix_settings(prefix)))
-    chosen_servers = servers if servers is not None else experiment.servers
-    broker = experiment_broker(broker, experiment.broker, chosen_servers)
+    experiment = experiment_of(file, (*settings, *options.prefix_settings(prefix)))
+    broker = options.experiment_broker(experiment, broker, servers)
     return evolve(
         output,
         experiment,
@@ -94,8 +75,6 @@ def command(
             seed=seed,
             out=out,
         ),
-        tensorboard=tensorboard,
-        mlflow=mlflow,
-        observing=Observing(log, log_level, metrics, log_size),
+        observing=observing,
         broker=broker,
     )

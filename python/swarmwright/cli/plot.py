@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     "file",
     cls=SaveOption,
     type=OutputFile(),
-    metavar="FILE",
     help="File to write: .png, .svg or .pdf. Default: plot.png in the run's folder, or comparison.png for "
     "several runs.",
 )
@@ -73,8 +72,8 @@ def command(
     style: str,
     width: str | None,
     title: str | None,
-    as_json: bool,
-    **options: Any,  # noqa: ANN401 - see `ComparisonOptions`
+    output: Output,
+    compared: "ComparisonOptions",
 ) -> int:
     """Plot a run, or compare several.
 
@@ -86,9 +85,7 @@ def command(
     from swarmwright.cli._comparison import ComparisonOptions, single_run
     from swarmwright.display.figures.style import Page, use_page
 
-    compared = ComparisonOptions.from_options(options)
     page = Page.from_options(style, width, title)
-    output = Output(as_json=as_json)
     run = single_run(runs) if compared == ComparisonOptions() else None
     if run is not None:
         with use_page(page):

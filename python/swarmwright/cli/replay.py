@@ -6,33 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import (
-    ExistingPath,
-    WholeNumber,
-    candidate_options,
-    experiment_broker_options,
-    json_option,
-    set_option,
-    simulation_option,
-    trust_option,
-)
 from swarmwright.cli._output import Output, get_stdout, show_warnings
-from swarmwright.cli._pictures import (
-    Colors,
-    broker_of,
-    check_file,
-    check_unsaved,
-    describe_file,
-    describe_recording,
-    parse_parts,
-    picture_options,
-    show_in_browser,
-)
+from swarmwright.cli._pictures import Picture, broker_of, picture_options
 from swarmwright.common.errors import engine_errors
 
 if TYPE_CHECKING:
-    from swarmwright.display import Shown
     from swarmwright.runs.replay import Replay
 
 _BEFORE_A_RUN = (
@@ -49,7 +29,7 @@ _BEFORE_A_RUN = (
     "swarmwright replay runs/line-1 --broker mqtt://lab-3:1883 --save line.html\n"
     "swarmwright replay runs/minisim-1 --beside 0:7 --beside runs/minisim-2 --save several.html",
 )
-@click.argument("run", type=ExistingPath(folder=True, for_experiment=_BEFORE_A_RUN), metavar="RUN")
+@click.argument("run", type=options.ExistingPath(folder=True, for_experiment=_BEFORE_A_RUN))
 @picture_options
 @click.option(
     "--beside",
@@ -58,40 +38,33 @@ _BEFORE_A_RUN = (
     help="Show another candidate in the same episode on the page: GENERATION:CANDIDATE of RUN, or the "
     "best of another run folder. Repeatable.",
 )
-@candidate_options
+@options.candidate_options
 @click.option(
     "--controller",
-    type=ExistingPath(folder=None),
+    type=options.ExistingPath(folder=None),
     metavar="C",
     help="Replay this controller file or run folder instead of a candidate of RUN.",
 )
 @click.option(
     "--episode",
-    type=WholeNumber(min=0),
+    type=options.WholeNumber(min=0),
     metavar="E",
     help="Episode of the run, counted from 0. Default: 0.",
 )
 @click.option(
-    "--seed",
-    type=WholeNumber(min=0),
-    metavar="S",
-    help="Simulation seed of a new episode.",
+    "--seed", type=options.WholeNumber(min=0), metavar="S", help="Simulation seed of a new episode."
 )
-@experiment_broker_options(
+@options.experiment_broker_options(
     "Compute the episode on a server that sends scenes. Default: this process, or if it lacks the "
-    "simulation, the run's broker or SWARMWRIGHT_BROKER.",
+    "simulation, the run's broker or SWARMWRIGHT_BROKER."
 )
-@simulation_option
-@set_option("Override a value of the run: parameters.maxSteps=40.")
-@trust_option
-@json_option
+@options.simulation_option
+@options.set_option("Override a value of the run: parameters.maxSteps=40.")
+@options.trust_option
+@options.json_option
 def command(
     run: Path,
-    picture: Path | None,
-    opening: bool,
-    speed: float,
-    parts: str,
-    colors: Colors,
+    picture: Picture,
     beside: tuple[str, ...],
     generation: int | None,
     candidate: int | None,
@@ -102,7 +75,7 @@ def command(
     prefix: str | None,
     simulation: str | None,
     settings: tuple[str, ...],
-    as_json: bool,
+    output: Output,
 ) -> None:
     """Watch an episode of a candidate, or save it as a page or film.
 
@@ -115,24 +88,18 @@ def command(
         )
     if seed is not None and episode is not None:
         raise click.UsageError("--episode and --seed exclude each other; leave one out.")
-    if picture is not None:
-        check_file(picture)
-    if beside and (picture is None or picture.suffix.lower() != ".html"):
+    if beside and (picture.file is None or picture.file.suffix.lower() != ".html"):
         raise click.UsageError("--beside needs a page: --save FILE.html.")
-    shown = parse_parts(parts, colors)
-    if picture is None:
-        check_unsaved({"opening": "--open", "parts": "--show", "colors": "--colors"})
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
-    output = Output(as_json=as_json)
     show_warnings()
     opened = Run.open(run)
     how: dict[str, Any] = {
         "simulation": simulation,
         "settings": settings,
         "prefix": prefix,
-        "broker": broker_of(simulation or opened.experiment.simulation, broker, opened.experiment.broker),
+        "broker": broker_of(opened.experiment, broker, simulation),
     }
     replay = Replay.of(
         opened,
@@ -143,12 +110,10 @@ def command(
         seed=seed,
         **how,
     )
-    if picture is not None:
-        others = [_replay_beside(replay, name, how) for name in beside]
-        _save(output, replay, picture, speed, shown, others)
-        if opening:
-            show_in_browser(output, picture)
-    elif as_json:
+    if picture.file is not None:
+        _save(output, replay, picture, [_replay_beside(replay, name, how) for name in beside])
+        picture.open(output)
+    elif output.as_json:
         _print_scenes(output, replay)
     else:
         from swarmwright.display.terminal import play
@@ -156,7 +121,7 @@ def command(
         output.text(replay.title)
         with engine_errors():
             played = replay.episode()
-            play(played, get_stdout(), in_place=output.terminal, color=output.color, speed=speed)
+            play(played, get_stdout(), in_place=output.terminal, color=output.color, speed=picture.speed)
         output.text(replay.outcome(played.fitness))
 
 
@@ -176,20 +141,16 @@ def _replay_beside(replay: "Replay", name: str, how: dict[str, Any]) -> "Replay"
     return replay.with_best_of(Run.open(Path(name)))
 
 
-def _save(
-    output: Output,
-    replay: "Replay",
-    picture: Path,
-    speed: float,
-    shown: "Shown",
-    others: list["Replay"],
-) -> None:
+def _save(output: Output, replay: "Replay", picture: Picture, others: list["Replay"]) -> None:
     from swarmwright.runs.replay import name_replays
 
+    assert picture.file is not None
     names = name_replays([replay, *others]) if others else [""]
-    recording = replay.save(picture, speed=speed, shown=shown, companions=others, names=names)
-    output.text(f"{replay.controller_sentence} {replay.outcome(recording.fitness)} {describe_file(picture)}")
-    output.json({**describe_recording(recording, picture), **replay.identity()})
+    recording = replay.save(
+        picture.file, speed=picture.speed, shown=picture.shown, companions=others, names=names
+    )
+    output.text(f"{replay.controller_sentence} {replay.outcome(recording.fitness)} {picture.sentence}")
+    output.json({**picture.describe(recording), **replay.identity()})
 
 
 def _print_scenes(output: Output, replay: "Replay") -> None:

@@ -4,25 +4,10 @@ from pathlib import Path
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._observing import Observing, observe_options
-from swarmwright.cli._options import (
-    ExistingPath,
-    FiniteNumber,
-    Servers,
-    WholeNumber,
-    experiment_broker,
-    experiment_broker_options,
-    json_option,
-    prefix_settings,
-    server_output_option,
-    servers_option,
-    set_option,
-    simulation_option,
-    trust_option,
-    wait_option,
-)
 from swarmwright.cli._output import Output, show_warnings
 
 
@@ -33,42 +18,44 @@ from swarmwright.cli._output import Output, show_warnings
     "swarmwright resume runs/minisim-1 --generations 500\n"
     "swarmwright resume runs/minisim-1 --evaluations 20000",
 )
-@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@experiment_broker_options()
-@servers_option
-@server_output_option
-@wait_option
+@click.argument("run", type=options.ExistingPath(folder=True))
+@options.experiment_broker_options()
+@options.servers_option
+@options.server_output_option
+@options.wait_option
 @click.option(
     "--generations",
-    type=WholeNumber(min=1),
+    type=options.WholeNumber(min=1),
     metavar="G",
     help="Extend the budget to G generations, also of a finished run. Other limits stay.",
 )
 @click.option(
-    "--evaluations",
-    type=WholeNumber(min=1),
-    metavar="N",
-    help="Extend the budget to N evaluations of candidates.",
+    "--evaluations", type=options.WholeNumber(min=1), help="Extend the budget to N evaluations of candidates."
 )
 @click.option(
-    "--seconds", type=FiniteNumber(), metavar="S", help="Extend the budget to S seconds over all sessions."
+    "--seconds",
+    type=options.finite_number,
+    metavar="S",
+    help="Extend the budget to S seconds over all sessions.",
 )
 @click.option(
     "--accept-changed-code",
     is_flag=True,
     help="Continue although the code of the simulation or a plug-in was edited; the run records it.",
 )
-@simulation_option
-@set_option("Change the budget, or how and where to evaluate: method.evaluations=9000, timeouts.step=5.")
+@options.simulation_option
+@options.set_option(
+    "Change the budget, or how and where to evaluate: method.evaluations=9000, timeouts.step=5."
+)
 @watch_options
 @observe_options
-@trust_option
-@json_option
+@options.trust_option
+@options.json_option
 def command(
     run: Path,
     broker: str | None,
     prefix: str | None,
-    servers: Servers | None,
+    servers: options.Servers | None,
     wait: float | None,
     generations: int | None,
     evaluations: int | None,
@@ -76,13 +63,8 @@ def command(
     accept_changed_code: bool,
     simulation: str | None,
     settings: tuple[str, ...],
-    tensorboard: Path | None,
-    mlflow: str | None,
-    log: Path | None,
-    log_level: str,
-    log_size: int | None,
-    metrics: tuple[str, int] | None,
-    as_json: bool,
+    observing: Observing,
+    output: Output,
 ) -> int:
     """Continue a run that was interrupted or failed.
 
@@ -96,19 +78,17 @@ def command(
     from swarmwright.runs.store.lock import check_free
     from swarmwright.runs.transfer import at_end
 
-    output = Output(as_json=as_json)
     show_warnings()
     opened = Run.open(run)
     check_free(opened.path)
-    settings = (*settings, *prefix_settings(prefix))
+    settings = (*settings, *options.prefix_settings(prefix))
     # Report errors before anything is printed or started.
     budget = {"generations": generations, "evaluations": evaluations, "seconds": seconds}
     resumption = Resumption.of(opened, opened._store, settings, budget)
     experiment = resumption.experiment
     if not resumption.has_all_generations:
         plan_continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
-    chosen = servers if servers is not None else experiment.servers
-    broker = experiment_broker(broker, experiment.broker, chosen)
+    broker = options.experiment_broker(experiment, broker, servers)
     if resumption.has_all_generations:
         due = resumption.validation_is_due
         if not due and at_end.is_due(experiment, opened._store):
@@ -140,9 +120,7 @@ def command(
             accept_changed_code=accept_changed_code,
             simulation=simulation,
         ),
-        tensorboard=tensorboard,
-        mlflow=mlflow,
-        observing=Observing(log, log_level, metrics, log_size),
+        observing=observing,
         broker=broker,
         prefix=prefix,
     )

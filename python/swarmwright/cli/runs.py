@@ -8,19 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
-from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import (
-    ExistingPath,
-    FiniteNumber,
-    OutputFile,
-    SaveOption,
-    compare_options,
-    json_option,
-)
+from swarmwright.cli import _options as options
+from swarmwright.cli._commands import Group
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
 from swarmwright.common.errors import InputError
@@ -30,6 +23,7 @@ from swarmwright.common.suggestions import unknown_key
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from swarmwright.cli._comparison import ComparisonOptions
     from swarmwright.cli._deletion import Deletion
 
 
@@ -39,7 +33,9 @@ COLUMNS = (
 )
 """Keys for sorting and filtering runs, as in `runs list --json`."""
 _CONDITION = re.compile(r"\s*([^\s<>=!]+)\s*(!=|<=|>=|=|<|>)(.*)", re.DOTALL)
-_ORDERS: Mapping[str, Callable[[Any, Any], bool]] = {
+_COMPARISONS: Mapping[str, Callable[[Any, Any], bool]] = {
+    "=": operator.eq,
+    "!=": operator.ne,
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
@@ -55,58 +51,39 @@ class Condition:
     operator: str
     value: str
 
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse KEY=VALUE, or another comparison."""
+        match = _CONDITION.fullmatch(text)
+        if match is None:
+            raise click.BadParameter(
+                f"'{text}' is not a condition: write KEY=VALUE, or !=, <, <=, > or >= instead of =, in "
+                "quotes if it contains < or >."
+            )
+        return cls(match[1], match[2], match[3].strip())
+
     def holds(self, values: Mapping[str, Any]) -> bool:
         """Return whether the condition holds for a run.
 
         A missing value, such as the best fitness of a run without a generation, satisfies only `!=`.
         Raises InputError if a number is compared with another type.
         """
-        value = values.get(self.key)
+        value, compare = values.get(self.key), _COMPARISONS[self.operator]
         if _is_missing(value):
             return self.operator == "!="
-        if self.operator in _ORDERS:
-            return self._is_in_order(value)
-        return self._is_equal(value) == (self.operator == "=")
-
-    def _is_in_order(self, value: Any) -> bool:  # noqa: ANN401 - any value of an experiment
-        compare = _ORDERS[self.operator]
-        if not _is_number(value):
-            return compare(_text(value), self.value)
-        limit = _number(self.value)
-        if limit is None:
-            raise InputError(
-                f"--filter {self.key}{self.operator}{self.value}: {self.value!r} is not a number"
-            )
-        return compare(value, limit)
-
-    def _is_equal(self, value: Any) -> bool:  # noqa: ANN401 - any value of an experiment
-        number = _number(self.value) if _is_number(value) else None
-        if number is not None:
-            return bool(value == number)
-        return fnmatchcase(_text(value), self.value)
-
-
-class ConditionType(click.ParamType[Condition]):
-    """KEY=VALUE, or with another comparison."""
-
-    name = "condition"
-
-    def convert(
-        self, value: str | Condition, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Condition:
-        """Parse the condition."""
-        if isinstance(value, Condition):
-            return value
-        match = _CONDITION.fullmatch(value)
-        if match is None:
-            self.fail(
-                f"'{value}' is not a condition: write KEY=VALUE, or !=, <, <=, > or >= instead of =, in "
-                "quotes "
-                "if it contains < or >.",
-                param,
-                ctx,
-            )
-        return Condition(match[1], match[2], match[3].strip())
+        is_equality = self.operator in {"=", "!="}
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            try:
+                return compare(value, float(self.value))
+            except ValueError:
+                if not is_equality:
+                    raise InputError(
+                        f"--filter {self.key}{self.operator}{self.value}: {self.value!r} is not a number"
+                    ) from None
+        text = str(value).lower() if isinstance(value, bool) else str(value)  # as in an experiment
+        if is_equality:
+            return fnmatchcase(text, self.value) == (self.operator == "=")
+        return compare(text, self.value)
 
 
 def filter_runs(
@@ -151,22 +128,6 @@ def _is_missing(value: Any) -> bool:  # noqa: ANN401 - any value of an experimen
     return value is None or (isinstance(value, float) and math.isnan(value))
 
 
-def _is_number(value: Any) -> bool:  # noqa: ANN401 - any value of an experiment
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
-
-
-def _text(value: Any) -> str:  # noqa: ANN401 - any value of an experiment
-    """Return a value as it is written in an experiment."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
 @click.group(
     "runs", cls=Group, modules={}, example="swarmwright runs list\nswarmwright runs show runs/minisim-1"
 )
@@ -176,17 +137,18 @@ def command() -> None:
 
 @command.command(
     "list",
-    cls=Command,
     example="swarmwright runs list\n"
     "swarmwright runs list --sort best --filter state=done\n"
     "swarmwright runs list --filter 'method.population>=50'\n"
     "swarmwright runs list results --json",
 )
-@click.argument("folder", type=ExistingPath(folder=True), default=None, required=False, metavar="[DIR]")
+@click.argument(
+    "folder", type=options.ExistingPath(folder=True), default=None, required=False, metavar="[DIR]"
+)
 @click.option(
     "--filter",
     "conditions",
-    type=ConditionType(),
+    type=Condition.parse,
     multiple=True,
     metavar="CONDITION",
     help="Show only runs that match KEY=VALUE (or !=, <, <=, >, >=). KEY is a --sort column or an "
@@ -200,9 +162,9 @@ def command() -> None:
     help="Sort by this column, the largest value last.",
 )
 @click.option("--reverse", is_flag=True, help="Reverse the order.")
-@json_option
+@options.json_option
 def list_(
-    folder: Path | None, conditions: tuple[Condition, ...], sort: str, reverse: bool, as_json: bool
+    folder: Path | None, conditions: tuple[Condition, ...], sort: str, reverse: bool, output: Output
 ) -> None:
     """List the runs in DIR (default: runs), the newest last.
 
@@ -214,7 +176,6 @@ def list_(
     from swarmwright.runs.folders import RUNS
     from swarmwright.runs.store import FILE, StoreReader
 
-    output = Output(as_json=as_json)
     root = folder or RUNS
     runs, experiments, broken = [], [], []
     stores = sorted(root.glob(f"**/{FILE}"))
@@ -241,7 +202,7 @@ def list_(
             "`swarmwright runs list .` lists those in" if beside else "`swarmwright optimize FILE` makes one"
         )
         output.text(f"No runs in {root}. {cure}{' the working folder' * beside}.")
-    elif not as_json:
+    elif not output.as_json:
         if runs and not shown:
             output.text(f"None of the {format_count(len(runs), 'run')} in {root} matches.")
         else:
@@ -250,24 +211,23 @@ def list_(
             output.item(reason)
 
 
-@command.command("show", cls=Command, example="swarmwright runs show runs/minisim-1")
-@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@json_option
-def show(run: Path, as_json: bool) -> None:
+@command.command("show", example="swarmwright runs show runs/minisim-1")
+@click.argument("run", type=options.ExistingPath(folder=True))
+@options.json_option
+def show(run: Path, output: Output) -> None:
     """Show the experiment, results, servers and warnings of RUN."""
     from swarmwright import Run
 
-    describe(Output(as_json=as_json), Run.open(run))
+    describe(output, Run.open(run))
 
 
 @command.command(
     "elites",
-    cls=Command,
     example="swarmwright runs elites runs/arena-1\n"
     "swarmwright runs elites runs/arena-1 --limit 0 --plot archive.png\n"
     "swarmwright runs elites runs/arena-1 --json",
 )
-@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
+@click.argument("run", type=options.ExistingPath(folder=True))
 @click.option(
     "--limit",
     type=click.IntRange(min=0),
@@ -279,19 +239,18 @@ def show(run: Path, as_json: bool) -> None:
 @click.option(
     "--plot",
     "file",
-    cls=SaveOption,
-    type=OutputFile(),
-    metavar="FILE",
+    cls=options.SaveOption,
+    type=options.OutputFile(),
     help="Draw the archive as a heat map, or the front: .png, .svg or .pdf.",
 )
 @click.option(
     "--offset",
-    type=FiniteNumber(),
+    type=options.finite_number,
     metavar="FITNESS",
     help="Worst possible fitness, subtracted from each elite's in the QD score. Default: 0.",
 )
-@json_option
-def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_json: bool) -> None:
+@options.json_option
+def elites(run: Path, limit: int, file: Path | None, offset: float | None, output: Output) -> None:
     """List the elites of RUN, an archive or a front.
 
     Archives come from map_elites (quality diversity), fronts from nsga2 (several objectives). `evaluate`,
@@ -302,7 +261,6 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
     from swarmwright import Run
     from swarmwright.cli._runs import elites_facts, list_elites
 
-    output = Output(as_json=as_json)
     archive = Run.open(run).elites
     if offset is not None and archive.grid is None:
         raise click.UsageError(
@@ -319,7 +277,7 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
             "picture": None if file is None or not archive.candidates else str(file),
         }
     )
-    if not as_json:
+    if not output.as_json:
         list_elites(output, archive, limit, offset)
         if file is not None and archive.candidates:
             output.text(f"The figure is in {file}")
@@ -329,13 +287,12 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
 
 @command.command(
     "diff",
-    cls=Command,
     example="swarmwright runs diff runs/minisim-1 runs/minisim-1-2\nswarmwright runs diff results again",
 )
-@click.argument("first_path", type=ExistingPath(folder=True), metavar="RUN")
-@click.argument("second_path", type=ExistingPath(folder=True), metavar="RUN")
-@json_option
-def diff(first_path: Path, second_path: Path, as_json: bool) -> int:
+@click.argument("first_path", type=options.ExistingPath(folder=True), metavar="RUN")
+@click.argument("second_path", type=options.ExistingPath(folder=True), metavar="RUN")
+@options.json_option
+def diff(first_path: Path, second_path: Path, output: Output) -> int:
     """Compare the records of two runs, byte for byte.
 
     Print the first difference. The exit status is 0 if the records are identical, else 1. Both can be
@@ -346,7 +303,6 @@ def diff(first_path: Path, second_path: Path, as_json: bool) -> int:
     from swarmwright.analysis.sweep_folders import runs_of
     from swarmwright.runs.differences import find_first_difference
 
-    output = Output(as_json=as_json)
     sweeps = runs_of(first_path), runs_of(second_path)
     if sweeps[0] is not None and sweeps[1] is not None:
         return show_differences(output, sweeps[0], sweeps[1])
@@ -363,36 +319,33 @@ def diff(first_path: Path, second_path: Path, as_json: bool) -> int:
 
 @command.command(
     "compare",
-    cls=Command,
     example="swarmwright runs compare runs/nnga-* runs/random-*\n"
     "swarmwright runs compare results/sizes --held-out\n"
     "swarmwright runs compare runs/* --at 1000 --json\n"
     "swarmwright runs compare runs/* --held-out --csv table.csv --latex table.tex\n"
     "swarmwright runs compare fronts/* --by hypervolume --reference fitness=0 --reference speed=0.12",
 )
-@click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
-@compare_options
+@click.argument("runs", type=options.ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
+@options.compare_options
 @click.option(
     "--csv",
     "csv_file",
-    type=OutputFile(),
-    metavar="FILE",
+    type=options.OutputFile(),
     help="Write the compared value of each run as a table, .csv.",
 )
 @click.option(
     "--latex",
     "latex_file",
-    type=OutputFile(),
-    metavar="FILE",
+    type=options.OutputFile(),
     help="Write groups and tests as LaTeX tables, .tex, for the package booktabs.",
 )
-@json_option
+@options.json_option
 def compare(
     runs: tuple[Path, ...],
     csv_file: Path | None,
     latex_file: Path | None,
-    as_json: bool,
-    **options: Any,  # noqa: ANN401 - see `ComparisonOptions`
+    output: Output,
+    compared: "ComparisonOptions",
 ) -> int:
     """Compare the best fitness that runs reached, or their fronts or archives.
 
@@ -407,10 +360,8 @@ def compare(
     `swarmwright plot` draws the comparison; `swarmwright compare` compares two controllers.
     """
     from swarmwright.analysis import table
-    from swarmwright.cli._comparison import ComparisonOptions, show_comparison
+    from swarmwright.cli._comparison import show_comparison
 
-    output = Output(as_json=as_json)
-    compared = ComparisonOptions.from_options(options)
     targets = ((csv_file, table.CSV), (latex_file, table.LATEX))
     files = [(file, ending) for file, ending in targets if file is not None]
     for file, ending in files:
@@ -423,22 +374,21 @@ def compare(
 
 @command.command(
     "export",
-    cls=Command,
     example="swarmwright runs export runs/minisim-1 evaluations.csv\n"
     "swarmwright runs export runs/minisim-1 evaluations.parquet\n"
     "swarmwright runs export runs/minisim-1 held-out.csv --validation\n"
     "swarmwright runs export results/sizes evaluations.parquet",
 )
-@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@click.argument("file", type=OutputFile(), metavar="FILE")
+@click.argument("run", type=options.ExistingPath(folder=True))
+@click.argument("file", type=options.OutputFile())
 @click.option(
     "--validation",
     is_flag=True,
     help="Write the validation instead (.csv): generation, candidate, recorded fitness, seed, fitness and "
     "metrics of each episode.",
 )
-@json_option
-def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
+@options.json_option
+def export(run: Path, file: Path, validation: bool, output: Output) -> int:
     """Write the record of RUN as a table.
 
     FILE is .csv or .parquet, with a row per evaluation, sorted by generation and candidate. The columns are
@@ -453,7 +403,6 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
     from swarmwright import InputError, Run
     from swarmwright.analysis.sweep_folders import runs_of
 
-    output = Output(as_json=as_json)
     if not validation and runs_of(run) is not None:
         return export_records(output, run, file)
     open_snapshot = Run.open(run)
@@ -475,14 +424,13 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
 
 @command.command(
     "verify",
-    cls=Command,
     example="swarmwright runs verify runs/minisim-1\n"
     "swarmwright runs verify results/sizes\n"
     "swarmwright runs verify runs/* --json",
 )
-@click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
-@json_option
-def verify(runs: tuple[Path, ...], as_json: bool) -> int:
+@click.argument("runs", type=options.ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
+@options.json_option
+def verify(runs: tuple[Path, ...], output: Output) -> int:
     """Check the content of each RUN against its checksums.
 
     The record must match its SHA-256, and best.json the record. Damage is reported with its generation and
@@ -499,7 +447,6 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     from swarmwright.runs.store import FILE
     from swarmwright.runs.verification import verify as verify_run
 
-    output = Output(as_json=as_json)
     status = 0
     for run, of_sweep in expand_sweeps(folders_of(runs)):
         if of_sweep and not (run / FILE).exists():
@@ -520,13 +467,12 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
 
 @command.command(
     "delete",
-    cls=Command,
     example="swarmwright runs delete runs/minisim-1 --yes\nswarmwright runs delete results/sizes",
 )
-@click.argument("runs", type=ExistingPath(folder=True), nargs=-1, required=True, metavar="RUN...")
+@click.argument("runs", type=options.ExistingPath(folder=True), nargs=-1, required=True, metavar="RUN...")
 @click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
-@json_option
-def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
+@options.json_option
+def delete(runs: tuple[Path, ...], yes: bool, output: Output) -> int:
     """Delete runs, or sweeps with all of their runs.
 
     RUN can be the folder of a sweep: its runs, even damaged ones, and its own files are deleted. Files that
@@ -534,7 +480,6 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     """
     from swarmwright.cli._deletion import Deletion
 
-    output = Output(as_json=as_json)
     deletions = [Deletion.from_folder(folder) for folder in {run.resolve(): run for run in runs}.values()]
     if not yes and not _is_confirmed(deletions):
         return 1

@@ -11,20 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log
 from swarmwright.cli._observing import Observing, observe_options, observe_servers
-from swarmwright.cli._options import (
-    DEFAULT_BROKER,
-    LARGEST_ID,
-    RealNumber,
-    WholeNumber,
-    broker_option,
-    json_option,
-    prefix_option,
-    trust_option,
-    wait_option,
-)
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._signals import Terminated
 from swarmwright.servers.broker.credentials import prepare
@@ -44,25 +34,23 @@ LARGEST_RANDOM_ID = 2**31 - 1
     example="swarmwright serve minisim --count 4\nswarmwright serve gather.py:Gather --broker mqtt://localhost:1883\n"
     "swarmwright serve arena --modules spiral_modules.py:Spiral,spiral_modules.py:Elapsed",
 )
-@click.argument("simulation", metavar="SIMULATION")
-@broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
+@click.argument("simulation")
+@options.broker_option(default=options.DEFAULT_BROKER, text="Address of the broker.")
 @click.option(
     "--id",
     "first",
-    type=WholeNumber(0, LARGEST_ID),
-    metavar="N",
+    type=options.WholeNumber(0, options.LARGEST_ID),
     help="Id of the first server; the others count up. Default: random.",
 )
 @click.option(
-    "--count", type=WholeNumber(1, 1024), default=1, show_default=True, metavar="N", help="Number of servers."
+    "--count", type=options.WholeNumber(1, 1024), default=1, show_default=True, help="Number of servers."
 )
-@prefix_option
+@options.prefix_option
 @click.option(
     "--step-timeout",
-    type=RealNumber(0.1, 86400.0),
+    type=options.RealNumber(0.1, 86400.0),
     default=60.0,
     show_default=True,
-    metavar="SECONDS",
     help="Time an episode waits for an agent's actuators before it is aborted.",
 )
 @click.option(
@@ -71,19 +59,17 @@ LARGEST_RANDOM_ID = 2**31 - 1
     help="Restart servers that crash or are killed. Turn it off if a service manager such as systemd or "
     "Slurm does it.  [default: restart]",
 )
-@wait_option
+@options.wait_option
 @click.option(
     "--broker-timeout",
-    type=RealNumber(1.0, 31 * 86400.0),
-    metavar="SECONDS",
+    type=options.RealNumber(1.0, 31 * 86400.0),
     help="Exit when the broker has been unreachable for this long. Default: keep trying.",
 )
 @click.option(
     "--grace",
-    type=RealNumber(0.0, 86400.0),
+    type=options.RealNumber(0.0, 86400.0),
     default=3.0,
     show_default=True,
-    metavar="SECONDS",
     help="Time after SIGTERM to finish the current request or episode; a second signal exits at once.",
 )
 @click.option(
@@ -94,8 +80,8 @@ LARGEST_RANDOM_ID = 2**31 - 1
     "names. Without them, machines that use Python modules are not evaluated. Repeatable.",
 )
 @observe_options
-@trust_option
-@json_option
+@options.trust_option
+@options.json_option
 def command(
     simulation: str,
     broker: str,
@@ -108,11 +94,8 @@ def command(
     broker_timeout: float | None,
     grace: float,
     modules: tuple[str, ...],
-    log: Path | None,
-    log_level: str,
-    log_size: int | None,
-    metrics: tuple[str, int] | None,
-    as_json: bool,
+    observing: Observing,
+    output: Output,
 ) -> int:
     """Start simulation servers.
 
@@ -129,8 +112,10 @@ def command(
     title += _modules_in_words(names)
     if first is None:
         first = 1 + secrets.randbelow(LARGEST_RANDOM_ID - count + 1)
-    elif first + count - 1 > LARGEST_ID:
-        raise click.UsageError(f"--id {first} with --count {count} passes the largest id, {LARGEST_ID}.")
+    elif first + count - 1 > options.LARGEST_ID:
+        raise click.UsageError(
+            f"--id {first} with --count {count} passes the largest id, {options.LARGEST_ID}."
+        )
     shared = {
         "simulation": simulation,
         "modules": names,
@@ -142,8 +127,7 @@ def command(
     }
     settings = [{**shared, "id": first + i} for i in range(count)]
     prepare(broker)
-    output = Output(as_json=as_json)
-    with observe_servers(output, Observing(log, log_level, metrics, log_size)) as (lines, figures):
+    with observe_servers(output, observing) as (lines, figures):
         reporter = Reporter(output, title, broker, lines, figures)
         with suppress(KeyboardInterrupt):  # Ctrl-C and SIGTERM are the normal end
             _serve(settings, reporter, restart=restart, patience=broker_timeout, grace=grace)

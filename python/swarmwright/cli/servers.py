@@ -7,15 +7,8 @@ from typing import Any
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import (
-    DEFAULT_BROKER,
-    RealNumber,
-    WholeNumber,
-    broker_option,
-    json_option,
-    prefix_option,
-)
 from swarmwright.cli._output import Output, complain
 from swarmwright.servers.broker.credentials import prepare
 
@@ -41,8 +34,8 @@ USUAL_DIMENSIONS = (1, 2, 3)
     example="swarmwright servers --broker mqtt://localhost:1883\nswarmwright servers --watch\n"
     "swarmwright servers --simulation line --dimensions 1",
 )
-@broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
-@prefix_option
+@options.broker_option(default=options.DEFAULT_BROKER, text="Address of the broker.")
+@options.prefix_option
 @click.option(
     "--simulation",
     metavar="TITLE",
@@ -52,14 +45,12 @@ USUAL_DIMENSIONS = (1, 2, 3)
 )
 @click.option(
     "--dimensions",
-    type=WholeNumber(0, 1000),
-    metavar="N",
+    type=options.WholeNumber(0, 1000),
     help="With --simulation: required number of dimensions. Default: 1, 2 and 3 are tried.",
 )
 @click.option(
     "--wait",
-    type=RealNumber(0.0, 3600.0),
-    metavar="SECONDS",
+    type=options.RealNumber(0.0, 3600.0),
     help="Time to listen for announcements, and again for answers to --simulation. Default: 1.",
 )
 @click.option(
@@ -68,10 +59,7 @@ USUAL_DIMENSIONS = (1, 2, 3)
     help="Refresh until Ctrl-C, showing current work, the blocking server and all active optimization tools.",
 )
 @click.option(
-    "--every",
-    type=RealNumber(0.1, 3600.0),
-    metavar="SECONDS",
-    help="With --watch: refresh interval. Default: 1.",
+    "--every", type=options.RealNumber(0.1, 3600.0), help="With --watch: refresh interval. Default: 1."
 )
 @click.option(
     "--forget-lost",
@@ -79,7 +67,7 @@ USUAL_DIMENSIONS = (1, 2, 3)
     help="Remove the retained messages of lost servers. Needs the account of a server; a server that "
     "returns announces itself again.",
 )
-@json_option
+@options.json_option
 def command(
     broker: str,
     prefix: str,
@@ -89,7 +77,7 @@ def command(
     watch: bool,
     every: float | None,
     forget_lost: bool,
-    as_json: bool,
+    output: Output,
 ) -> int:
     """List the servers on a broker, or watch them at work.
 
@@ -101,7 +89,6 @@ def command(
     from swarmwright import _engine
 
     _check(broker, simulation, dimensions, wait, every, watch=watch, forget_lost=forget_lost)
-    output = Output(as_json=as_json)
     if watch:
         from swarmwright.cli._watching import watch as go_on
 
@@ -117,7 +104,7 @@ def command(
         servers = _with_answers(servers, broker, simulation, numbers, prefix=prefix, wait=wait)
     for server in servers:
         output.json(server)
-    if servers and not as_json:
+    if servers and not output.as_json:
         _list(output, servers)
     if not servers:
         where = f" under the prefix {prefix}" if prefix else ""

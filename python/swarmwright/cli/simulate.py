@@ -9,35 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._experiments import experiment_of
-from swarmwright.cli._options import (
-    ExistingPath,
-    WholeNumber,
-    experiment_broker,
-    experiment_broker_options,
-    json_option,
-    prefix_settings,
-    server_output_option,
-    set_option,
-    trust_option,
-)
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._pictures import (
-    Colors,
-    broker_of,
-    check_file,
-    check_unsaved,
-    describe_file,
-    describe_recording,
-    parse_parts,
-    picture_options,
-    show_in_browser,
-)
+from swarmwright.cli._pictures import Picture, broker_of, check_unsaved, picture_options
 
 if TYPE_CHECKING:
     from swarmwright import Experiment
-    from swarmwright.display import Shown
     from swarmwright.servers.evaluation.evaluate import Episode
 
 
@@ -48,29 +27,29 @@ if TYPE_CHECKING:
     "swarmwright simulate my.yaml --save my.html\n"
     "swarmwright simulate experiments/minisim.yaml --seed 7 --set parameters.placement=random",
 )
-@click.argument("file", type=ExistingPath(), metavar="FILE")
+@click.argument("file", type=options.ExistingPath())
 @click.option(
     "--controller",
-    type=ExistingPath(folder=None),
+    type=options.ExistingPath(folder=None),
     metavar="C",
     help="Controller file (best.json) or run folder. Default: a random controller.",
 )
-@set_option("Override a value of FILE: parameters.maxSteps=30.")
+@options.set_option("Override a value of FILE: parameters.maxSteps=30.")
 @click.option(
     "--seed",
-    type=WholeNumber(min=0, max=2**63 - 1),
+    type=options.WholeNumber(min=0, max=2**63 - 1),
     metavar="S",
     help="Seed of the simulation. Default: parameters.seed, else 0.",
 )
-@experiment_broker_options(
+@options.experiment_broker_options(
     "Use a server on this broker; with --save, one that sends scenes. Default: FILE's, SWARMWRIGHT_BROKER, "
-    "or a private one; with --save, this process if it has the simulation.",
+    "or a private one; with --save, this process if it has the simulation."
 )
 @picture_options
 @click.option("--visual", is_flag=True, help="Ask the server to draw every step.")
-@server_output_option
-@trust_option
-@json_option
+@options.server_output_option
+@options.trust_option
+@options.json_option
 def command(
     file: Path,
     controller: Path | None,
@@ -78,43 +57,33 @@ def command(
     seed: int | None,
     broker: str | None,
     prefix: str | None,
-    picture: Path | None,
-    opening: bool,
-    speed: float,
-    parts: str,
-    colors: Colors,
+    picture: Picture,
     visual: bool,
-    as_json: bool,
+    output: Output,
 ) -> None:
     """Run one episode without optimization, or save it as a page, video or picture.
 
     FILE is an experiment or a FREVO session (.zse).
     """
-    if visual and as_json:
+    if visual and output.as_json:
         raise click.UsageError("--visual and --json exclude each other; leave one out.")
-    if visual and picture is not None:
+    if visual and picture.file is not None:
         raise click.UsageError("--visual and --save exclude each other; leave one out.")
-    if picture is None:
-        check_unsaved({"opening": "--open", "speed": "--speed", "parts": "--show", "colors": "--colors"})
-    else:
-        check_file(picture)
-    shown = parse_parts(parts, colors)
+    if picture.file is None:
+        check_unsaved({"speed": "--speed"})
     from swarmwright import Controller
     from swarmwright.servers.evaluation.evaluate import run_episode
 
-    output = Output(as_json=as_json)
     show_warnings()
-    experiment = experiment_of(file, (*settings, *prefix_settings(prefix)))
-    if picture is not None:
-        broker = broker_of(experiment.simulation, broker, experiment.broker)
-        _save(output, experiment, controller, seed, broker, picture, speed, shown)
-        if opening:
-            show_in_browser(output, picture)
+    experiment = experiment_of(file, (*settings, *options.prefix_settings(prefix)))
+    if picture.file is not None:
+        _save(output, experiment, controller, seed, broker_of(experiment, broker), picture)
+        picture.open(output)
         return
     loaded = None if controller is None else Controller.load(controller)
     if visual:  # the server's process, which draws, takes the width from its environment
         os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)
-    broker = experiment_broker(broker, experiment.broker, experiment.servers)
+    broker = options.experiment_broker(experiment, broker)
     result = run_episode(experiment, loaded, broker=broker, visual=visual, seed=seed)
     _print(output, result, controller)
 
@@ -125,19 +94,18 @@ def _save(
     controller: Path | None,
     seed: int | None,
     broker: str | None,
-    picture: Path,
-    speed: float,
-    shown: "Shown",
+    picture: Picture,
 ) -> None:
     from swarmwright.servers.evaluation.evaluate import Episode
     from swarmwright.servers.evaluation.shown import ShownEpisode
 
+    assert picture.file is not None
     episode = ShownEpisode.from_experiment(experiment, controller, seed=seed, broker=broker)
-    recording = episode.save(picture, speed=speed, shown=shown)
+    recording = episode.save(picture.file, speed=picture.speed, shown=picture.shown)
     result = Episode(
         recording.fitness, episode.metrics(recording), episode.controller.parameters, episode.seed
     )
-    _print(output, result, controller, describe_recording(recording, picture), describe_file(picture))
+    _print(output, result, controller, picture.describe(recording), picture.sentence)
 
 
 def _print(

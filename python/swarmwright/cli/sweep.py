@@ -8,21 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import SETTINGS, Command
 from swarmwright.cli._observing import Observing, observe_options, observe_run
-from swarmwright.cli._options import (
-    ExistingPath,
-    OutputOption,
-    Servers,
-    WholeNumber,
-    experiment_broker,
-    experiment_broker_options,
-    json_option,
-    prefix_settings,
-    servers_option,
-    set_option,
-    trust_option,
-)
 from swarmwright.cli._output import Output, complain, show_warnings
 from swarmwright.cli._signals import INTERRUPTED
 from swarmwright.common.formatting import format_count
@@ -41,22 +29,21 @@ FAILED = 1
     "swarmwright sweep methods.yaml --out results\n"
     "swarmwright sweep results/sweep.json --out again",
 )
-@click.argument("file", type=ExistingPath(), metavar="FILE")
-@set_option("Override a value in all variants: method.generations=50.")
-@experiment_broker_options()
+@click.argument("file", type=options.ExistingPath())
+@options.set_option("Override a value in all variants: method.generations=50.")
+@options.experiment_broker_options()
 @click.option(
     "--out",
-    cls=OutputOption,
+    cls=options.OutputOption,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
     help="Folder for the runs. Default: FILE's, else runs/ and FILE's name; for a sweep.json, its own "
     "folder.",
 )
-@servers_option
+@options.servers_option
 @click.option(
     "--jobs",
-    type=WholeNumber(min=1, max=1024),
-    metavar="N",
+    type=options.WholeNumber(min=1, max=1024),
     help="Number of simultaneous runs. Default: one per started server, one per processor with --servers "
     "local, or as many as the servers on the broker can serve.",
 )
@@ -67,22 +54,18 @@ FAILED = 1
     help="Write the statistics of each generation for TensorBoard, in a subfolder per run.",
 )
 @observe_options
-@trust_option
-@json_option
+@options.trust_option
+@options.json_option
 def command(
     file: Path,
     settings: tuple[str, ...],
     broker: str | None,
     prefix: str | None,
     out: Path | None,
-    servers: Servers | None,
+    servers: options.Servers | None,
     jobs: int | None,
-    tensorboard: Path | None,
-    log: Path | None,
-    log_level: str,
-    log_size: int | None,
-    metrics: tuple[str, int] | None,
-    as_json: bool,
+    observing: Observing,
+    output: Output,
 ) -> int:
     """Run an experiment with several settings and seeds, and compare.
 
@@ -105,18 +88,16 @@ def command(
     from swarmwright.analysis.sweep.run import UnreadableRunError
     from swarmwright.cli._sweep_report import Report
 
-    output = Output(as_json=as_json)
     show_warnings()
-    sweep = Sweep.load(file, out=out, settings=(*settings, *prefix_settings(prefix)))
-    first = sweep.variants[0].experiment
-    broker = experiment_broker(broker, first.broker, servers if servers is not None else first.servers)
+    sweep = Sweep.load(file, out=out, settings=(*settings, *options.prefix_settings(prefix)))
+    broker = options.experiment_broker(sweep.variants[0].experiment, broker, servers)
     todo = list_tasks(sweep)
     longer = 0
     for task in todo:
         with suppress(UnreadableRunError):  # reported among the runs
             existing = task.open_run()  # report errors before anything is printed
             longer += existing is not None and bool(task.budget_settings(existing))
-    if tensorboard is not None:
+    if observing.tensorboard is not None:
         from swarmwright.runs.callbacks._tensorboard import require_writer
 
         require_writer()
@@ -127,8 +108,8 @@ def command(
     if longer:
         output.text(f"{format_count(longer, 'run')} had a smaller budget and will continue.")
     try:
-        with observe_run(output, Observing(log, log_level, metrics, log_size)) as observer:
-            report = Report(output, observer, todo, tensorboard)
+        with observe_run(output, observing) as observer:
+            report = Report(output, observer, todo, observing.tensorboard)
             with report.show():
                 outcome = conduct(sweep, todo, report, jobs=jobs, broker=broker, servers=servers)
             report.conclude()

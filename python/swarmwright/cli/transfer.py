@@ -4,19 +4,8 @@ from pathlib import Path
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import (
-    ExistingPath,
-    Servers,
-    WholeNumber,
-    episodes_options,
-    experiment_broker_options,
-    json_option,
-    server_output_option,
-    servers_option,
-    trust_option,
-    write_episodes,
-)
 from swarmwright.cli._output import Output, show_warnings
 
 
@@ -26,7 +15,7 @@ from swarmwright.cli._output import Output, show_warnings
     example="swarmwright transfer runs/minisim-1 --vary parameters.speedDefenders=0.2..0.8\n"
     "swarmwright transfer runs/nnga-* runs/cma-* --to arena-gazebo,stage.yaml --seeds 50 --out transfer.png",
 )
-@click.argument("runs", type=ExistingPath(folder=None), metavar="RUN...", nargs=-1, required=True)
+@click.argument("runs", type=options.ExistingPath(folder=None), metavar="RUN...", nargs=-1, required=True)
 @click.option(
     "--to",
     "targets",
@@ -51,7 +40,7 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--candidates",
-    type=WholeNumber(min=1, max=100_000),
+    type=options.WholeNumber(min=1, max=100_000),
     metavar="K",
     default=10,
     show_default=True,
@@ -59,7 +48,7 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--random",
-    type=WholeNumber(min=0, max=100_000),
+    type=options.WholeNumber(min=0, max=100_000),
     metavar="K",
     default=0,
     show_default=True,
@@ -67,31 +56,30 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--seeds",
-    type=WholeNumber(min=2, max=1_000_000),
-    metavar="N",
+    type=options.WholeNumber(min=2, max=1_000_000),
     default=30,
     show_default=True,
     help="Episodes of each candidate in each simulation, on the same held-out seeds.",
 )
 @click.option(
     "--seed",
-    type=WholeNumber(min=0, max=2**62),
+    type=options.WholeNumber(min=0, max=2**62),
     metavar="S",
     help="First simulation seed; the others count up. Default: those of the runs' validations; give S for "
     "fresh seeds.",
 )
-@episodes_options(
+@options.episodes_options(
     "Draw fitness in the other simulation (y) over that in the run's own (x): .png, .svg or .pdf.",
     "Write every episode as a table.",
 )
-@experiment_broker_options(
+@options.experiment_broker_options(
     "Use the servers on this broker where the runs used one, and for simulations that only a server offers. "
-    "Default: the runs'.",
+    "Default: the runs'."
 )
-@servers_option
-@server_output_option
-@trust_option
-@json_option
+@options.servers_option
+@options.server_output_option
+@options.trust_option
+@options.json_option
 def command(
     runs: tuple[Path, ...],
     targets: tuple[str, ...],
@@ -105,8 +93,8 @@ def command(
     table: Path | None,
     broker: str | None,
     prefix: str | None,
-    servers: Servers | None,
-    as_json: bool,
+    servers: options.Servers | None,
+    output: Output,
 ) -> None:
     """Test the best controllers of runs in other simulations.
 
@@ -118,7 +106,6 @@ def command(
     from swarmwright.cli._progress import episodes
     from swarmwright.experiment.ranges import Range
 
-    output = Output(as_json=as_json)
     show_warnings()
     names = [name.strip() for text in targets for name in text.split(",") if name.strip()]
     if not names and not vary and not pseudo_reality:
@@ -143,4 +130,4 @@ def command(
         )
     output.block(str(result))
     output.json(result.to_mapping())
-    write_episodes(output, result, picture, table)
+    options.write_episodes(output, result, picture, table)

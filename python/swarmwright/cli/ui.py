@@ -13,9 +13,7 @@ from swarmwright.common.errors import InputError
 
 
 @click.command(
-    "ui",
-    cls=Command,
-    example="swarmwright ui runs --open\nswarmwright ui results --port 8501 --read-only",
+    "ui", cls=Command, example="swarmwright ui runs --open\nswarmwright ui results --port 8501 --read-only"
 )
 @click.argument("folder", type=ExistingPath(folder=True), metavar="[FOLDER]", required=False)
 @click.option(

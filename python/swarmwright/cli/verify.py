@@ -10,7 +10,7 @@ from swarmwright.cli._output import Output, show_warnings
 
 
 @click.command("verify", cls=Command, example="swarmwright verify flight.zip")
-@click.argument("bundle", type=ExistingPath(folder=None), metavar="BUNDLE")
+@click.argument("bundle", type=ExistingPath(folder=None))
 @click.option(
     "--require-fitness",
     is_flag=True,
@@ -24,7 +24,7 @@ from swarmwright.cli._output import Output, show_warnings
     "Swarmwright wrote it.",
 )
 @json_option
-def command(bundle: Path, require_fitness: bool, require_formats: bool, as_json: bool) -> int:
+def command(bundle: Path, require_fitness: bool, require_formats: bool, output: Output) -> int:
     """Check an archive of `swarmwright export --bundle`.
 
     BUNDLE is the archive or the folder it was unpacked to. Every file is checked against the manifest. The
@@ -34,7 +34,6 @@ def command(bundle: Path, require_fitness: bool, require_formats: bool, as_json:
     """
     from swarmwright.export.bundle_verification import verify_bundle
 
-    output = Output(as_json=as_json)
     show_warnings()
     verified = verify_bundle(bundle)
     output.text(f"{bundle}: SHA-256 of the manifest {verified.digest}")

@@ -5,20 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import (
-    BROKER_VARIABLE,
-    LARGEST_ID,
-    OutputFile,
-    RealNumber,
-    WholeNumber,
-    broker_option,
-    combine_options,
-    json_option,
-    peer_broker,
-    peer_prefix,
-    peer_prefix_option,
-)
+from swarmwright.cli import _options as options
+from swarmwright.cli._commands import Group
 from swarmwright.cli._output import Output, print_note
 from swarmwright.common.errors import InputError
 from swarmwright.common.json_text import loads
@@ -42,19 +30,19 @@ def command() -> None:
     """
 
 
-_shared = combine_options(
+_shared = options.combine_options(
     click.option(
         "--exec",
         "start",
         metavar="COMMAND",
         help="Command that starts the peer, with the placeholders above.",
     ),
-    broker_option(
+    options.broker_option(
         default=None,
-        text=f"Address of a broker. Default: {BROKER_VARIABLE} for a peer that runs already, else an "
+        text=f"Address of a broker. Default: {options.BROKER_VARIABLE} for a peer that runs already, else an "
         "embedded broker on a free port.",
     ),
-    peer_prefix_option,
+    options.peer_prefix_option,
     click.option(
         "--rules",
         multiple=True,
@@ -68,37 +56,29 @@ _shared = combine_options(
         show_default=True,
         help="d6.1: only the rules of deliverable D6.1; all: Swarmwright's as well.",
     ),
-    click.option(
-        "--junit",
-        type=OutputFile(),
-        metavar="FILE",
-        help="Also write the results as JUnit XML.",
-    ),
+    click.option("--junit", type=options.OutputFile(), help="Also write the results as JUnit XML."),
     click.option("--list", "listing", is_flag=True, help="List the rules without checking them."),
     click.option(
         "--wait",
-        type=RealNumber(0.1, 86400.0),
+        type=options.RealNumber(0.1, 86400.0),
         default=30.0,
         show_default=True,
-        metavar="SECONDS",
         help="Time to wait for the peer at the start.",
     ),
-    json_option,
+    options.json_option,
 )
 """Options shared by both subcommands."""
 
 
 @command.command(
     "server",
-    cls=Command,
     example='swarmwright conformance server --exec "python my_server.py {broker} {id}" --simulation line\n'
     "swarmwright conformance server --id 7 --broker mqtt://localhost:1883 --junit results.xml",
 )
 @click.option(
     "--id",
     "server",
-    type=WholeNumber(0, LARGEST_ID),
-    metavar="N",
+    type=options.WholeNumber(0, options.LARGEST_ID),
     help="Id of the server. Default: 1 with --exec, else required.",
 )
 @click.option(
@@ -118,11 +98,9 @@ _shared = combine_options(
     help="Parameters of the episodes: a JSON object, or a file with one. Several agents, few steps and a "
     "random start cover most rules.",
 )
+@click.option("--sensors", type=options.WholeNumber(1, 1_000_000), help="Values per agent, if not announced.")
 @click.option(
-    "--sensors", type=WholeNumber(1, 1_000_000), metavar="N", help="Values per agent, if not announced."
-)
-@click.option(
-    "--actuators", type=WholeNumber(1, 1_000_000), metavar="N", help="Values per agent, if not announced."
+    "--actuators", type=options.WholeNumber(1, 1_000_000), help="Values per agent, if not announced."
 )
 @click.option(
     "--vary",
@@ -131,16 +109,14 @@ _shared = combine_options(
 )
 @click.option(
     "--timeout",
-    type=RealNumber(0.05, 3600.0),
+    type=options.RealNumber(0.05, 3600.0),
     default=5.0,
     show_default=True,
-    metavar="SECONDS",
     help="Time-out of a single answer.",
 )
 @click.option(
     "--step-timeout",
-    type=RealNumber(0.1, 86400.0),
-    metavar="SECONDS",
+    type=options.RealNumber(0.1, 86400.0),
     help="Time after which the server aborts an episode, as configured.",
 )
 @_shared
@@ -162,7 +138,7 @@ def server_command(
     listing: bool,
     timeout: float,
     wait: float,
-    as_json: bool,
+    output: Output,
 ) -> int:
     """Try every rule on a simulation server.
 
@@ -174,20 +150,19 @@ def server_command(
     """
     from swarmwright.conformance.server import RULES
 
-    output = Output(as_json=as_json)
     if listing:
         return _list(output, RULES, rules, profile)
     if server is None and start is None:
         raise click.UsageError("The server is missing: give its --id, or start it with --exec.")
     from swarmwright.conformance import check_server
 
-    chosen = peer_broker(broker, start)
+    chosen = options.peer_broker(broker, start)
     reporter = _Reporter(output)
     report = check_server(
         server=1 if server is None else server,
         command=start,
         broker=chosen,
-        prefix=peer_prefix(prefix, chosen),
+        prefix=options.peer_prefix(prefix, chosen),
         simulation=simulation,
         dimensions=dimensions,
         parameters=_parameters_of(parameters),
@@ -207,7 +182,6 @@ def server_command(
 
 @command.command(
     "optimizer",
-    cls=Command,
     example='swarmwright conformance optimizer --exec "swarmwright optimize {experiment} --out {folder}/r"\n'
     "swarmwright conformance optimizer --simulation rovers --sensors 8 --actuators 2",
 )
@@ -216,32 +190,29 @@ def server_command(
 )
 @click.option(
     "--sensors",
-    type=WholeNumber(1, 1000),
+    type=options.WholeNumber(1, 1000),
     default=3,
     show_default=True,
-    metavar="N",
     help="Sensor values per agent.",
 )
 @click.option(
     "--actuators",
-    type=WholeNumber(1, 1000),
+    type=options.WholeNumber(1, 1000),
     default=2,
     show_default=True,
-    metavar="N",
     help="Actuator values per agent.",
 )
 @click.option(
     "--episodes",
-    type=WholeNumber(1, 1000),
+    type=options.WholeNumber(1, 1000),
     metavar="K",
     help="Episodes per candidate; 2 with {experiment}.",
 )
 @click.option(
     "--lasts",
-    type=RealNumber(0.5, 3600.0),
+    type=options.RealNumber(0.5, 3600.0),
     default=30.0,
     show_default=True,
-    metavar="SECONDS",
     help="Time-out of a single run of the tool.",
 )
 @_shared
@@ -259,7 +230,7 @@ def optimizer_command(
     junit: Path | None,
     listing: bool,
     wait: float,
-    as_json: bool,
+    output: Output,
 ) -> int:
     """Try every rule on an optimization tool; the kit plays the simulation servers.
 
@@ -273,17 +244,16 @@ def optimizer_command(
     """
     from swarmwright.conformance.optimizer import RULES
 
-    output = Output(as_json=as_json)
     if listing:
         return _list(output, RULES, rules, profile)
     from swarmwright.conformance import check_optimizer
 
-    chosen = peer_broker(broker, start)
+    chosen = options.peer_broker(broker, start)
     reporter = _Reporter(output)
     report = check_optimizer(
         command=start,
         broker=chosen,
-        prefix=peer_prefix(prefix, chosen),
+        prefix=options.peer_prefix(prefix, chosen),
         simulation=simulation,
         sensors=sensors,
         actuators=actuators,

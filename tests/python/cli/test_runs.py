@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import InputError, optimize
 from swarmwright.cli._main import run as command
-from swarmwright.cli.runs import COLUMNS, Condition, ConditionType, sort_runs
+from swarmwright.cli.runs import COLUMNS, Condition, sort_runs
 
 RUNS: list[dict[str, Any]] = [
     {"run": "a", "best": None, "failed": 0, "method": "nnga", "created": "2026-01-01", "skip": True},
@@ -19,7 +19,7 @@ RUNS: list[dict[str, Any]] = [
 
 
 def names(text: str) -> str:
-    condition = ConditionType().convert(text, None, None)
+    condition = Condition.parse(text)
     return "".join(run["run"] for run in RUNS if condition.holds(run))
 
 
@@ -134,4 +134,4 @@ def test_no_run_that_matches_is_said(folder: Path, capsys: pytest.CaptureFixture
 
 
 def test_conditions_are_values() -> None:
-    assert ConditionType().convert("a.b <= 3 ", None, None) == Condition("a.b", "<=", "3")
+    assert Condition.parse("a.b <= 3 ") == Condition("a.b", "<=", "3")

@@ -35,12 +35,11 @@ from swarmwright.cli._output import Output, complain
 @click.option(
     "--candidate",
     type=WholeNumber(min=0),
-    metavar="N",
     help="The candidate to save. Default: the one with the highest fitness here.",
 )
 @json_option
 def command(
-    file: Path, field: Path | None, target: Path | None, candidate: int | None, as_json: bool
+    file: Path, field: Path | None, target: Path | None, candidate: int | None, output: Output
 ) -> None:
     """Evaluate the candidates of a FREVO result.
 
@@ -52,7 +51,6 @@ def command(
     from swarmwright import Controller
     from swarmwright.interop import frevo
 
-    output = Output(as_json=as_json)
     scores = frevo.score(file, field=field)
     if candidate is not None and candidate >= len(scores):
         raise click.UsageError(
