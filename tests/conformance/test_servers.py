@@ -232,7 +232,7 @@ def test_rules_alone_are_tried_whichever_are_chosen_with_them(first: str) -> Non
 
 @pytest.mark.parametrize(
     ("left_out", "detail"),
-    [("", ""), ("-S2.3", "no undisturbed episode"), ("-S1,-S2", "what the server announces is not known")],
+    [("", ""), ("-S2.3", "no undisturbed episode"), ("-S1,-S2", "the server's announcement is unknown")],
 )
 def test_rules_alone_get_what_they_need_to_know_unless_that_is_left_out(left_out: str, detail: str) -> None:
     report = check_server(

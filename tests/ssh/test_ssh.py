@@ -192,5 +192,5 @@ def test_a_machine_without_sftp(tmp_path: Path) -> None:
 
 
 def test_without_machines(machine: Machine, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"servers\.hosts: is missing: ssh needs machines"):
+    with pytest.raises(InputError, match=r"servers\.hosts: is missing; ssh needs machines"):
         optimize(experiment(machine, hosts=[]), out=tmp_path / "run", progress=False)

@@ -294,7 +294,5 @@ def test_what_a_server_offers_is_asked_for_or_said(embedded: BrokerProcess) -> N
     with pytest.raises(InputError, match="sensors not known: 'toy' is not built in, and no server on"):
         proxy_model(experiment, Address(embedded.url), 1)
     said = experiment.with_settings(["sensors=2", "actuators=1"])
-    with pytest.raises(
-        InputError, match="number of agents of 'toy' is not known here; give it with --agents"
-    ):
+    with pytest.raises(InputError, match="number of agents of 'toy' is unknown; set it with --agents"):
         proxy_model(said, Address(embedded.url))

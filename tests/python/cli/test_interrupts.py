@@ -129,7 +129,7 @@ def test_a_large_population_is_announced_and_may_be_interrupted(start: Any, tmp_
     process = start("optimize", "large.yaml", "--out", "large")
     assert "400,000 candidates with 49 genes each need " in (first := process.stderr.readline())
     assert first.rstrip().endswith(("and some time", "if the run is killed"))
-    assert process.stderr.readline() == "swarmwright: generation 0: making candidates\n"
+    assert process.stderr.readline() == "swarmwright: generation 0: creating candidates\n"
     process.send_signal(signal.SIGINT)
     _, complaint = process.communicate(timeout=20)
     assert process.returncode == 130

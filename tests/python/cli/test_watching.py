@@ -242,7 +242,7 @@ def test_another_run_stands_beside_it_in_the_same_episode(program: Any, run: str
     assert program("optimize", "arena.yaml", "--out", "arena").returncode == 0
     wrong = program("replay", run, "--beside", "arena", "--save", "x.html")
     assert wrong.returncode == 2
-    assert "arena: does not fit minisim as result has it: controller.sensors: 9, but" in wrong.stderr
+    assert "arena: does not fit minisim of result: controller.sensors: 9, but" in wrong.stderr
     assert "show it alone: swarmwright replay arena" in wrong.stderr
 
 
@@ -294,7 +294,7 @@ def test_what_a_picture_shows_can_be_chosen(program: Any, run: str, tmp_path: Pa
         assert data["shown"]["labels"] is labels, "None: as the page decides"
     wrong = program("replay", run, "--show", "tracks", "--save", "x.png")
     assert wrong.returncode == 2
-    assert "--show: 'tracks' found, expected trails, rays, links, labels or none" in wrong.stderr
+    assert "--show: 'tracks' is not a part; choose from trails, rays, links, labels or none" in wrong.stderr
 
 
 ARENA = """\

@@ -33,7 +33,7 @@ def test_the_place_is_private_and_the_same_each_time(temporary: Path) -> None:
     assert place.parent == temporary
     assert mode(place) == 0o700
     assert private_folder() == place
-    code = "from swarmwright.common.temporary import private_place; print(private_place())"
+    code = "from swarmwright.common.temporary import private_folder; print(private_folder())"
     other = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, "TMPDIR": str(temporary)},

@@ -62,6 +62,6 @@ def test_without_ffmpeg_it_says_how_to_get_it(
 def test_what_ffmpeg_complains_of_is_said(
     crossing: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_ffmpeg", lambda _: get_ffmpeg_exe())
+    monkeypatch.setattr(module, "_find_ffmpeg", lambda _: get_ffmpeg_exe())
     with pytest.raises(RunError, match="No such file or directory"):
         save(record(crossing), tmp_path / "nowhere" / "x.mp4")

@@ -407,7 +407,7 @@ def test_a_wrong_table_is_noticed(tmp_path: Path) -> None:
     run(["gcc", "robot.c", "robot_test.c", "-o", "self_test"], tmp_path, "self-test")
     done = subprocess.run(["./self_test"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert "are not those of the simulation" in done.stdout
+    assert "differ from those of the simulation" in done.stdout
 
 
 @pytest.mark.slow

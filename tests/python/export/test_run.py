@@ -174,7 +174,7 @@ def test_parameters(program: Any, rule: Run, tmp_path: Path) -> None:
         result = program("export", rule.path, "--to", form, "--output", "out", "--verify", "--prefix", "rule")
         assert result.returncode == 0, result.stderr
         assert result.stdout.splitlines()[-1] == (
-            "Verified: largest difference 0, bit-identical: every parameter has its value"
+            "Verified: largest difference 0, bit-identical: all parameters are correct"
         )
     text = (tmp_path / "out" / "rule.h").read_text()
     assert "float avoidance; /* avoidance, 0 to 5 */" in text
@@ -218,7 +218,7 @@ def test_verification_fails_where_bits_differ(
         (["--to", "ros2", "--prefix", "uint8"], "prefix: uint8_t is a type of C or POSIX"),
         (["--to", "cpp", "--prefix", "String"], "prefix: String.h is a C or system header"),
         (["--to", "micropython", "--prefix", "array"], "prefix: 'array' is a Python module"),
-        (["--to", "c", "--output", "taken"], "taken: is a file where a folder is expected"),
+        (["--to", "c", "--output", "taken"], "taken: is a file, not a folder"),
         (
             ["--to", "c", "--output", "full"],
             "controller.h: already exists and was not exported by Swarmwright",
@@ -270,7 +270,7 @@ def test_both_dialects_of_python_need_names_of_their_own(program: Any, minisim: 
     before = (tmp_path / "robot/controller.py").read_text()
     refused = program(*export, "micropython")
     assert refused.returncode == 2
-    assert "controller.py: is the export to the other one" in refused.stderr
+    assert "controller.py: was exported to the other dialect" in refused.stderr
     assert (tmp_path / "robot/controller.py").read_text() == before
     assert program(*export, "python", "--candidate", "0:1").returncode == 0
     assert program(*export, "micropython", "--force").returncode == 0

@@ -381,7 +381,7 @@ def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
         (["minisim", "--set", "numAgents=3"], "write --set parameters.numAgents=3"),
         (["minisim", "--output", "mine.fmu"], "was not exported by Swarmwright"),
         (["minisim", "--fmi", "1"], "'1' is not one of '2', '3'"),
-        (["minisim", "--set", "parameters.numAgents=90000"], "an FMU has at most 200,000"),
+        (["minisim", "--set", "parameters.numAgents=90000"], "the limit of an FMU is 200,000"),
     ):
         done = CliRunner().invoke(program, ["export-fmu", *words])
         said = done.output + str(done.exception)
@@ -407,5 +407,5 @@ def test_a_parameter_by_which_there_are_other_sensors(tmp_path: Path) -> None:
 
 def test_missing_licences_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LICENSES", tmp_path / "missing")
-    with pytest.raises(InputError, match=r"is missing, .* `make \.venv/\.engine`"):
+    with pytest.raises(InputError, match=r"are missing; run `make \.venv/\.engine`"):
         build_simulation_fmu("minisim", {}, fmi="2.0", name="world")

@@ -115,7 +115,7 @@ def test_numbers_of_agents_follow_the_parameters(run: Run) -> None:
 
 @pytest.mark.slow
 def test_a_group_is_exported_by_itself(run: Run, built_in: Run, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="name one of hunters, prey"):
+    with pytest.raises(InputError, match="name a group, hunters, prey"):
         export_controller(run, to="python", output=tmp_path / "none")
     with pytest.raises(InputError, match="no group 'pray'; did you mean 'prey'"):
         export_controller(run, to="python", group="pray", output=tmp_path / "none")

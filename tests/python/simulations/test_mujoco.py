@@ -235,16 +235,16 @@ def test_what_cannot_be_filmed_is_refused_before_an_episode_is_simulated(
     def simulated(*_: Any) -> None:
         raise AssertionError("an episode was simulated")
 
-    monkeypatch.setattr(film, "frames", simulated)
+    monkeypatch.setattr(film, "render_frames", simulated)
     for arguments, words in (
         (["a.gif", "--episode", "9"], "episode: 9: "),
-        (["a.xyz"], "a.xyz: the video is a GIF; give a name that ends with .gif"),
+        (["a.xyz"], "a.xyz: the video is a GIF; choose a file name that ends with .gif"),
         (["a"], "a: the video is a GIF"),
     ):
         result = CliRunner().invoke(film.main, [str(run.path), *arguments])
         assert result.exit_code == 2
         assert result.output.startswith(f"swarmwright: {words}")
-    with pytest.raises(InputError, match="has 1 episode\\(s\\) of a candidate; give a number from 0 to 0"):
+    with pytest.raises(InputError, match="have 1 episode\\(s\\); choose a number from 0 to 0"):
         film.write(run, tmp_path / "a.gif", episode=1)
 
 

@@ -53,7 +53,7 @@ def test_a_design_is_a_run_like_others(form: str, method: str, own: Path, tmp_pa
         episode.step()
     seed = replay.seed
     assert episode.fitness == simulate(experiment, best.controller, seed=seed)
-    with pytest.raises(InputError, match=r"broker: mqtt://127\.0\.0\.1:1: .* in this process alone"):
+    with pytest.raises(InputError, match=r"broker: mqtt://127\.0\.0\.1:1: .* only in this process"):
         Replay.of(run, broker="mqtt://127.0.0.1:1")
     assert (run.path / "code/1/behaviour-wander/own_modules.py").read_text() == CODE
     reopened = Run.open(run.path)
@@ -66,7 +66,7 @@ def test_a_design_is_a_run_like_others(form: str, method: str, own: Path, tmp_pa
     start = Experiment.load(file, [f"controller.machine={tmp_path / 'machine/controller.yaml'}"])
     assert start.representation().initial is not None
     for form_ in sorted(EXPORTERS.built_in.keys() - {"machine", "python"}):
-        with pytest.raises(InputError, match=r"are code in Python|have no code in C|only mealy_fsm"):
+        with pytest.raises(InputError, match=r"are code in Python|have no C code|only mealy_fsm"):
             export_controller(run, to=form_, output=tmp_path / form_)
 
 

@@ -51,7 +51,7 @@ def test_what_is_secret_is_the_owners_alone(tmp_path: Path) -> None:
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     folder = write(tmp_path / "lab")
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(InputError, match=r"ca-key\.pem.*nothing is overwritten"):
+    with pytest.raises(InputError, match=r"ca-key\.pem.*are not overwritten"):
         write(folder)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "acl").write_text("mine\n")

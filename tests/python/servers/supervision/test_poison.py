@@ -161,7 +161,7 @@ def test_a_server_that_cannot_be_started_again_ends_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(RunError, match=r"(?s)no simulation server is left.*licence server"):
+    with pytest.raises(RunError, match=r"(?s)all simulation servers have failed.*licence server"):
         optimize(experiment("Unstartable"), servers=1, out=tmp_path / "run")
 
 

@@ -334,9 +334,11 @@ def test_a_run_of_an_earlier_version_whose_file_is_gone(
     folder = without_copy(run, project)
     (project / "gather.py").rename(project / "gone.py")
     for use in (repeat, Replay.of):
-        with pytest.raises(InputError, match=r"its simulation is gone.* --simulation FILE:Gather"):
+        with pytest.raises(
+            InputError, match=r"code of its simulation.* is missing.*--simulation FILE:Gather"
+        ):
             use(Run.open(folder))
-    with pytest.raises(InputError, match=r"its simulation is gone.* --simulation FILE:Gather"):
+    with pytest.raises(InputError, match=r"code of its simulation.* is missing.*--simulation FILE:Gather"):
         resume(folder, generations=5)
     assert repeat(Run.open(folder), simulation="gone.py:Gather").same
     # Whoever moves the folder and puts the file beside it means that one, wherever the old one is.
@@ -348,7 +350,7 @@ def test_a_run_of_an_earlier_version_whose_file_is_gone(
     shutil.copy(project / "gone.py", there / "gather.py")
     shutil.copy(project / "helper.py", there / "helper.py")
     assert repeat(Run.open(there / "copied")).same
-    assert f"{there}/gather.py:Gather is used as it is now" in caplog.text
+    assert f"using the present {there}/gather.py:Gather" in caplog.text
 
 
 @pytest.mark.slow

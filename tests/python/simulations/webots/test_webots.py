@@ -116,7 +116,7 @@ def test_one_record_on_one_server_and_on_two_and_nothing_left(tmp_path: Path) ->
             ("steps: 20", f"{START.replace(']', ', 9]')}steps: 20"),
             r"start: .*python.* has ended \(status 3\)",
         ),
-        (("robots: [rover, rover(1)]", "robots: [rover]"), "does not answer for 4 s"),
+        (("robots: [rover, rover(1)]", "robots: [rover]"), "did not answer for 4 s"),
         (("rover(1)", "truck"), r'truck.*: Webots did not answer for 4 s; .* controller "<extern>"'),
     ],
 )
