@@ -88,20 +88,23 @@ class Timeouts(Options):
     connect: float = Field(default=_TIMEOUTS["connect"], ge=0, le=31 * 86_400)
     """For a broker that does not answer yet at the start; the option `--wait` takes precedence."""
     discovery: float = Field(default=_TIMEOUTS["discovery"], gt=0, le=86_400)
-    """For a matching server at the start. If all servers or the broker are lost, or no server succeeds any
-    more, the run waits for this time or longer (see `step`), then it ends and can be resumed. Servers that
-    the run starts have this time, at least 30 s, to start."""
+    """For a matching server at the start. If all servers or the broker are lost, or no server succeeds, the
+    run waits at least this time, then ends and can be resumed. Servers that the run starts have at least
+    30 s.
+    """
     step: float = Field(default=_TIMEOUTS["step"], gt=0, le=86_400)
     """For the next message of a server (in offloaded mode the result), before its work goes to another
     server."""
     least: float = Field(default=_TIMEOUTS["least"], gt=0, le=86_400)
-    """A server that is silent unusually long, and at least for this time, counts as slow; another server gets
-    a backup of its work. At most `step`."""
+    """Minimum silence of a server before it counts as slow and another one gets a backup of its work. At most
+    `step`.
+    """
     episode: float = Field(default=_TIMEOUTS["episode"], gt=0, le=31 * 86_400)
     """For a whole stepwise episode, before it goes to another server."""
     keep_alive: int | None = Field(default=None, ge=1, le=3600)
-    """Keep-alive interval of connections to the broker, in whole seconds, within which silent failures are
-    noticed. Default: SWARMWRIGHT_KEEP_ALIVE in the environment, or 30."""
+    """Keep-alive interval of connections to the broker; silent failures are noticed within it. Default:
+    SWARMWRIGHT_KEEP_ALIVE in the environment, or 30.
+    """
 
     def variables(self) -> dict[str, str]:
         """Return the environment variables for servers that the run starts."""
@@ -121,8 +124,9 @@ class Faults(Options):
     """Treatment of failing, slow and wrong servers and evaluations."""
 
     attempts: int = Field(default=_FAULTS["attempts"], ge=1, le=1000)
-    """Attempts at an evaluation before it counts as failed. Failures that may be caused by the server or by
-    another evaluation do not count. For simulations with bitwise determinism, two failures suffice."""
+    """Attempts at an evaluation before it counts as failed, without those that the server or another
+    evaluation may have spoiled. For simulations with bitwise determinism, two failures suffice.
+    """
     quarantine: int = Field(default=_FAULTS["quarantine"], ge=1, le=1000)
     """Servers that may crash or hang on an evaluation before it counts as failed; at least 3 for servers that
     the run did not start."""
@@ -133,10 +137,11 @@ class Faults(Options):
         BeforeValidator(_parse_audit),
         WithJsonSchema({"anyOf": [{"enum": ["auto"]}, {"type": "number", "minimum": 0, "maximum": 1}]}),
     ] = "auto"
-    """Evaluations to audit, that is, to repeat on another server and compare. auto: 30 or 1 % at the end of
-    the run, with a warning if results differ. A share from 0 to 1: also during the run, on servers that
-    declare their determinism; if two disagree, a third one decides, and the evaluations of the outvoted
-    server are repeated. 0: none."""
+    """Evaluations to repeat on another server and compare. auto: 30 or 1 % at the end of the run, with a
+    warning if results differ. A share from 0 to 1: also during the run, on servers that declare their
+    determinism; if two disagree, a third decides, and all evaluations of the outvoted server are repeated.
+    0: none.
+    """
 
     @property
     def audit_share(self) -> float:
@@ -198,12 +203,10 @@ def _parse_ranges(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 
 
 class Validate(Options):
-    """Evaluation of a run's best candidates on held-out seeds at the end of the run.
+    """Evaluation of a run's best candidates on held-out seeds at its end.
 
-    The recorded fitness of the best candidate is biased upwards if fitness depends on the seed; episodes on
-    unused seeds estimate it without bias. The results are stored in the run, outside its record. `validate:
-    false` skips the validation. With `to`, `vary` or `pseudo_reality`, the candidates are also evaluated in
-    other simulations, as by `swarmwright transfer`.
+    It estimates their fitness without bias. With `to`, `vary` or `pseudo_reality`, also in other simulations,
+    as by `swarmwright transfer`. `validate: false` skips it.
     """
 
     episodes: Annotated[
@@ -213,9 +216,10 @@ class Validate(Options):
             {"anyOf": [{"enum": ["auto"]}, {"type": "integer", "minimum": 0, "maximum": 100_000}]}
         ),
     ] = "auto"
-    """Episodes per candidate, with the same seeds; 0: no validation. auto: 100 or four times
-    `ranking.episodes`, limited to 5 % of the run's episodes; 20 if fitness does not depend on the seed; none
-    if fewer than 10 remain."""
+    """Episodes per candidate, with the same seeds; 0: none. auto: 100 or four times `ranking.episodes`,
+    limited to 5 % of the run's episodes (none if fewer than 10 remain); 20 if fitness does not depend on
+    the seed.
+    """
     candidates: int = Field(default=5, ge=1, le=100)
     """Number of candidates, the best ones with different controllers. With `episodes: auto`, fewer if the
     limit requires it."""
@@ -228,7 +232,8 @@ class Validate(Options):
         WithJsonSchema({"anyOf": [*_TARGET["anyOf"], {"type": "array", "items": _TARGET}]}),
     ] = Field(default=[])
     """Other simulations for the candidates: names, keys that differ from the experiment ({name: harder,
-    parameters: {numDefenders: 4}}), or .yaml files with such keys, relative to this one."""
+    parameters: {numDefenders: 4}}), or .yaml files with them.
+    """
     vary: Annotated[
         dict[str, Any],
         BeforeValidator(_parse_ranges),
@@ -268,11 +273,12 @@ class Document(Options):
     """An experiment: simulation, controller, method and servers."""
 
     simulation: str = Field(min_length=1)
-    """Title of a built-in simulation, or of another one that a server on the broker offers (`arena-NAME`: the
-    arena's missions in the simulator NAME). Or a Python class, path/to/file.py:Class (relative to this file)
-    or package.module:Class. Or an environment, gymnasium:CartPole-v1 or pettingzoo:NAME. Or a mapping:
-    {command: ..}, a program to run for each episode; {fmu: ..}, or the path of a .fmu or .ssp file; {ros:
-    ..}, robots of a ROS system."""
+    """Name of a simulation: built-in, or offered by a server on the broker (`arena-NAME`: the arena's
+    missions in the simulator NAME). Or a Python class, path/to/file.py:Class (relative to this file) or
+    package.module:Class. Or an environment, gymnasium:CartPole-v1 or pettingzoo:NAME. Or a mapping:
+    {command: ..}, a program for each episode; {fmu: ..}, or the path of a .fmu or .ssp file; {ros: ..},
+    robots of a ROS system.
+    """
     requirements: Requirements | None = None
     """Capabilities that a simulation server must have. Default: the announced dimensions of the simulation,
     otherwise 2 dimensions."""
@@ -290,9 +296,9 @@ class Document(Options):
     fitness."""
     start_from: StartFrom = None
     """Controllers to start from: a run folder (its best), a controller file (best.json), `{run: PATH,
-    generation: G, candidate: N}`, or a list of these; paths are relative to this file. They become the first
-    candidates, or the center of the initial distribution; not supported by all methods. Default: random
-    controllers."""
+    generation: G, candidate: N}`, or a list of these; paths are relative to this file. They are the first
+    candidates, or the center of the initial distribution. Default: random controllers.
+    """
     controller: dict[str, Any] = Field(default={})
     """The representation of controllers by genomes."""
     method: dict[str, Any] = Field(default={})
@@ -304,22 +310,24 @@ class Document(Options):
     ] = Field(default_factory=Validate, alias="validate")
     """Evaluation of the best candidates on held-out seeds at the end of the run; false for none."""
     mode: Literal["auto", "stepwise", "batched", "offloaded"] = "auto"
-    """How servers on a broker evaluate, without effect on the fitness. stepwise: every step of every agent is
-    sent over the broker. batched: a message carries a step of many episodes. offloaded: servers receive the
-    controllers. auto: the fastest mode of each server; other values exclude servers without the mode."""
+    """How servers on a broker evaluate; the fitness is the same. stepwise: each step of each agent crosses
+    the broker. batched: a message carries a step of many episodes. offloaded: servers receive the
+    controllers. auto: the fastest mode of each server; other values exclude servers without the mode.
+    """
     servers: Servers = "auto"
-    """Where evaluations run without a broker. A number: servers started on the embedded broker. auto: one per
-    processor, 2 to 8; in notebooks local. local: built-in simulations in this process, Python simulations in
-    worker processes. in-process: all in this process. Or launchers of servers, {launcher: slurm, count: 200,
-    partition: long}, short slurm:200, or a list of these, with any broker."""
+    """Where evaluations run. A number: servers started on the embedded broker. auto: one per processor, 2 to
+    8; in notebooks local. local: built-in simulations in this process, Python simulations in worker
+    processes. in-process: all in this process. Or launchers, with any broker: {launcher: slurm, count:
+    200, partition: long}, short slurm:200, or a list of these.
+    """
     broker: str | None = None
-    """Address of an external broker: mqtt://HOST:PORT, mqtts://, ws://, wss:// or unix://PATH; for the
-    brokers of a cluster, several separated by commas. The environment provides user and password:
-    SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or SWARMWRIGHT_PASSWORD_FILE). Default: an embedded
-    broker."""
+    """Address of an external broker: mqtt://HOST:PORT, mqtts://, ws://, wss:// or unix://PATH; those of a
+    cluster's brokers separated by commas. User and password are in SWARMWRIGHT_USERNAME and
+    SWARMWRIGHT_PASSWORD (or SWARMWRIGHT_PASSWORD_FILE). Default: an embedded broker.
+    """
     prefix: str = ""
-    """Prefix of all topics, to separate groups on a broker. If empty, SWARMWRIGHT_PREFIX in the environment
-    applies."""
+    """Prefix of all topics, to separate groups on a broker. Default: SWARMWRIGHT_PREFIX in the environment.
+    """
     timeouts: Timeouts = Field(default_factory=Timeouts)
     """Time limits."""
     faults: Faults = Field(default_factory=Faults)

@@ -29,22 +29,24 @@ class LauncherOptions(Options):
     """Cost per server and hour, in any currency; the total is reported at the end of the run."""
     budget: float | None = Field(default=None, gt=0)
     """Maximum cost of this launcher's servers in the whole run, including resumptions; needs `cost_per_hour`.
-    When it is spent, the servers are ended; without other servers, the run is interrupted and can be
-    resumed."""
+    When it is spent, the servers end; without others, the run is interrupted and can be resumed.
+    """
     broker_host: str | None = Field(default=None, min_length=1)
-    """Name or address of this machine for servers on the embedded broker. Default for remote servers: the
-    address of the default route. Unless it is a loopback address, the broker listens on all interfaces, with
-    TLS and passwords."""
+    """Name or address of this machine for servers on the embedded broker; except on loopback, it listens on
+    all interfaces, with TLS and passwords. Default for remote servers: the address of the default route.
+    """
     broker_port: int | None = Field(default=None, ge=1, le=65535)
     """Port of the embedded broker. Default: any free port."""
     credentials: str | None = Field(default=None, min_length=1)
-    """For an external broker: file with the variables of the servers' account, such as server.env of
-    `swarmwright broker --init`. Default: the account of this process."""
+    """For an external broker: file with the servers' account, such as server.env of `swarmwright broker
+    --init`. Default: the account of this process.
+    """
     code: str | None = Field(default=None, min_length=1)
     """Folder on the servers' machines with the code of a custom simulation. Default: the code is copied."""
     files: list[str] = Field(default=[])
-    """Further files of the simulation to copy with its code: paths or patterns such as maps/*.json, relative
-    to the folder of its file or, for `pkg.world:World`, of its package."""
+    """Further files to copy with the code: paths or patterns such as maps/*.json, relative to the folder of
+    the simulation's file or package.
+    """
     environment: dict[str, str] = Field(default={})
     """Further environment variables of the servers."""
     start_timeout: float = Field(default=120.0, gt=0, le=86_400)

@@ -1,4 +1,7 @@
-"""The reference page of experiment files: `python -m swarmwright.experiment.reference`."""
+"""The reference page of experiment files: `python -m swarmwright.experiment.reference`.
+
+A description that an earlier section has already is replaced by a reference to that section.
+"""
 
 import json
 import sys
@@ -45,21 +48,32 @@ def format_reference() -> str:
         lines += ["", f"## {name}", "", definition["description"], ""]
         lines += _iter_table(definition["properties"], set(definition.get("required", [])), schema)
     lines += _iter_launchers(schema)
-    lines += ["", "## simulation (command)", "", schema["$defs"]["Command"]["description"], ""]
-    lines += _iter_table(schema["$defs"]["Command"]["properties"], {"command"}, schema)
-    lines += ["", "## simulation (FMU)", "", schema["$defs"]["Fmu"]["description"], ""]
-    lines += _iter_table(schema["$defs"]["Fmu"]["properties"], {"fmu"}, schema)
-    lines += ["", "## simulation (ROS)", "", schema["$defs"]["Ros"]["description"], ""]
-    lines += _iter_table(schema["$defs"]["Ros"]["properties"], {"ros", "step"}, schema)
-    for name, title in _OF_ROS.items():
-        definition = schema["$defs"][f"Ros{name}"]
-        lines += ["", f"### {title}", "", definition["description"], ""]
-        lines += _iter_table(definition["properties"], set(definition.get("required", [])), schema)
+    lines += _iter_simulations(schema)
     for name in DEFAULT_KINDS:
-        lines += ["", f"## {name}", "", schema["properties"][name]["description"], *_iter_kinds(name, schema)]
+        lines += ["", f"## {name}", *_iter_kinds(name, schema)]
     for title in catalogue.titles():
         lines += ["", *_iter_simulation(title)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _iter_simulations(schema: dict[str, Any]) -> Iterator[str]:
+    """Yield the keys of simulations that are mappings: commands, FMUs and ROS."""
+    described: dict[str, str] = {}
+    for name, title, required in (
+        ("Command", "command", {"command"}),
+        ("Fmu", "FMU", {"fmu"}),
+        ("Ros", "ROS", {"ros", "step"}),
+    ):
+        definition = schema["$defs"][name]
+        yield from ("", f"## simulation ({title})", "", definition["description"], "")
+        section = f"[{title}](#simulation-{title.lower()})"
+        yield from _iter_table(definition["properties"], required, schema, described, section)
+    described = {}
+    for name, title in _OF_ROS.items():
+        definition = schema["$defs"][f"Ros{name}"]
+        yield from ("", f"### {title}", "", definition["description"], "")
+        required = set(definition.get("required", []))
+        yield from _iter_table(definition["properties"], required, schema, described, title)
 
 
 def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
@@ -79,6 +93,8 @@ def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
             yield f"Only {listed} support `operation: steady_state`."
         yield ""
         yield from _iter_table(shared, set(), schema)
+    described: dict[str, str] = {}
+    kinds_by_options: dict[str, str] = {}
     for variant in variants:
         kind = _kind(variant)["const"]
         yield from (
@@ -93,9 +109,12 @@ def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
             for key, schema_of_key in variant["properties"].items()
             if key != "kind" and schema_of_key != shared.get(key)
         }
-        if options:
+        same = kinds_by_options.setdefault(json.dumps(options), kind)
+        if options and same != kind:
+            yield from ("", f"Its options are those of `{same}`.")
+        elif options:
             yield ""
-            yield from _iter_table(options, set(variant.get("required", [])), schema)
+            yield from _iter_table(options, set(variant.get("required", [])), schema, described, f"`{kind}`")
 
 
 def _kind(variant: dict[str, Any]) -> dict[str, Any]:
@@ -128,6 +147,7 @@ def _iter_launchers(schema: dict[str, Any]) -> Iterator[str]:
     yield from _iter_table(
         {key: value for key, value in shared["properties"].items() if key != "launcher"}, set(), schema
     )
+    described: dict[str, str] = {}
     for kind in sorted(LAUNCHERS.built_in):
         definition = schema["$defs"][f"Launcher{kind}"]
         options = {
@@ -137,7 +157,7 @@ def _iter_launchers(schema: dict[str, Any]) -> Iterator[str]:
         }
         yield from ("", f"### `servers: {{launcher: {kind}}}`", "", definition["description"], "")
         if options:
-            yield from _iter_table(options, set(definition["required"]), schema)
+            yield from _iter_table(options, set(definition["required"]), schema, described, f"`{kind}`")
 
 
 def _iter_simulation(title: str) -> Iterator[str]:
@@ -156,21 +176,34 @@ def _iter_simulation(title: str) -> Iterator[str]:
     yield ""
     yield f"## metrics of {title}"
     yield ""
-    metrics = "For the expression `fitness`, beside `fitness`, the simulation's own"
-    yield f"{metrics}; with the default parameters."
-    yield ""
     yield "| metric | unit | meaning |"
     yield "|---|---|---|"
     for name, metric in described["metrics"].items():
         yield _format_row(f"`{name}`", metric["unit"], metric["description"])
 
 
-def _iter_table(properties: dict[str, Any], required: set[str], schema: dict[str, Any]) -> Iterator[str]:
+def _iter_table(
+    properties: dict[str, Any],
+    required: set[str],
+    schema: dict[str, Any],
+    described: dict[str, str] | None = None,
+    section: str = "",
+) -> Iterator[str]:
+    """Yield a table of keys.
+
+    `described` has the section of each description so far, by the description; `section` names this section.
+    """
     yield "| key | type | default | meaning |"
     yield "|---|---|---|---|"
     for name, key in properties.items():
         default = "required" if name in required else _format_code(key.get("default"))
-        yield _format_row(f"`{name}`", _format_type(key, schema), default, key.get("description", ""))
+        meaning = key.get("description", "")
+        if described is not None:
+            first = described.setdefault(meaning, section)
+            reference = f"As for {first}."
+            if first != section and len(reference) < len(meaning):
+                meaning = reference
+        yield _format_row(f"`{name}`", _format_type(key, schema), default, meaning)
 
 
 def _format_row(*cells: str) -> str:

@@ -179,8 +179,9 @@ class MethodOptions(Options):
 
     generations: int = Field(default=200, ge=1, le=NO_LIMIT)
     """Number of generations; in steady state and with growing populations, the equivalent number of
-    evaluations. The first limit reached of generations, evaluations and seconds ends the run. Default: 200,
-    or no limit if evaluations or seconds are set."""
+    evaluations. The first limit reached of generations, evaluations and seconds ends the run. Default:
+    200, or none if evaluations or seconds are set.
+    """
     evaluations: int | None = Field(default=None, ge=1, le=10**15)
     """Maximum number of evaluated candidates: the run ends before a generation would exceed it, but evaluates
     at least one generation. Default: no limit."""
@@ -191,10 +192,12 @@ class MethodOptions(Options):
     """Fitness at which the run stops. Default: none."""
     operation: Literal["generational", "steady_state"] = "generational"
     """generational: whole generations are evaluated. steady_state: candidates one by one, so that servers do
-    not wait for the slowest of a generation; not supported by all methods."""
+    not wait for the slowest of a generation.
+    """
     in_flight: int = Field(default=16, ge=1, le=1_000_000)
-    """Steady state only: candidates evaluated at the same time. Results depend on it, but not on the number
-    or speed of servers: candidate n is created from the results of candidates 0 to n - in_flight."""
+    """Steady state only: candidates evaluated at the same time. Candidate n is created from the results of
+    candidates 0 to n - in_flight, whatever the number and speed of servers.
+    """
 
     @model_validator(mode="before")
     @classmethod

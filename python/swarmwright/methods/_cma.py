@@ -23,9 +23,10 @@ class CmaOptions(MethodOptions):
     step: float = Field(default=0.3, gt=0, le=1000)
     """Initial standard deviation, as a share of half the initial range of a gene."""
     restart: Literal["none", "ipop", "bipop"] = "ipop"
-    """Reaction to a stopping criterion. none: continue with the same distribution. ipop: restart from a
-    random genome with twice the population. bipop: alternate between ipop's restarts and restarts with small
-    populations and steps, with equal evaluations."""
+    """Reaction to a stopping criterion. none: continue. ipop: restart from a random genome with twice the
+    population. bipop: alternate between ipop's restarts and those with small populations and steps, with
+    equal evaluations.
+    """
 
 
 class Cma(SearchMethod):

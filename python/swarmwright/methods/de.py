@@ -15,8 +15,9 @@ class DeOptions(BoxOptions):
     population: int = Field(default=40, ge=5, le=1_000_000)
     """Members, each of which competes with one trial vector per generation."""
     base: Literal["best", "rand", "target-to-best"] = "best"
-    """Base of mutants: the best member, a random one, or (`target-to-best`) the member itself plus the
-    difference between the best and another member, as in pymoo."""
+    """Base of mutants: the best member, a random one, or the member itself plus the difference between the
+    best and another member, as in pymoo.
+    """
     crossover: Literal["bin", "exp", "hypercube", "line"] = "bin"
     """Mixing of member and mutant. `bin`: gene by gene. `exp`: a run of genes from the mutant. `hypercube`:
     each gene between the two, by its own share. `line`: all genes by the same share."""

@@ -223,8 +223,8 @@ class RacingOptions(MethodOptions):
     """Instances between two tests."""
     test: Test = "friedman"
     """friedman: Friedman's test and Conover's comparisons with the best, by ranks. t, t_holm, t_bonferroni:
-    paired t-tests against the best mean, without or with correction, if sums of fitness matter more than
-    order."""
+    paired t-tests against the best mean, without or with correction.
+    """
     level: float = Field(default=0.05, gt=0, lt=1)
     """Significance level of each test."""
     new_instances: int = Field(default=1, ge=0, le=100_000)

@@ -33,13 +33,14 @@ class NetworkOptions(RepresentationOptions):
     """Options of all networks; those of the genetic operators follow FREVO's FullyMeshedNet."""
 
     output_range: list[float] | None = Field(default=None, min_length=2, max_length=2)
-    """Outputs of the network that are mapped to the actuators -1 and 1; values beyond are clamped. Default:
-    by the activation of the output nodes, 0 and 1 for clamp and sigmoid, -1 and 1 for all others."""
+    """Outputs that are mapped to the actuators -1 and 1; values beyond are clamped. Default: 0 and 1 for
+    output nodes with clamp and sigmoid, otherwise -1 and 1.
+    """
 
     weight_range: float = Field(default=2.0, gt=0, le=1e6)
-    """Initial weights are uniform in +-weight_range; a mutation of severity 1 moves a weight by as much."""
+    """Initial weights are uniform in +-weight_range, also the size of a mutation of severity 1."""
     bias_range: float = Field(default=2.0, gt=0, le=1e6)
-    """Initial biases are uniform in +-bias_range; a mutation of severity 1 moves a bias by as much."""
+    """Initial biases are uniform in +-bias_range, also the size of a mutation of severity 1."""
     mutation: Literal["uniform", "proportional"] = "uniform"
     """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its
     size (at least 0.1), whatever the severity."""

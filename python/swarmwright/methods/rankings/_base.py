@@ -44,18 +44,18 @@ class RankingOptions(Options):
     parameters.seed + g * episodes, which prevents overfitting to a few episodes."""
     reevaluate: bool = False
     """Whether survivors are evaluated again in every generation, for noisy simulations and `seeds: new`.
-    Their fitness then covers all their episodes, and the run's best candidate is that of the last generation.
-    Only for the methods nnga, cea2d, de and pso, without the rankings race, multi_fidelity and
-    transferability."""
+    Their fitness covers all their episodes, and the run's best candidate is that of the last generation.
+    Only for nnga, cea2d, de and pso, not with the rankings race, multi_fidelity and transferability.
+    """
     failed: Annotated[
         Literal["last", "stop"] | float,
         BeforeValidator(_parse_failed),
         WithJsonSchema({"anyOf": [{"enum": ["last", "stop"]}, {"type": "number"}]}),
     ] = "last"
     """Effect of a failed episode. last: its candidate ranks below all others; the run ends if a whole
-    generation fails. stop: the run ends and can be resumed. A number: the fitness of a failed episode, at
-    most that of the worst working one; not with the methods map_elites and nsga2 and the ranking
-    transferability."""
+    generation fails. stop: the run ends and can be resumed. A number: its fitness, at most that of the
+    worst working episode; not with map_elites, nsga2 and transferability.
+    """
 
     @property
     def failure_fitness(self) -> float | None:

@@ -18,7 +18,8 @@ class AbsoluteOptions(RankingOptions):
     kind: Literal["absolute"] = "absolute"
     aggregate: Literal["mean", "sum", "median", "worst", "quantile", "cvar"] = "mean"
     """Aggregation of the episodes' fitness. quantile: the `level` quantile. cvar (conditional value at risk):
-    the mean of the worst `level` of the episodes. FREVO's problems use the sum."""
+    the mean of the worst `level`. FREVO's problems use the sum.
+    """
     level: float = Field(default=0.25, gt=0, le=1)
     """Share of worst episodes for quantile and cvar."""
 

@@ -31,8 +31,9 @@ class MultiFidelityOptions(SlowOptions):
     share: float = Field(default=0.1, gt=0, le=1)
     """Share of a generation to evaluate in the slow simulation, at least one candidate."""
     memory: int | None = Field(default=None, ge=1, le=100_000)
-    """Generations, including the current one, whose differences between slow and fast fitness correct the
-    fast fitness of other candidates. Default: 10; with `seeds: new` 1."""
+    """Generations whose differences between slow and fast fitness correct the fast fitness of other
+    candidates. Default: 10; with `seeds: new` 1.
+    """
 
 
 class MultiFidelity(SlowRanking):

@@ -52,9 +52,9 @@ class SlowOptions(RankingOptions):
         BeforeValidator(_parse_target),
         WithJsonSchema({"anyOf": [{"type": "string", "minLength": 1}, {"type": "object"}]}),
     ] = Field()
-    """The slow simulation, with the same sensors and actuators: its name, the keys that differ from the
-    experiment ({name: gazebo, simulation: arena-gazebo, servers: 4}), or a .yaml file with such keys,
-    relative to this one."""
+    """The slow simulation, with the same sensors and actuators: its name, keys that differ from the
+    experiment ({name: gazebo, simulation: arena-gazebo, servers: 4}), or a .yaml file with them.
+    """
 
     @model_validator(mode="after")
     def _members(self) -> "SlowOptions":

@@ -33,8 +33,8 @@ class ProcessOptions(LauncherOptions):
     launcher: Literal["process"] = "process"
     recycle: int = Field(default=0, ge=0)
     """Evaluations after which a server's process is replaced, for simulations that leak memory; 0 for never.
-    The current request or episode is finished first; a batch counts as one. First replacements are
-    staggered."""
+    A batch counts as one. First replacements are staggered.
+    """
 
 
 class Process(Launcher):

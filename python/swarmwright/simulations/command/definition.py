@@ -163,28 +163,30 @@ class Definition(Options):
 
 
 class CommandOptions(Definition):
-    """A simulation that is a command: each episode is a process that reads and writes files.
+    """A simulation that is a command: each episode is a process with its own work folder.
 
-    Each process has its own work folder. The command's words, the values of `environment` and the text of
-    `files` may contain placeholders: {parameters}, {controller}, {weights}, {log} (paths of these files),
-    {folder} (the work folder), {build} (the folder of compiled files), {here} (the folder of the experiment
-    file), {seed}, {episode}, {instance}, {port}, and the simulation's parameters by name. {{name}} in a
-    command stands for {name}. Parameters that are numbers are allowed anywhere; for text see `choices`.
+    The command, the values of `environment` and the text of `files` may contain placeholders: {parameters},
+    {controller}, {weights}, {log} (paths of these files), {folder} (the work folder), {build} (the folder of
+    compiled files), {here} (the folder of the experiment file), {seed}, {episode}, {instance}, {port}, and
+    the simulation's parameters by name (text only with `choices`). {{name}} in a command stands for {name}.
     """
 
     prefix: ClassVar[str] = SimulationName.COMMAND
 
     command: Command
     """The program and its arguments, as a list or as text that is split as in a shell, but run without one.
-    Files beside the experiment file are replaced by their paths."""
+    Names of files beside the experiment file become their paths.
+    """
     title: str | None = Field(default=None, min_length=1, max_length=1000)
     """The name in discovery. Default: the program's name and a digest of this definition and its files."""
     parameters: str | None = Field(default=None, min_length=1)
-    """A YAML or JSON file with the program's parameters and their defaults; nested ones are written with
-    dots, pid.kp. Default: any name can be set, without defaults."""
+    """A YAML or JSON file with the program's parameters and their defaults; nested ones have dots, pid.kp.
+    Default: any name can be set.
+    """
     choices: Choices = Field(default={})
     """All values of a parameter: mode: [fast, exact]. Required for text in commands and files, so that an
-    optimization tool cannot decide what is run."""
+    optimization tool cannot choose what is run.
+    """
     parameters_format: Literal["yaml", "json", "ros2"] = "yaml"
     """Format of the file {parameters}, with all parameters and the episode's `seed`. ros2: YAML below `/**:
     ros__parameters:`."""
@@ -199,35 +201,38 @@ class CommandOptions(Definition):
             }
         ),
     ] = Field(default={})
-    """Files and folders to copy into the work folder: a list of paths, or a mapping from names in the work
-    folder to paths. Placeholders in text files are filled in. At most 10,000 files of 64 MiB."""
+    """Files and folders to copy into the work folder, at most 10,000 of 64 MiB: a list of paths, or a mapping
+    from names in the work folder to paths. Placeholders in text files are filled in.
+    """
     log: Texts = Field(default=[])
     """Result files in the work folder: a path, a pattern such as `agent_*.csv`, or a list, whose rows are
     concatenated. `stdout`: the program's output."""
     log_format: Literal["auto", "csv", "tsv", "agents", "jsonl", "json", "rosbag", "mcap"] = "auto"
     """auto: by the suffix. csv, tsv: with column names; comments (#) and a row of units are ignored. agents:
-    a file per agent, with lines of step, tab and value; columns are steps, first and last. jsonl: an object
-    per line. json: an object or a list of objects; nested values have names such as pose.x. rosbag (ROS 1 or
-    2),
-    mcap: messages, with columns such as /robot_1/pose.position.x."""
+    a file per agent, with lines of step, tab and value; its columns are steps, first and last. jsonl: an
+    object per line. json: an object or a list of objects; nested values have names such as pose.x. rosbag
+    (ROS 1 or 2), mcap: messages, with columns such as /robot_1/pose.position.x.
+    """
     metrics: Annotated[dict[str, str], BeforeValidator(_expand_names), WithJsonSchema(_METRICS)] = Field(
         default={}
     )
     """Metrics of an episode, name -> reduction of its column: last, first, mean, sum, min, max, std
-    (population) or count; for a column with another name mean(column). A list of names means last. stepwise:
-    names of reported metrics. Default: last of the metrics in the fitness."""
+    (population) or count; of another column: mean(column). A list of names means last. stepwise: names of
+    reported metrics. Default: last of the metrics in the fitness.
+    """
     fitness: str | None = Field(default=None, min_length=1)
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's fitness, or the
     metric or column `fitness`."""
     controller: Literal["none", "json", "c", "cpp", "python", "onnx", "stepwise"] = "none"
     """How the command receives a controller. none: only parameters are evolved (parameter_set). json: its
-    specification as the file {controller}. c, cpp, python, onnx: exported code or model as {controller}, see
-    `swarmwright export`. stepwise: sensors and actuators are exchanged over standard input and output as JSON
-    lines; a process runs many episodes."""
+    specification as the file {controller}. c, cpp, python, onnx: exported code or model as {controller},
+    see `swarmwright export`. stepwise: the process exchanges sensors and actuators as JSON lines over
+    standard input and output, for many episodes.
+    """
     sensors: int | None = Field(default=None, ge=1, le=1_000_000)
-    """Number of sensor values of an agent; required if controllers steer agents."""
+    """Sensor values of an agent; required if controllers control agents."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)
-    """Number of actuator values of an agent; required if controllers steer agents."""
+    """Actuator values of an agent; required if controllers control agents."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
     visual: Command | None = None
@@ -237,7 +242,8 @@ class CommandOptions(Definition):
     program."""
     weights: Literal["compiled", "file"] = "compiled"
     """Weights of a controller in C. compiled: in its source, compiled for each candidate. file: in the file
-    {weights}, read with `controller_load(path)`, so that one compilation serves all candidates."""
+    {weights}, read with `controller_load(path)`: one compilation for all candidates.
+    """
     timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
     """Time limit of an episode, seconds; then it fails and its processes are ended."""
     recycle: int = Field(default=0, ge=0)
@@ -252,13 +258,15 @@ class CommandOptions(Definition):
     """Whether the episode fails if another of its processes still runs 0.3 s after the command; it is ended
     in either case."""
     keep: Literal["failed", "all", "none"] = "failed"
-    """Work folders to keep: of the first failures of each kind, all, or none. servers.log in the run folder
-    lists them."""
+    """Work folders to keep: of the first failures of each kind, all, or none; servers.log in the run folder
+    lists them.
+    """
     work: str | None = Field(default=None, min_length=1)
     """Parent folder of work folders. Default: the system's folder for temporary files."""
     sources: list[str] = Field(default=[])
-    """Further files and folders of the simulation, beside those in the command and Python imports, for its
-    digest and for run folders."""
+    """Further files and folders of the simulation, for its digest and for run folders; those in the command
+    and Python imports are included.
+    """
     determinism: Literal["bitwise", "statistical", "none"] | None = None
     """Agreement of repeated evaluations of an episode; required for audits (`faults: {audit}`)."""
     folder: str = Field(default=".", min_length=1)

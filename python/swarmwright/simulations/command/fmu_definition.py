@@ -335,8 +335,8 @@ _MOST_STEPS = 2**31
 class FmuOptions(Definition):
     """A simulation that is a Functional Mock-up Unit (FMU) of FMI 2.0 or 3.0.
 
-    The FMU's parameters are the simulation's: they can be set and evolved by name. A process with the
-    instances runs many episodes; FMPy steps them (`pip install 'swarmwright[fmi]'`).
+    FMPy steps it: `pip install 'swarmwright[fmi]'`. The FMU's parameters are the simulation's, set and
+    evolved by name.
     """
 
     prefix: ClassVar[str] = SimulationName.FMU
@@ -349,8 +349,9 @@ class FmuOptions(Definition):
     title: str | None = Field(default=None, min_length=1, max_length=1000)
     """The name in discovery. Default: the file's name and a digest of this definition and of the file."""
     agents: int = Field(default=1, ge=1, le=10_000)
-    """Number of agents, each an instance of the FMU, or all in one instance if names contain {agent}. Default
-    for FMUs with variables agent[1].NAME, agent[2].NAME, ..: all of these in one instance."""
+    """Number of agents, each an instance of the FMU, or all in one if names contain {agent}. Default with
+    variables agent[1].NAME, agent[2].NAME, ..: all of these in one instance.
+    """
     sensors: Channels = None
     """Sensors of an agent: names of variables, {terminal: NAME}, or {variable: NAME, range: [low, high]} to
     map a range to -1 to 1, optionally with `unit: km/h`. An array stands for all its elements. Default: all
@@ -373,8 +374,9 @@ class FmuOptions(Definition):
     parameter `seed`; without it, all episodes are the same."""
     metrics: dict[str, str] = Field(default={})
     """Metrics of an episode, name -> reduction of its variable over the steps: last, first, mean, sum, min,
-    max, std or count; for a variable with another name mean(variable). Several agents are averaged. Default:
-    last of each output with a valid name (world_x for world.x of an SSP), up to 1,000."""
+    max, std or count; of another variable: mean(variable). Several agents are averaged. Default: last of
+    each output with a valid name (world_x for world.x of an SSP), up to 1,000.
+    """
     done: str | None = Field(default=None, min_length=1)
     """Condition that ends an episode early, over the metrics: "distance < 0.1"."""
     fitness: str | None = Field(default=None, min_length=1)

@@ -268,8 +268,9 @@ class Reset(Options):
             {"anyOf": [{"enum": list(SCOPES)}, {"type": "array", "items": {"enum": list(SCOPES)}}]}
         ),
     ] = Field(default=["default"])
-    """ResetSimulation: what to reset: time, state (poses and velocities), spawned (removes entities), a list
-    of these, all, or the simulator's default."""
+    """ResetSimulation: time, state (poses and velocities), spawned (removes entities), a list of these, all,
+    or the simulator's default.
+    """
     command: Command | None = None
     """Command that resets the simulator, in addition to a service or instead of it, with {seed} and
     parameters in braces."""
@@ -443,8 +444,7 @@ def _seconds(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 class RosOptions(Definition):
     """Robots of a running ROS 1 or ROS 2 system: topics are their sensors and actuators.
 
-    Swarmwright runs a program that controls them step by step. It needs the Python that ROS is installed for;
-    for ROS 2, `middleware: dds` connects directly, without an installation of ROS.
+    It needs the Python that ROS is installed for; for ROS 2, `middleware: dds` needs no ROS installation.
     """
 
     prefix: ClassVar[str] = SimulationName.ROS
@@ -496,8 +496,9 @@ class RosOptions(Definition):
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's fitness, or the
     metric `fitness`."""
     start: Command | None = None
-    """Command that starts a simulator for each server, with its own ROS master or domain. It runs in a work
-    folder; {here} is the folder of the experiment file. Default: the system is already running."""
+    """Command that starts a simulator for each server, with its own ROS master or domain, in a work folder.
+    Default: the system is already running.
+    """
     patience: float = Field(default=5.0, gt=0, le=86_400)
     """Seconds to wait for a sensor's message or a service's answer before the episode fails."""
     startup: float = Field(default=30.0, gt=0, le=86_400)
@@ -522,10 +523,11 @@ class RosOptions(Definition):
     sources: list[str] = Field(default=[])
     """Further files and folders of the simulation, for its digest and for run folders."""
     determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """Agreement of repeated evaluations of an episode; required for audits (`faults: {audit}`). Default: none
-    if steps have a duration, else unknown."""
+    """Agreement of repeated evaluations of an episode; audits need it (`faults: {audit}`). Default: none if
+    steps have a duration, else unknown.
+    """
     folder: str = Field(default=".", min_length=1)
-    """The folder that paths in this section are relative to. Default: that of the experiment file."""
+    """Base folder of relative paths in this section. Default: that of the experiment file."""
 
     @field_validator("robots")
     @classmethod

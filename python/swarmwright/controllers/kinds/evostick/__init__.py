@@ -17,8 +17,8 @@ class EvostickOptions(RepresentationOptions):
 
     kind: Literal["evostick"] = "evostick"
     weight_range: float = Field(default=5.0, gt=0, le=1e6)
-    """Weights stay within +-weight_range and start uniform in it; a mutation of severity 1 moves a weight by
-    up to as much."""
+    """Weights stay within +-weight_range, and start uniform in it; also the size of a mutation of severity 1.
+    """
     mutation: Literal["uniform", "proportional"] = "uniform"
     """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its
     size (at least 0.1), whatever the severity."""

@@ -21,12 +21,12 @@ class HebbianOptions(RepresentationOptions):
     iterations: int = Field(default=2, ge=1, le=1000)
     """How often all nodes are computed in each step; weights learn once, after the last iteration."""
     learning_range: float = Field(default=0.01, gt=0, le=1e6)
-    """The initial learning rate is uniform in 0..learning_range; a mutation of severity 1 moves it by as
-    much."""
+    """The initial learning rate is uniform in 0..learning_range, also the size of a mutation of severity 1.
+    """
     weight_range: float = Field(default=2.0, gt=0, le=1e6)
-    """Initial weights are uniform in +-weight_range; a mutation of severity 1 moves a weight by as much."""
+    """Initial weights are uniform in +-weight_range, also the size of a mutation of severity 1."""
     bias_range: float = Field(default=2.0, gt=0, le=1e6)
-    """Initial biases are uniform in +-bias_range; a mutation of severity 1 moves a bias by as much."""
+    """Initial biases are uniform in +-bias_range, also the size of a mutation of severity 1."""
     mutation: Literal["uniform", "proportional"] = "uniform"
     """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its
     size (at least 0.1; the learning rate at least learning_range / bias_range times as much), whatever the

@@ -68,7 +68,7 @@ Levels = Annotated[
 class MealyFsmOptions(RepresentationOptions):
     """A finite-state machine: state and thresholded sensors select the actuators and the next state.
 
-    A mutation changes the share severity x probability of its table; give nnga a small probability, such as
+    A mutation changes the share severity x probability of the table; give nnga a small probability, such as
     0.1.
     """
 
@@ -76,12 +76,12 @@ class MealyFsmOptions(RepresentationOptions):
     states: int = Field(default=4, ge=1, le=1000)
     """Number of states; every episode begins in the first."""
     levels: Levels = 2
-    """Number of equal intervals into which the range -1..1 of each sensor is cut; 2 tests whether it is above
-    0, 1 ignores it. A list has an entry for each sensor: a number of intervals, or its thresholds. The table
-    has states times the product of all intervals rows."""
+    """Number of equal intervals of the range -1..1 of each sensor; 2 tests whether it is above 0, 1 ignores
+    it. A list has an entry for each sensor: a number of intervals, or its thresholds. The table has states
+    times the product of all intervals rows.
+    """
     output_levels: Annotated[int, BeforeValidator(_output_levels)] = Field(default=5, ge=0, le=1001)
-    """Number of values of an actuator, equally spaced from -1 to 1 (3: -1, 0 and 1); 0 for any number in
-    -1..1."""
+    """Values of an actuator, equally spaced from -1 to 1 (3: -1, 0 and 1); 0 for any number in -1..1."""
 
 
 class MealyFsm(Representation):

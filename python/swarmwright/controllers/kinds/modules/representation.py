@@ -49,30 +49,33 @@ class ModulesOptions(RepresentationOptions):
 
     kind: Literal["modules"] = "modules"
     form: Literal["machine", "tree"] = "machine"
-    """machine: a probabilistic finite-state machine. tree: a behaviour tree, whose root is a sequence with
-    memory of subtrees; each selects between a condition and a behaviour. If the condition of a subtree holds,
-    the next subtree is tried in the same step; else its behaviour acts, and the next step begins with it.
-    After the last subtree the robot stops for a step and begins again."""
+    """machine: a probabilistic finite-state machine. tree: a behaviour tree, a sequence with memory of
+    subtrees, each a selector between a condition and a behaviour. If the condition holds, the next subtree
+    is tried in the same step; else the behaviour acts, and the next step begins with it. After the last
+    subtree the robot stops for a step.
+    """
     states: int = Field(default=4, ge=1, le=grammar.MOST_STATES)
     """Most states of a machine; every episode begins in the first. For a tree: most subtrees, up to 4."""
     transitions: int | None = Field(default=None, ge=1, le=grammar.MOST_TRANSITIONS)
     """Most transitions of a state, by default 4. For a tree: 1."""
     behaviours: list[str] | None = Field(default=None, min_length=1)
-    """Behaviours of the machines, in the order of their genes: exploration, stop, phototaxis,
-    anti_phototaxis, attraction and repulsion (the default), behaviours of installed packages, and classes in
-    Python, path/to/file.py:Class (relative to this file). Machines with behaviours or conditions in Python
-    are evaluated in Python, in this process or on servers that have the code."""
+    """Behaviours, in the order of their genes: exploration, stop, phototaxis, anti_phototaxis, attraction and
+    repulsion (the default), those of installed packages, and classes in Python, path/to/file.py:Class
+    (relative to this file). Machines with parts in Python are evaluated in Python, in this process or on
+    servers that have the code.
+    """
     conditions: list[str] | None = Field(default=None, min_length=1)
     """Conditions of transitions: black_floor, grey_floor, white_floor, neighbours, few_neighbours and
-    fixed_probability (the default), conditions of installed packages, and path/to/file.py:Class."""
+    fixed_probability (the default), those of installed packages, and path/to/file.py:Class.
+    """
     machine: dict[str, Any] | str | None = None
     """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
-    of each behaviour and condition beside it; the path of a YAML file with this mapping, as written by
-    `swarmwright export --to machine`; or the arguments of AutoMoDe's programs, --nstates 2 --s0 4 --att0 5
-    .., optionally as a whole command line, automode_main -c mission.argos --fsm-config .. A tree is
-    {subtrees: [{condition, behaviour}]}, a file with it, or AutoMoDe's --nroot 3 --nchildroot 2 .. The
-    arguments may be in a file, too. Evolution begins with this machine and mutants of it, of up to 8 changes
-    each; a method that samples from a distribution begins around it. Default: random machines."""
+    of each behaviour and condition beside it; a tree is {subtrees: [{condition, behaviour}]}. Or the path
+    of a YAML file with this mapping, as written by `swarmwright export --to machine`; or the arguments of
+    AutoMoDe's programs, --nstates 2 --s0 4 --att0 5 .. or --nroot 3 --nchildroot 2 .., also as a whole
+    command line or in a file. Evolution begins with this machine and mutants of up to 8 changes, or around
+    it. Default: random machines.
+    """
 
     @property
     def most_transitions(self) -> int:

@@ -28,16 +28,18 @@ class NeatOptions(RepresentationOptions):
         ]
         | None
     ) = None
-    """Input nodes of each hidden node and then of each actuator: [[0, 3], [0, 1, 2]] is a hidden node and an
-    actuator. Sensors have the numbers 0, 1, ..., hidden nodes the following numbers, actuators the last.
-    Default: no hidden nodes, every actuator is connected with every sensor."""
+    """Input nodes of each hidden node, then of each actuator: [[0, 3], [0, 1, 2]] is a hidden node and an
+    actuator. Sensors have the first numbers, from 0, then hidden nodes, then actuators. Default: no hidden
+    nodes, all sensors connected with all actuators.
+    """
     iterations: int = Field(default=3, ge=1, le=1000)
     """How often all nodes are computed in each step, one after the other."""
     weight_range: float = Field(default=1.0, gt=0, le=1e6)
-    """Initial weights, and slopes of actuators, are uniform in +-weight_range; a mutation of severity 1 moves
-    them by as much."""
+    """Initial weights, and slopes of actuators, are uniform in +-weight_range, also the size of a mutation of
+    severity 1.
+    """
     bias_range: float = Field(default=1.0, gt=0, le=1e6)
-    """Initial biases are uniform in +-bias_range; a mutation of severity 1 moves a bias by as much."""
+    """Initial biases are uniform in +-bias_range, also the size of a mutation of severity 1."""
     mutation: Literal["uniform", "proportional"] = "uniform"
     """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its
     size (at least 0.1), whatever the severity."""

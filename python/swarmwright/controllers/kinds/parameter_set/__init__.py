@@ -150,9 +150,10 @@ class ParameterSetOptions(RepresentationOptions):
     kind: Literal["parameter_set"] = "parameter_set"
     parameters: dict[str, Parameter] = Field(min_length=1, max_length=10_000)
     """The evolved parameters by name: {type: real, range: [0, 5]}, {type: integer, range: [1, 10]} or {type:
-    categorical, choices: [a, b]}, also with numbers or booleans. A real or integer has a scale: linear
-    (default), or log for a range above 0 over orders of magnitude. The simulation's other parameters are
-    under the experiment's key parameters; no parameter is in both."""
+    categorical, choices: [a, b]}, also of numbers or booleans. A real or integer has a scale: linear
+    (default), or log for positive ranges over orders of magnitude. The simulation's fixed parameters are
+    under the experiment's key parameters.
+    """
 
     @model_validator(mode="after")
     def _check_names(self) -> "ParameterSetOptions":

@@ -78,10 +78,11 @@ class TeamOptions(RepresentationOptions):
 
     kind: Literal["team"] = "team"
     groups: dict[str, GroupOptions] = Field(min_length=1, max_length=256)
-    """The controller of each group of agents by the group's name: {kind: layered, hidden: [8]}, ... Names and
-    numbers of agents, sensors and actuators are those that the simulation declares. For a simulation that
-    declares no groups, each group has agents, sensors and actuators beside its options; groups take the
-    agents in order, beginning with agent 0."""
+    """The controller of each group of agents by the group's name: {kind: layered, hidden: [8]}. Names and
+    numbers of agents, sensors and actuators are those that the simulation declares; if it declares none,
+    each group has agents, sensors and actuators beside its options, and takes agents in order from agent
+    0.
+    """
 
 
 class Team(Representation):
