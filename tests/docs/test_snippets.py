@@ -61,8 +61,8 @@ SIMULATORS = {
 BY_SECTION = {
     f"docs/how-to/{name}.md"
     for name in (
-        "fmus", "install", "java-and-cpp", "migrate", "operations", "peers", "plug-ins", "ros",
-        "several-objectives", "simulators",
+        "fmus", "install", "java-and-cpp", "migrate", "objectives", "operations", "peers", "plug-ins", "ros",
+        "simulators",
     )
 }  # fmt: skip
 PORTS = re.compile(r"\b(1883|8883|8884|9001|11311)\b")

@@ -199,7 +199,7 @@ class Episode:
 
     def play(self, policy: Policy | None = None) -> Trajectory:
         """Answer until the fitness arrives; return the trajectory."""
-        # A simulation that steers its agents itself needs no policy.
+        # A simulation that controls its agents itself needs no policy.
         chosen = policy
         sent = ""
         while not self.over:

@@ -123,7 +123,7 @@ class Server:
             return count
         for readings in (self.trajectory or Trajectory()).readings.values():
             return len(readings[0])
-        raise Skip("the simulation steers its agents itself and asks none")
+        raise Skip("the simulation controls its agents itself and asks none")
 
     @property
     def actuators(self) -> int:
@@ -147,14 +147,14 @@ class Server:
 
     @property
     def steers_itself(self) -> bool:
-        """Whether the simulation steers its agents itself, so that no agent is asked."""
+        """Whether the simulation controls its agents itself, so that no agent is asked."""
         return not self.undisturbed.messages
 
     @property
     def reference(self) -> Trajectory:
         """The undisturbed trajectory of `self.policy`; skips the rule when no agent is asked."""
         if self.steers_itself:
-            raise Skip("the simulation steers its agents itself, no agent is asked")
+            raise Skip("the simulation controls its agents itself, no agent is asked")
         return self.undisturbed
 
     @property

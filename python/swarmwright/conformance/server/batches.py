@@ -89,7 +89,7 @@ class Batch:
             self.metrics[episode] = {name: float(numbers(named, name, "<f8")[index]) for name in named}
 
     def _sensors(self, rows: int) -> int:
-        """Return the length of a row. Raises Failure if the simulation steers its agents itself."""
+        """Return the length of a row. Raises Failure if the simulation controls its agents itself."""
         if not self.server.steers_itself:
             return self.server.sensors
         if rows:

@@ -19,7 +19,7 @@ def begin_episode(server: Server, topic: str = "control") -> Episode:
     episode.start(topic)
     episode.gather()
     if episode.over:
-        raise Skip("the simulation steers its agents itself, no agent is asked")
+        raise Skip("the simulation controls its agents itself, no agent is asked")
     return episode
 
 
@@ -37,7 +37,7 @@ def play_until_several(server: Server) -> Episode:
 
 @rule(
     "S2.1",
-    "After parameters and control it publishes sensor messages, or the fitness if agents steer themselves.",
+    "After parameters and control it publishes sensor messages, or the fitness if agents control themselves.",
     where="protocol.md, An episode, 2 to 4",
     fix="store the parameters by hash; on control with that hash, reset the simulation and publish the "
     "sensors",

@@ -128,7 +128,7 @@ def _begin_waiting(server: Server) -> Episode:
     episode.start()
     episode.gather()
     if episode.over:
-        raise Skip("the simulation steers its agents itself, it is taken for no time")
+        raise Skip("the simulation controls its agents itself, it is taken for no time")
     return episode
 
 

@@ -107,7 +107,7 @@ def ignores_other_tools(server: Server) -> None:
 def first_control_wins(server: Server) -> None:
     """Parameters of A, of B; control of A, of B: an episode for A alone."""
     if server.trajectory is not None and not server.trajectory.messages:
-        raise Skip("the simulation steers its agents itself, it may be over before the second control")
+        raise Skip("the simulation controls its agents itself, it may be over before the second control")
     first, second = server.episode(), server.episode()
     first.configure()
     second.configure()
@@ -175,7 +175,7 @@ def tells_of_failures(server: Server) -> str:
     skip_without_presence(server)
     patience = short_patience(server)
     if server.trajectory is not None and not server.trajectory.messages:
-        raise Skip("the simulation steers its agents itself, no agent is waited for")
+        raise Skip("the simulation controls its agents itself, no agent is waited for")
     episode = server.episode()
     episode.configure()
     sent = episode.start(reply=TO_TOOL + server.token)
@@ -283,7 +283,7 @@ def _must_go_on(server: Server, tool: str | None, others: list[dict[str, str]]) 
     """Play an episode of a tool, with run: false of others in the middle."""
     skip_without_presence(server)
     if server.trajectory is not None and not server.trajectory.messages:
-        raise Skip("the simulation steers its agents itself, it may be over before it could be ended")
+        raise Skip("the simulation controls its agents itself, it may be over before it could be ended")
     episode = server.episode(tool=tool)
     episode.configure()
     episode.receive(episode.start())
