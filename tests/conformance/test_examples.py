@@ -1,6 +1,5 @@
 """The servers in JavaScript and Go that were written from D6.1's text alone."""
 
-import re
 import shlex
 import subprocess
 from pathlib import Path
@@ -9,8 +8,8 @@ import pytest
 
 from swarmwright import _engine
 from swarmwright.conformance import check_server
-from tests.conftest import ROOT, Run
-from tests.examples import EXAMPLES, commands
+from tests.conftest import Run
+from tests.examples import commands
 
 LINE = """\
 simulation: line
@@ -52,10 +51,3 @@ def test_they_serve_swarmwrights_tool_and_give_the_same_record(program: Run, tmp
         records[language] = (tmp_path / f"{language}.csv").read_bytes()
     assert records["JavaScript"] == records["Go"]
     assert len(records["Go"].splitlines()) > 20
-
-
-def test_the_page_shows_the_python_server_as_it_is() -> None:
-    page = (ROOT / "docs" / "how-to" / "peers.md").read_text(encoding="utf-8")
-    excerpts = re.findall(r"^```python\n(class Server:.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    assert len(excerpts) == 1
-    assert excerpts[0] in (EXAMPLES / "python" / "line_server.py").read_text(encoding="utf-8")
