@@ -136,13 +136,28 @@ def read(path: Path) -> Source:
 
 def parse(text: str, name: str) -> Source:
     """Parse YAML text; `name` is its name in messages."""
+    return parse_node(compose(text, name), name)
+
+
+def parse_node(node: Node | None, name: str) -> Source:
+    """Return the values of a composed text; None: of an empty one."""
     source = Source(name)
+    if node is not None:
+        source.values = _Builder(source).build(node, ())
+    return source
+
+
+def compose(text: str, name: str) -> Node | None:
+    """Return the nodes of YAML text, which know their positions in it; None for an empty text.
+
+    Raises InputError, with `name` and the line, if it is not valid YAML.
+    """
     try:
         yaml = YAML(typ="safe", pure=True)
         yaml.Composer = _Composer
         yaml.Parser, yaml.Scanner = YamlParser, YamlScanner
         # The end of a file ends its last line, also in a block scalar.
-        node = yaml.compose(text if text.endswith("\n") else f"{text}\n")
+        node: Node | None = yaml.compose(text if text.endswith("\n") else f"{text}\n")
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         location = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
@@ -160,9 +175,7 @@ def parse(text: str, name: str) -> Source:
         raise InputError(f"{name}: is not valid YAML: {error}") from error
     except RecursionError:
         raise InputError(f"{name}: is nested too deeply") from None
-    if node is not None:
-        source.values = _Builder(source).build(node, ())
-    return source
+    return node
 
 
 class _Composer(Composer):
@@ -310,19 +323,21 @@ def _mapping_lines(values: Mapping[str, Any], indent: str) -> Iterator[str]:
             yield start
             yield from _mapping_lines(value, indent + "  ")
         elif (
-            isinstance(value, list) and len(value) > 1 and len(start) + len(_flow(value)) >= _LINE_CHARACTERS
+            isinstance(value, list)
+            and len(value) > 1
+            and len(start) + len(dump_flow(value)) >= _LINE_CHARACTERS
         ):
             yield start
             yield from _wrap_list(value, indent + "  ")
         else:
-            yield f"{start} {_flow(value)}"
+            yield f"{start} {dump_flow(value)}"
 
 
 def _wrap_list(values: list[Any], indent: str) -> Iterator[str]:
     """Break a long list between its items."""
     line = f"{indent}["
     for index, value in enumerate(values):
-        item = f"{_flow(value)}{',' if index + 1 < len(values) else ']'}"
+        item = f"{dump_flow(value)}{',' if index + 1 < len(values) else ']'}"
         if len(line) + len(item) >= _LINE_CHARACTERS and line.strip() != "[":
             yield line.rstrip()
             line = f"{indent} "
@@ -330,8 +345,8 @@ def _wrap_list(values: list[Any], indent: str) -> Iterator[str]:
     yield line.rstrip()
 
 
-def _flow(value: Any) -> str:  # noqa: ANN401 - any plain value
-    """Format a value in the style of JSON."""
+def dump_flow(value: Any) -> str:  # noqa: ANN401 - any plain value
+    """Format a plain value as YAML in one line, in the style of JSON."""
     if isinstance(value, str):
         return _text(value)
     if value is None or isinstance(value, bool):
@@ -339,9 +354,9 @@ def _flow(value: Any) -> str:  # noqa: ANN401 - any plain value
     if isinstance(value, float):
         return _decimal(value)
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_flow, value))}]"
+        return f"[{', '.join(map(dump_flow, value))}]"
     if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{_text(key)}: {_flow(inner)}' for key, inner in value.items())}}}"
+        return f"{{{', '.join(f'{_text(key)}: {dump_flow(inner)}' for key, inner in value.items())}}}"
     return str(value)
 
 
