@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -39,9 +39,14 @@ EXPERIMENT_BYTES = 1 << 20
 SHELL = ("/bin/sh", "-c", 'status=$0; trap : INT; "$@"; echo $? > "$status"')
 CHECK = """
 import sys
+from pathlib import Path
 from swarmwright import Experiment, InputError
 try:
-    Experiment.load(sys.argv[1])
+    if len(sys.argv) > 2:
+        from swarmwright.analysis.sweep import Sweep
+        Sweep.load(sys.argv[2], out=Path(sys.argv[2]).with_suffix(""))
+    else:
+        Experiment.load(sys.argv[1])
 except InputError as error:
     print(error)
 """
@@ -88,10 +93,14 @@ class Jobs:
             return [job for job in map(self._read, names) if job is not None]
         return []
 
-    def check(self, text: str) -> list[dict[str, Any]]:
+    def check(self, text: str, write_sweep: Callable[[str], str] | None = None) -> list[dict[str, Any]]:
         """Return what is wrong with an experiment, as `optimize` says it: the line or None, the message.
 
         It is loaded in a process of its own, in the folder, since it may name code.
+
+        Args:
+            text: of the experiment.
+            write_sweep: returns the sweep file of an experiment file, whose variants are checked as well.
         """
         try:
             size = len(text.encode())
@@ -99,19 +108,25 @@ class Jobs:
             return [{"line": None, "message": f"is not valid Unicode: {error.reason}"}]
         if size > EXPERIMENT_BYTES:
             return [{"line": None, "message": "is larger than 1 MiB"}]
-        file = self.folder / f".check-{secrets.token_hex(8)}.yaml"
+        name = f".check-{secrets.token_hex(8)}"
+        file = self.folder / f"{name}.yaml"
+        files = {file: text}
+        if write_sweep is not None:
+            files[self.folder / f"{name}-sweep.yaml"] = write_sweep(file.name)
         try:
-            file.write_text(text, encoding="utf-8")
+            for path, content in files.items():
+                path.write_text(content, encoding="utf-8")
             loaded = subprocess.run(
-                [sys.executable, "-c", CHECK, file.name], cwd=self.folder, capture_output=True, text=True,
-                timeout=CHECK_S, check=False, stdin=subprocess.DEVNULL,
+                [sys.executable, "-c", CHECK, *(path.name for path in files)], cwd=self.folder, text=True,
+                capture_output=True, timeout=CHECK_S, check=False, stdin=subprocess.DEVNULL,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             return [{"line": None, "message": f"took more than {CHECK_S:.0f} s to load"}]
         except OSError as error:
             return [{"line": None, "message": f"cannot be checked: {error}"}]
         finally:
-            file.unlink(missing_ok=True)
+            for path in files:
+                path.unlink(missing_ok=True)
         output = loaded.stdout.strip() or ("" if loaded.returncode == 0 else loaded.stderr.strip()[-2000:])
         return list(problems(output, file.name))
 
@@ -125,13 +140,32 @@ class Jobs:
 
         Raises InputError when the name is taken or no name, or a seed is out of range.
         """
-        if NAME.fullmatch(name) is None:
-            raise InputError(
-                f"name: {name[:100]!r}: use letters, digits, '_', '-' and '.', at most 100, and no '.' first"
-            )
+        require_name(name)
         if len(seeds) > MOST_SEEDS or any(not 0 <= seed < 2**63 for seed in seeds):
             raise InputError(f"seeds: at most {MOST_SEEDS}, each from 0 to {2**63 - 1}")
         runs = {f"{name}-{seed}": ["--seed", str(seed)] for seed in seeds} or {name: []}
+        file = self._write(name, text, runs)
+        return [
+            self._add(["optimize", file.name, *options, "--out", run], run) for run, options in runs.items()
+        ]
+
+    def start_sweep(self, text: str, name: str, write_sweep: Callable[[str], str]) -> Job:
+        """Write an experiment and its sweep into the folder, and put the sweep into the queue.
+
+        Args:
+            text: of the experiment.
+            name: of its file, `name.yaml`, and of the folder of the runs; the sweep is in `name-sweep.yaml`.
+            write_sweep: returns the sweep file of an experiment file.
+
+        Raises InputError when the name is taken or no name.
+        """
+        require_name(name)
+        file = self._write(name, text, [name])
+        sweep = self._write(f"{name}-sweep", write_sweep(file.name), [])
+        return self._add(["sweep", sweep.name, "--out", name], name)
+
+    def _write(self, name: str, text: str, runs: Iterable[str]) -> Path:
+        """Write a file for runs into the folder. Raises InputError when a name is taken."""
         existing = [run for run in runs if (self.folder / run).exists()]
         if existing:
             raise InputError(f"name: {existing[0]} exists already in {self.folder}; choose another name")
@@ -145,9 +179,7 @@ class Jobs:
                 raise InputError(f"name: {file} exists already; choose another name") from None
         except OSError as error:
             raise InputError(f"name: {file} cannot be written: {error.strerror}") from None
-        return [
-            self._add(["optimize", file.name, *options, "--out", run], run) for run, options in runs.items()
-        ]
+        return file
 
     def resume(self, run: str, generations: int | None) -> Job:
         """Put a run into the queue that was interrupted, or that goes on to more generations."""
@@ -261,6 +293,14 @@ class Jobs:
             yield
 
 
+def require_name(name: str) -> None:
+    """Raise InputError for what cannot be the name of a run."""
+    if NAME.fullmatch(name) is None:
+        raise InputError(
+            f"name: {name[:100]!r}: use letters, digits, '_', '-' and '.', at most 100, and no '.' first"
+        )
+
+
 def start_time(process: int) -> str:
     """Return when a process was started, in ticks since the computer was; empty where it has ended."""
     try:
@@ -287,4 +327,5 @@ def problems(output: str, file: str) -> Iterator[dict[str, Any]]:
         if match:
             yield {"line": int(match[1]), "message": match[2]}
         elif line.strip():
-            yield {"line": None, "message": line.strip().replace(f"{file}: ", "").replace(file, "the file")}
+            message = line.strip().replace(f"{file}: ", "").replace(file, "the file")
+            yield {"line": None, "message": re.sub(r"\.check-\w+-sweep\.yaml:(\d+: )?", "", message).strip()}

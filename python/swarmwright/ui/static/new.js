@@ -1,41 +1,95 @@
-// A new experiment from a template or a run: YAML that is checked while one types, then started.
+// A new experiment from a template or a run: a form beside its YAML, checked while one types, then started.
 import { ask, change, h, problem } from "./dom.js";
+import { makeForm } from "./form.js";
+import { makeSweep } from "./sweep.js";
 
 const CHECK_AFTER_MS = 400;
+const MOST_UNDONE = 100;
 
 export function show(view, query) {
   const editor = h("textarea", { class: "editor", spellcheck: "false", rows: 26, "aria-label": "Experiment (YAML)", input: () => later() });
   const problems = h("ul", { class: "problems", role: "status" });
   const name = h("input", { required: true, pattern: "[A-Za-z0-9_][A-Za-z0-9_.\\-]{0,99}", "aria-label": "Name", placeholder: "name" });
-  const seeds = h("input", { type: "number", min: 1, max: 200, step: 1, value: 1, "aria-label": "Number of seeds" });
+  const seeds = h("input", { type: "number", min: 1, max: 200, step: 1, value: 1, "aria-label": "Number of seeds", input: () => sweep.plan() });
   const start = h("button", { type: "submit", class: "primary" }, "Start");
+  const undo = h("button", { type: "button", disabled: true, title: "Undo the last change by the form", click: () => goBack() }, "Undo");
   const choice = h("select", { "aria-label": "Template", change: () => take({ template: choice.value }, choice.value.replace(/^.*:/, "")) });
+  const refused = h("p", { class: "problem", role: "alert" });
+  const before = [];
   let timer = null;
   let asked = 0;
   let isGone = false;
+  let isWrong = false;
+  let runs = null; // of a sweep; 0 where it is wrong, null without one
+
+  const sweep = makeSweep({
+    text: () => editor.value,
+    seeds: () => seeds.valueAsNumber || 1,
+    removed: () => form.update(),
+    changed: (count) => {
+      runs = count;
+      start.textContent = runs === null ? "Start" : "Start sweep";
+      allow();
+    },
+  });
+  const form = makeForm({
+    text: () => editor.value,
+    replace: (text) => {
+      before.push(editor.value);
+      if (before.length > MOST_UNDONE) before.shift();
+      put(text);
+    },
+    vary: (field, value) => sweep.toggle(field, value),
+    isVaried: (path) => sweep.isVaried(path),
+  });
 
   view.append(
     h("h1", {}, "New experiment"),
-    h("div", { class: "tools" }, h("label", {}, "from ", choice)),
-    h("div", { class: "columns" }, editor, h("div", {}, h("h2", {}, "Check"), problems)),
     h("form", { class: "tools", submit: (event) => { event.preventDefault(); begin(); } },
-      h("label", {}, "name ", name), h("label", {}, "seeds ", seeds), start,
-      h("span", { class: "hint" }, "One run for each seed, from 1 on, as many at once as there are processors.")),
+      h("label", {}, "from ", choice), h("label", {}, "name ", name), h("label", {}, "seeds ", seeds), start,
+      h("span", { class: "hint" }, "One run for each seed, from 1 on.")),
+    refused,
+    sweep.element,
+    h("div", { class: "workbench" }, form.element,
+      h("div", { class: "text-column" }, h("div", { class: "tools" }, h("h2", {}, "YAML"), undo), editor, h("h2", {}, "Check"), problems)),
   );
+
+  function allow() {
+    start.disabled = isWrong || runs === 0;
+  }
+
+  /** Changes the text for the form, and shows where. */
+  function put(text) {
+    const old = editor.value;
+    editor.value = text;
+    undo.disabled = before.length === 0;
+    let same = 0;
+    while (same < old.length && same < text.length && old[same] === text[same]) same++;
+    scrollTo(text.slice(0, same).split("\n").length);
+    later(0);
+  }
+
+  function goBack() {
+    const text = before.pop();
+    if (text !== undefined) put(text);
+  }
 
   async function take(source, suggested) {
     try {
       editor.value = (await ask("experiment", source)).text;
+      before.length = 0;
+      undo.disabled = true;
       if (!name.value || name.dataset.suggested === name.value) name.value = name.dataset.suggested = suggested;
-      check();
+      editor.scrollTop = 0;
+      later(0);
     } catch (error) {
       problems.replaceChildren(h("li", {}, problem(error)));
     }
   }
 
-  function later() {
+  function later(wait = CHECK_AFTER_MS) {
     clearTimeout(timer);
-    timer = setTimeout(check, CHECK_AFTER_MS);
+    timer = setTimeout(() => { form.read(); sweep.plan(); check(); }, wait);
   }
 
   async function check() {
@@ -43,16 +97,19 @@ export function show(view, query) {
     const text = editor.value;
     try {
       const answer = await change("check", { text });
-      if (!isGone && number === asked) show(answer.problems);
+      if (!isGone && number === asked) showProblems(answer.problems);
     } catch (error) {
       if (!isGone) problems.replaceChildren(h("li", {}, problem(error)));
     }
   }
 
-  function show(found) {
-    start.disabled = found.length > 0;
+  function showProblems(found) {
+    isWrong = found.length > 0;
+    allow();
+    form.showProblems(found);
     problems.replaceChildren(...(found.length === 0 ? [h("li", { class: "fine" }, "Nothing is wrong.")] : found.map((entry) => h("li", { class: "problem" },
-      entry.line === null ? null : h("button", { type: "button", click: () => select(entry.line) }, `line ${entry.line}`), " ", entry.message))));
+      entry.line === null ? null : h("button", { type: "button", click: () => select(entry.line) }, `line ${entry.line}`), " ",
+      form.hasField(entry.message) ? h("button", { type: "button", click: () => form.focus(entry.message) }, "field") : null, " ", entry.message))));
   }
 
   function select(line) {
@@ -60,19 +117,28 @@ export function show(view, query) {
     const from = lines.slice(0, line - 1).reduce((sum, each) => sum + each.length + 1, 0);
     editor.focus();
     editor.setSelectionRange(from, from + (lines[line - 1]?.length ?? 0));
-    editor.scrollTop = (editor.scrollHeight / lines.length) * (line - 5);
+    scrollTo(line);
+  }
+
+  function scrollTo(line) {
+    const height = editor.scrollHeight / editor.value.split("\n").length;
+    const top = height * (line - 1);
+    if (top < editor.scrollTop || top > editor.scrollTop + editor.clientHeight - 2 * height) editor.scrollTop = top - 4 * height;
   }
 
   async function begin() {
+    refused.textContent = "";
     try {
       const count = Number(seeds.value);
-      const answer = await change("start", {
-        text: editor.value, name: name.value, seeds: count === 1 ? [] : Array.from({ length: count }, (_, index) => index + 1),
-      });
-      if (answer.problems?.length) show(answer.problems);
+      const common = { text: editor.value, name: name.value };
+      const answer = runs === null
+        ? await change("start", { ...common, seeds: count === 1 ? [] : Array.from({ length: count }, (_, index) => index + 1) })
+        : await change("sweep", { ...common, vary: sweep.entered(), seeds: count });
+      if (answer.problems?.length && runs === null) showProblems(answer.problems);
+      else if (answer.problems?.length) refused.textContent = answer.problems.map((entry) => entry.message).join("\n");
       else location.hash = "#/jobs";
     } catch (error) {
-      problems.replaceChildren(h("li", {}, problem(error)));
+      refused.textContent = error.message;
     }
   }
 
@@ -84,7 +150,7 @@ export function show(view, query) {
       choice.value = "arena:aggregation";
       await take({ template: choice.value }, mission.replace(/\.yaml$/, "_run"));
       editor.value = editor.value.replace(/^( *mission: *)\S+/m, `$1${mission}`);
-      check();
+      later(0);
     } else if (query.get("run")) {
       choice.value = "";
       take({ run: query.get("run") }, `${query.get("run").replace(/^.*\//, "").replace(/[^A-Za-z0-9_.-]/g, "_")}-copy`);
@@ -93,5 +159,5 @@ export function show(view, query) {
       take({ template: choice.value }, "aggregation");
     }
   })().catch((error) => problems.replaceChildren(h("li", {}, problem(error))));
-  return { trail: ["new experiment"], leave: () => { isGone = true; clearTimeout(timer); } };
+  return { trail: ["new experiment"], leave: () => { isGone = true; clearTimeout(timer); form.leave(); sweep.leave(); } };
 }
