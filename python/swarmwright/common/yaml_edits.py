@@ -56,8 +56,8 @@ def set_value(text: str, path: Sequence[str], value: Any, order: Sequence[str] =
     values, as in a mapping that is repeated by an alias.
     """
     document = _Document(text, path)
-    result = document.with_value(value, order)
-    return document.check(result, _assigned(document.values, path, value))
+    result = document.replace_value(value, order)
+    return document.check(result, _assign(document.values, path, value))
 
 
 def remove_value(text: str, path: Sequence[str]) -> str:
@@ -74,7 +74,7 @@ def remove_value(text: str, path: Sequence[str]) -> str:
     depth = len(path)
     while depth > 1 and len(_value_at(document.values, path[: depth - 1])) == 1:
         depth -= 1
-    return document.check(document.without(depth), _removed(document.values, path[:depth]))
+    return document.check(document.drop_keys(depth), _remove(document.values, path[:depth]))
 
 
 class _Document:
@@ -108,16 +108,16 @@ class _Document:
             )
         return self._bom + result
 
-    def with_value(self, value: Any, order: Sequence[str]) -> str:  # noqa: ANN401 - any plain value
+    def replace_value(self, value: Any, order: Sequence[str]) -> str:  # noqa: ANN401 - any plain value
         if self._root is None:
-            return self._text + self._lines(_nested(self._path, value), 0)
+            return self._text + self._lines(_nest(self._path, value), 0)
         mapping, rest = self._find_mapping(self._path)
         entry = _find(mapping, rest[0])
         if entry is None:
-            return self._insert(mapping, rest[0], _nested(rest[1:], value), order)
-        return self._replace(mapping, entry, _nested(rest[1:], value))
+            return self._insert(mapping, rest[0], _nest(rest[1:], value), order)
+        return self._replace(mapping, entry, _nest(rest[1:], value))
 
-    def without(self, depth: int) -> str:
+    def drop_keys(self, depth: int) -> str:
         """Return the text without the first `depth` keys of the path."""
         mapping, rest = self._find_mapping(self._path[:depth])
         entries = _entries(mapping)
@@ -221,8 +221,8 @@ class _Document:
         """Return the beginning of the next line; of this one where a position begins a line."""
         if position and self._text[position - 1] == "\n":
             return position
-        found = self._text.find("\n", position)
-        return len(self._text) if found < 0 else found + 1
+        ending = self._text.find("\n", position)
+        return len(self._text) if ending < 0 else ending + 1
 
 
 def _entries(mapping: MappingNode) -> list[_Entry]:
@@ -249,7 +249,7 @@ def _require_plain(source: Source) -> None:
         raise InputError(f"{_NAME}:{line}: {format_path(path)}: {message}")
 
 
-def _nested(path: Sequence[str], value: Any) -> Any:  # noqa: ANN401 - any plain value
+def _nest(path: Sequence[str], value: Any) -> Any:  # noqa: ANN401 - any plain value
     for key in reversed(path):
         value = {key: value}
     return value
@@ -261,7 +261,7 @@ def _value_at(values: Mapping[str, Any], path: Sequence[str]) -> Any:  # noqa: A
     return values
 
 
-def _assigned(values: Mapping[str, Any], path: Sequence[str], value: Any) -> dict[str, Any]:  # noqa: ANN401
+def _assign(values: Mapping[str, Any], path: Sequence[str], value: Any) -> dict[str, Any]:  # noqa: ANN401
     changed = copy.deepcopy(dict(values))
     container = changed
     for key in path[:-1]:
@@ -272,7 +272,7 @@ def _assigned(values: Mapping[str, Any], path: Sequence[str], value: Any) -> dic
     return changed
 
 
-def _removed(values: Mapping[str, Any], path: Sequence[str]) -> dict[str, Any]:
+def _remove(values: Mapping[str, Any], path: Sequence[str]) -> dict[str, Any]:
     changed = copy.deepcopy(dict(values))
     del _value_at(changed, path[:-1])[path[-1]]
     return changed

@@ -138,7 +138,7 @@ def test_an_experiment_is_written_checked_and_started(browser: Chrome, tmp_path:
     with window(tmp_path / "runs") as address:
         browser.get(address)
         find(browser, "header a[href='#/new']").click()
-        editor = find(browser, "textarea")
+        editor = find(browser, "textarea.editor")
         eventually(lambda: "Nothing is wrong" in page_text(browser), "the template is right")
         editor.clear()
         editor.send_keys("simulation: minisim\nservers: in-process\nmethod: {population: -1, generations: 3}")
@@ -183,7 +183,7 @@ def test_a_mission_is_drawn_tried_saved_and_evolved_on(browser: Chrome, tmp_path
         browser.find_element(By.XPATH, "//button[text()='Save']").click()
         find(browser, "a[href^='#/new?mission=']").click()
         eventually(lambda: "Nothing is wrong" in page_text(browser), "the experiment with it is right")
-        assert "mission: my_aggregation.yaml" in (find(browser, "textarea").get_attribute("value") or "")
+        assert "mission: my_aggregation.yaml" in (find(browser, "textarea.editor").get_attribute("value") or "")
     assert (tmp_path / "runs" / "my_aggregation.yaml").read_text().count("obstacles") == 1
 
 
