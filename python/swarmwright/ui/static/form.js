@@ -25,6 +25,7 @@ export function makeForm(host) {
   const whole = new Set(); // sections that show all fields
   const asked = new Set(); // classes whose parameters were asked for
   let sections = [];
+  let titles = []; // of simulations on the broker
   let shown = [];
   let values = { text: "", keys: {} };
   let known = null;
@@ -97,6 +98,7 @@ export function makeForm(host) {
       shown = next;
       rows.clear();
       body.replaceChildren(...shown.map(makeSection));
+      suggest();
       if (focused && rows.has(focused)) rows.get(focused).input.focus();
     }
     update();
@@ -120,7 +122,7 @@ export function makeForm(host) {
     const vary = canVary ? h("button", {
       type: "button", class: "vary", "aria-label": `Vary ${nameOf(field.path)}`, title: "Try several values in a sweep",
       click: () => { host.vary(field, at(field.path)?.text ?? ""); update(); },
-    }, "vary") : h("span");
+    }, "vary") : nameOf(field.path) === "broker" ? h("button", { type: "button", title: "Ask the broker for the simulations of its servers", click: () => askBroker(key) }, "ask") : h("span");
     const short = field.path.length > 1 ? field.path.slice(1).join(".") : field.path[0];
     const row = h("div", { class: "entry", mouseenter: () => explain(field), focusin: () => explain(field) },
       h("label", { for: id, title: field.help ?? "" }, short), input, vary, message);
@@ -182,6 +184,28 @@ export function makeForm(host) {
     }
   }
 
+  /** Suggests the simulations of the servers on the broker. */
+  async function askBroker(key) {
+    const { message } = rows.get(key);
+    message.textContent = "";
+    try {
+      const answer = await change("broker_simulations", { broker: at(["broker"])?.text ?? "", prefix: at(["prefix"])?.text ?? "" });
+      titles = answer.simulations;
+      help.textContent = `${answer.servers} servers offer ${titles.join(", ") || "nothing"}.`;
+      errors.delete(key);
+      suggest();
+    } catch (error) {
+      errors.set(key, error.message);
+    }
+    update();
+  }
+
+  function suggest() {
+    const list = rows.get(keyOf(["simulation"]))?.input.querySelector("datalist");
+    const present = new Set([...(list?.options ?? [])].map((option) => option.value));
+    list?.append(...titles.filter((title) => !present.has(title)).map((value) => h("option", { value })));
+  }
+
   function controlOf(entry) {
     return entry.input.matches(".combo") ? entry.input.firstChild : entry.input;
   }
@@ -214,7 +238,7 @@ export function makeForm(host) {
         entry.row.classList.toggle("set", isSet);
         entry.message.textContent = message;
         controlOf(entry).setAttribute("aria-invalid", message ? "true" : "false");
-        if (entry.vary.matches("button")) entry.vary.setAttribute("aria-pressed", host.isVaried(field.path) ? "true" : "false");
+        if (entry.vary.matches(".vary")) entry.vary.setAttribute("aria-pressed", host.isVaried(field.path) ? "true" : "false");
         set += isSet;
         hidden += !isWanted;
         visible += isWanted;

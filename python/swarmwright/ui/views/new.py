@@ -3,12 +3,16 @@
 import json
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import asdict
 from typing import Any
 
 from starlette.requests import Request
 
 from swarmwright import InputError, templates
+from swarmwright.common.errors import engine_errors
+from swarmwright.experiment.broker_address import broker_problem, prefix_problem
+from swarmwright.servers.broker.watching import watch_broker
 from swarmwright.ui.entries import change_text, find_kinds, show_values
 from swarmwright.ui.fields import Form, Kinds, describe_form, is_described_elsewhere, parameter_fields
 from swarmwright.ui.jobs import CHECK_S
@@ -27,6 +31,10 @@ except InputError as error:
     print(json.dumps({"error": str(error)}))
 """
 PARAMETERS_BYTES = 1 << 20
+ANNOUNCEMENTS_S = 1.0
+"""That a broker has to send what its servers have announced."""
+MOST_TITLES = 500
+"""Simulations of servers that are suggested."""
 
 
 def read_experiment(window: Window, request: Request) -> Values:
@@ -117,6 +125,18 @@ def describe_class(window: Window, values: dict[str, Any]) -> Values:
     return {"parameters": len(parameters)}
 
 
+def ask_broker(_window: Window, values: dict[str, Any]) -> Values:
+    """Return the titles of the simulations that the servers on a broker offer, and the number of servers."""
+    broker, prefix = read_field(values, "broker", str), read_field(values, "prefix", str)
+    for name, problem in (("broker", broker_problem(broker)), ("prefix", prefix_problem(prefix))):
+        if problem is not None:
+            raise InputError(f"{name}: {problem}")
+    with engine_errors(), closing(watch_broker(broker, prefix=prefix, every=ANNOUNCEMENTS_S)) as views:
+        servers = [server for server in next(views).servers if server.state != "lost"]
+    titles = sorted({title for server in servers for title in server.simulations})
+    return {"servers": len(servers), "simulations": titles[:MOST_TITLES]}
+
+
 def read_plan(window: Window, values: dict[str, Any]) -> tuple[str, Plan]:
     """Return the experiment of a sweep, and its variants."""
     text = read_field(values, "text", str)
@@ -148,5 +168,11 @@ VIEW = View(
     is_for_changes=True,
     answers={"templates": list_templates, "experiment": read_experiment},
     asks={"form": show_form, "form_change": change_field, "sweep_plan": show_plan},
-    changes={"check": check, "start": start, "sweep": start_sweep, "class_parameters": describe_class},
+    changes={
+        "check": check,
+        "start": start,
+        "sweep": start_sweep,
+        "class_parameters": describe_class,
+        "broker_simulations": ask_broker,
+    },
 )
