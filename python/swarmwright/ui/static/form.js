@@ -29,6 +29,7 @@ export function makeForm(host) {
   let shown = [];
   let values = { text: "", keys: {} };
   let known = null;
+  let built = "";
   let problems = [];
   let number = 0;
   let changes = Promise.resolve();
@@ -92,9 +93,9 @@ export function makeForm(host) {
   function build() {
     const next = withOthers();
     const shape = JSON.stringify(next);
-    if (shape !== body.dataset.shape) {
+    if (shape !== built) {
       const focused = document.activeElement?.dataset?.key;
-      body.dataset.shape = shape;
+      built = shape;
       shown = next;
       rows.clear();
       body.replaceChildren(...shown.map(makeSection));
@@ -161,11 +162,16 @@ export function makeForm(host) {
     const control = controlOf(rows.get(key));
     control.dataset.entered = entry;
     if (isBad) {
-      errors.set(key, "must be a number");
+      refuse(key, field, "must be a number");
       update();
       return;
     }
     changes = changes.then(() => apply(field, key, entry));
+  }
+
+  /** Notes what is wrong with an entry, which stays until the field or its part of the text changes. */
+  function refuse(key, field, message) {
+    errors.set(key, { message, text: at(field.path)?.text });
   }
 
   async function apply(field, key, entry) {
@@ -177,7 +183,7 @@ export function makeForm(host) {
         errors.delete(key);
         if (answer.text !== text) host.replace(answer.text);
       } catch (error) {
-        errors.set(key, error.message.replace(/^text:\d+: /, ""));
+        refuse(key, field, error.message.replace(/^text:\d+: /, ""));
       }
       update();
       return;
@@ -195,7 +201,7 @@ export function makeForm(host) {
       errors.delete(key);
       suggest();
     } catch (error) {
-      errors.set(key, error.message);
+      refuse(key, { path: ["broker"] }, error.message);
     }
     update();
   }
@@ -227,7 +233,8 @@ export function makeForm(host) {
         const key = keyOf(field.path);
         const entry = rows.get(key);
         const node = at(field.path);
-        const message = errors.get(key) ?? wrong.get(key) ?? "";
+        if (errors.has(key) && errors.get(key).text !== node?.text) errors.delete(key);
+        const message = errors.get(key)?.message ?? wrong.get(key) ?? "";
         const isSet = node !== undefined;
         const searched = `${nameOf(field.path)} ${field.help ?? ""}`.toLowerCase();
         const isWanted = words.length > 0

@@ -7,7 +7,7 @@ const CHECK_AFTER_MS = 400;
 const MOST_UNDONE = 100;
 
 export function show(view, query) {
-  const editor = h("textarea", { class: "editor", spellcheck: "false", rows: 26, "aria-label": "Experiment (YAML)", input: () => later() });
+  const editor = h("textarea", { class: "editor", spellcheck: "false", rows: 26, "aria-label": "Experiment (YAML)", input: () => { forget(); later(); } });
   const problems = h("ul", { class: "problems", role: "status" });
   const name = h("input", { required: true, pattern: "[A-Za-z0-9_][A-Za-z0-9_.\\-]{0,99}", "aria-label": "Name", placeholder: "name" });
   const seeds = h("input", { type: "number", min: 1, max: 200, step: 1, value: 1, "aria-label": "Number of seeds", input: () => sweep.plan() });
@@ -65,8 +65,14 @@ export function show(view, query) {
     undo.disabled = before.length === 0;
     let same = 0;
     while (same < old.length && same < text.length && old[same] === text[same]) same++;
-    scrollTo(text.slice(0, same).split("\n").length);
+    scrollToLine(text.slice(0, same).split("\n").length);
     later(0);
+  }
+
+  /** What was typed is undone by the editor itself. */
+  function forget() {
+    before.length = 0;
+    undo.disabled = true;
   }
 
   function goBack() {
@@ -77,8 +83,7 @@ export function show(view, query) {
   async function take(source, suggested) {
     try {
       editor.value = (await ask("experiment", source)).text;
-      before.length = 0;
-      undo.disabled = true;
+      forget();
       if (!name.value || name.dataset.suggested === name.value) name.value = name.dataset.suggested = suggested;
       editor.scrollTop = 0;
       later(0);
@@ -117,10 +122,10 @@ export function show(view, query) {
     const from = lines.slice(0, line - 1).reduce((sum, each) => sum + each.length + 1, 0);
     editor.focus();
     editor.setSelectionRange(from, from + (lines[line - 1]?.length ?? 0));
-    scrollTo(line);
+    scrollToLine(line);
   }
 
-  function scrollTo(line) {
+  function scrollToLine(line) {
     const height = editor.scrollHeight / editor.value.split("\n").length;
     const top = height * (line - 1);
     if (top < editor.scrollTop || top > editor.scrollTop + editor.clientHeight - 2 * height) editor.scrollTop = top - 4 * height;
