@@ -88,7 +88,7 @@ export function makeSweep(host) {
       });
       const isRight = Object.keys(answer.errors).length === 0;
       const product = answer.counts.map(figure).join(" × ");
-      sum.textContent = isRight ? `${product} variants with ${figure(host.seeds())} seeds each: ${figure(answer.runs)} runs, compared at the end.` : "";
+      sum.textContent = isRight ? `${product} ${answer.counts.length > 1 || answer.counts[0] > 1 ? "variants" : "variant"}, ${figure(host.seeds())} ${host.seeds() === 1 ? "seed" : "seeds"} each: ${figure(answer.runs)} runs, compared at the end.` : "";
       sum.classList.remove("bad");
       host.changed(isRight ? answer.runs : 0);
     } catch (error) {
