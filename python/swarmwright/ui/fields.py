@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 from swarmwright import InputError, templates
+from swarmwright.common.options import Options
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.yaml import dump_flow
 from swarmwright.experiment.budget import LIMITS
@@ -23,7 +24,7 @@ from swarmwright.simulations.command.definition import CommandOptions
 from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.command.ros_definition import RosOptions
 
-MAPPINGS = {"command": CommandOptions, "fmu": FmuOptions, "ros": RosOptions}
+MAPPINGS: Mapping[str, type[Options]] = {"command": CommandOptions, "fmu": FmuOptions, "ros": RosOptions}
 """Simulations that are written as a mapping, by the key that they need."""
 BUDGET = (*LIMITS, "target")
 """Options of methods that are in a section of their own."""

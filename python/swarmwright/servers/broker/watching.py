@@ -1,7 +1,7 @@
 """The state of a broker's servers and tools, collected from their messages."""
 
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -210,7 +210,7 @@ def _group_by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], d
     return doing, use
 
 
-def watch_broker(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View]:
+def watch_broker(broker: str, *, prefix: str = "", every: float = 1.0) -> Generator[View, None, None]:
     """Connect to a broker and yield its state every `every` seconds, forever.
 
     Raises the engine's errors: no broker, refused, an invalid prefix.
