@@ -103,11 +103,17 @@ def test_form_and_text_follow_each_other_and_a_sweep_is_started(browser: Chrome,
         # Another kind has other fields.
         Select(field(browser, "method.kind")).select_by_value("pso")
         eventually(lambda: "\n  kind: pso " in text(), "the kind is in the text")
-        find(browser, "input[aria-label='Find a field']").send_keys("neighbours")
+        search = find(browser, "input[aria-label='Find a field']")
+        search.send_keys("swarm moves inertia")
         eventually(
-            lambda: browser.find_element(By.CSS_SELECTOR, ".section:not([hidden])"), "a field is found"
+            lambda: not browser.find_elements(By.CSS_SELECTOR, ".section:not([hidden])"), "no such field"
         )
-        find(browser, "input[aria-label='Find a field']").send_keys(Keys.CONTROL, "a", Keys.DELETE)
+        search.send_keys(Keys.CONTROL, "a")
+        search.send_keys("method.inertia")
+        eventually(
+            lambda: field(browser, "method.inertia").is_displayed(), "an option that is not set is shown"
+        )
+        search.send_keys(Keys.CONTROL, "a", Keys.DELETE)
         enter(browser, "method.generations", "2")
 
         # A field is varied.
