@@ -1,7 +1,6 @@
 """The fields of an experiment's form."""
 
 import json
-from dataclasses import replace
 
 import pytest
 
@@ -41,7 +40,7 @@ def test_every_parameter_of_a_simulation_has_its_field(title: str) -> None:
     [(section, kind) for section in DEFAULT_KINDS for kind in REGISTRIES[section].names()],
 )
 def test_every_option_of_a_kind_has_its_field(section: str, kind: str) -> None:
-    form = describe_form(replace(Kinds(simulation="minisim"), **{section: kind}))
+    form = describe_form(Kinds.of({"simulation": "minisim", section: {"kind": kind}}))
     options = set(REGISTRIES[section].get(kind).options_model.model_fields)
     assert {f"{section}.{option}" for option in options} <= paths(form)
     json.dumps([part.describe() for part in form.sections], allow_nan=False)
