@@ -124,7 +124,7 @@ export function makeForm(host) {
       type: "button", class: "vary", "aria-label": `Vary ${nameOf(field.path)}`, title: "Try several values in a sweep",
       click: () => { host.vary(field, at(field.path)?.text ?? ""); update(); },
     }, "vary") : nameOf(field.path) === "broker" ? h("button", { type: "button", title: "Ask the broker for the simulations of its servers", click: () => askBroker(key) }, "ask") : h("span");
-    const short = field.path.length > 1 ? field.path.slice(1).join(".") : field.path[0];
+    const short = field.path.length > 1 && field.path[0] !== "requirements" ? field.path.slice(1).join(".") : nameOf(field.path);
     const row = h("div", { class: "entry", mouseenter: () => explain(field), focusin: () => explain(field) },
       h("label", { for: id, title: field.help ?? "" }, short), input, vary, message);
     rows.set(key, { field, row, input, message, vary, section });
@@ -239,7 +239,7 @@ export function makeForm(host) {
         const searched = `${nameOf(field.path)} ${field.help ?? ""}`.toLowerCase();
         const isWanted = words.length > 0
           ? words.every((word) => searched.includes(word))
-          : isSet || message || field.is_kind || field.is_required || section.fields.length <= FEW || whole.has(section.title);
+          : isSet || message || field.is_kind || (field.is_required && at(field.path.slice(0, -1)) !== undefined) || section.fields.length <= FEW || whole.has(section.title);
         fill(entry, node);
         entry.row.hidden = !isWanted;
         entry.row.classList.toggle("set", isSet);

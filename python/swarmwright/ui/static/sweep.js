@@ -4,6 +4,8 @@ import { nameOf } from "./form.js";
 
 const AFTER_MS = 300;
 
+const count = (number, noun) => `${figure(number)} ${noun}${number === 1 ? "" : "s"}`;
+
 /** Makes the list of varied fields. `host` has `text()`, `seeds()` and is told by `changed(runs)` what is chosen. */
 export function makeSweep(host) {
   const list = h("div", { class: "varied" });
@@ -32,21 +34,21 @@ export function makeSweep(host) {
   function makeEntry(field, value) {
     const name = nameOf(field.path);
     const message = h("p", { class: "problem", role: "status" });
-    const count = h("span", { class: "count" });
+    const number = h("span", { class: "count" });
     const takes = field.takes ?? [];
     const isChoice = takes.length === 0 || (takes.length === 1 && takes[0] === "boolean");
     const remove = h("button", { type: "button", "aria-label": `Do not vary ${name}`, title: "Do not vary this field", click: () => { toggle(field); host.removed(); } }, "×");
-    const entry = { field, message, count };
+    const entry = { field, message, number };
     if (isChoice) {
       const boxes = (field.choices ?? ["true", "false"]).map((choice) => h("input", { type: "checkbox", value: choice, checked: choice === value, change: plan }));
       entry.values = () => boxes.filter((box) => box.checked).map((box) => box.value).join(", ");
-      entry.row = h("fieldset", { class: "vary-entry" }, h("legend", {}, name, " ", count, " ", remove), boxes.map((box) => h("label", {}, box, " ", box.value)), message);
+      entry.row = h("fieldset", { class: "vary-entry" }, h("legend", {}, name, " ", number, " ", remove), boxes.map((box) => h("label", {}, box, " ", box.value)), message);
       return entry;
     }
     const input = h("input", { type: "text", value, "aria-label": `Values of ${name}`, placeholder: "10, 20, 50", autocomplete: "off", spellcheck: "false", input: later });
     entry.values = () => input.value;
     const isNumber = takes.includes("integer") || takes.includes("number");
-    entry.row = h("fieldset", { class: "vary-entry" }, h("legend", {}, name, " ", count, " ", remove), h("label", {}, "values ", input), isNumber ? makeRange(name, takes, input) : null, message);
+    entry.row = h("fieldset", { class: "vary-entry" }, h("legend", {}, name, " ", number, " ", remove), h("label", {}, "values ", input), isNumber ? makeRange(name, takes, input) : null, message);
     return entry;
   }
 
@@ -84,11 +86,12 @@ export function makeSweep(host) {
       if (mine !== asked) return;
       chosen.forEach((entry, index) => {
         entry.message.textContent = answer.errors[index] ?? "";
-        entry.count.textContent = answer.errors[index] ? "" : `${answer.counts[index]} values`;
+        entry.number.textContent = answer.errors[index] ? "" : count(answer.counts[index], "value");
       });
       const isRight = Object.keys(answer.errors).length === 0;
-      const product = answer.counts.map(figure).join(" × ");
-      sum.textContent = isRight ? `${product} ${answer.counts.length > 1 || answer.counts[0] > 1 ? "variants" : "variant"}, ${figure(host.seeds())} ${host.seeds() === 1 ? "seed" : "seeds"} each: ${figure(answer.runs)} runs, compared at the end.` : "";
+      const variants = answer.counts.reduce((product, each) => product * each, 1);
+      const product = answer.counts.length > 1 ? `${answer.counts.map(figure).join(" × ")} = ` : "";
+      sum.textContent = isRight ? `${product}${count(variants, "variant")} with ${count(host.seeds(), "seed")} each: ${count(answer.runs, "run")}, compared at the end.` : "";
       sum.classList.remove("bad");
       host.changed(isRight ? answer.runs : 0);
     } catch (error) {
