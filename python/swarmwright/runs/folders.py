@@ -23,6 +23,7 @@ _OURS = (
     "run.lock",
     "experiment.yaml",
     "best.json",
+    "notes.json",
     "best.json.new",
     "fitness.png",
     "plot.png",

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,6 +24,7 @@ from swarmwright.experiment.budget import EndReason
 from swarmwright.experiment.experiment import Experiment, load_stored_experiment
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
+from swarmwright.runs.annotations import read_annotations, write_annotations
 from swarmwright.runs.export import write_table
 from swarmwright.runs.failures import iterate_episode_counts
 from swarmwright.runs.instances import best_words
@@ -125,6 +126,28 @@ class Run:
     def name(self) -> str:
         """Name of the experiment's file without its suffix, or else of the simulation."""
         return self._store.name
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """Words to find the run by, set by `annotate`. Raises InputError where their file is damaged."""
+        return read_annotations(self.path).tags
+
+    @property
+    def note(self) -> str:
+        """What somebody noted about the run, set by `annotate`. Raises InputError as `tags`."""
+        return read_annotations(self.path).note
+
+    @check_arguments
+    def annotate(self, *, tags: Sequence[str] | None = None, note: str | None = None) -> None:
+        """Set the run's tags or its note, in `notes.json` beside the record; None leaves them as they are.
+
+        Args:
+            tags: at most 20, of at most 50 characters, without commas.
+            note: at most 10,000 characters.
+
+        Raises InputError when they are refused or cannot be written.
+        """
+        write_annotations(self.path, self.tags if tags is None else tags, self.note if note is None else note)
 
     @property
     def created(self) -> str:

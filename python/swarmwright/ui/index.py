@@ -14,6 +14,7 @@ import numpy as np
 
 from swarmwright import InputError, Run, SwarmwrightError
 from swarmwright.common.simulation_names import label_of
+from swarmwright.runs.annotations import FILE
 
 STORE = "run.sqlite"
 MOST_RUNS = 20_000
@@ -53,6 +54,7 @@ class Row:
     """Seconds that are left, where generations end the run."""
     spark: tuple[float | None, ...] = ()
     """The best fitness so far, at points that are evenly spaced over the generations."""
+    tags: tuple[str, ...] = ()
     problem: str = ""
     """Why the folder cannot be read."""
 
@@ -198,7 +200,7 @@ class RunIndex:
 def signature_of(folder: Path) -> Signature:
     """Return what changes with the store: times and sizes of its files."""
     signature = []
-    for name in (STORE, f"{STORE}-wal"):
+    for name in (STORE, f"{STORE}-wal", FILE):
         try:
             state = (folder / name).lstat()
         except OSError:
@@ -213,6 +215,10 @@ def summarize(run: Run, name: str) -> Row:
     picked = history
     if len(history) > SPARK_POINTS:
         picked = [history[round(position)] for position in np.linspace(0, len(history) - 1, SPARK_POINTS)]
+    try:
+        tags = run.tags
+    except InputError:  # the run is worth a row nevertheless
+        tags = ()
     return Row(
         id=name,
         state=run.state,
@@ -231,6 +237,7 @@ def summarize(run: Run, name: str) -> Row:
         seconds=run.seconds,
         created=run.created,
         spark=tuple(finite(summary.best_so_far) for summary in picked),
+        tags=tags,
     )
 
 

@@ -28,7 +28,7 @@ export function runAddress(id) {
 function cell(column, row) {
   switch (column.key) {
     case "id":
-      return [h("a", { href: runAddress(row.id) }, row.id === "." ? "this folder" : row.id)];
+      return [h("a", { href: runAddress(row.id) }, row.id === "." ? "this folder" : row.id), row.tags.map((tag) => h("span", { class: "tag" }, tag))];
     case "state":
       return [h("span", { class: `state ${row.state}`, title: row.problem }, row.state)];
     case "generations":
@@ -89,7 +89,8 @@ function matcher(query) {
     if (key !== null && COLUMNS.some((column) => column.key === key)) {
       return (row) => String(row[key] ?? "").toLowerCase().includes(value);
     }
-    return (row) => [row.id, row.state, row.simulation, row.method, row.controller, row.name, row.problem]
+    if (key === "tag") return (row) => row.tags.some((tag) => tag.toLowerCase().includes(value));
+    return (row) => [row.id, ...row.tags, row.state, row.simulation, row.method, row.controller, row.name, row.problem]
       .some((field) => String(field ?? "").toLowerCase().includes(word));
   });
   return (row) => conditions.every((condition) => condition(row));
@@ -120,6 +121,7 @@ export function show(view, query) {
     location.hash = `#/compare?${new URLSearchParams([...selected].map((id) => ["run", id]))}`;
   } }, "Compare");
   const remove = h("button", { type: "button", class: "changes", click: deleteSelected }, "Delete");
+  const tag = h("button", { type: "button", click: tagSelected }, "Tag");
   const all = h("input", { type: "checkbox", "aria-label": "Select all that are shown", change: () => {
     for (const row of shown()) all.checked ? selected.add(row.id) : selected.delete(row.id);
     draw();
@@ -148,8 +150,20 @@ export function show(view, query) {
       message.replaceChildren(problem(error));
     }
   }
+
+  async function tagSelected() {
+    const tags = prompt(`Tags for ${selected.size === 1 ? "the run" : `${selected.size} runs`}, separated by commas:`);
+    if (!tags) return;
+    try {
+      await change("annotate", { runs: [...selected], add: tags });
+      message.replaceChildren();
+    } catch (error) {
+      message.replaceChildren(problem(error));
+    }
+  }
+
   view.append(
-    h("div", { class: "tools" }, search, compare, store.window.read_only ? null : remove, count),
+    h("div", { class: "tools" }, search, compare, ...(store.window.read_only ? [] : [tag, remove]), count),
     message,
     h("div", { class: "wide" }, h("table", { class: "runs" }, h("thead", {}, h("tr", {}, h("th", {}, all), heads)), body)),
     empty,
@@ -178,7 +192,7 @@ export function show(view, query) {
       tools();
     } });
     box.checked = selected.has(row.id);
-    const element = h("tr", {}, h("td", {}, box), COLUMNS.map((column) => h("td", { class: column.numeric ? "number" : null }, cell(column, row))));
+    const element = h("tr", {}, h("td", {}, box), COLUMNS.map((column) => h("td", { class: column.numeric ? "number" : null }, cell(column, row).flat())));
     if (row.problem) element.append(h("td", { class: "problem" }, row.problem));
     lines.set(row.id, { row, element, box });
     return element;
@@ -186,7 +200,7 @@ export function show(view, query) {
 
   function tools() {
     for (const id of selected) if (!store.rows.has(id)) selected.delete(id);
-    compare.disabled = remove.disabled = selected.size === 0;
+    compare.disabled = tag.disabled = remove.disabled = selected.size === 0;
     compare.textContent = selected.size ? `Compare ${selected.size}` : "Compare";
   }
 

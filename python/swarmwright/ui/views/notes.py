@@ -1,0 +1,51 @@
+"""Tags and a note of a run, and tags of several."""
+
+from typing import Any
+
+from starlette.requests import Request
+
+from swarmwright import InputError, Run
+from swarmwright.ui.requests import read_field
+from swarmwright.ui.views._base import STATIC, Values, View
+from swarmwright.ui.views.runs import read_runs
+from swarmwright.ui.window import Window
+
+
+def read(window: Window, request: Request) -> Values:
+    """Return the tags and the note of a run."""
+    run = window.run(request)
+    return {"tags": run.tags, "note": run.note}
+
+
+def write(window: Window, values: dict[str, Any]) -> Values:
+    """Set the note of a run, or add tags to runs, or take tags away from them.
+
+    Values: `runs`, and `note`, `add` or `remove`.
+    """
+    names = read_runs(window, values)
+    added, removed = (
+        split_tags(read_field({key: values.get(key, "")}, key, str)) for key in ("add", "remove")
+    )
+    note = values.get("note")
+    if note is not None and len(names) > 1:
+        raise InputError("note: is that of a single run")
+    for name in names:
+        run = Run(window.index.path(name))
+        tags = [tag for tag in dict.fromkeys((*run.tags, *added)) if tag not in removed]
+        run.annotate(tags=tags, note=None if note is None else read_field(values, "note", str))
+    return {"runs": names}
+
+
+def split_tags(text: str) -> list[str]:
+    """Return the tags of a text, in which commas separate them."""
+    return [tag.strip() for tag in text.split(",") if tag.strip()]
+
+
+VIEW = View(
+    "notes",
+    STATIC / "notes.js",
+    "Notes",
+    tab_of=lambda _run: True,
+    answers={"notes": read},
+    changes={"annotate": write},
+)
