@@ -302,7 +302,9 @@ class Document(Options):
     controller: dict[str, Any] = Field(default={})
     """The representation of controllers by genomes."""
     method: dict[str, Any] = Field(default={})
-    """The optimization algorithm and its budget."""
+    """The optimization algorithm and its budget. The default, nnga, evolves every representation and is
+    FREVO's method; for networks, snes needs fewer evaluations.
+    """
     ranking: dict[str, Any] = Field(default={})
     """Aggregation of episodes to fitness."""
     validation: Annotated[
