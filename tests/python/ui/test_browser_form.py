@@ -117,7 +117,7 @@ def test_form_and_text_follow_each_other_and_a_sweep_is_started(browser: Chrome,
         enter(browser, "method.generations", "2")
 
         # A field is varied.
-        find(browser, "button[aria-label='Vary parameters.speedDefenders']").click()
+        find(browser, "button[aria-label='Vary parameters.speedDefenders']").send_keys(Keys.ENTER)
         values = find(browser, "input[aria-label='Values of parameters.speedDefenders']")
         values.send_keys(Keys.CONTROL, "a")
         values.send_keys("0.1, x")
@@ -132,7 +132,7 @@ def test_form_and_text_follow_each_other_and_a_sweep_is_started(browser: Chrome,
         name.clear()
         name.send_keys("speeds")
         eventually(lambda: find(browser, "button[type=submit]").is_enabled(), "it can be started")
-        find(browser, "button[type=submit]").click()
+        name.send_keys(Keys.ENTER)
         eventually(lambda: "sweep speeds-sweep.yaml --out speeds" in page_text(browser), "the job is listed")
         eventually(lambda: find(browser, ".job .state").text == "done", "the sweep is done", 120)
         severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]  # type: ignore[no-untyped-call]
