@@ -14,6 +14,7 @@ from swarmwright.ui.fields import Field, Form, Kinds
 TEXT_BYTES = 64 << 10
 """Of an experiment that has a form: it is read anew at each change."""
 ENTRY_CHARACTERS = 20_000
+TOO_LONG = "(too long for the form)"
 DEEPEST = 4
 """Keys of a path."""
 LARGEST_WHOLE = 2**53
@@ -50,8 +51,9 @@ def read_text(text: str) -> dict[str, Any]:
 def show_values(values: Any, depth: int = 0) -> dict[str, Any]:  # noqa: ANN401 - any plain value
     """Return values as a form shows them: `{text}`, and `keys` for a mapping with those of its values."""
     if isinstance(values, str):
-        return {"text": values}
-    shown: dict[str, Any] = {"text": "" if values is None else yaml.dump_flow(values)}
+        return {"text": values if len(values) <= ENTRY_CHARACTERS else TOO_LONG}
+    text = "" if values is None else yaml.dump_flow(values)
+    shown: dict[str, Any] = {"text": text if len(text) <= ENTRY_CHARACTERS else TOO_LONG}
     if isinstance(values, Mapping) and depth < DEEPEST:
         shown["keys"] = {key: show_values(value, depth + 1) for key, value in values.items()}
     return shown
