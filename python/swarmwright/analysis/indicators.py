@@ -246,6 +246,18 @@ def measure(
     return indicator, [indicator.value(elite) for elite in elites]
 
 
+def build_indicator(elites: Elites) -> Indicator:
+    """Return the indicator by which a front, or an archive, is compared with its former states.
+
+    It is hypervolume or the QD score, as of `measure` for a single run with these elites.
+    """
+    return (
+        _build_front_indicator([elites], None)
+        if elites.grid is None
+        else _build_archive_indicator([elites], None)
+    )
+
+
 def _check_objectives(by: By, runs: Sequence[Run]) -> None:
     first = _options(by, runs[0], Nsga2Options, "nsga2, which have a front")
     for run in runs[1:]:

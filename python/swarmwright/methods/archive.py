@@ -13,6 +13,10 @@ Values = NDArray[np.float64]
 """(candidates, values)."""
 
 
+_ROWS = 64
+"""Rows that are compared with all others at once."""
+_SORTED_COLUMNS = 2
+"""Columns for which sorting replaces comparisons of all with all."""
 _EPSILON = 1e-6
 """Share of a bin by which values are moved up, as bin edges are rounded."""
 
@@ -90,19 +94,17 @@ class Archive:
             fitness: (n,).
             measures: (n, measures).
         """
-        new: dict[int, int] = {}
-        cells = self.grid.cells_of(measures).tolist()
-        rows = zip(numbers, cells, fitness.tolist(), strict=True)
-        for row, (number, cell, value) in enumerate(rows):
-            if cell < 0 or not math.isfinite(value):
-                continue
-            if self._numbers[cell] < 0:
-                self._count += 1
-            elif not value > self._fitness[cell]:
-                continue
-            self._fitness[cell], self._numbers[cell] = value, number
-            new[cell] = row
-        return sorted(new.items())
+        cells = self.grid.cells_of(measures)
+        rows = np.flatnonzero((cells >= 0) & np.isfinite(fitness))
+        taken_by = np.where(self._numbers[cells[rows]] < 0, -np.inf, self._fitness[cells[rows]])
+        rows = rows[fitness[rows] > taken_by]
+        # Of each cell the best, and the first of equals.
+        rows = rows[np.lexsort((rows, -fitness[rows], cells[rows]))]
+        new, firsts = np.unique(cells[rows], return_index=True)
+        rows = rows[firsts]
+        self._count += int((self._numbers[new] < 0).sum())
+        self._fitness[new], self._numbers[new] = fitness[rows], np.asarray(numbers)[rows]
+        return list(zip(new.tolist(), rows.tolist(), strict=True))
 
     @property
     def cells(self) -> NDArray[np.int64]:
@@ -145,17 +147,59 @@ def front_with(front: Values, values: Values) -> tuple[NDArray[np.bool_], NDArra
         front: rows that do not dominate each other, finite.
         values: new rows, finite.
     """
-    _, first = np.unique(values, axis=0, return_index=True)
     joins = np.zeros(len(values), dtype=bool)
-    joins[first] = ranks(values[first], last=0) == 0
-    stays = np.ones(len(front), dtype=bool)
-    for row in np.flatnonzero(joins):
-        measured = values[row]
-        as_good: NDArray[np.bool_] = np.logical_and.reduce(front >= measured, axis=1)
-        joins[row] = not as_good.any()
-        if joins[row]:
-            stays &= ~np.logical_and.reduce(front <= measured, axis=1)
-    return stays, joins
+    rest = np.flatnonzero(~are_covered(values, front))
+    joins[rest[non_dominated(values[rest])]] = True
+    return ~are_covered(front, values[joins]), joins
+
+
+def non_dominated(values: Values) -> NDArray[np.int64]:
+    """Return the rows that no other row dominates, ascending; of equal rows the first. Higher is better.
+
+    values: (n, columns), finite, columns at least two. For two columns it takes n log n steps.
+    """
+    keys = (np.arange(len(values)), *(-column for column in values.T[::-1]))
+    order = np.lexsort(keys)  # rows that dominate or equal another are before it
+    if values.shape[1] == _SORTED_COLUMNS:
+        second = values[order, 1]
+        highest = np.maximum.accumulate(np.concatenate([[-np.inf], second[:-1]]))
+        return np.sort(order[second > highest])
+    selected: list[NDArray[np.int64]] = []
+    while len(order):
+        block, order = order[:_ROWS], order[_ROWS:]
+        at_least = _compare_rows(values[block], values[block])
+        block = block[~np.triu(at_least, 1).any(axis=0)]
+        order = order[~are_covered(values[order], values[block])]
+        selected.append(block)
+    return np.sort(np.concatenate(selected)) if selected else order
+
+
+def are_covered(values: Values, by: Values) -> NDArray[np.bool_]:
+    """Return which rows some row of `by` equals or dominates, (n,). Higher is better.
+
+    values, by: (n, columns) and (m, columns), finite, columns at least two.
+    """
+    if values.shape[1] == _SORTED_COLUMNS:
+        order = np.argsort(by[:, 0])
+        best = np.concatenate([np.maximum.accumulate(by[order[::-1], 1])[::-1], [-np.inf]])
+        covered: NDArray[np.bool_] = best[np.searchsorted(by[order, 0], values[:, 0])] >= values[:, 1]
+        return covered
+    rest = np.arange(len(values))
+    for first in range(0, len(by), _ROWS):
+        if not len(rest):
+            break
+        rest = rest[~_compare_rows(by[first : first + _ROWS], values[rest]).any(axis=0)]
+    covered = np.ones(len(values), dtype=bool)
+    covered[rest] = False
+    return covered
+
+
+def _compare_rows(rows: Values, values: Values) -> NDArray[np.bool_]:
+    """Return which rows are as good in every column as which values, (rows, values)."""
+    at_least = np.ones((len(rows), len(values)), dtype=bool)
+    for column in range(values.shape[1]):
+        at_least &= rows[:, column, np.newaxis] >= values[:, column]
+    return at_least
 
 
 def ranks(values: Values, last: int | None = None) -> NDArray[np.int64]:

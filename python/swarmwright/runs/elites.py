@@ -1,9 +1,10 @@
 """Elites of a multi-objective or quality-diversity run, computed from its record."""
 
 import math
+from collections import deque
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.runs.run import Run
-    from swarmwright.servers.rows import GenerationResult
 
 
 class Elite(NamedTuple):
@@ -191,30 +191,36 @@ def compute_elites(run: "Run", evaluations: int | None = None) -> Elites:
     evaluations: use only the first so many evaluations; None for all.
     """
     collector = _Collector(run)
-    remaining = run.evaluations if evaluations is None else evaluations
+    remaining, first = run.evaluations if evaluations is None else evaluations, 0
     for generation in run._store.generations():
-        if generation.generation >= run.generations or remaining <= 0:
+        if generation.generation >= run.generations or remaining <= first:
             break
-        remaining -= collector.add(generation, remaining)
+        count = remaining - first
+        collector.add(first, generation.fitness[:count], generation.metrics[:count])
+        first += len(generation.fitness)
     return collector.elites()
 
 
 def compute_elites_over_generations(run: "Run", chosen: Container[int]) -> Iterator[tuple[int, Elites]]:
     """Yield the number of each chosen generation with the elites at its end.
 
+    Only fitness and metrics are read, in large parts, without checking digests: ten million evaluations take
+    seconds.
+
     Raises InputError for other methods.
     """
     collector = _Collector(run)
-    for generation in run._store.generations():
-        if generation.generation >= run.generations:
-            break
-        collector.add(generation, len(generation.fitness))
-        if generation.generation in chosen:
-            yield generation.generation, collector.elites()
+    ends = run._store.ends()
+    numbers = [number for number in range(len(ends)) if number in chosen]
+    borders = deque((int(ends[number]), number) for number in numbers)
+    for first, fitness, metrics in run._store.measured([end for end, _ in borders]):
+        collector.add(first, fitness, metrics)
+        while borders and borders[0][0] <= first + len(fitness):
+            yield borders.popleft()[1], collector.elites()
 
 
 class _Collector:
-    """Collects the elites of a run, generation by generation."""
+    """Collects the elites of a run, part by part."""
 
     def __init__(self, run: "Run") -> None:
         options = run.experiment.method
@@ -228,31 +234,46 @@ class _Collector:
         self._options = options
         self._names = list(options.needed_metrics)
         self._columns = [run.metrics.index(name) for name in self._names]
+        self._ends = run._store.ends()
         if isinstance(options, MapElitesOptions):
-            self._elites: _Best | _Front = _Best(options.grid)
+            self._elites: _Best | _Front = _Best(options.grid, len(self._names))
             self._metrics = _Metrics(self._names, options.grid.axes)
         else:
             self._elites = _Front(options)
             self._metrics = _Metrics(self._names, ())
 
-    def add(self, generation: "GenerationResult", count: int) -> int:
-        """Add at most the first `count` candidates of a generation; return their number."""
-        fitness, episodes = generation.fitness[:count], generation.metrics[:count, :, self._columns]
+    def add(self, first: int, fitness: Fitness, metrics: NDArray[np.float64]) -> None:
+        """Add evaluations.
+
+        Args:
+            first: number of the first in the run.
+            fitness: (n,).
+            metrics: (n, episodes, metrics), all that are stored.
+        """
+        episodes = metrics[:, :, self._columns]
         values = means(episodes)
         gaps = np.logical_or.reduce(np.isnan(episodes), axis=1)
-        self._elites.add(generation.generation, fitness, values, gaps)
+        self._elites.add(_Rows(np.arange(first, first + len(fitness)), fitness, values, gaps))
         self._metrics.add(fitness, values)
-        return len(fitness)
 
     def elites(self) -> Elites:
         """Return the elites so far."""
-        rows = sorted(self._elites.rows(), key=lambda row: (-row[2], row[0], row[1]))
+        every = self._elites.rows()
+        rows = every.select(np.lexsort((every.numbers, -every.fitness)))
+        generations = np.searchsorted(self._ends, rows.numbers, side="right")
+        starts = np.concatenate([[0], self._ends])[generations]
         candidates = [
             Elite(generation, candidate, fitness, dict(zip(self._names, metrics, strict=True)))
-            for generation, candidate, fitness, metrics, _ in rows
+            for generation, candidate, fitness, metrics in zip(
+                generations.tolist(),
+                (rows.numbers - starts).tolist(),
+                rows.fitness.tolist(),
+                rows.metrics.tolist(),
+                strict=True,
+            )
         ]
-        gaps = np.array([row[4] for row in rows], dtype=bool).reshape(len(rows), len(self._names)).sum(axis=0)
-        partial = {name: count for name, count in zip(self._names, gaps.tolist(), strict=True) if count}
+        gaps = rows.gaps.sum(axis=0).tolist()
+        partial = {name: count for name, count in zip(self._names, gaps, strict=True) if count}
         counts = self._metrics.candidates, self._metrics.missing(), self._metrics.outside(), partial
         options = self._options
         if isinstance(options, MapElitesOptions):
@@ -261,27 +282,44 @@ class _Collector:
         return Elites("front", dict(options.objectives), candidates, None, *counts, self._experiment)
 
 
-_Row = tuple[int, int, float, list[float], list[bool]]
-"""Generation, candidate, fitness, metrics, and whether each metric has no value in some episodes."""
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Evaluations as columns."""
 
+    numbers: NDArray[np.int64]
+    """(n,), in the run."""
+    fitness: Fitness
+    """(n,)"""
+    metrics: Values
+    """(n, metrics)"""
+    gaps: NDArray[np.bool_]
+    """(n, metrics), whether each metric has no value in some episodes."""
 
-def _make_row(generation: int, row: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> _Row:
-    return generation, row, float(fitness[row]), metrics[row].tolist(), gaps[row].tolist()
+    def select(self, rows: NDArray[Any]) -> "_Rows":
+        """Return some rows."""
+        return _Rows(self.numbers[rows], self.fitness[rows], self.metrics[rows], self.gaps[rows])
 
 
 class _Best:
     """The elites of an archive's cells."""
 
-    def __init__(self, grid: Grid) -> None:
+    def __init__(self, grid: Grid, metrics: int) -> None:
         self._cells = Archive(grid)
-        self._rows: dict[int, _Row] = {}
+        self._rows = _Rows(
+            np.zeros(grid.cells, np.int64),
+            np.zeros(grid.cells),
+            np.zeros((grid.cells, metrics)),
+            np.zeros((grid.cells, metrics), bool),
+        )
 
-    def add(self, generation: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> None:
-        for cell, row in self._cells.add(range(len(fitness)), fitness, metrics):
-            self._rows[cell] = _make_row(generation, row, fitness, metrics, gaps)
+    def add(self, rows: _Rows) -> None:
+        new = np.array(self._cells.add(range(len(rows.fitness)), rows.fitness, rows.metrics), np.int64)
+        cells, chosen = new.reshape(-1, 2).T
+        for name in ("numbers", "fitness", "metrics", "gaps"):
+            getattr(self._rows, name)[cells] = getattr(rows, name)[chosen]
 
-    def rows(self) -> list[_Row]:
-        return list(self._rows.values())
+    def rows(self) -> _Rows:
+        return self._rows.select(self._cells.cells)
 
 
 class _Front:
@@ -289,19 +327,22 @@ class _Front:
 
     def __init__(self, options: Nsga2Options) -> None:
         self._options = options
-        self._rows: list[_Row] = []
-        self._values: Values = np.empty((0, 1 + len(options.objectives)))
+        count = len(options.objectives)
+        self._rows = _Rows(
+            np.zeros(0, np.int64), np.zeros(0), np.zeros((0, count)), np.zeros((0, count), bool)
+        )
+        self._values: Values = np.empty((0, 1 + count))
 
-    def add(self, generation: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> None:
-        values = self._options.values(fitness, metrics)
-        finite = np.flatnonzero(np.isfinite(values).all(axis=1)).tolist()
+    def add(self, rows: _Rows) -> None:
+        values = self._options.values(rows.fitness, rows.metrics)
+        finite = np.flatnonzero(np.isfinite(values).all(axis=1))
         stays, joins = front_with(self._values, values[finite])
-        new = [finite[index] for index in np.flatnonzero(joins)]
-        self._rows = [row for row, is_stable in zip(self._rows, stays.tolist(), strict=True) if is_stable]
-        self._rows += [_make_row(generation, row, fitness, metrics, gaps) for row in new]
-        self._values = np.concatenate([self._values[stays], values[new]])
+        old, new = self._rows.select(stays), rows.select(finite[joins])
+        columns = ("numbers", "fitness", "metrics", "gaps")
+        self._rows = _Rows(*(np.concatenate([getattr(old, name), getattr(new, name)]) for name in columns))
+        self._values = np.concatenate([self._values[stays], values[finite[joins]]])
 
-    def rows(self) -> list[_Row]:
+    def rows(self) -> _Rows:
         return self._rows
 
 

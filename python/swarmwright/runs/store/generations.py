@@ -3,7 +3,7 @@
 import hashlib
 import math
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,8 @@ _SAMPLE = "SELECT address, numbers FROM sample WHERE generation = ?"
 _BLOCKS = f"SELECT {COLUMNS} FROM block WHERE first >= ? AND first < ? ORDER BY first"  # noqa: S608 - our own names
 _JOINED = 1 << 18
 """Bytes of fitness that are searched at once."""
+_JOINED_MEASURED = 1 << 22
+"""Bytes of fitness and metrics that are read at once."""
 LARGEST = 1 << 62
 """Limit of numbers in queries, above every stored number; SQLite's integers have 64 bits."""
 MISSING = "it is missing in the table generation"
@@ -269,6 +271,48 @@ class Generations:
             raise self.build_damage_error(_DISAGREE) from error
         return np.concatenate(columns) if columns else np.zeros(0)
 
+    def ends(self) -> NDArray[np.int64]:
+        """Return the number of evaluations after each generation, in order, without checking digests."""
+        cursor = self._connection.execute(
+            "SELECT evaluations FROM generation WHERE generation < ? ORDER BY generation", (self._end,)
+        )
+        return np.array([end for (end,) in cursor], dtype=np.int64)
+
+    def measured(
+        self, ends: Sequence[int], metrics: int
+    ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+        """Yield the fitness and the metrics of all evaluations in parts, without checking digests.
+
+        Each has the number of its first evaluation, fitness (n,) and metrics (n, episodes, metrics).
+
+        Args:
+            ends: ascending numbers of evaluations at which a part ends, each that of a generation.
+            metrics: number of stored metrics.
+        """
+        cursor = self._connection.execute(
+            "SELECT first, evaluations, fitness, metrics FROM block WHERE generation < ? ORDER BY first",
+            (self._end,),
+        )
+        try:
+            parts: list[tuple[bytes, bytes]] = []
+            begin = done = size = 0
+            borders = iter([*ends, LARGEST])
+            border = next(borders)
+            for first, count, fitness, values in cursor:
+                if not parts:
+                    begin = first
+                parts.append((fitness, values))
+                done, size = first + count, size + len(fitness) + len(values)
+                if done >= border or size >= _JOINED_MEASURED:
+                    yield begin, *_join_measured(parts, metrics)
+                    parts, size = [], 0
+                    while done >= border:
+                        border = next(borders)
+            if parts:
+                yield begin, *_join_measured(parts, metrics)
+        except _DECODING_ERRORS as error:
+            raise self.build_damage_error(_DISAGREE) from error
+
     def measure_bytes(self, row: Row) -> int:
         """Return the bytes of an evaluation of a generation."""
         size = self._connection.execute(
@@ -430,6 +474,14 @@ def _join_small_blocks(blocks: Iterable[tuple[int, bytes]]) -> Iterator[tuple[in
         size += len(column)
     if parts:
         yield begin, np.frombuffer(b"".join(parts), dtype="<f8")
+
+
+def _join_measured(
+    parts: Sequence[tuple[bytes, bytes]], metrics: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the numbers of consecutive blocks: fitness, (n,), and metrics, (n, episodes, metrics)."""
+    fitness, values = (np.frombuffer(b"".join(column), dtype="<f8") for column in zip(*parts, strict=True))
+    return fitness, values.reshape(len(fitness), -1, metrics)
 
 
 def digest_before(connection: sqlite3.Connection, generation: int) -> str:

@@ -3,7 +3,7 @@
 import hashlib
 import operator
 import sqlite3
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -320,6 +320,16 @@ class StoreReader:
         """Return the fitness of every evaluation of the finished generations, in order."""
         with self._generations() as generations:
             return generations.fitness()
+
+    def ends(self) -> NDArray[np.int64]:
+        """Return the number of evaluations after each finished generation, in order."""
+        with self._generations() as generations:
+            return generations.ends()
+
+    def measured(self, ends: Sequence[int]) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+        """Yield fitness and metrics of all evaluations in large parts: `Generations.measured`."""
+        with self._generations() as generations:
+            yield from generations.measured(ends, len(self.metrics))
 
     def best_fitness(self, first: int, end: int) -> float:
         """Return the best fitness of the evaluations from `first` to before `end`; NaN if all failed."""
