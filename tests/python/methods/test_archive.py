@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from swarmwright.methods.archive import Archive, Axis, Grid, crowding, front_with, ranks
+from swarmwright.methods.archive import (
+    Archive,
+    Axis,
+    Grid,
+    are_covered,
+    crowding,
+    front_with,
+    non_dominated,
+    ranks,
+)
 
 GRID = Grid((Axis(0.0, 1.0, 4), Axis(-10.0, 10.0, 3)))
 
@@ -119,3 +128,14 @@ def test_a_front_that_grows_is_that_of_all_rows(columns: int, steps: int) -> Non
     expected = np.unique(values[ranks(values, last=0) == 0], axis=0)
     assert np.unique(front, axis=0).tolist() == expected.tolist()
     assert len(front) == len(expected)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3, 5])
+def test_rows_that_nothing_dominates_are_those_of_rank_0(columns: int) -> None:
+    values = np.random.default_rng(columns).integers(0, 6, (300, columns)).astype(float)
+    _, first = np.unique(values, axis=0, return_index=True)
+    expected = sorted(row for row in first.tolist() if ranks(values)[row] == 0)
+    assert non_dominated(values).tolist() == expected
+    covered = are_covered(values, values[:40])
+    assert covered.tolist() == [bool((values[:40] >= row).all(axis=1).any()) for row in values]
+    assert not are_covered(values, values[:0]).any()

@@ -96,7 +96,7 @@ export class Plot {
     context.strokeStyle = color("--line");
     context.textAlign = "center";
     context.textBaseline = "top";
-    for (const value of ticks(range, Math.max(2, width / 90)).filter((each) => !whole || Number.isInteger(each))) {
+    for (const value of ticks(range, Math.max(4, width / 90)).filter((each) => !whole || Number.isInteger(each))) {
       const at = place(value);
       context.beginPath();
       context.moveTo(at, y + height);
@@ -114,7 +114,7 @@ export class Plot {
     context.textAlign = "right";
     context.textBaseline = "middle";
     const { left } = this.margins();
-    for (const value of ticks(range, Math.max(2, height / 50)).filter((each) => !whole || Number.isInteger(each))) {
+    for (const value of ticks(range, Math.max(3, height / 50)).filter((each) => !whole || Number.isInteger(each))) {
       const at = place(value);
       context.beginPath();
       context.moveTo(left - TICK, at);

@@ -1,0 +1,82 @@
+"""The tabs of fronts and archives show the elites of `Run.elites`."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.applications import Starlette
+
+from swarmwright import Experiment, Run, optimize
+from swarmwright.analysis.indicators import measure
+from swarmwright.runs.elites import compute_elites
+from tests.python.ui.client import call
+
+BASE: dict[str, Any] = {
+    "simulation": "minisim",
+    "parameters": {"numAgents": 2, "placement": "random", "maxSteps": 10},
+    "ranking": {"episodes": 2},
+    "servers": "in-process",
+    "fitness": "arrived - caught",
+    "validate": False,
+}
+MEASURES = {"steps": {"range": [0, 10], "bins": 5}, "distance": {"range": [0, 30], "bins": 6}}
+METHODS: dict[str, dict[str, Any]] = {
+    "front": {"kind": "nsga2", "objectives": {"steps": "minimize", "distance": "minimize"}},
+    "archive": {"kind": "map_elites", "measures": MEASURES},
+}
+POINTS = {"front": "front_points", "archive": "archive_cells"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    for name, method in METHODS.items():
+        values = {**BASE, "method": {**method, "population": 12, "generations": 5}}
+        optimize(Experiment.from_mapping(values), out=folder / name)
+    return folder
+
+
+@pytest.mark.parametrize("tab", METHODS)
+def test_elites_and_indicators_are_those_of_the_library(
+    folder: Path, open_app: Callable[[Path], Starlette], tab: str
+) -> None:
+    run, app = Run(folder / tab), open_app(folder)
+    assert [name for name in call(app, "/api/tabs", run=tab).values["tabs"] if name in METHODS] == [tab]
+    states = call(app, f"/api/{tab}", run=tab).values
+    assert states["generations"] == [0, 1, 2, 3, 4]
+    assert set(states["goals"]) == {"steps", "distance"}
+    for name, by in (("hypervolume", "hypervolume"), ("QD score", "qd_score"), ("coverage", "coverage")):
+        if name in states["indicators"]:
+            _, (value,) = measure(by, [run])  # type: ignore[arg-type]
+            assert states["indicators"][name][-1] == pytest.approx(value)
+    for generation, count in zip(states["generations"], states["counts"], strict=True):
+        shown = call(app, f"/api/{POINTS[tab]}", run=tab, generation=generation).values
+        expected = compute_elites(run, run.history[generation].evaluations).candidates
+        assert count == len(expected)
+        assert [*zip(shown["born"], shown["candidate"], shown["columns"]["fitness"], strict=True)] == [
+            (elite.generation, elite.candidate, elite.fitness) for elite in expected
+        ]
+        if tab == "archive":
+            assert all(0 <= cell < 5 for cell in shown["bins"]["steps"])
+
+
+@pytest.mark.parametrize(
+    ("request_name", "query", "message"),
+    [
+        ("front", {"run": "archive"}, "is a run of map_elites; this is for runs of nsga2"),
+        ("archive_cells", {"run": "front", "generation": 1}, "this is for runs of map_elites"),
+        ("front_points", {"run": "front", "generation": "last"}, "generation: must be a whole number"),
+        ("archive", {"run": "nothing"}, "there is no such run"),
+    ],
+)
+def test_wrong_requests_are_told_why(
+    folder: Path,
+    open_app: Callable[[Path], Starlette],
+    request_name: str,
+    query: dict[str, Any],
+    message: str,
+) -> None:
+    answer = call(open_app(folder), f"/api/{request_name}", **query)
+    assert answer.status == 422
+    assert message in answer.values["error"]
