@@ -54,6 +54,33 @@ def change_numbers(
     store.close()
 
 
+ATTEMPTS: list[tuple[int, int, int, int, float, float, str, str | None]] = [
+    # generation, candidates, episodes, server, started, seconds, outcome, error
+    (0, 4, 2, 7, 0.0, 10.0, "done", None),
+    (0, 4, 2, 7, 5.0, 10.0, "done", None),  # overlaps: at work from 0 to 15
+    (0, 4, 2, 9, 0.0, 40.0, "done", None),
+    (1, 1, 2, 9, 60.0, 5.0, "failed", "out of fuel"),
+    (1, 1, 2, 9, 61.0, 4.0, "failed", "out of fuel"),
+    (1, 4, 2, 7, 90.0, 10.0, "done", None),
+]
+
+
+def write_attempts(folder: Path) -> None:
+    """Write a session of 100 s from 1,000,000 s on with `ATTEMPTS`, each from candidate 3 on."""
+    store = sqlite3.connect(folder / FILE)
+    with store:
+        store.execute("DELETE FROM attempt")
+        store.execute("UPDATE session SET started = '1970-01-12T13:46:40+00:00', seconds = 100")
+        store.execute("UPDATE generation SET seconds = 25.0 * (generation + 1)")
+        store.executemany(
+            "INSERT INTO attempt (session, generation, mode, candidate, candidates, episode, episodes, "
+            "server, attempt, started, seconds, outcome, error) "
+            "VALUES (1, ?, 'offloaded', 3, ?, 0, ?, ?, 1, 1000000 + ?, ?, ?, ?)",
+            ATTEMPTS,
+        )
+    store.close()
+
+
 def seal(folder: Path) -> None:
     """Write all digests anew, as documented, as a program that changes a store deliberately would."""
     store = sqlite3.connect(folder / FILE)

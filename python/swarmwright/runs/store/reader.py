@@ -18,7 +18,7 @@ from swarmwright.common.json_text import loads
 from swarmwright.common.processes import StablePath
 from swarmwright.common.ranges import Range
 from swarmwright.common.statistics import Summary
-from swarmwright.runs.store import journal, pieces
+from swarmwright.runs.store import journal, pieces, timing
 from swarmwright.runs.store.best_of_equals import BestOfEquals
 from swarmwright.runs.store.blocks import Record, concatenate_records
 from swarmwright.runs.store.database import FILE, DamageError, read_facts, reading, reading_on
@@ -450,6 +450,16 @@ class StoreReader:
         """Return which servers evaluated some generations."""
         with self._reading() as connection:
             return journal.read_evaluators(connection, generations, self._last_attempt)
+
+    def attempt_bounds(self, session: int) -> tuple[float | None, float | None]:
+        """Return when the attempts of a session began and ended: `timing.read_bounds`."""
+        with self._reading() as connection:
+            return timing.read_bounds(connection, session, self._last_attempt)
+
+    def timing(self, part: timing.Part) -> timing.Timing:
+        """Return what the servers did in a part of a session."""
+        with self._reading() as connection:
+            return timing.read_timing(connection, part, self._last_attempt, self._end)
 
     def servers(self) -> list[ServerShare]:
         """Return what each server did, by its number."""

@@ -3,6 +3,9 @@ import { color } from "./dom.js";
 import { shareOf, viridis } from "./colors.js";
 import { Plot, clip } from "./plot.js";
 
+const CROSS = 4;
+const REACH = 7;
+
 export class HeatMap extends Plot {
   #data = null;
   #image = null;
@@ -13,12 +16,17 @@ export class HeatMap extends Plot {
    * data.columns, data.rows: how many; data.values[column * rows + row]: NaN for none; data.range: of the colours,
    * or data.ranges, one for each row; data.below: {label, range} or {label, labels}, of the columns; data.left: the same,
    * of the rows; data.isUpward: whether the first row is at the bottom; data.bar: what the colours mean;
-   * data.words(column, row): what is said of a cell; data.marked: a column that is marked.
+   * data.words(column, row): what is said of a cell; data.marked: a column that is marked; data.marks: cells with a
+   * cross; data.height: in pixels.
    */
   show(data) {
     this.#data = data;
     this.#image = picture(data);
     this.draw();
+  }
+
+  height() {
+    return this.#data?.height ?? super.height();
   }
 
   margins() {
@@ -39,10 +47,25 @@ export class HeatMap extends Plot {
       context.lineWidth = 2;
       context.strokeRect(x + (data.marked / data.columns) * width, y, width / data.columns, height);
     }
+    for (const mark of data.marks ?? []) this.#cross(context, this.locate(mark));
     this.#axis(context, "below");
     this.#axis(context, "left");
     if (data.range) this.bar(context, data.range, data.bar);
     else this.bar(context, [0, 1], data.bar);
+  }
+
+  #cross(context, { x, y, width, height }) {
+    const [left, top] = [x + width / 2, y + height / 2];
+    for (const [line, stroke] of [[5, color("--paper")], [2.5, color("--bad")]]) {
+      context.lineWidth = line;
+      context.strokeStyle = stroke;
+      context.beginPath();
+      context.moveTo(left - CROSS, top - CROSS);
+      context.lineTo(left + CROSS, top + CROSS);
+      context.moveTo(left - CROSS, top + CROSS);
+      context.lineTo(left + CROSS, top - CROSS);
+      context.stroke();
+    }
   }
 
   #axis(context, side) {
@@ -79,6 +102,10 @@ export class HeatMap extends Plot {
     const data = this.#data;
     const { x, y, width, height } = this.frame;
     if (data === null || left < x || top < y || left >= x + width || top >= y + height) return null;
+    for (const mark of data.marks ?? []) {
+      const at = this.locate(mark);
+      if (Math.hypot(at.x + at.width / 2 - left, at.y + at.height / 2 - top) < REACH) return { column: mark.column, row: mark.row };
+    }
     const column = Math.floor(((left - x) / width) * data.columns);
     const row = Math.floor(((top - y) / height) * data.rows);
     return { column, row: data.isUpward ? data.rows - 1 - row : row };

@@ -13,7 +13,20 @@ from swarmwright.common.entry_points import (
 from swarmwright.ui.views._base import View
 
 GROUP = "swarmwright.views"
-BUILT_IN = ("runs", "run", "compare", "new", "draw", "jobs", "genes", "front", "archive", "notes")
+BUILT_IN = (
+    "runs",
+    "run",
+    "compare",
+    "new",
+    "draw",
+    "jobs",
+    "genes",
+    "front",
+    "archive",
+    "races",
+    "timeline",
+    "notes",
+)
 """Modules in this folder, in the order of the navigation."""
 NAME = re.compile("[a-z][a-z0-9_]*")
 

@@ -1,0 +1,63 @@
+"""When the servers of a run worked, failed, and were waited for."""
+
+import math
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from swarmwright.common.errors import InputError
+from swarmwright.runs.store.timing import Part, Timing
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """What servers did in a part of a session."""
+
+    session: int
+    started: float
+    """Beginning of the session, seconds since 1970."""
+    seconds: float
+    """Duration of the session up to the last record."""
+    begin: float
+    """The part that is shown, in seconds from the beginning of the session."""
+    end: float
+    timing: Timing
+
+
+def timeline(
+    run: "Run",
+    session: int | None = None,
+    *,
+    begin: float | None = None,
+    end: float | None = None,
+    bins: int = 400,
+) -> Timeline:
+    """Return what the servers of a run did, in bins of equal width.
+
+    Args:
+        run: whose attempts are read; they are aggregated in the store, however many there are.
+        session: its number; default: the last.
+        begin: seconds from the beginning of the session; default: 0.
+        end: the same; default: its end.
+        bins: 1 to 2,000.
+
+    Raises InputError for another session, a part that is empty, or a number of bins that is out of range.
+    """
+    if not 1 <= bins <= 2000:
+        raise InputError(f"bins: must be from 1 to 2000, not {bins}")
+    sessions = {each.session: each for each in run.sessions}
+    chosen = sessions.get(max(sessions, default=0) if session is None else session)
+    if chosen is None:
+        raise InputError(f"session: {run.path} has no session {session}")
+    written = datetime.fromisoformat(chosen.started).timestamp()
+    first, last = run._store.attempt_bounds(chosen.session)
+    started = min(written, written if first is None else first)
+    seconds = max(chosen.seconds or 0.0, 0.0 if last is None else last - started, 1e-6)
+    low, high = 0.0 if begin is None else begin, seconds if end is None else end
+    if not 0 <= low < high < math.inf:
+        raise InputError(f"begin, end: must be ascending seconds from 0, not {low:g} and {high:g}")
+    part = Part(chosen.session, started + low, started + high, bins, written)
+    return Timeline(chosen.session, started, seconds, low, high, run._store.timing(part))

@@ -1,0 +1,129 @@
+// What each server did when: a lane for each, failures as crosses, and who was waited for.
+import { ask, duration, figure, h, problem } from "./dom.js";
+import { decode, rangeOf } from "./colors.js";
+import { HeatMap } from "./heatmap.js";
+
+const LANE_PX = 22;
+const LOWEST_PX = 132;
+const ZOOM = 4;
+const OUTCOMES = {
+  failed: "failed", unusable: "unusable result", server_failed: "the server failed", disconnected: "the connection was lost",
+  lost: "lost with the server",
+};
+
+export function show(element, run) {
+  let isGone = false;
+  let timeline = null;
+  let failures = new Map();
+  const session = h("select", { change: () => load({}) });
+  const shade = h("select", { change: draw }, h("option", { value: "busy" }, "share of time at work"), h("option", { value: "episodes" }, "episodes a second"));
+  const whole = h("button", { type: "button", click: () => load({}) }, "Whole session");
+  const choices = h("div", { class: "tools" }, h("label", {}, "session ", session), h("label", {}, "colour ", shade), whole);
+  const message = h("div");
+  const picture = h("div");
+  const note = h("p", { class: "hint" });
+  const tables = h("div");
+  element.append(choices, message, picture, note, tables);
+  const map = new HeatMap(picture, { label: "Timeline of servers", act: ({ column, row }, isBeside) => {
+    const failed = failures.get(`${column} ${row}`);
+    if (failed) run.replay({ generation: failed[0].generation, candidate: failed[0].candidate, episode: failed[0].episode }, isBeside);
+    else zoom(column);
+  } });
+
+  async function load(part) {
+    try {
+      const answer = await ask("timeline", { run: run.id, session: session.value || null, ...part });
+      if (isGone) return;
+      timeline = { ...answer, busy: decode(answer.busy), episodes: decode(answer.episodes) };
+      session.replaceChildren(...answer.sessions.map((number) => h("option", { value: number }, number)));
+      session.value = answer.session;
+      session.parentElement.hidden = answer.sessions.length < 2;
+      message.replaceChildren();
+      draw();
+      drawTables();
+    } catch (error) {
+      if (!isGone) message.replaceChildren(problem(error));
+    }
+  }
+
+  function zoom(column) {
+    const span = timeline.end - timeline.begin;
+    const middle = timeline.begin + span * (column + 0.5) / timeline.bins;
+    const begin = Math.max(0, middle - span / ZOOM / 2);
+    load({ session: timeline.session, begin, end: Math.min(begin + span / ZOOM, timeline.seconds) });
+  }
+
+  function draw() {
+    if (timeline === null) return;
+    const { bins, servers } = timeline;
+    const width = (timeline.end - timeline.begin) / bins;
+    const hasOwn = servers.length === 0 || timeline.failures.some((failure) => failure.server < 0);
+    const lanes = hasOwn ? [-1, ...servers] : servers;
+    const isBusy = shade.value === "busy" && servers.length > 0;
+    shade.parentElement.hidden = servers.length === 0;
+    const values = new Float32Array(bins * lanes.length).fill(NaN);
+    const numbers = (row, column) => {
+      if (lanes[row] < 0) return { count: timeline.evaluated[column] };
+      const at = (row - (hasOwn ? 1 : 0)) * bins + column;
+      return { busy: timeline.busy[at] / width, count: timeline.episodes[at] };
+    };
+    for (let row = 0; row < lanes.length; row += 1) {
+      for (let column = 0; column < bins; column += 1) {
+        const { busy, count } = numbers(row, column);
+        const value = lanes[row] >= 0 && isBusy ? busy : lanes[row] < 0 && servers.length > 0 ? 0 : count / width;
+        if (value > 0) values[column * lanes.length + row] = value;
+      }
+    }
+    failures = new Map();
+    for (const failure of timeline.failures) {
+      const key = `${failure.bin} ${lanes.indexOf(failure.server)}`;
+      failures.set(key, [...failures.get(key) ?? [], failure]);
+    }
+    const marks = [...failures.keys()].map((key) => key.split(" ").map(Number)).map(([column, row]) => ({ column, row }));
+    map.show({
+      columns: bins, rows: lanes.length, values, marks, height: Math.min(700, 52 + Math.max(LOWEST_PX, LANE_PX * lanes.length)),
+      range: isBusy ? [0, 1] : [0, rangeOf(values)[1]],
+      below: { label: "seconds since the session began", range: [timeline.begin, timeline.end] },
+      left: { label: "", labels: lanes.map((server) => server < 0 ? "this process" : `server ${server}`) },
+      bar: isBusy ? "at work" : servers.length ? "episodes a second" : "evaluations a second",
+      words: (column, row) => {
+        const { busy, count } = numbers(row, column);
+        const at = timeline.begin + (column + 0.5) * width;
+        const work = lanes[row] < 0
+          ? (servers.length ? "" : `: ${figure(count / width)} evaluations a second`)
+          : `: at work ${figure(Math.round(100 * busy))} % of ${duration(width)}, ${figure(count / width)} episodes a second`;
+        const trouble = (failures.get(`${column} ${row}`) ?? [])
+          .map((failure) => `${figure(failure.attempts)} × ${OUTCOMES[failure.outcome] ?? failure.outcome}: ${failure.reason} (generation ${failure.generation}, candidate ${failure.candidate})`);
+        return [`${lanes[row] < 0 ? "this process" : `server ${lanes[row]}`} after ${duration(at)}${work}`, ...trouble].join("; ");
+      },
+    });
+    note.textContent = [
+      servers.length ? "Time without colour is idle." : "The run evaluated in its own process, which records no time for each evaluation: the lane spreads those of a generation over its duration.",
+      marks.length ? "Crosses are failed attempts: click one to watch its candidate." : null,
+      marks.length ? "Click anywhere else to zoom in." : "Click to zoom in.",
+    ].filter(Boolean).join(" ");
+    whole.disabled = timeline.begin === 0 && timeline.end >= timeline.seconds;
+  }
+
+  function drawTables() {
+    const heads = ["server", "episodes", "share", "episodes/s at work", "seconds at work", "failed attempts", "lost", "handed back", "slower than another", "others waited for it"];
+    const rows = timeline.shares.map((share) => {
+      const waiting = timeline.waiting[share.server];
+      return [
+        String(share.server), figure(share.evaluations), `${figure(Math.round(1000 * share.share) / 10)} %`, figure(share.rate), figure(share.seconds), figure(share.failed),
+        figure(share.lost), figure(share.handed_back), figure(share.slower),
+        waiting ? `${figure(waiting.seconds)} s in ${figure(waiting.generations)} generation${waiting.generations === 1 ? "" : "s"}` : "–",
+      ];
+    });
+    tables.replaceChildren(rows.length === 0 ? "" : h("div", { class: "wide" }, h("table", {},
+      h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head)))),
+      h("tbody", {}, rows.map((row) => h("tr", {}, row.map((value) => h("td", { class: "number" }, value))))))),
+    rows.length === 0 ? "" : h("p", { class: "hint" }, "Of the whole run, except waiting: the time between the last answer of the other servers and that of the last server, at the end of the generations of this session."));
+  }
+
+  load({});
+  return { leave: () => {
+    isGone = true;
+    map.destroy();
+  } };
+}

@@ -1,0 +1,49 @@
+"""The tab of what servers did when."""
+
+import base64
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from starlette.applications import Starlette
+
+from swarmwright import Run
+from tests.python.records import write_attempts
+from tests.python.ui.client import call
+
+
+def test_lanes_and_shares_are_those_of_the_library(copy: Path, open_app: Callable[[Path], Starlette]) -> None:
+    write_attempts(copy)
+    values = call(open_app(copy.parent), "/api/timeline", run=copy.name).values
+    shares = Run(copy).servers()
+    assert [share["evaluations"] for share in values["shares"]] == [share.evaluations for share in shares]
+    assert sum(share["share"] for share in values["shares"]) == pytest.approx(1)
+    lanes = (len(values["servers"]), values["bins"])
+    busy = np.frombuffer(base64.b64decode(values["busy"]), "<f4").reshape(lanes)
+    episodes = np.frombuffer(base64.b64decode(values["episodes"]), "<f4").reshape(lanes)
+    by_server = {share.server: share for share in shares}
+    for row, server in enumerate(values["servers"]):
+        assert busy[row].sum() == pytest.approx(by_server[server].seconds, rel=1e-3)
+        assert episodes[row].sum() == by_server[server].evaluations
+    assert values["sessions"] == [1]
+    assert [failure["reason"] for failure in values["failures"]] == ["out of fuel"]
+    assert values["waiting"] == {"9": {"generations": 1, "seconds": 25.0}}
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        ({"session": 7}, "has no session 7"),
+        ({"begin": "5", "end": "2"}, "must be ascending seconds"),
+        ({"begin": "soon"}, "begin: must be a number"),
+        ({"end": "inf"}, "must be ascending seconds"),
+    ],
+)
+def test_wrong_requests_are_told_why(
+    finished: Run, open_app: Callable[[Path], Starlette], query: dict[str, Any], message: str
+) -> None:
+    answer = call(open_app(finished.path.parent), "/api/timeline", **({"run": finished.path.name} | query))
+    assert answer.status == 422
+    assert message in answer.values["error"]
