@@ -105,7 +105,8 @@ def _check(run: "Run") -> None:
 
 def _space(count: int, most: int) -> list[int]:
     """Return at most so many numbers from 0 to `count` - 1, evenly spaced, the last included."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round()).astype(int).tolist()
+    spaced: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round()).astype(int).tolist()
+    return spaced
 
 
 def _count_by_episodes(run: "Run", most: int, most_steps: int) -> Races:

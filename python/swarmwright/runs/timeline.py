@@ -6,7 +6,8 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 from swarmwright.common.errors import InputError
-from swarmwright.runs.store.timing import Part, Timing
+from swarmwright.runs.store.timing import Part, Timing, Waiting
+from swarmwright.servers.rows import Session
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -48,10 +49,7 @@ def timeline(
     """
     if not 1 <= bins <= 2000:
         raise InputError(f"bins: must be from 1 to 2000, not {bins}")
-    sessions = {each.session: each for each in run.sessions}
-    chosen = sessions.get(max(sessions, default=0) if session is None else session)
-    if chosen is None:
-        raise InputError(f"session: {run.path} has no session {session}")
+    chosen = find_session(run, session)
     written = datetime.fromisoformat(chosen.started).timestamp()
     first, last = run._store.attempt_bounds(chosen.session)
     started = min(written, written if first is None else first)
@@ -61,3 +59,22 @@ def timeline(
         raise InputError(f"begin, end: must be ascending seconds from 0, not {low:g} and {high:g}")
     part = Part(chosen.session, started + low, started + high, bins, written)
     return Timeline(chosen.session, started, seconds, low, high, run._store.timing(part))
+
+
+def waiting(run: "Run", session: int | None = None) -> dict[int, Waiting]:
+    """Return how long the others waited for each server at the end of the generations of a session.
+
+    session: its number; default: the last.
+
+    Raises InputError for another session.
+    """
+    return run._store.waiting(find_session(run, session).session)
+
+
+def find_session(run: "Run", session: int | None) -> Session:
+    """Return a session, by default the last. Raises InputError for another number."""
+    sessions = {each.session: each for each in run.sessions}
+    chosen = sessions.get(max(sessions, default=0) if session is None else session)
+    if chosen is None:
+        raise InputError(f"session: {run.path} has no session {session}")
+    return chosen

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright import InputError, Run, optimize
-from swarmwright.runs.timeline import timeline
+from swarmwright.runs.timeline import timeline, waiting
 from tests.python.records import EXPERIMENT, write_attempts
 
 
@@ -37,7 +37,7 @@ def test_failures_have_their_reasons_and_their_candidates(run: Run) -> None:
 
 
 def test_the_last_answer_of_a_generation_is_waited_for(run: Run) -> None:
-    assert timeline(run).timing.waiting == {9: (1, 25.0)}
+    assert waiting(run) == {9: (1, 25.0)}
 
 
 def test_a_part_of_a_session(run: Run) -> None:

@@ -18,12 +18,13 @@ from swarmwright.common.json_text import loads
 from swarmwright.common.processes import StablePath
 from swarmwright.common.ranges import Range
 from swarmwright.common.statistics import Summary
-from swarmwright.runs.store import journal, pieces, timing
+from swarmwright.runs.store import journal, pieces
 from swarmwright.runs.store.best_of_equals import BestOfEquals
 from swarmwright.runs.store.blocks import Record, concatenate_records
 from swarmwright.runs.store.database import FILE, DamageError, read_facts, reading, reading_on
 from swarmwright.runs.store.generations import LARGEST, Generations, Row
 from swarmwright.runs.store.lookup import Best, Evaluation, Lookup
+from swarmwright.runs.store.timing import Part, Timing, Waiting, read_bounds, read_timing, read_waiting
 from swarmwright.servers.rows import (
     Attempt,
     Event,
@@ -454,12 +455,17 @@ class StoreReader:
     def attempt_bounds(self, session: int) -> tuple[float | None, float | None]:
         """Return when the attempts of a session began and ended: `timing.read_bounds`."""
         with self._reading() as connection:
-            return timing.read_bounds(connection, session, self._last_attempt)
+            return read_bounds(connection, session, self._last_attempt)
 
-    def timing(self, part: timing.Part) -> timing.Timing:
+    def timing(self, part: Part) -> Timing:
         """Return what the servers did in a part of a session."""
         with self._reading() as connection:
-            return timing.read_timing(connection, part, self._last_attempt, self._end)
+            return read_timing(connection, part, self._last_attempt, self._end)
+
+    def waiting(self, session: int) -> dict[int, Waiting]:
+        """Return how long the others waited for each server in a session."""
+        with self._reading() as connection:
+            return read_waiting(connection, session, self._last_attempt)
 
     def servers(self) -> list[ServerShare]:
         """Return what each server did, by its number."""

@@ -86,8 +86,6 @@ class Timing:
     episodes: NDArray[np.int64]
     """(servers, bins), of the attempts that ended there."""
     failures: tuple[Failures, ...]
-    waiting: dict[int, Waiting]
-    """By server, in the whole session."""
     evaluated: NDArray[np.float64]
     """(bins,), candidates, those of each generation spread evenly over its duration."""
 
@@ -150,17 +148,15 @@ def read_timing(connection: sqlite3.Connection, part: Part, last: int, end: int)
         Failures(server, min(place, part.bins - 1), outcome, reason or "", count, *candidate)
         for server, place, outcome, reason, count, _, *candidate in connection.execute(_TROUBLE, values)
     )
-    return Timing(
-        servers,
-        busy,
-        episodes,
-        failures,
-        _read_waiting(connection, values),
-        _read_evaluated(connection, part, values),
-    )
+    return Timing(servers, busy, episodes, failures, _read_evaluated(connection, part, values))
 
 
-def _read_waiting(connection: sqlite3.Connection, values: dict[str, float]) -> dict[int, Waiting]:
+def read_waiting(connection: sqlite3.Connection, session: int, last: int) -> dict[int, Waiting]:
+    """Return how long the others waited for each server in a session.
+
+    last: number of the last row of the table attempt that counts.
+    """
+    values = {"session": session, "last": last}
     answers: dict[int, list[tuple[float, int]]] = {}
     for generation, server, ended in connection.execute(_LAST_ANSWERS, values):
         answers.setdefault(generation, []).append((ended, server))

@@ -14,6 +14,7 @@ const OUTCOMES = {
 export function show(element, run) {
   let isGone = false;
   let timeline = null;
+  let tabled = null;
   let failures = new Map();
   const session = h("select", { change: () => load({}) });
   const shade = h("select", { change: draw }, h("option", { value: "busy" }, "share of time at work"), h("option", { value: "episodes" }, "episodes a second"));
@@ -40,7 +41,10 @@ export function show(element, run) {
       session.parentElement.hidden = answer.sessions.length < 2;
       message.replaceChildren();
       draw();
-      drawTables();
+      if (answer.session === tabled) return;
+      tabled = answer.session;
+      const shares = await ask("timeline_shares", { run: run.id, session: tabled });
+      if (!isGone) drawTable(shares);
     } catch (error) {
       if (!isGone) message.replaceChildren(problem(error));
     }
@@ -105,14 +109,14 @@ export function show(element, run) {
     whole.disabled = timeline.begin === 0 && timeline.end >= timeline.seconds;
   }
 
-  function drawTables() {
+  function drawTable({ shares, waiting }) {
     const heads = ["server", "episodes", "share", "episodes/s at work", "seconds at work", "failed attempts", "lost", "handed back", "slower than another", "others waited for it"];
-    const rows = timeline.shares.map((share) => {
-      const waiting = timeline.waiting[share.server];
+    const rows = shares.map((share) => {
+      const wait = waiting[share.server];
       return [
         String(share.server), figure(share.evaluations), `${figure(Math.round(1000 * share.share) / 10)} %`, figure(share.rate), figure(share.seconds), figure(share.failed),
         figure(share.lost), figure(share.handed_back), figure(share.slower),
-        waiting ? `${figure(waiting.seconds)} s in ${figure(waiting.generations)} generation${waiting.generations === 1 ? "" : "s"}` : "–",
+        wait ? `${figure(wait.seconds)} s in ${figure(wait.generations)} generation${wait.generations === 1 ? "" : "s"}` : "–",
       ];
     });
     tables.replaceChildren(rows.length === 0 ? "" : h("div", { class: "wide" }, h("table", {},

@@ -1,17 +1,16 @@
 """The tab of what each server did when."""
 
-from typing import Any
-
 from starlette.requests import Request
 
-from swarmwright import InputError, Run
-from swarmwright.runs.timeline import timeline
+from swarmwright import InputError
+from swarmwright.runs.timeline import timeline, waiting
 from swarmwright.ui.index import as_values
 from swarmwright.ui.requests import read_number, read_optional_integer
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.views.genes import encode
 from swarmwright.ui.window import Window
 
+BINS = 400
 MOST_SERVERS = 500
 LONGEST_REASON = 300
 
@@ -41,30 +40,32 @@ def describe(window: Window, request: Request) -> Values:
         "failures": [
             {**failure._asdict(), "reason": failure.reason[:LONGEST_REASON]} for failure in timing.failures
         ],
-        "waiting": {str(server): waiting._asdict() for server, waiting in timing.waiting.items()},
-        "shares": describe_shares(run),
     }
 
 
-def describe_shares(run: Run) -> list[dict[str, Any]]:
-    """Return what each server did in the whole run, and its share of the episodes."""
+def describe_shares(window: Window, request: Request) -> Values:
+    """Return what each server did in the whole run, and how long the others waited for it in a session."""
+    run = window.run(request)
     shares = run.servers()
     total = sum(share.evaluations for share in shares) or 1
-    return [
-        {
-            **as_values(share._asdict()),
-            "share": share.evaluations / total,
-            "rate": share.evaluations / share.seconds if share.seconds > 0 else None,
-        }
-        for share in shares
-    ]
+    waits = waiting(run, read_optional_integer(request, "session"))
+    return {
+        "shares": [
+            {
+                **as_values(share._asdict()),
+                "share": share.evaluations / total,
+                "rate": share.evaluations / share.seconds if share.seconds > 0 else None,
+            }
+            for share in shares[:MOST_SERVERS]
+        ],
+        "waiting": {str(server): wait._asdict() for server, wait in waits.items()},
+    }
 
 
-BINS = 400
 VIEW = View(
     "timeline",
     STATIC / "timeline.js",
     "Timeline",
     tab_of=lambda run: run.generations > 0,
-    answers={"timeline": describe},
+    answers={"timeline": describe, "timeline_shares": describe_shares},
 )

@@ -16,10 +16,13 @@ from tests.python.ui.client import call
 
 def test_lanes_and_shares_are_those_of_the_library(copy: Path, open_app: Callable[[Path], Starlette]) -> None:
     write_attempts(copy)
-    values = call(open_app(copy.parent), "/api/timeline", run=copy.name).values
+    app = open_app(copy.parent)
+    values = call(app, "/api/timeline", run=copy.name).values
     shares = Run(copy).servers()
-    assert [share["evaluations"] for share in values["shares"]] == [share.evaluations for share in shares]
-    assert sum(share["share"] for share in values["shares"]) == pytest.approx(1)
+    table = call(app, "/api/timeline_shares", run=copy.name).values
+    assert [share["evaluations"] for share in table["shares"]] == [share.evaluations for share in shares]
+    assert sum(share["share"] for share in table["shares"]) == pytest.approx(1)
+    assert table["waiting"] == {"9": {"generations": 1, "seconds": 25.0}}
     lanes = (len(values["servers"]), values["bins"])
     busy = np.frombuffer(base64.b64decode(values["busy"]), "<f4").reshape(lanes)
     episodes = np.frombuffer(base64.b64decode(values["episodes"]), "<f4").reshape(lanes)
@@ -29,7 +32,6 @@ def test_lanes_and_shares_are_those_of_the_library(copy: Path, open_app: Callabl
         assert episodes[row].sum() == by_server[server].evaluations
     assert values["sessions"] == [1]
     assert [failure["reason"] for failure in values["failures"]] == ["out of fuel"]
-    assert values["waiting"] == {"9": {"generations": 1, "seconds": 25.0}}
 
 
 @pytest.mark.parametrize(
