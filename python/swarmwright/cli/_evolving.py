@@ -29,8 +29,6 @@ from swarmwright.common.formatting import format_duration, format_rate
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
     from swarmwright.runs.callbacks import Callback
-    from swarmwright.runs.optimization.generation import OnGeneration
-    from swarmwright.servers.evaluation.base import Progress as OnProgress
 
 FILES = {
     "best.json": "the best controller",
@@ -61,7 +59,7 @@ def watch_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
 def evolve(
     output: Output,
     experiment: "Experiment",
-    work: "Callable[[OnGeneration, OnProgress], Run]",
+    work: "Callable[..., Run]",
     *,
     observing: Observing,
     broker: str | None = None,
@@ -72,7 +70,7 @@ def evolve(
     Args:
         output: where to show them.
         experiment: the experiment to run.
-        work: gets the functions to call after each generation and within it.
+        work: gets `on_generation` and `on_progress`, to call after each generation and within it.
         observing: where to report progress beside the output.
         broker: the run's broker, if it may differ from the experiment's.
         prefix: topic prefix, if it differs from the experiment's.
@@ -105,7 +103,7 @@ def evolve(
 def _run(
     output: Output,
     experiment: "Experiment",
-    work: "Callable[[OnGeneration, OnProgress], Run]",
+    work: "Callable[..., Run]",
     observing: Observing,
 ) -> "tuple[Run, Reader]":
     """Do the work and show its progress; return the run, and whether the output was read to the end."""
@@ -125,7 +123,7 @@ def _run(
             return reader.show(shown, generation)
 
         try:
-            run = work(tell, partial(reader.evaluating, shown))
+            run = work(on_generation=tell, on_progress=partial(reader.evaluating, shown))
         finally:
             reader.finish(shown)
         try:

@@ -5,7 +5,6 @@ import json
 import logging
 import sys
 import threading
-from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
@@ -103,7 +102,8 @@ class Log:
         if not self._active or LEVELS.index(level) < self._least:
             return
         moment = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        line = {"time": moment, "level": level, "event": event, **_drop_none(fields)}
+        fields = {key: value for key, value in fields.items() if value is not None}
+        line = {"time": moment, "level": level, "event": event, **fields}
         text = json.dumps(replace_nonfinite(line), default=str)
         if self._stream is None:
             from swarmwright import _engine
@@ -140,10 +140,6 @@ class Log:
                 self.write("info", event, **fields)
             case _:
                 self.write("warning", event, **fields)
-
-
-def _drop_none(fields: Mapping[str, object]) -> dict[str, object]:
-    return {key: value for key, value in fields.items() if value is not None}
 
 
 class _Handler(logging.Handler):

@@ -88,7 +88,9 @@ def _status(arguments: Sequence[str] | None) -> int:
         # Users never see a traceback.
         if os.environ.get("SWARMWRIGHT_DEBUG"):
             raise
-        return _show_error(error)
+        message, status = _describe_error(error)
+        _complain(message)
+        return status
     return result if isinstance(result, int) else 0
 
 
@@ -163,57 +165,43 @@ _LEFT_OUT = {"matplotlib": "matplotlib", "PIL": "pillow", "scipy": "scipy"}
 """Module -> package that container images leave out, since only figures and statistics need it."""
 
 
-def _show_error(error: BaseException) -> int:
-    """Print an error; return its exit status."""
+def _describe_error(error: BaseException) -> tuple[str, int]:
+    """Return the message on an error, and its exit status."""
     status = getattr(error, "exit_status", None)
     if isinstance(status, int):
         cause = error.__cause__
         # The message does not mention the limit on open files.
         few_files = isinstance(cause, OSError) and cause.errno == errno.EMFILE
-        _complain(f"{error}{_remedy(errno.EMFILE) if few_files else ''}")
-        return status
+        return f"{error}{_remedy(errno.EMFILE) if few_files else ''}", status
     engine = sys.modules.get("swarmwright._engine")
-    if engine is not None and isinstance(error, engine.InputError):
-        _complain(str(error))
-        return click.UsageError.exit_code
-    if engine is not None and isinstance(error, engine.EngineError):
-        _complain(str(error))
-        return FAILED
+    if engine is not None and isinstance(error, engine.InputError | engine.EngineError):
+        is_input = isinstance(error, engine.InputError)
+        return str(error), click.UsageError.exit_code if is_input else FAILED
     if _no_thread(error):
-        _complain(f"cannot start a thread or process: {_MORE_MEMORY}")
-        return FAILED
+        return f"cannot start a thread or process: {_MORE_MEMORY}", FAILED
     # The engine panics with a null pointer if it cannot allocate NumPy arrays.
     if isinstance(error, MemoryError) or (_is_panic(error) and "pointer is null" in str(error)):
-        _complain(
+        return (
             "out of memory: use a smaller population, or raise the limit (ulimit -v, "
             "or the limits of the container or cluster job)"
-        )
-        return FAILED
+        ), FAILED
     if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
-        _complain(f"the package {_LEFT_OUT[error.name]} is missing: pip install {_LEFT_OUT[error.name]}")
-        return click.UsageError.exit_code
+        package = _LEFT_OUT[error.name]
+        return f"the package {package} is missing: pip install {package}", click.UsageError.exit_code
     plug_in_code = sys.modules.get("swarmwright.common.plug_in_code")  # imported only if a plug-in has run
     failure = None if plug_in_code is None else plug_in_code.find_failure(error)
     if failure is not None:
-        _complain(str(failure))
-        return FAILED
+        return str(failure), FAILED
     if isinstance(error, OSError) and error.errno is not None:
         if error.filename is None and error.errno in {errno.EAGAIN, errno.ENOMEM}:  # of a new process
-            _complain(f"{error.strerror}: {_MORE_MEMORY}")
-            return FAILED
+            return f"{error.strerror}: {_MORE_MEMORY}", FAILED
         where = f"{error.filename}: " if error.filename else ""
-        _complain(f"{where}{error.strerror}{_remedy(error.errno)}")
-        return FAILED
-    if isinstance(error, ImportError):
-        unsuitable = import_problem(error)
-        if unsuitable is not None:
-            _complain(unsuitable)
-            return FAILED
-    _complain(
+        return f"{where}{error.strerror}{_remedy(error.errno)}", FAILED
+    unsuitable = import_problem(error) if isinstance(error, ImportError) else None
+    return unsuitable or (
         f"internal error: {type(error).__name__}: {error}\n"
         "This is a bug in Swarmwright. Please report it with what SWARMWRIGHT_DEBUG=1 shows."
-    )
-    return FAILED
+    ), FAILED
 
 
 _MORE_MEMORY = (

@@ -380,24 +380,18 @@ Counted from 0. Default: the best.""",
     return candidate(generation(with_candidate))
 
 
-held_out_option: Decorator = click.option(
-    "--held-out", is_flag=True, help="Compare the best candidates by their validation on held-out seeds."
-)
-at_option: Decorator = click.option(
-    "--at",
-    type=WholeNumber(min=1),
-    metavar="EVALUATIONS",
-    help="Compare the best of each run's first EVALUATIONS. Default: whole runs.",
-)
-at_episodes_option: Decorator = click.option(
-    "--at-episodes",
-    type=WholeNumber(min=1),
-    metavar="EPISODES",
-    help="Compare the best after at most EPISODES episodes, for runs that differ in ranking.episodes.",
-)
+def _with_comparison(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    @functools.wraps(command)
+    def comparing(**options: Any) -> Any:  # noqa: ANN401 - the command's
+        from swarmwright.cli._comparison import ComparisonOptions
+
+        compared = ComparisonOptions.from_options(options)
+        return command(compared=compared, **options)
+
+    return comparing
 
 
-_BY_OPTIONS: tuple[Decorator, ...] = (
+compare_options = combine_options(
     click.option(
         "--by",
         "criterion",
@@ -422,10 +416,21 @@ _BY_OPTIONS: tuple[Decorator, ...] = (
         help="With --by qd_score: worst possible fitness, subtracted from each elite's. Default: 0, or "
         "the lowest compared fitness if negative.",
     ),
-)
-
-
-_SHOWN_OPTIONS: tuple[Decorator, ...] = (
+    click.option(
+        "--at",
+        type=WholeNumber(min=1),
+        metavar="EVALUATIONS",
+        help="Compare the best of each run's first EVALUATIONS. Default: whole runs.",
+    ),
+    click.option(
+        "--at-episodes",
+        type=WholeNumber(min=1),
+        metavar="EPISODES",
+        help="Compare the best after at most EPISODES episodes, for runs that differ in ranking.episodes.",
+    ),
+    click.option(
+        "--held-out", is_flag=True, help="Compare the best candidates by their validation on held-out seeds."
+    ),
     click.option(
         "--unfinished",
         is_flag=True,
@@ -447,22 +452,7 @@ _SHOWN_OPTIONS: tuple[Decorator, ...] = (
         metavar="GROUP=NAME",
         help="Rename a group or task: --label nnga='genetic algorithm'. Repeatable.",
     ),
-)
-
-
-def _with_comparison(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    @functools.wraps(command)
-    def comparing(**options: Any) -> Any:  # noqa: ANN401 - the command's
-        from swarmwright.cli._comparison import ComparisonOptions
-
-        compared = ComparisonOptions.from_options(options)
-        return command(compared=compared, **options)
-
-    return comparing
-
-
-compare_options = combine_options(
-    *_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS, _with_comparison
+    _with_comparison,
 )
 """Options shared by commands that compare runs, which get `compared`, a `ComparisonOptions`."""
 

@@ -154,11 +154,10 @@ class BarProgress:
 
     def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
         """Draw two lines that fit any width, and a third if a server is blocking."""
-        from rich.progress_bar import ProgressBar
         from rich.table import Table
         from rich.text import Text
 
-        from swarmwright.cli._console import text
+        from swarmwright.cli._console import bar, waiting
         from swarmwright.runs.optimization.generation import format_progress
 
         last = self._last
@@ -170,13 +169,7 @@ class BarProgress:
         line.add_column(no_wrap=True)
         line.add_row(
             Text(done),
-            ProgressBar(
-                total=1.0,
-                completed=self._completion(),
-                style="bright_black",
-                complete_style="cyan",
-                finished_style="green",
-            ),
+            bar(self._completion()),
             Text(left),
         )
         yield line
@@ -190,9 +183,7 @@ class BarProgress:
             numbers.append(_format_failed(last), style="yellow")
             yield numbers
         if self._waiting:
-            waiting = text(self._waiting, "yellow")
-            waiting.no_wrap, waiting.overflow = True, "ellipsis"
-            yield waiting
+            yield waiting(self._waiting)
 
 
 def _format_failed(generation: "Generation") -> str:
@@ -214,9 +205,9 @@ def progress(output: Output, budget: Budget) -> Iterator[Progress]:
     else:
         from rich.live import Live
 
-        bar = BarProgress(budget)
-        with Live(_renderable(bar), console=output.console(), refresh_per_second=8):
-            yield bar
+        shown: Any = BarProgress(budget)
+        with Live(shown, console=output.console(), refresh_per_second=8):
+            yield shown
 
 
 @contextmanager
@@ -238,7 +229,3 @@ def episodes(output: Output) -> "Iterator[EpisodeProgress | None]":
             bars.update(task, completed=done, total=total, waiting=waiting_for)
 
         yield on_progress
-
-
-def _renderable(bar: BarProgress) -> Any:  # noqa: ANN401 - rich's renderables have no common type
-    return bar

@@ -16,7 +16,7 @@ from swarmwright.cli._validation import (
     validation_facts,
     validation_lines,
 )
-from swarmwright.common.formatting import format_count, format_duration
+from swarmwright.common.formatting import format_count, format_duration, format_table
 from swarmwright.common.simulation_names import label_of
 from swarmwright.common.untrusted import escape_line
 
@@ -151,11 +151,8 @@ def failure_lines(run: "Run") -> Iterator[str]:
 
 def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
     """Print aligned rows, the first of which is the heading."""
-    shown_rows = [tuple(map(escape_line, row)) for row in rows]
-    widths = [max(len(row[column]) for row in shown_rows) for column in range(len(rows[0]))]
-    for row in shown_rows:
-        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        output.text("  ".join(cells).rstrip())
+    for line in format_table([tuple(map(escape_line, row)) for row in rows]):
+        output.text(line)
 
 
 def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> None:

@@ -85,7 +85,7 @@ class BarStatus:
         """Draw lines that fit any width."""
         from rich.text import Text
 
-        from swarmwright.cli._console import text
+        from swarmwright.cli._console import text, waiting
 
         status = self._status
         running = list(status.active_runs.values())
@@ -94,26 +94,20 @@ class BarStatus:
         for run in running[:_SHOWN]:
             yield _bar(text(f"  {_format_run(run)}"), run.share)
             if run.waiting_for and time.monotonic() - max(run.report_time, run.start) >= PATIENCE_S:
-                waiting = text(f"    {run.waiting_for}", "yellow")
-                waiting.no_wrap, waiting.overflow = True, "ellipsis"
-                yield waiting
+                yield waiting(f"    {run.waiting_for}")
         if len(running) > _SHOWN:
             yield Text(f"  and {len(running) - _SHOWN} more")
 
 
 def _bar(text: Any, share: float) -> "Table":  # noqa: ANN401 - rich's text
-    from rich.progress_bar import ProgressBar
     from rich.table import Table
+
+    from swarmwright.cli._console import bar
 
     row = Table.grid(padding=(0, 1), expand=True)
     row.add_column(no_wrap=True, overflow="ellipsis", ratio=3)
     row.add_column(ratio=1)
-    row.add_row(
-        text,
-        ProgressBar(
-            total=1.0, completed=share, style="bright_black", complete_style="cyan", finished_style="green"
-        ),
-    )
+    row.add_row(text, bar(share))
     return row
 
 
@@ -250,8 +244,7 @@ class Report(Status):
         failed = f" of which {run.failed_evaluations:,} failed," if run.failed_evaluations else ""
         self._output.text(
             f"{self._label_task(task)}: best fitness {best + 0.0:.6g}{held_out}, {run.evaluations:,} "
-            "evaluations,"
-            f"{failed} {how}"
+            f"evaluations,{failed} {how}"
         )
         self._output.json(
             {

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from swarmwright.common.formatting import format_count, format_table
 from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
@@ -23,8 +24,7 @@ def validation_lines(validation: "Validation", run: "Run") -> Iterator[str]:
         yield (
             f"{f'All {count:,} held-out episodes' if count > 1 else 'The held-out episode'} gave the "
             "recorded fitness, so it does not seem to depend on the seed. Report the recorded fitness of "
-            "this "
-            "controller; to judge the method, run it with several seeds (`swarmwright sweep`)."
+            "this controller; to judge the method, run it with several seeds (`swarmwright sweep`)."
         )
         yield from _start_lines(validation, run)
         return
@@ -34,10 +34,12 @@ def validation_lines(validation: "Validation", run: "Run") -> Iterator[str]:
         used = len(instances(run, run.evaluation(best.candidate, best.generation)))
         aggregation = f"mean of the {used:,} instances it was evaluated on"
     elif not options.reevaluate:
-        aggregation = f"{_episodes(options.episodes)} of {aggregation}"
+        aggregation = f"{format_count(options.episodes, 'episode')} of {aggregation}"
     where = "" if validation.slow is None else f" in {escape_line(validation.slow)}"
     yield f"Recorded fitness {best.recorded + 0.0:.6g} ({aggregation}); selection biases it upwards."
-    measured = f"Fitness on {_episodes(count)} with held-out seeds{where}{_describe_failed(best)}"
+    measured = (
+        f"Fitness on {format_count(count, 'episode')} with held-out seeds{where}{_describe_failed(best)}"
+    )
     if best.is_reportable:
         yield f"{measured}: {_format_estimate(best.fitness)}. Report this one."
     else:
@@ -69,7 +71,7 @@ def explain_missing_validation(run: "Run") -> str | None:
         return None
     return (
         f"Not validated on held-out seeds: {short.share:.0%} of the run's evaluations are "
-        f"{_episodes(short.affordable) if short.affordable else 'no episode'}, fewer than the "
+        f"{format_count(short.affordable, 'episode') if short.affordable else 'no episode'}, fewer than the "
         f"{short.needed:,} that a validation needs. If fitness depends on the seed, the recorded fitness "
         f"is biased upwards; `{short.command}` validates the run."
     )
@@ -81,10 +83,10 @@ def _start_lines(validation: "Validation", run: "Run") -> Iterator[str]:
         return
     count = len(validation.seeds)
     if validation.start.failed == count:
-        where = f"all of these {_episodes(count)}" if count > 1 else "this episode"
+        where = f"all of these {format_count(count, 'episode')}" if count > 1 else "this episode"
         yield f"The starting controller failed in {where}."
         return
-    where = f"these {_episodes(count)}" if count > 1 else "this episode"
+    where = f"these {format_count(count, 'episode')}" if count > 1 else "this episode"
     yield (
         f"The starting controller on {where}{_describe_failed(validation.start)}: "
         f"{_format_estimate(validation.start.fitness)}."
@@ -115,16 +117,13 @@ def _next_best_lines(validation: "Validation") -> Iterator[str]:
     yield f"The {len(validation.candidates)} best of the run, on these seeds:"
     rows = [("generation", "candidate", "recorded", "held-out", "95 % interval")]
     for candidate in validation.candidates:
-        fitness, interval = candidate.fitness, ""
-        if fitness.low is not None and fitness.high is not None:
-            interval = f"{fitness.low:.4g} to {fitness.high:.4g}"
+        fitness = candidate.fitness
+        interval = "" if fitness.low is None else f"{fitness.low:.4g} to {fitness.high:.4g}"
         if candidate.failed:
             interval = f"{interval}, {candidate.failed} failed".removeprefix(", ")
         numbers = (f"{candidate.recorded + 0.0:.6g}", f"{fitness.mean + 0.0:.4g}")
         rows.append((str(candidate.generation), str(candidate.candidate), *numbers, interval))
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        yield "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+    yield from format_table(rows, "  ")
     if not all(candidate.is_reportable for candidate in validation.candidates):
         yield "Means exclude failed episodes, so candidates with failures cannot be compared with the others."
     lead = validation.lead
@@ -182,13 +181,9 @@ def unseen_facts(evaluation: "PostEvaluation") -> dict[str, Any]:
 
 
 def _format_estimate(estimate: "Estimate") -> str:
-    if estimate.low is None or estimate.high is None:
+    if estimate.low is None:
         return f"{estimate.mean + 0.0:.4g}"
     return (
         f"{estimate.mean + 0.0:.4g}, 95 % confidence interval {estimate.low:.4g} to {estimate.high:.4g} "
         "(Student's t)"
     )
-
-
-def _episodes(count: int) -> str:
-    return f"{count:,} episode{'s' * (count > 1)}"

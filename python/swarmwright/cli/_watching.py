@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from swarmwright.cli._output import Output
-from swarmwright.common.formatting import format_duration
+from swarmwright.common.formatting import format_count, format_duration
 from swarmwright.servers.broker.watching import (
     SILENCE_S,
     ServerRow,
@@ -100,8 +100,7 @@ def headline(view: View, broker: str) -> tuple[str, str]:
     if view.abandoned:
         first, *more = view.abandoned
         return describe_abandoned(first, view) + (f" (+{len(more)})" if more else ""), "bold yellow"
-    count = len(view.servers)
-    return f"{count} server{'s' if count != 1 else ''}, none blocking", "dim"
+    return f"{format_count(len(view.servers), 'server')}, none blocking", "dim"
 
 
 def _format_progress(tool: ToolRow) -> str:
@@ -151,17 +150,10 @@ class Screen:
     def _table(
         self, headings: tuple[str, ...], rows: "list[list[str | Text]]", shown: tuple[str, ...]
     ) -> "RenderableType":
-        from rich import box
-        from rich.table import Table
+        from swarmwright.cli._console import table
 
-        from swarmwright.cli._console import add_row
-
-        table = Table(box=box.SIMPLE_HEAD if self._output.unicode else box.ASCII, pad_edge=False)
-        for heading in shown:
-            table.add_column(heading, justify="right" if heading in RIGHT else "left", overflow="fold")
-        for row in rows:
-            add_row(table, [row[headings.index(heading)] for heading in shown])
-        return table
+        columns = [headings.index(heading) for heading in shown]
+        return table(self._output, shown, ([row[column] for column in columns] for row in rows), RIGHT)
 
 
 class Lines:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from swarmwright.servers.broker.private import Account
 
 
-_BROKER_ACCOUNT_LOGGER = logging.getLogger("swarmwright.servers.broker")
+_LOGGER = logging.getLogger("swarmwright.servers.broker")
 _HEAD = "# Account of `swarmwright broker`, valid while it runs.\n"
 """First line of a file of --account."""
 
@@ -99,7 +99,7 @@ class UserAccount:
             output.text(f"Programs without Swarmwright get the account with: . {shlex.quote(self.file)}")
         if self._problem is not None:
             remedy = "start them after that" if self._own_file else "write it into a file with --account FILE"
-            _BROKER_ACCOUNT_LOGGER.warning(
+            _LOGGER.warning(
                 "other programs do not find this account by themselves (%s); %s", self._problem, remedy
             )
 
@@ -125,9 +125,6 @@ class UserAccount:
             Path(draft.name).replace(file)
         except OSError as error:
             raise InputError(f"--account: {file}: cannot be written: {error.strerror}") from error
-
-
-_RELOADING_LOGGER = logging.getLogger("swarmwright.servers.broker")
 
 
 @contextmanager
@@ -171,7 +168,7 @@ def reload(broker: "_engine.Broker", output: Output, lines: Log) -> None:
     try:
         broker.reload()
     except _engine.EngineError as error:
-        _RELOADING_LOGGER.warning("reload failed, the old settings stay in use: %s", error)
+        _LOGGER.warning("reload failed, the old settings stay in use: %s", error)
         output.json({"event": "reload_failed", "message": str(error)})
     else:
         output.text("Reloaded passwords, access rules and certificate")
@@ -188,8 +185,6 @@ def _mode(value: str) -> int:
         raise click.BadParameter(f"'{value}' is not a mode; write three octal digits, such as 660.")
     return int(value, 8)
 
-
-_LOGGER = logging.getLogger("swarmwright.servers.broker")
 
 LOG_SIZE = 64
 """Default size of a log file in MiB: every client that reaches the broker can cause log lines."""
@@ -475,8 +470,7 @@ def _check_exposure(
     if certificate is None:
         reasons.append(
             "Without TLS the traffic could be read on the network path: give --certificate FILE and "
-            "--key FILE, "
-            "such as --init makes them."
+            "--key FILE, such as --init makes them."
         )
     raise click.UsageError(
         f"'{host}' can be reached from other machines. {' '.join(reasons)} Or listen on 127.0.0.1."
@@ -579,7 +573,6 @@ def _init(
         )
     output.text(
         "Copy ca.pem and the .password file of its role to another machine by a secure channel. ca-key.pem "
-        "is "
-        "needed only to renew the certificate; store it elsewhere."
+        "is needed only to renew the certificate; store it elsewhere."
     )
     return 0

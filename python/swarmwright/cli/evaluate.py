@@ -141,8 +141,8 @@ def command(
     elif run.is_file():
         raise click.UsageError(
             f"'{run}' is a file where a run folder is expected. Evaluate a controller file in an experiment, "
-            "or in that of a run folder: swarmwright evaluate EXPERIMENT.yaml --controller FILE --episodes "
-            "100"
+            "or in that of a run folder: swarmwright evaluate EXPERIMENT.yaml --controller FILE "
+            "--episodes 100"
         )
     refuse_seed(settings)
     changed = (*settings, *options.prefix_settings(prefix))

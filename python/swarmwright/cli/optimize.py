@@ -1,5 +1,6 @@
 """`swarmwright optimize`: evolve a controller."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -65,16 +66,7 @@ def command(
     return evolve(
         output,
         experiment,
-        lambda on_generation, on_progress: optimize(
-            experiment,
-            on_generation,
-            on_progress=on_progress,
-            broker=broker,
-            servers=servers,
-            wait=wait,
-            seed=seed,
-            out=out,
-        ),
+        partial(optimize, experiment, broker=broker, servers=servers, wait=wait, seed=seed, out=out),
         observing=observing,
         broker=broker,
     )

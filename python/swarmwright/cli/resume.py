@@ -1,5 +1,6 @@
 """`swarmwright resume`: go on with a run."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -106,14 +107,13 @@ def command(
     return evolve(
         output,
         experiment,
-        lambda on_generation, on_progress: resume(
+        partial(
+            resume,
             opened,
-            on_generation,
             generations=generations,
             evaluations=evaluations,
             seconds=seconds,
             settings=settings,
-            on_progress=on_progress,
             broker=broker,
             servers=servers,
             wait=wait,

@@ -257,9 +257,8 @@ class Reporter:
             self._report_end(item)
             return
         if isinstance(item, ServerRestart):
-            line = f"server {item.server} was restarted (process {item.pid})"
             self._output.json({"event": "restarted", "server": item.server, "pid": item.pid})
-            self._output.text(line)
+            self._output.text(f"server {item.server} was restarted (process {item.pid})")
             return
         if item.report.get("event") == "error":
             self._errors[item.server] = str(item.report.get("message"))
@@ -284,17 +283,9 @@ class Reporter:
     def _note(self, item: News) -> None:
         """Write an item to the log and the metrics."""
         if isinstance(item, ServerEnd):
-            server_exit = item.server_exit
-            event, level, server, pid = (
-                "ended",
-                "error" if server_exit.status else "info",
-                server_exit.server,
-                server_exit.pid,
-            )
-            fields: dict[str, Any] = {
-                "status": server_exit.status,
-                "message": server_exit.output_text or None,
-            }
+            end = item.server_exit
+            event, level, server, pid = "ended", "error" if end.status else "info", end.server, end.pid
+            fields: dict[str, Any] = {"status": end.status, "message": end.output_text or None}
         elif isinstance(item, ServerRestart):
             event, level, server, pid, fields = "restarted", "warning", item.server, item.pid, {}
         else:

@@ -13,16 +13,8 @@ from swarmwright.cli._output import Output, complain
 from swarmwright.servers.broker.credentials import prepare
 
 HEADINGS = (
-    "id",
-    "host/pid",
-    "state",
-    "reserved for",
-    "since",
-    "simulations",
-    "dimensions",
-    "sensors",
-    "actuators",
-    "metrics",
+    *("id", "host/pid", "state", "reserved for", "since", "simulations"),
+    *("dimensions", "sensors", "actuators", "metrics"),
 )
 COLORS = {"ready": "green", "busy": "yellow", "lost": "red", "answers": "green"}
 USUAL_DIMENSIONS = (1, 2, 3)
@@ -179,9 +171,8 @@ def _explain_silence(output: Output, simulation: str, dimensions: Sequence[int])
     needed = ", ".join(map(str, dimensions))
     output.text(
         f"No server answered a discovery of {simulation!r} (dimensions: {needed}). Reserved servers and "
-        "those "
-        "with another title or other dimensions do not answer, and accounts without permission to publish "
-        "discoveries get no answers."
+        "those with another title or other dimensions do not answer, and accounts without permission to "
+        "publish discoveries get no answers."
     )
 
 
@@ -198,11 +189,16 @@ def _advise(output: Output, broker: str, prefix: str) -> None:
 def _list(output: Output, servers: Sequence[Mapping[str, Any]]) -> None:
     """Print a table; without a terminal, lines of cells."""
     rows = [row(server) for server in servers]
-    if output.terminal:
-        _table(output, rows)
+    if not output.terminal:
+        for line in [HEADINGS, *rows]:
+            output.cells(line)
         return
-    for line in [HEADINGS, *rows]:
-        output.cells(line)
+    from swarmwright.cli._console import table, text
+
+    colored: list[list[Any]] = [
+        [*cells[:2], text(cells[2], COLORS.get(cells[2].partition(",")[0], "")), *cells[3:]] for cells in rows
+    ]
+    output.console().print(table(output, HEADINGS, colored, {"id", "dimensions", "sensors", "actuators"}))
 
 
 def _forget_lost(
@@ -263,20 +259,3 @@ def row(server: Mapping[str, Any]) -> tuple[str, ...]:
         cell("actuators"),
         names(extension.get("metrics")),
     )
-
-
-def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
-    from rich import box
-    from rich.table import Table
-
-    from swarmwright.cli._console import add_row, text
-
-    table = Table(box=box.SIMPLE_HEAD if output.unicode else box.ASCII, pad_edge=False)
-    for heading in HEADINGS:
-        right = heading in ("id", "dimensions", "sensors", "actuators")
-        table.add_column(heading, justify="right" if right else "left", overflow="fold")
-    for cells in rows:
-        state = cells[2]
-        color = COLORS.get(state.partition(",")[0], "")
-        add_row(table, [*cells[:2], text(state, color), *cells[3:]])
-    output.console().print(table)

@@ -145,8 +145,7 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
     for task in outcome.busy:
         output.text(
             f"Left to another process: {task.variant.label}, seed {task.seed}; repeat the command when it "
-            "has "
-            "ended to include it"
+            "has ended to include it"
         )
     if not comparisons:
         return

@@ -7,6 +7,7 @@ import click
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import ExistingPath, json_option
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.common.formatting import format_count
 
 
 @click.command("verify", cls=Command, example="swarmwright verify flight.zip")
@@ -50,7 +51,7 @@ def command(bundle: Path, require_fitness: bool, require_formats: bool, output: 
     if verified.not_evaluated:
         output.text(f"Not evaluated again: {verified.not_evaluated}")
     elif verified.episodes:
-        output.text(f"Evaluated again in {verified.episodes} episode{'s' if verified.episodes > 1 else ''}")
+        output.text(f"Evaluated again in {format_count(verified.episodes, 'episode')}")
     for problem in verified.problems:
         output.text(f"PROBLEM: {problem}")
     output.text(str(verified))

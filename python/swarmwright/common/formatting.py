@@ -1,7 +1,8 @@
-"""Durations, counts, amounts, p-values and long names as text."""
+"""Durations, counts, amounts, p-values, long names and tables as text."""
 
 import math
 from bisect import bisect_right
+from collections.abc import Sequence
 from itertools import accumulate
 from unicodedata import east_asian_width
 
@@ -49,3 +50,14 @@ def shorten(text: str, most: int) -> str:
     if not ends or ends[-1] <= most:
         return text
     return f"{text[: bisect_right(ends, most - 1)].rstrip()}…"
+
+
+def format_table(rows: Sequence[tuple[str, ...]], begin: str = "") -> list[str]:
+    """Format rows as lines with aligned columns."""
+    if not rows:
+        return []
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        (begin + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))).rstrip()
+        for row in rows
+    ]

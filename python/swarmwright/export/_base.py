@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
+from swarmwright.common.formatting import format_table
 from swarmwright.common.ranges import shortest_decimal
 from swarmwright.controllers.kinds import KINDS, import_part, kind_of
 from swarmwright.controllers.modules import grammar
-from swarmwright.controllers.source.text import MARK, format_table, plain, templates
+from swarmwright.controllers.source.text import MARK, plain, templates
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 

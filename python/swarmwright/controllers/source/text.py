@@ -267,14 +267,3 @@ def wrap_items(items: Sequence[str], indent: str = "    ") -> str:
             line = indent
         line += f"{item}, "
     return "\n".join([*lines, line.rstrip()])
-
-
-def format_table(rows: Sequence[tuple[str, ...]], begin: str = "") -> list[str]:
-    """Format rows as lines with aligned columns."""
-    if not rows:
-        return []
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        (begin + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))).rstrip()
-        for row in rows
-    ]
