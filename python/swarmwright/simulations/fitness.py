@@ -201,6 +201,44 @@ def _shorten(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def _weights(node: ast.expr) -> dict[str, float] | None:
+    """Return the factor of each name, and the constant as that of ""; None for other than a weighted sum."""
+    match node:
+        case ast.Constant(value=value):
+            return {"": number_of(value)}
+        case ast.Name(id=name):
+            return {name: 1.0}
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
+            return _scale(_weights(operand), -1.0 if isinstance(sign, ast.USub) else 1.0)
+        case ast.BinOp(left=left, op=operation, right=right):
+            first, second = _weights(left), _weights(right)
+            return None if first is None or second is None else _combine(operation, first, second)
+    return None
+
+
+def _combine(
+    operation: ast.operator, first: dict[str, float], second: dict[str, float]
+) -> dict[str, float] | None:
+    if isinstance(operation, ast.Add | ast.Sub):
+        sign = 1.0 if isinstance(operation, ast.Add) else -1.0
+        return {
+            name: first.get(name, 0.0) + sign * second.get(name, 0.0)
+            for name in dict.fromkeys([*first, *second])
+        }
+    if isinstance(operation, ast.Mult) and first.keys() <= {""}:
+        first, second = second, first
+    if not isinstance(operation, ast.Mult | ast.Div) or not second.keys() <= {""}:
+        return None
+    factor = second[""]
+    if isinstance(operation, ast.Div):
+        return {name: value / factor for name, value in first.items()} if factor else None
+    return _scale(first, factor)
+
+
+def _scale(weights: dict[str, float] | None, factor: float) -> dict[str, float] | None:
+    return None if weights is None else {name: factor * value for name, value in weights.items()}
+
+
 FITNESS_NAME = "fitness"
 """The name of the simulation's own fitness."""
 
@@ -248,6 +286,17 @@ class FitnessExpression:
         hints = [f"{name!r} is not a metric of {simulation}{did_you_mean(name, names)}" for name in strange]
         message = "; ".join(hints)
         return f"{message}{' ' if message.endswith('?') else '; '}available: {', '.join(names)}"
+
+    def weighted_sum(self) -> tuple[float, dict[str, float]] | None:
+        """Return the constant and the factor of each name if the expression is a weighted sum; else None.
+
+        A mission has such a fitness in its file: `offset` and `factors`.
+        """
+        weights = _weights(self._root)
+        if weights is None or not all(map(math.isfinite, weights.values())):
+            return None
+        offset = weights.pop("", 0.0)
+        return offset, weights
 
     def __call__(self, fitness: Numbers, metrics: Numbers) -> tuple[Numbers, list[Fault]]:
         """Compute the expression for some evaluations.

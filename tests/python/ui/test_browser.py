@@ -178,7 +178,7 @@ def test_a_mission_is_drawn_tried_saved_and_evolved_on(browser: Chrome, tmp_path
         eventually(lambda: yaml.get_attribute("value") != before, "undo is told to the text")
         browser.find_element(By.XPATH, "//button[text()='Try']").click()
         browser.switch_to.frame(find(browser, "iframe"))
-        eventually(lambda: "step 0 of" in page_text(browser), "an episode is played")
+        eventually(lambda: "of 1199" in page_text(browser), "an episode is played")
         browser.switch_to.default_content()
         browser.find_element(By.XPATH, "//button[text()='Save']").click()
         find(browser, "a[href^='#/new?mission=']").click()

@@ -1,287 +1,178 @@
 // The drawing board: a mission of the arena as a picture that is edited, and as YAML, both at once.
 import { ask, change, color, h, problem } from "./dom.js";
+import { FLOORS, LEDS, fields, leafField, leaves, nameOf, put, renderer, select } from "./draw_fields.js";
+import { expressionOf, goalsPanel } from "./draw_goals.js";
+import { describe, kindColor, kindsOf, paintRobot, robotsPanel } from "./draw_robots.js";
+import { GRID_M, TOOLS, addVertex, contains, copyOf, corners, elements, handles, isNear, outline, paste, remove, rename, round, shift, vertices, wallsOf } from "./draw_shapes.js";
 import { store } from "./store.js";
 
-const GRID_M = 0.05;
-const HANDLE_PX = 7;
-const FLOORS = { black: "#222222", grey: "#c9c8c1", white: "#ffffff", random: "#8d86a8" };
+const HANDLE_PX = 8;
+const REACH_PX = { mouse: 9, pen: 12, touch: 22 };
 const MARGIN = 1.15;
-
-/** Elements of a mission: where they are in it, and their shapes. */
-function elements(mission) {
-  const list = [];
-  (mission.floor?.patches ?? []).forEach((patch, index) => list.push({ path: ["floor", "patches", index], kind: "patch", shape: shapeOf(patch), value: patch }));
-  if (mission.start?.disc) list.push({ path: ["start"], kind: "start", shape: { circle: mission.start.disc, of: mission.start.disc }, value: mission.start });
-  if (mission.start?.rectangle) list.push({ path: ["start"], kind: "start", shape: { rectangle: mission.start.rectangle }, value: mission.start });
-  (mission.obstacles ?? []).forEach((box, index) => list.push({ path: ["obstacles", index], kind: "obstacle", shape: { box }, value: box }));
-  (mission.objects ?? []).forEach((object, index) => list.push({
-    path: ["objects", index], kind: "object", value: object,
-    shape: !object.center ? {} : object.size ? { box: object } : { circle: object, of: object },
-  }));
-  (mission.lights ?? []).forEach((light, index) => list.push({ path: ["lights", index], kind: "light", shape: { point: light }, value: light }));
-  return list;
-}
-
-function shapeOf(patch) {
-  if (patch.circle) return { circle: patch.circle, of: patch.circle };
-  if (patch.rectangle) return { rectangle: patch.rectangle };
-  return { polygon: patch.polygon ?? [] };
-}
-
-function corners(walls) {
-  if (walls?.rectangle) {
-    const [x, y] = walls.rectangle.map((side) => side / 2);
-    return [[-x, -y], [x, -y], [x, y], [-x, y]];
-  }
-  if (walls?.corners) return walls.corners;
-  const sides = walls?.sides ?? 4;
-  const radius = (walls?.apothem ?? 1) / Math.cos(Math.PI / sides);
-  return Array.from({ length: sides }, (_, index) => {
-    const angle = (2 * Math.PI * (index + 0.5)) / sides;
-    return [radius * Math.cos(angle), radius * Math.sin(angle)];
-  });
-}
-
-/** Points that are dragged to change a shape: where they are, and what moving them does. */
-function handles(element) {
-  const { shape, kind } = element;
-  if (kind === "walls") return wallHandles(element.value);
-  if (shape.circle) {
-    const [x, y] = shape.circle.center ?? [0, 0];
-    return [{ at: [x + shape.circle.radius, y], move: ([to]) => { shape.of.radius = Math.max(GRID_M, round(to - x)); } }];
-  }
-  if (shape.rectangle) {
-    const { x, y } = shape.rectangle;
-    return [0, 1].flatMap((i) => [0, 1].map((j) => ({ at: [x[i], y[j]], move: ([px, py]) => { x[i] = px; y[j] = py; x.sort(order); y.sort(order); } })));
-  }
-  if (shape.polygon) return shape.polygon.map((point, index) => ({ at: point, vertex: index, move: (to) => { shape.polygon[index] = to; } }));
-  if (shape.box) {
-    const at = turned([shape.box.size[0] / 2, shape.box.size[1] / 2], shape.box);
-    return [{ at, move: (to) => { shape.box.size = turnedBack(to, shape.box).map((side) => Math.max(GRID_M, round(2 * Math.abs(side)))); } }];
-  }
-  return [];
-}
-
-function wallHandles(walls) {
-  if (walls.rectangle) {
-    const [x, y] = walls.rectangle;
-    return [{ at: [x / 2, y / 2], move: (to) => { walls.rectangle = to.map((side) => Math.max(0.2, round(2 * Math.abs(side)))); } }];
-  }
-  if (walls.corners) return walls.corners.map((point, index) => ({ at: point, vertex: index, move: (to) => { walls.corners[index] = to; } }));
-  return [{ at: [walls.apothem, 0], move: ([x]) => { walls.apothem = Math.max(0.1, round(Math.abs(x))); } }];
-}
-
-const order = (one, other) => one - other;
-const round = (value) => Math.round(value * 1000) / 1000;
-
-function turned([x, y], box) {
-  const angle = ((box.angle ?? 0) * Math.PI) / 180;
-  const [cx, cy] = box.center;
-  return [cx + x * Math.cos(angle) - y * Math.sin(angle), cy + x * Math.sin(angle) + y * Math.cos(angle)];
-}
-
-function turnedBack([x, y], box) {
-  const angle = (-(box.angle ?? 0) * Math.PI) / 180;
-  const [dx, dy] = [x - box.center[0], y - box.center[1]];
-  return [dx * Math.cos(angle) - dy * Math.sin(angle), dx * Math.sin(angle) + dy * Math.cos(angle)];
-}
-
-function outline(shape) {
-  if (shape.rectangle) {
-    const { x, y } = shape.rectangle;
-    return [[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]];
-  }
-  if (shape.polygon) return shape.polygon;
-  if (shape.box) {
-    const [x, y] = shape.box.size.map((side) => side / 2);
-    return [[-x, -y], [x, -y], [x, y], [-x, y]].map((point) => turned(point, shape.box));
-  }
-  return null;
-}
-
-function isInside([x, y], points) {
-  let inside = false;
-  points.forEach(([ax, ay], index) => {
-    const [bx, by] = points[(index + 1) % points.length];
-    if (ay > y !== by > y && x < ((bx - ax) * (y - ay)) / (by - ay) + ax) inside = !inside;
-  });
-  return inside;
-}
-
-function contains(element, point, reach) {
-  const { shape } = element;
-  if (shape.point) return Math.hypot(point[0] - shape.point.at[0], point[1] - shape.point.at[1]) < reach;
-  if (shape.circle) {
-    const [x, y] = shape.circle.center ?? [0, 0];
-    return Math.hypot(point[0] - x, point[1] - y) <= shape.circle.radius;
-  }
-  const points = outline(shape);
-  return points !== null && isInside(point, points);
-}
-
-function shift(element, [dx, dy]) {
-  const { shape } = element;
-  const moved = (values) => [round(values[0] + dx), round(values[1] + dy), ...values.slice(2)];
-  if (shape.point) shape.point.at = moved(shape.point.at);
-  else if (shape.circle) shape.of.center = moved(shape.circle.center ?? [0, 0]);
-  else if (shape.box) shape.box.center = moved(shape.box.center);
-  else if (shape.polygon) shape.polygon.forEach((point, index) => { shape.polygon[index] = moved(point); });
-  else if (shape.rectangle) {
-    shape.rectangle.x = shape.rectangle.x.map((value) => round(value + dx));
-    shape.rectangle.y = shape.rectangle.y.map((value) => round(value + dy));
-  }
-}
-
-const TOOLS = {
-  "spot": (mission, [x, y]) => add(mission, ["floor", "patches"], { name: free(mission, "spot"), circle: { center: [x, y], radius: 0.3 }, color: "black" }),
-  "rectangle": (mission, [x, y]) => add(mission, ["floor", "patches"], { name: free(mission, "zone"), rectangle: { x: [round(x - 0.3), round(x + 0.3)], y: [round(y - 0.2), round(y + 0.2)] }, color: "white" }),
-  "polygon": (mission, [x, y]) => add(mission, ["floor", "patches"], { name: free(mission, "area"), polygon: [[round(x - 0.3), round(y - 0.2)], [round(x + 0.3), round(y - 0.2)], [x, round(y + 0.3)]], color: "black" }),
-  "obstacle": (mission, at) => add(mission, ["obstacles"], { center: at, size: [0.05, 0.6], angle: 0 }),
-  "disc to push": (mission, at) => add(mission, ["objects"], { name: free(mission, "disc"), radius: 0.1, mass: 0.3, center: at }),
-  "box to push": (mission, at) => add(mission, ["objects"], { name: free(mission, "box"), size: [0.2, 0.2], mass: 0.3, center: at }),
-  "light": (mission, [x, y]) => add(mission, ["lights"], { at: [x, y, 0.4], intensity: 3 }),
+// Least height of the board by its width.
+const FLATTEST = 0.45;
+const TRY_AFTER_MS = 600;
+const SHOWN_KEYS = ["title", "duration"];
+const COLOR_SPEC = { type: "choice", options: Object.keys(LEDS), value: "none", is_optional: true };
+const height = { type: "number", unit: "m", value: 0.08, is_optional: true };
+const OPTIONAL = {
+  walls: { height },
+  obstacle: { angle: { type: "number", unit: "°", value: 0, is_optional: true }, height, color: COLOR_SPEC },
+  object: { friction: { type: "number", value: 0.3, is_optional: true }, angle: { type: "number", unit: "°", value: 0, is_optional: true }, height, color: COLOR_SPEC },
+  "object area": { count: { type: "number", value: 1, is_optional: true }, friction: { type: "number", value: 0.3, is_optional: true }, height, color: COLOR_SPEC },
+  light: { color: COLOR_SPEC },
 };
-
-function add(mission, path, value) {
-  let list = mission;
-  path.forEach((key, index) => {
-    list[key] ??= index === path.length - 1 ? [] : {};
-    list = list[key];
-  });
-  list.push(value);
-  return [...path, list.length - 1];
-}
-
-function free(mission, stem) {
-  const names = new Set([...(mission.floor?.patches ?? []), ...(mission.objects ?? [])].map((each) => each.name));
-  let number = 1;
-  while (names.has(`${stem}_${number}`)) number += 1;
-  return `${stem}_${number}`;
-}
+let clipboard = null;
 
 export function show(view, query) {
-  let mission = null;
-  let name = "";
+  const board = { mission: null, parts: null, start: null, expression: null, values: null, step: 0, edit, weigh };
   let selection = null;
   let tool = null;
+  let sketch = null;
   let drag = null;
   let saved = "";
   let isGone = false;
   let checked = 0;
+  let tried = 0;
+  let timer = null;
   const past = [];
   const future = [];
-  const canvas = h("canvas", { class: "board", tabindex: 0, "aria-label": "The mission from above", pointerdown: press, pointermove: move, pointerup: release, dblclick: doubled, keydown: key });
+  const canvas = h("canvas", { class: "board", tabindex: 0, "aria-label": "The mission from above", pointerdown: press, pointermove: move, pointerup: release, pointercancel: release, dblclick: doubled, keydown: key });
   const choice = h("select", { "aria-label": "Mission", change: () => open(choice.value) });
-  const tools = Object.keys(TOOLS).map((each) => h("button", { type: "button", click: () => { tool = tool === each ? null : each; buttons(); } }, each));
+  const tools = Object.keys(TOOLS).map((each) => h("button", { type: "button", click: () => take(tool === each ? null : each) }, each));
   const snap = h("input", { type: "checkbox", checked: true });
+  const ranges = h("input", { type: "checkbox", checked: true, change: () => draw() });
   const undo = h("button", { type: "button", click: () => step(past, future), title: "Ctrl-Z" }, "Undo");
   const redo = h("button", { type: "button", click: () => step(future, past), title: "Ctrl-Y" }, "Redo");
   const properties = h("div", { class: "properties" });
   const wrong = h("ul", { class: "problems", role: "status" });
   const text = h("textarea", { class: "editor", rows: 18, spellcheck: "false", "aria-label": "Mission (YAML)", change: () => typed() });
-  const seed = h("input", { type: "number", min: 0, step: 1, value: 1, "aria-label": "Seed" });
-  const run = h("select", { "aria-label": "Controller" }, h("option", { value: "" }, "a random controller"));
-  const tryButton = h("button", { type: "button", class: "primary", click: tryOut }, "Try");
+  const seed = h("input", { type: "number", min: 0, step: 1, value: 1, "aria-label": "Seed", change: () => changed() });
+  const run = h("select", { "aria-label": "Controller", change: () => later() }, h("option", { value: "" }, "a random controller"));
+  const tryButton = h("button", { type: "button", class: "primary", click: () => tryOut() }, "Try");
+  const live = h("input", { type: "checkbox", checked: true });
   const file = h("input", { "aria-label": "Name of the file", placeholder: "name", pattern: "[A-Za-z0-9_][A-Za-z0-9_.\\-]{0,99}" });
   const saveButton = h("button", { type: "button", click: save }, "Save");
   const message = h("span", { role: "status" });
   const frame = h("div", { class: "panes" });
+  const showProperties = renderer(properties, buildProperties);
+  const robots = robotsPanel(board);
+  const goals = goalsPanel(board);
+  const section = (title, isOpen, ...content) => h("details", { class: "section", open: isOpen }, h("summary", {}, h("h2", {}, title)), ...content);
   view.append(
     h("h1", {}, "Draw a mission"),
-    h("div", { class: "tools" }, h("label", {}, "mission ", choice), undo, redo, h("label", {}, snap, ` snap to ${GRID_M} m`)),
-    h("div", { class: "tools", role: "toolbar" }, "Add: ", tools),
-    h("div", { class: "columns" }, h("div", {}, canvas, h("p", { class: "hint" },
-      "Drag to move, drag the squares to change the shape. Double-click a side of a polygon to add a corner, Shift-click a corner to remove it. Arrow keys move, Delete removes. Alt drags without snapping.")),
-    h("div", {}, properties, h("h2", {}, "Check"), wrong, h("h2", {}, "As YAML"), text)),
-    h("div", { class: "tools" }, tryButton, " with ", run, h("label", {}, "seed ", seed),
-      store.window.read_only ? null : h("label", {}, "save as ", file), store.window.read_only ? null : saveButton, message),
-    frame,
+    h("div", { class: "tools" }, h("label", {}, "mission ", choice), undo, redo, h("label", {}, snap, ` snap to ${GRID_M} m`), h("label", {}, ranges, " ranges of sensors")),
+    h("div", { class: "tools", role: "toolbar", "aria-label": "Add" }, "Add: ", tools),
+    h("div", { class: "columns" },
+      h("div", {}, canvas,
+        h("p", { class: "hint" }, "Drag to move, drag the squares to change the shape. A polygon is drawn corner by corner; a click on its first corner or Enter closes it. Double-click a side to add a corner, Shift-click a corner to remove it. Arrow keys move, Delete removes, Ctrl-C, Ctrl-V and Ctrl-D copy, paste and duplicate. Alt drags without snapping."),
+        h("div", { class: "tools" }, tryButton, " with ", run, h("label", {}, "seed ", seed), h("label", {}, live, " again after each change")),
+        store.window.read_only ? null : h("div", { class: "tools" }, h("label", {}, "save as ", file), saveButton),
+        h("p", { class: "hint" }, message), frame),
+      h("div", {}, properties, section("Robots", false, robots.element), section("Objective", true, goals.element), section("Check", true, wrong), section("As YAML", true, text))),
   );
   const observer = new ResizeObserver(() => draw());
   observer.observe(canvas);
+  addEventListener("message", follow);
 
-  // The world on the canvas.
+  // The world on the canvas: pixels of its width and height, pixels a metre, metres from the middle to the edges.
   function scale() {
-    const points = corners(mission.walls);
-    const lights = (mission.lights ?? []).map((light) => light.at);
-    const reach = Math.max(0.5, ...[...points, ...lights].flatMap(([x, y]) => [Math.abs(x), Math.abs(y)])) * MARGIN;
-    const side = canvas.clientWidth;
-    return { side, unit: side / (2 * reach), reach };
+    const { mission } = board;
+    const points = [...corners(mission.walls), ...(mission.lights ?? []).map((each) => each.at)];
+    const [far, high] = [0, 1].map((axis) => Math.max(0.5, ...points.map((point) => Math.abs(point[axis]))) * MARGIN);
+    const width = canvas.clientWidth;
+    const unit = width / (2 * Math.max(far, high));
+    const tall = Math.min(width, Math.max(FLATTEST * width, 2 * high * unit));
+    return { width, height: tall, unit, reach: Math.max(far, high) };
   }
-  const toScreen = ([x, y], { side, unit }) => [side / 2 + x * unit, side / 2 - y * unit];
-  function toWorld(event, free = false) {
-    const { side, unit } = scale();
+  const toScreen = ([x, y], { width, height: high, unit }) => [width / 2 + x * unit, high / 2 - y * unit];
+  function toWorld(event, isExact = false) {
+    const { width, height: high, unit } = drag?.view ?? scale();
     const bounds = canvas.getBoundingClientRect();
-    const point = [(event.clientX - bounds.left - side / 2) / unit, (side / 2 - (event.clientY - bounds.top)) / unit];
-    return free ? point : point.map((value) => (snap.checked && !event.altKey ? round(Math.round(value / GRID_M) * GRID_M) : round(value)));
+    const point = [(event.clientX - bounds.left - width / 2) / unit, (high / 2 - (event.clientY - bounds.top)) / unit];
+    return isExact ? point : point.map((value) => (snap.checked && !event.altKey ? round(Math.round(value / GRID_M) * GRID_M) : round(value)));
   }
 
   function draw() {
+    const { mission } = board;
     if (mission === null || canvas.clientWidth === 0) return;
-    const view = scale();
+    // While something is dragged the scale stays: the arena does not grow away under the pointer.
+    const at = drag?.view ?? scale();
     const ratio = devicePixelRatio;
-    canvas.width = canvas.height = view.side * ratio;
+    canvas.style.height = `${at.height}px`;
+    canvas.width = at.width * ratio;
+    canvas.height = at.height * ratio;
     const context = canvas.getContext("2d");
     context.scale(ratio, ratio);
-    const trace = (points) => {
-      context.beginPath();
-      points.forEach((point) => context.lineTo(...toScreen(point, view)));
-      context.closePath();
-    };
-    grid(context, view);
-    trace(corners(mission.walls));
+    const walls = corners(mission.walls);
+    grid(context, at);
+    trace(context, walls, at);
     context.fillStyle = floorColor(mission.floor?.color ?? "grey");
     context.fill();
     context.save();
     context.clip();
-    for (const element of elements(mission)) if (element.kind === "patch") paint(context, view, element, floorColor(element.value.color), null);
+    const list = elements(mission);
+    for (const element of list) if (element.kind === "patch") paint(context, at, element, floorColor(element.value.color), null);
     context.restore();
-    trace(corners(mission.walls));
+    trace(context, walls, at);
     context.strokeStyle = color("--ink");
     context.lineWidth = 3;
     context.stroke();
-    for (const element of elements(mission)) {
-      if (element.kind === "start") paint(context, view, element, "rgb(0 114 178 / 0.06)", color("--accent"), [6, 4]);
-      if (element.kind === "obstacle") paint(context, view, element, "#555555", "#222222");
-      if (element.kind === "object") paint(context, view, element, "#b3764a", "#5d3a1f");
-      if (element.kind === "light") light(context, view, element);
+    for (const stretch of mission.walls?.colors ?? []) wallColor(context, at, walls, stretch);
+    paintStart(context, at);
+    for (const element of list) {
+      const shown = LEDS[element.value.color];
+      if (element.kind === "obstacle") paint(context, at, element, shown ?? "#555555", "#222222");
+      if (element.kind === "object") paint(context, at, element, shown ?? "#b3764a", "#5d3a1f");
+      if (element.kind === "object area") paint(context, at, element, "rgb(179 118 74 / 0.15)", shown ?? "#b3764a", [2, 3]);
+      if (element.kind === "light") light(context, at, element);
+      if (element.kind === "formation") paint(context, at, element, "transparent", "#cc79a7", [3, 3]);
     }
+    swarm(context, at);
     const chosen = selected();
-    if (chosen) mark(context, view, chosen);
+    if (chosen) mark(context, at, chosen);
+    if (sketch) outlineSketch(context, at);
   }
 
-  function grid(context, view) {
-    const step = view.reach > 5 ? 1 : view.reach > 2 ? 0.5 : 0.25;
+  function trace(context, points, at, isOpen = false) {
+    context.beginPath();
+    points.forEach((point) => context.lineTo(...toScreen(point, at)));
+    if (!isOpen) context.closePath();
+  }
+
+  function grid(context, at) {
+    const far = at.reach;
+    const step = far > 5 ? 1 : far > 2 ? 0.5 : 0.25;
     context.strokeStyle = color("--line");
     context.lineWidth = 1;
     context.fillStyle = color("--soft");
     context.font = "11px system-ui, sans-serif";
-    for (let at = -Math.ceil(view.reach / step) * step; at <= view.reach; at += step) {
-      const [x, y] = toScreen([at, at], view);
+    for (let number = -Math.ceil(far / step); number <= far / step; number += 1) {
+      const [x, y] = toScreen([number * step, number * step], at);
       context.beginPath();
       context.moveTo(x, 0);
-      context.lineTo(x, view.side);
+      context.lineTo(x, at.height);
       context.moveTo(0, y);
-      context.lineTo(view.side, y);
+      context.lineTo(at.width, y);
       context.stroke();
-      if (Math.abs(at % (2 * step)) < 1e-9) {
-        context.fillText(String(round(at)), x + 2, view.side - 3);
-        context.fillText(String(round(at)), 2, y - 2);
+      if (number % 2 === 0) {
+        context.fillText(String(round(number * step)), x + 2, at.height - 3);
+        if (number) context.fillText(String(round(number * step)), 2, y - 2);
       }
     }
   }
 
-  function paint(context, view, { shape }, fill, stroke, dash = []) {
-    context.beginPath();
-    if (shape.circle) context.arc(...toScreen(shape.circle.center ?? [0, 0], view), Math.max(0, shape.circle.radius) * view.unit, 0, 7);
-    else {
+  function paint(context, at, { shape }, fill, stroke, dash = []) {
+    if (shape.circle) {
+      context.beginPath();
+      context.arc(...toScreen(shape.circle.center ?? [0, 0], at), Math.max(0, shape.circle.radius) * at.unit, 0, 7);
+    } else {
       const points = outline(shape);
       if (points === null) return;
-      points.forEach((point) => context.lineTo(...toScreen(point, view)));
-      context.closePath();
+      trace(context, points, at, shape.isOpen);
     }
     context.fillStyle = fill;
-    context.fill();
+    if (!shape.isOpen) context.fill();
     if (stroke === null) return;
     context.setLineDash(dash);
     context.strokeStyle = stroke;
@@ -290,9 +181,38 @@ export function show(view, query) {
     context.setLineDash([]);
   }
 
-  function light(context, view, { value }) {
-    const [x, y] = toScreen(value.at, view);
-    context.fillStyle = "#e69f00";
+  /** Where robots begin: the disc, the rectangle, or what both have in common. */
+  function paintStart(context, at) {
+    const list = elements(board.mission).filter((element) => element.kind === "start");
+    context.save();
+    for (const { shape } of list) {
+      context.beginPath();
+      if (shape.circle) context.arc(...toScreen(shape.circle.center ?? [0, 0], at), Math.max(0, shape.circle.radius) * at.unit, 0, 7);
+      else outline(shape).forEach((point) => context.lineTo(...toScreen(point, at)));
+      context.closePath();
+      context.clip();
+    }
+    context.fillStyle = "rgb(0 114 178 / 0.14)";
+    if (list.length) context.fillRect(0, 0, at.width, at.height);
+    context.restore();
+    for (const element of list) paint(context, at, element, "transparent", color("--accent"), [6, 4]);
+  }
+
+  function wallColor(context, at, walls, { side, color: name, from = 0, to }) {
+    const first = walls[side];
+    if (!first) return;
+    const second = walls[(side + 1) % walls.length];
+    const length = Math.hypot(second[0] - first[0], second[1] - first[1]);
+    const point = (far) => first.map((value, axis) => value + ((second[axis] - value) * far) / (length || 1));
+    trace(context, [point(from), point(to ?? length)], at, true);
+    context.strokeStyle = LEDS[name] ?? color("--ink");
+    context.lineWidth = 6;
+    context.stroke();
+  }
+
+  function light(context, at, { value }) {
+    const [x, y] = toScreen(value.at, at);
+    context.fillStyle = LEDS[value.color] ?? (value.intensity > 0 ? "#e69f00" : "#8a8a8a");
     context.strokeStyle = "#7a5500";
     context.beginPath();
     context.arc(x, y, 8, 0, 7);
@@ -300,22 +220,49 @@ export function show(view, query) {
     context.stroke();
   }
 
-  function mark(context, view, element) {
+  /** Robots where they begin with this seed; the first of each kind with what it senses. */
+  function swarm(context, at) {
+    const kinds = kindsOf(board.mission);
+    const models = kinds.map(({ model }) => describe(model, board.parts));
+    const seen = new Set();
+    for (const [x, y, radius, heading, state] of board.start?.bodies ?? []) {
+      const index = Math.max(0, kinds.findIndex(({ name }) => name !== "" && name === state));
+      const isFirst = !seen.has(index);
+      seen.add(index);
+      const robot = ranges.checked && isFirst && models[index] ? models[index] : { radius };
+      paintRobot(context, robot, toScreen([x, y], at), heading, at.unit, { fill: kindColor(index) });
+    }
+  }
+
+  function mark(context, at, element) {
     context.strokeStyle = color("--accent");
     context.lineWidth = 2;
     const points = element.kind === "walls" ? corners(element.value) : outline(element.shape);
-    context.beginPath();
-    if (points) {
-      points.forEach((point) => context.lineTo(...toScreen(point, view)));
-      context.closePath();
-    } else {
+    if (points) trace(context, points, at, element.shape.isOpen);
+    else {
+      context.beginPath();
       const centre = element.shape.point?.at ?? element.shape.circle?.center ?? [0, 0];
-      context.arc(...toScreen(centre, view), element.shape.point ? 12 : element.shape.circle.radius * view.unit, 0, 7);
+      context.arc(...toScreen(centre, at), element.shape.point ? 12 : element.shape.circle.radius * at.unit, 0, 7);
     }
     context.stroke();
     context.fillStyle = color("--accent");
     for (const handle of handles(element)) {
-      const [x, y] = toScreen(handle.at, view);
+      const [x, y] = toScreen(handle.at, at);
+      context.beginPath();
+      if (handle.isTurn) context.arc(x, y, HANDLE_PX / 2, 0, 7);
+      else context.rect(x - HANDLE_PX / 2, y - HANDLE_PX / 2, HANDLE_PX, HANDLE_PX);
+      context.fill();
+    }
+  }
+
+  function outlineSketch(context, at) {
+    trace(context, sketch.hover ? [...sketch.points, sketch.hover] : sketch.points, at, true);
+    context.strokeStyle = color("--second");
+    context.lineWidth = 2;
+    context.stroke();
+    context.fillStyle = color("--second");
+    for (const point of sketch.points) {
+      const [x, y] = toScreen(point, at);
       context.fillRect(x - HANDLE_PX / 2, y - HANDLE_PX / 2, HANDLE_PX, HANDLE_PX);
     }
   }
@@ -328,63 +275,65 @@ export function show(view, query) {
 
   // What is selected, and how it changes.
   function selected() {
-    if (selection === null || mission === null) return null;
-    if (selection[0] === "walls") return { path: ["walls"], kind: "walls", shape: {}, value: mission.walls };
-    return elements(mission).find((element) => String(element.path) === String(selection)) ?? null;
+    if (selection === null || board.mission === null) return null;
+    if (selection[0] === "walls") return wallsOf(board.mission);
+    return elements(board.mission).find((element) => String(element.path) === String(selection)) ?? null;
+  }
+
+  function take(name) {
+    tool = name;
+    sketch = name !== null && TOOLS[name].outline ? { points: [], hover: null } : null;
+    buttons();
+    draw();
   }
 
   function press(event) {
+    if (board.mission === null) return;
     canvas.focus();
     canvas.setPointerCapture(event.pointerId);
     const point = toWorld(event);
-    if (tool !== null) {
-      remember();
-      selection = TOOLS[tool](mission, point);
-      tool = null;
-      buttons();
-      changed();
+    const exact = toWorld(event, true);
+    const at = scale();
+    const reach = (REACH_PX[event.pointerType] ?? REACH_PX.mouse) / at.unit;
+    if (sketch) {
+      const [first] = sketch.points;
+      if (sketch.points.length > 2 && Math.hypot(first[0] - exact[0], first[1] - exact[1]) < reach) finish();
+      else if (String(sketch.points.at(-1)) !== String(point)) sketch.points.push(point);
+      draw();
       return;
     }
-    const exact = toWorld(event, true);
-    const reach = 9 / scale().unit;
+    if (tool !== null) {
+      const { add } = TOOLS[tool];
+      take(null);
+      edit((mission) => { selection = add(mission, point); });
+      return;
+    }
     const chosen = selected();
-    const handle = chosen && handles(chosen).find(({ at }) => Math.hypot(at[0] - exact[0], at[1] - exact[1]) < reach);
+    const handle = chosen && handles(chosen).find(({ at: [x, y] }) => Math.hypot(x - exact[0], y - exact[1]) < reach);
     if (handle && event.shiftKey && handle.vertex !== undefined) {
-      remember();
-      const points = chosen.shape.polygon ?? chosen.value.corners;
-      if (points.length > 3) points.splice(handle.vertex, 1);
-      changed();
+      removeVertex(handle.vertex);
       return;
     }
     if (handle) {
       remember();
-      drag = { handle: handle.vertex ?? handles(chosen).indexOf(handle) };
+      drag = { handle: handles(chosen).findIndex((each) => String(each.at) === String(handle.at)), view: at };
       return;
     }
-    const hit = elements(mission).reverse().find((element) => contains(element, exact, reach));
-    selection = hit ? hit.path : nearWall(exact, reach) ? ["walls"] : null;
-    if (hit) {
+    const hit = elements(board.mission).reverse().find((element) => contains(element, exact, reach));
+    selection = hit && (hit.kind !== "start" || !isNear(exact, corners(board.mission.walls), reach)) ? hit.path : isNear(exact, corners(board.mission.walls), reach) ? ["walls"] : null;
+    if (selection !== null && selection[0] !== "walls") {
       remember();
-      drag = { from: point };
+      drag = { from: point, view: at };
     }
-    show();
-  }
-
-  function nearWall([x, y], reach) {
-    const points = corners(mission.walls);
-    return points.some(([ax, ay], index) => {
-      const [bx, by] = points[(index + 1) % points.length];
-      return distance([x, y], [ax, ay], [bx, by]) < reach;
-    });
-  }
-
-  function distance([x, y], [ax, ay], [bx, by]) {
-    const length = (bx - ax) ** 2 + (by - ay) ** 2 || 1;
-    const along = Math.max(0, Math.min(1, ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / length));
-    return Math.hypot(x - ax - along * (bx - ax), y - ay - along * (by - ay));
+    refresh();
   }
 
   function move(event) {
+    if (sketch) {
+      sketch.hover = toWorld(event);
+      draw();
+      return;
+    }
     if (drag === null) return;
     const chosen = selected();
     if (chosen === null) return;
@@ -392,72 +341,97 @@ export function show(view, query) {
     if (drag.handle !== undefined) handles(chosen)[drag.handle]?.move(point);
     else {
       shift(chosen, [point[0] - drag.from[0], point[1] - drag.from[1]]);
+      if (String(point) === String(drag.from)) return;
       drag.from = point;
     }
-    drag.moved = true;
+    drag.isMoved = true;
     draw();
     showProperties();
   }
 
   function release() {
     if (drag === null) return;
-    if (drag.moved) changed();
-    else past.pop();
+    const { isMoved } = drag;
     drag = null;
+    if (isMoved) changed();
+    else past.pop();
+    refresh();
   }
 
   function doubled(event) {
-    const chosen = selected();
-    const points = chosen?.shape.polygon ?? chosen?.value.corners;
+    if (sketch) {
+      finish();
+      return;
+    }
+    const points = vertices(selected());
     if (!points) return;
     const exact = toWorld(event, true);
-    let best = 0;
-    points.forEach((point, index) => {
-      if (distance(exact, point, points[(index + 1) % points.length]) < distance(exact, points[best], points[(best + 1) % points.length])) best = index;
-    });
-    remember();
-    points.splice(best + 1, 0, toWorld(event));
-    changed();
+    edit(() => addVertex(points, exact, toWorld(event)));
+  }
+
+  /** Ends a shape that is drawn corner by corner. */
+  function finish() {
+    const { points } = sketch;
+    const { outline: make } = TOOLS[tool];
+    if (points.length < 3) return;
+    take(null);
+    edit((mission) => { selection = make(mission, points); });
+  }
+
+  function removeVertex(index) {
+    const points = vertices(selected());
+    if (points && points.length > 3) edit(() => points.splice(index, 1));
   }
 
   function key(event) {
     const chosen = selected();
+    const isCommand = event.ctrlKey || event.metaKey;
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-    if ((event.ctrlKey || event.metaKey) && event.key === "z") step(past, future);
-    else if ((event.ctrlKey || event.metaKey) && event.key === "y") step(future, past);
-    else if (chosen && arrows[event.key]) {
-      remember();
-      shift(chosen, arrows[event.key].map((value) => value * (snap.checked ? GRID_M : 0.005)));
-      changed();
-    } else if (chosen && ["Delete", "Backspace"].includes(event.key)) remove();
+    if (isCommand && event.key === "z") step(past, future);
+    else if (isCommand && event.key === "y") step(future, past);
+    else if (isCommand && event.key === "c" && chosen) clipboard = copyOf(chosen) ?? clipboard;
+    else if (isCommand && event.key === "v" && clipboard) edit((mission) => { selection = paste(mission, clipboard); });
+    else if (isCommand && event.key === "d" && chosen) duplicate();
+    else if (isCommand) return;
+    else if (sketch && event.key === "Enter") finish();
+    else if (tool !== null && event.key === "Escape") take(null);
+    else if (selection !== null && event.key === "Escape") {
+      selection = null;
+      refresh();
+    } else if (chosen && arrows[event.key]) edit(() => shift(chosen, arrows[event.key].map((value) => value * (snap.checked ? GRID_M : 0.005))));
+    else if (chosen && ["Delete", "Backspace"].includes(event.key)) removeSelected();
     else return;
     event.preventDefault();
     event.stopPropagation();
   }
 
-  function remove() {
-    if (selection === null || ["walls", "start"].includes(selection[0])) return;
+  function duplicate() {
+    const copy = copyOf(selected());
+    if (copy) edit((mission) => { selection = paste(mission, copy); });
+  }
+
+  function removeSelected() {
+    const chosen = selected();
+    if (!chosen) return;
+    edit((mission) => { if (remove(mission, chosen)) selection = null; });
+  }
+
+  function edit(act) {
     remember();
-    const list = selection.slice(0, -1).reduce((value, each) => value[each], mission);
-    list.splice(selection.at(-1), 1);
-    if (list.length === 0) {
-      const parent = selection.slice(0, -2).reduce((value, each) => value[each], mission);
-      delete parent[selection.at(-2)];
-    }
-    selection = null;
+    act(board.mission);
     changed();
   }
 
   function remember() {
-    past.push(JSON.stringify(mission));
+    past.push(JSON.stringify(board.mission));
     if (past.length > 200) past.shift();
     future.length = 0;
   }
 
   function step(from, to) {
     if (from.length === 0) return;
-    to.push(JSON.stringify(mission));
-    mission = JSON.parse(from.pop());
+    to.push(JSON.stringify(board.mission));
+    board.mission = JSON.parse(from.pop());
     if (selected() === null) selection = null;
     changed();
   }
@@ -468,121 +442,230 @@ export function show(view, query) {
     canvas.classList.toggle("adds", tool !== null);
   }
 
-  function show() {
+  function refresh() {
     draw();
     showProperties();
+    robots.show();
+    goals.show();
     undo.disabled = past.length === 0;
     redo.disabled = future.length === 0;
   }
 
-  function showProperties() {
+  function buildProperties() {
+    const { mission } = board;
+    if (mission === null) return [];
     const chosen = selected();
-    const target = chosen ?? { kind: "mission", value: mission, path: [] };
-    const rows = leaves(target.value).filter(([path]) => chosen || ["title", "robots", "duration", "fitness"].includes(path[0]) && path.length === 1);
-    properties.replaceChildren(
-      h("h2", {}, chosen ? `${chosen.kind} ${chosen.value.name ?? ""}` : "mission", chosen && !["walls", "start"].includes(chosen.kind) ? h("button", { type: "button", click: remove }, "Remove") : null),
-      h("div", { class: "fields" }, rows.map(([path, value]) => field(target.value, path, value)),
-        chosen?.kind === "walls" ? wallChoice() : null),
-    );
+    const list = [wallsOf(mission), ...elements(mission)];
+    const titles = list.map(({ kind, value, path }) => [String(path), `${kind} ${value?.name ?? (path.length > 1 ? path.filter((each) => !["floor", "patches", "obstacles", "objects", "lights", "shape"].includes(each)).map((each) => (typeof each === "number" ? each + 1 : each)).join(" ") : "")}`]);
+    const button = (label, act) => h("button", { type: "button", "data-key": label, click: act }, label);
+    return [
+      h("div", { class: "tools" },
+        select({ "aria-label": "Selected", "data-key": "selected" }, [["", "the mission"], ...titles], chosen ? String(chosen.path) : "", (now) => {
+          selection = list.find((each) => String(each.path) === now)?.path ?? null;
+          refresh();
+        }),
+        copyOf(chosen) ? button("Duplicate", duplicate) : null,
+        chosen && !["walls", "formation"].includes(chosen.kind) && !(chosen.kind === "start" && Object.keys(mission.start).length < 2) ? button("Remove", removeSelected) : null,
+        chosen && ["object", "object area"].includes(chosen.kind) ? placeButton(chosen, button) : null,
+        vertices(chosen) ? button("Add a corner", () => edit(() => {
+          const points = vertices(selected());
+          const [[ax, ay], [bx, by]] = [points[0], points[1]];
+          points.splice(1, 0, [round((ax + bx) / 2), round((ay + by) / 2)]);
+        })) : null,
+        vertices(chosen)?.length > 3 ? button("Remove its first corner", () => removeVertex(0)) : null),
+      h("div", { class: "fields" }, chosen ? elementFields(chosen) : missionFields()),
+      chosen?.kind === "walls" ? wallColors() : null,
+    ];
+  }
+
+  function placeButton(chosen, button) {
+    const isArea = chosen.kind === "object area";
+    return button(isArea ? "Place at a point" : "Place at random in an area", () => edit(() => {
+      const { value } = chosen;
+      if (isArea) {
+        const { disc, rectangle } = value.start;
+        value.center = disc?.center ?? (rectangle ? ["x", "y"].map((axis) => round((rectangle[axis][0] + rectangle[axis][1]) / 2)) : [0, 0]);
+        delete value.start;
+        delete value.count;
+        selection = chosen.path.slice(0, 2);
+      } else {
+        value.start = { disc: { center: value.center, radius: 0.3 } };
+        delete value.center;
+        delete value.angle;
+        selection = [...chosen.path, "start", "disc"];
+      }
+    }));
+  }
+
+  function missionFields() {
+    const { mission } = board;
+    const set = (name, value) => edit((target) => put(target, name, value));
+    const specs = { title: { type: "text", is_optional: true }, duration: { type: "number", unit: "s", value: 120, is_optional: true } };
+    const shown = Object.fromEntries(SHOWN_KEYS.filter((name) => mission[name] !== undefined).map((name) => [name, mission[name]]));
+    return [...fields(specs, shown, set, "mission"), floorField("floor", mission.floor?.color ?? "grey", (now) => edit((target) => {
+      target.floor ??= {};
+      target.floor.color = now;
+    }), false)];
+  }
+
+  function elementFields(chosen) {
+    const { kind, value } = chosen;
+    const specs = OPTIONAL[kind] ?? {};
+    const key = String(chosen.path);
+    const set = (name, now) => edit(() => {
+      if (name === "name" && ["patch", "object", "object area"].includes(kind)) rename(board.mission, kind === "patch" ? "patch" : "object", value.name, now);
+      put(value, name, now);
+    });
+    if (kind === "patch") {
+      return [
+        ...leaves(value).filter(([path]) => path[0] !== "color").map(([path, leaf]) => leafField(value, path, leaf, set, key)),
+        floorField("color", value.color, (now) => set("color", now), true),
+      ];
+    }
+    if (kind === "walls") return [...fields(specs, value, set, key, {}, ["colors"]), wallChoice()];
+    if (kind === "formation") return leaves(value).map(([path, leaf]) => leafField(value, path, leaf, set, key));
+    return fields(specs, value, set, key);
+  }
+
+  function floorField(label, value, set, isPatch) {
+    const isLevel = typeof value === "number";
+    const options = Object.keys(FLOORS).filter((each) => isPatch || each !== "random").map((each) => [each, each]);
+    return h("label", {}, h("span", {}, label), select({ "data-key": `floor.${label}` }, [...options, ["level", "a level, 0 to 1"]], isLevel ? "level" : value, (now) => set(now === "level" ? 0.5 : now)),
+      isLevel ? h("input", { type: "number", step: "any", min: 0, max: 1, value, "data-key": `floor.${label}.level`, change: (event) => { if (event.target.value !== "") set(Number(event.target.value)); } }) : null);
   }
 
   function wallChoice() {
-    return h("label", {}, "shape ", h("select", { change: (event) => {
-      remember();
+    const { walls } = board.mission;
+    const now = walls.rectangle ? "rectangle" : walls.corners ? "corners" : "regular";
+    return h("label", {}, h("span", {}, "shape"), select({ "data-key": "walls.shape" }, [["rectangle", "rectangle"], ["regular", "regular polygon"], ["corners", "any polygon"]], now, (next) => edit((mission) => {
+      const { height: high, colors } = mission.walls;
       const points = corners(mission.walls).map((point) => point.map(round));
-      mission.walls = { rectangle: { rectangle: [3, 2] }, regular: { sides: 12, apothem: 1.226 }, corners: { corners: points } }[event.target.value];
-      changed();
-    } }, ["rectangle", "regular", "corners"].map((each) => h("option", { value: each, selected: each === (mission.walls.rectangle ? "rectangle" : mission.walls.corners ? "corners" : "regular") }, each))));
+      const shape = { rectangle: { rectangle: [3, 2] }, regular: { sides: 12, apothem: 1.226 }, corners: { corners: points } }[next];
+      mission.walls = { ...shape, ...(high === undefined ? {} : { height: high }), ...(colors === undefined ? {} : { colors }) };
+    })));
   }
 
-  function leaves(value, path = []) {
-    if (Array.isArray(value) && value.some((each) => Array.isArray(each))) return [];
-    if (value !== null && typeof value === "object") return Object.entries(value).flatMap(([name, each]) => leaves(each, [...path, Array.isArray(value) ? Number(name) : name]));
-    return [[path, value]];
+  /** Colored stretches of walls, for cameras. */
+  function wallColors() {
+    const list = board.mission.walls.colors ?? [];
+    const specs = { side: { type: "number" }, color: { type: "choice", options: Object.keys(LEDS), value: "red" }, from: { type: "number", unit: "m", value: 0, is_optional: true }, to: { type: "number", unit: "m", is_optional: true } };
+    return [
+      list.map((stretch, index) => h("div", { class: "fields" },
+        fields(specs, stretch, (name, value) => edit(() => put(stretch, name, value ?? (name === "color" ? "red" : undefined))), `walls.colors.${index}`),
+        h("button", { type: "button", click: () => edit(({ walls }) => { walls.colors.splice(index, 1); if (!walls.colors.length) delete walls.colors; }) }, "Remove"))),
+      h("button", { type: "button", "data-key": "walls.colors.add", click: () => edit(({ walls }) => { walls.colors = [...(walls.colors ?? []), { side: list.length % corners(walls).length, color: "red" }]; }) }, "Color a side (for cameras)"),
+    ];
   }
 
-  function field(root, path, value) {
-    const label = path.map((each) => (typeof each === "number" ? `[${each}]` : each)).join(".").replaceAll(".[", "[");
-    const isColor = path.at(-1) === "color" && typeof value === "string" && value in FLOORS;
-    const set = (now) => {
-      remember();
-      path.slice(0, -1).reduce((each, name) => each[name], root)[path.at(-1)] = now;
-      changed();
-    };
-    const input = isColor
-      ? h("select", { change: (event) => set(event.target.value) }, Object.keys(FLOORS).map((each) => h("option", { value: each, selected: each === value }, each)))
-      : typeof value === "number"
-        ? h("input", { type: "number", step: "any", value, change: (event) => { if (event.target.value !== "") set(Number(event.target.value)); } })
-        : h("input", { value: String(value), change: (event) => set(event.target.value) });
-    return h("label", {}, `${label} `, input);
-  }
-
+  // The text, and what the engine says.
   async function changed() {
-    show();
+    refresh();
     const number = ++checked;
     try {
-      const answer = await change("mission_text", { mission });
+      const answer = await change("mission_text", { mission: board.mission, seed: Number(seed.value) });
       if (isGone || number !== checked) return;
       text.value = answer.text;
-      tell(answer.problems);
+      tell(answer);
     } catch (error) {
       if (!isGone) wrong.replaceChildren(h("li", {}, problem(error)));
     }
   }
 
   async function typed() {
+    const number = ++checked;
     try {
-      const answer = await change("mission_parse", { text: text.value });
-      if (isGone) return;
+      const answer = await change("mission_parse", { text: text.value, seed: Number(seed.value) });
+      if (isGone || number !== checked) return;
       if (answer.mission) {
         remember();
-        mission = answer.mission;
+        board.mission = answer.mission;
         selection = null;
-        show();
       }
-      tell(answer.problems);
+      tell(answer);
     } catch (error) {
       wrong.replaceChildren(h("li", {}, problem(error)));
     }
   }
 
-  function tell(problems) {
+  function tell({ problems, start }) {
+    // Robots stay where they were while something is wrong.
+    board.start = start ?? board.start;
     tryButton.disabled = saveButton.disabled = problems.length > 0;
     wrong.replaceChildren(...(problems.length ? problems.map((each) => h("li", { class: "problem" }, each)) : [h("li", { class: "fine" }, "Nothing is wrong.")]));
+    refresh();
+    if (problems.length === 0) later();
   }
 
-  async function tryOut() {
-    tryButton.disabled = true;
-    message.textContent = "simulating…";
+  /** Takes a fitness: into the mission if it is a weighted sum, else for the experiment. */
+  async function weigh(expression) {
     try {
-      const { id } = await change("mission_try", { mission, seed: Number(seed.value), run: run.value });
-      frame.replaceChildren(h("figure", {}, h("iframe", { src: `try?id=${id}`, sandbox: "allow-scripts", title: "An episode of the mission" })));
-      frame.scrollIntoView({ block: "nearest", behavior: "smooth" });
+      const { fitness } = await change("mission_fitness", { text: expression });
+      if (isGone) return;
+      board.expression = fitness === null ? expression : null;
+      if (fitness === null) {
+        refresh();
+        later();
+      } else if (expressionOf(fitness) === expressionOf(board.mission.fitness)) refresh();
+      else edit((mission) => { mission.fitness = fitness; });
       message.textContent = "";
     } catch (error) {
       message.replaceChildren(problem(error));
     }
+  }
+
+  // Episodes.
+  function later() {
+    clearTimeout(timer);
+    if (live.checked && frame.firstChild) timer = setTimeout(() => tryOut(true), TRY_AFTER_MS);
+  }
+
+  async function tryOut(isAgain = false) {
+    clearTimeout(timer);
+    const number = ++tried;
+    if (!isAgain) tryButton.disabled = true;
+    message.textContent = "simulating…";
+    try {
+      const { id, fitness, metrics } = await change("mission_try", { mission: board.mission, seed: Number(seed.value), run: run.value, fitness: board.expression ?? "" });
+      if (isGone || number !== tried) return;
+      board.values = { fitness, metrics };
+      const at = isAgain ? Math.min(board.step, fitness.length - 1) : 0;
+      frame.replaceChildren(h("figure", {}, h("iframe", { src: `try?id=${id}#step=${at}${isAgain ? "" : "&play"}`, sandbox: "allow-scripts", title: "An episode of the mission" })));
+      if (!isAgain) frame.scrollIntoView({ block: "nearest", behavior: "smooth" });
+      message.textContent = "";
+      goals.show();
+    } catch (error) {
+      if (!isGone && number === tried) message.replaceChildren(problem(error));
+    }
     tryButton.disabled = false;
+  }
+
+  /** Shows the values of the step that the player shows. */
+  function follow(event) {
+    if (event.source !== frame.querySelector("iframe")?.contentWindow || typeof event.data?.step !== "number") return;
+    board.step = event.data.step;
+    goals.mark(board.step);
   }
 
   async function save() {
     try {
-      const answer = await change("mission_save", { name: file.value, mission, replace: saved === file.value });
+      const answer = await change("mission_save", { name: file.value, mission: board.mission, replace: saved === file.value });
       saved = file.value;
-      message.replaceChildren(`saved as ${answer.file}. `, h("a", { href: `#/new?mission=${encodeURIComponent(answer.file)}` }, "Evolve on it"));
+      const fitness = board.expression === null ? "" : `&fitness=${encodeURIComponent(board.expression)}`;
+      message.replaceChildren(`saved as ${answer.file}. `, h("a", { href: `#/new?mission=${encodeURIComponent(answer.file)}${fitness}` }, "Evolve on it"));
     } catch (error) {
       message.replaceChildren(problem(error));
     }
   }
 
   async function open(which) {
-    name = which;
     try {
       const answer = await ask("mission", { name: which });
       if (isGone) return;
-      mission = answer.mission;
+      board.mission = answer.mission;
+      board.expression = board.values = null;
       past.length = future.length = 0;
       selection = null;
+      frame.replaceChildren();
       saved = which.endsWith(".yaml") ? which.replace(/\.yaml$/, "") : "";
       file.value = saved || `my_${which}`;
       choice.value = which;
@@ -593,8 +676,9 @@ export function show(view, query) {
   }
 
   (async () => {
-    const names = await ask("missions");
+    const [names, parts] = await Promise.all([ask("missions"), ask("mission_parts")]);
     if (isGone) return;
+    board.parts = parts;
     const group = (label, list) => (list.length ? h("optgroup", { label }, list.map((each) => h("option", { value: each }, each))) : null);
     choice.append(...[group("in this folder", names.files), group("built in", names.built_in)].filter(Boolean));
     for (const row of [...store.rows.values()].filter((each) => each.simulation === "arena" && each.best !== null).slice(0, 200)) {
@@ -602,5 +686,10 @@ export function show(view, query) {
     }
     await open(query.get("mission") ?? names.files[0] ?? "aggregation");
   })().catch((error) => wrong.replaceChildren(h("li", {}, problem(error))));
-  return { trail: ["draw a mission"], leave: () => { isGone = true; observer.disconnect(); } };
+  return { trail: ["draw a mission"], leave: () => {
+    isGone = true;
+    clearTimeout(timer);
+    observer.disconnect();
+    removeEventListener("message", follow);
+  } };
 }
