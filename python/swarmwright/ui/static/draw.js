@@ -598,6 +598,10 @@ export function show(view, query) {
 
   /** Takes a fitness: into the mission if it is a weighted sum, else for the experiment. */
   async function weigh(expression) {
+    if (expression.trim() === "") {
+      goals.show();
+      return;
+    }
     try {
       const { fitness } = await change("mission_fitness", { text: expression });
       if (isGone) return;
