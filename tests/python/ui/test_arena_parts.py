@@ -56,7 +56,7 @@ def refusal(mission: dict[str, Any]) -> str:
     return str(caught.value)
 
 
-def listed(message: str) -> set[str]:
+def expected_names(message: str) -> set[str]:
     """Return the names that a refusal says are expected."""
     return set(re.findall(r'[`"](\w+)[`"]', message.partition("expected")[2]))
 
@@ -70,17 +70,17 @@ def with_robot(**changes: Any) -> dict[str, Any]:
 
 
 def test_every_kind_is_offered() -> None:
-    assert listed(refusal(with_metric(kind="no_kind"))) == set(arena_parts.METRICS)
-    assert listed(refusal(with_robot(sensors=[{"kind": "no_kind"}]))) == set(arena_parts.SENSORS)
-    assert listed(refusal(with_robot(actuators=[{"kind": "no_kind"}]))) == set(arena_parts.ACTUATORS)
-    assert listed(refusal(with_robot(drive={"kind": "no_kind"}))) == set(arena_parts.DRIVES)
+    assert expected_names(refusal(with_metric(kind="no_kind"))) == set(arena_parts.METRICS)
+    assert expected_names(refusal(with_robot(sensors=[{"kind": "no_kind"}]))) == set(arena_parts.SENSORS)
+    assert expected_names(refusal(with_robot(actuators=[{"kind": "no_kind"}]))) == set(arena_parts.ACTUATORS)
+    assert expected_names(refusal(with_robot(drive={"kind": "no_kind"}))) == set(arena_parts.DRIVES)
     assert set(Episodes(experiment(MISSION, Path()), seeds=[1]).metrics) == set(arena_parts.GENERAL_METRICS)
 
 
 @pytest.mark.parametrize("kind", arena_parts.METRICS)
 def test_a_metric_has_these_fields_and_first_values(kind: str) -> None:
     fields = arena_parts.METRICS[kind]
-    assert listed(refusal(with_metric(kind=kind, no_field=1))) == set(fields)
+    assert expected_names(refusal(with_metric(kind=kind, no_field=1))) == set(fields)
     values = first_values(fields)
     if kind == "time_until":
         values["at_least"] = fields["at_least"]["value"]
@@ -98,7 +98,7 @@ def test_a_sensor_has_these_fields_and_first_values(kind: str) -> None:
     if kind == "gripper":
         parts = {"actuators": [{"kind": "gripper"}]}
     if fields:
-        refused = listed(refusal(with_robot(sensors=[{"kind": kind, "no_field": 1}])))
+        refused = expected_names(refusal(with_robot(sensors=[{"kind": kind, "no_field": 1}])))
         assert refused - {"radio"} == set(fields)
     for all_of in (False, True):
         values = {"kind": kind, **first_values(fields, all_of=all_of)}
@@ -110,7 +110,7 @@ def test_a_sensor_has_these_fields_and_first_values(kind: str) -> None:
 @pytest.mark.parametrize("kind", arena_parts.ACTUATORS)
 def test_an_actuator_has_these_fields_and_first_values(kind: str) -> None:
     fields = arena_parts.ACTUATORS[kind]
-    named = listed(refusal(with_robot(actuators=[{"kind": kind, "no_field": 1}])))
+    named = expected_names(refusal(with_robot(actuators=[{"kind": kind, "no_field": 1}])))
     assert named == set(fields)
     values = first_values(fields, all_of=True)
     heard = {
@@ -124,7 +124,7 @@ def test_an_actuator_has_these_fields_and_first_values(kind: str) -> None:
 @pytest.mark.parametrize("kind", arena_parts.DRIVES)
 def test_a_drive_has_these_fields_and_first_values(kind: str) -> None:
     fields = arena_parts.DRIVES[kind]
-    assert listed(refusal(with_robot(drive={"kind": kind, "no_field": 1}))) == set(fields)
+    assert expected_names(refusal(with_robot(drive={"kind": kind, "no_field": 1}))) == set(fields)
     for all_of in (False, True):
         drive = {"kind": kind, **first_values(fields, all_of=all_of)}
         assert problems(with_robot(drive=drive), Path()) == []

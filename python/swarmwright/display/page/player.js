@@ -316,7 +316,7 @@ class Player {
     this.follow(this.focus, episode.bodyOf.get(agents[(at + by + agents.length) % agents.length]));
   }
 
-  // Opens a step and follows an agent, as in page.html#step=12&agent=3; `play` starts.
+  // Opens a step and follows an agent, as in page.html#step=12&agent=3.
   fromAddress() {
     const parameter = (name) => {
       const match = new RegExp(`[#&]${name}=(\\d+)`).exec(window.location.hash);
@@ -331,7 +331,6 @@ class Player {
       this.world.camera.zoom = Math.min(Math.max(zoom, 1), LARGEST_ZOOM);
       this.show();
     }
-    if (/[#&]play(&|$)/.test(window.location.hash) && !this.playing) this.toggle();
   }
 
   noAgent(agent) {
@@ -403,12 +402,6 @@ class Player {
     part.now.textContent = `step ${scene} of ${this.last}${seconds}`;
     part.scrub.setAttribute("aria-valuetext", part.now.textContent);
     this.describe(scene);
-    this.tellPage(scene);
-  }
-
-  // Tells a page that frames this one which step is shown.
-  tellPage(step) {
-    if (window.parent !== window) window.parent.postMessage({ step }, "*");
   }
 
   // Updates the texts beside the maps.

@@ -34,6 +34,8 @@ export function show(view, query) {
   let isGone = false;
   let checked = 0;
   let tried = 0;
+  let first = null; // the step that the next player begins with
+  let isPlaying = false;
   let timer = null;
   const past = [];
   const future = [];
@@ -632,8 +634,8 @@ export function show(view, query) {
       const { id, fitness, metrics } = await change("mission_try", { mission: board.mission, seed: Number(seed.value), run: run.value, fitness: board.expression ?? "" });
       if (isGone || number !== tried) return;
       board.values = { fitness, metrics };
-      const at = isAgain ? Math.min(board.step, fitness.length - 1) : 0;
-      frame.replaceChildren(h("figure", {}, h("iframe", { src: `try?id=${id}#step=${at}${isAgain ? "" : "&play"}`, sandbox: "allow-scripts", title: "An episode of the mission" })));
+      first = { step: isAgain ? Math.min(Math.floor(board.step), fitness.length - 1) : 0, play: !isAgain || isPlaying };
+      frame.replaceChildren(h("figure", {}, h("iframe", { src: `try?id=${id}`, sandbox: "allow-scripts", title: "An episode of the mission" })));
       if (!isAgain) frame.scrollIntoView({ block: "nearest", behavior: "smooth" });
       message.textContent = "";
       goals.show();
@@ -643,11 +645,18 @@ export function show(view, query) {
     tryButton.disabled = false;
   }
 
-  /** Shows the values of the step that the player shows. */
-  function follow(event) {
-    if (event.source !== frame.querySelector("iframe")?.contentWindow || typeof event.data?.step !== "number") return;
-    board.step = event.data.step;
-    goals.mark(board.step);
+  /** Shows the values of the step that the player shows; see `remote.js` of the player. */
+  function follow({ source, data }) {
+    const player = frame.querySelector("iframe")?.contentWindow;
+    if (!player || source !== player || data === null || typeof data !== "object") return;
+    if (data.player === "ready" && first !== null) {
+      player.postMessage(first, "*");
+      first = null;
+    } else if (data.player === "step" && Number.isFinite(data.step) && first === null) {
+      board.step = data.step;
+      isPlaying = data.playing === true;
+      goals.mark(board.step);
+    }
   }
 
   async function save() {

@@ -170,8 +170,8 @@ def test_robots_may_have_files_beside_the_mission(tmp_path: Path) -> None:
     kinds = {**SMALL, "robots": [{"robot": "mine.yaml", "count": 2}, {"robot": "point", "count": 1}]}
     assert len(missions.describe_start(kinds, tmp_path / "runs", 1)["bodies"]) == 3
     for name in ("../secret.yaml", str(tmp_path / "secret.yaml"), "missing.yaml", "x" * 300 + ".yaml"):
-        (told,) = missions.problems({**SMALL, "robot": name}, tmp_path / "runs")
-        assert told.startswith("robot: ")
+        (message,) = missions.problems({**SMALL, "robot": name}, tmp_path / "runs")
+        assert message.startswith("robot: ")
 
 
 @pytest.mark.parametrize("name", templates.missions())
@@ -217,9 +217,8 @@ def test_names_that_are_no_names_are_refused(name: str, tmp_path: Path) -> None:
 )
 def test_mistakes_are_told_with_their_keys(changes: dict[str, Any], problem: str, tmp_path: Path) -> None:
     mission = {**SMALL, **changes}
-    told = missions.problems(mission, tmp_path)
-    assert told
-    assert any(re.search(problem, line) for line in told), told
+    lines = missions.problems(mission, tmp_path)
+    assert any(re.search(problem, line) for line in lines), lines
     with pytest.raises(InputError):
         missions.save(tmp_path, "mine", mission, over=False)
 
