@@ -35,9 +35,9 @@ def button(browser: Chrome, label: str) -> None:
 
 
 def fill(browser: Chrome, key: str, value: str) -> None:
-    """Type into the field with a key; when the fields have been drawn anew, what they show is the value."""
+    """Type into the field with a key, and leave it."""
     entry = eventually(lambda: browser.find_element(By.CSS_SELECTOR, f"[data-key='{key}']"), f"a field {key}")
-    entry.clear()
+    entry.send_keys(Keys.CONTROL, "a")
     entry.send_keys(value, Keys.TAB)
 
 

@@ -4,21 +4,33 @@ import { h } from "./dom.js";
 export const FLOORS = { black: "#222222", grey: "#c9c8c1", white: "#ffffff", random: "#8d86a8" };
 export const LEDS = { red: "#e02020", green: "#18a818", blue: "#2848e0", cyan: "#10b8c8", magenta: "#d020c0", yellow: "#d8c010" };
 
-/** Replaces what a container shows in the next frame, and keeps the focus on the field that has it. */
+/**
+ * Replaces what a container shows in the next frame, and keeps the focus on the field that has it. While somebody types
+ * into a field, that waits: what is not entered yet would be lost.
+ */
 export function renderer(container, build) {
   let isAwaited = false;
-  return () => {
+  container.addEventListener("change", ({ target }) => {
+    if (target.tagName === "INPUT") target.defaultValue = target.value;
+  });
+  const draw = () => {
     if (isAwaited) return;
     isAwaited = true;
     requestAnimationFrame(() => {
       isAwaited = false;
-      const key = container.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+      const active = container.contains(document.activeElement) ? document.activeElement : null;
+      if (active?.tagName === "INPUT" && active.value !== active.defaultValue) {
+        active.addEventListener("blur", draw, { once: true });
+        return;
+      }
+      const key = active?.dataset.key;
       const open = new Set([...container.querySelectorAll("details[open]")].map((each) => each.dataset.key));
       container.replaceChildren(...[build()].flat(3).filter(Boolean));
       for (const each of container.querySelectorAll("details")) if (open.has(each.dataset.key)) each.open = true;
       if (key) [...container.querySelectorAll("[data-key]")].find((each) => each.dataset.key === key)?.focus({ preventScroll: true });
     });
   };
+  return draw;
 }
 
 const numbers = (text) => text.split(/[\s,;]+/).filter(Boolean).map(Number);
