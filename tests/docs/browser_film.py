@@ -70,7 +70,8 @@ class Film:
             element,
         )
         box = self.browser.execute_script(
-            "const {x, y, width, height} = arguments[0].getBoundingClientRect(); return [x + width / 2, y + height / 2]",
+            "const box = arguments[0].getBoundingClientRect();"
+            "return [box.x + box.width / 2, box.y + box.height / 2]",
             element,
         )
         x, y = box[0] + offset[0], box[1] + offset[1]
