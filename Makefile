@@ -40,7 +40,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: ui ui-film fmi wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-commit test-journeys test-python test-all lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows lint-commits audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
+.PHONY: ui ui-film ui-pictures fmi wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-commit test-journeys test-python test-all lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows lint-commits audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -518,9 +518,12 @@ check-docs: docs
 ui: $(VENV)/.engine $(UI)/uPlot.esm.js
 	$(BIN)/python -m pip install --quiet 'swarmwright[ui]'
 
-# In docs/images; needs Chromium, and takes minutes.
+# In docs/images; they need Chromium, and take minutes.
 ui-film: ui
 	$(BIN)/python -m tests.docs.browser_film
+
+ui-pictures: ui
+	$(BIN)/python -m tests.docs.browser_pictures
 
 $(UI)/uPlot.esm.js: python/swarmwright/ui/vendor.sha256
 	@command -v npm > /dev/null || { $(call install,nodejs npm); }
