@@ -1,6 +1,6 @@
 """Pictures of every view of the window: those of `docs/how-to/browser.md`, and all of them to look at.
 
-`make ui-pictures` writes the ones of the documentation; `python -m tests.docs.browser_pictures FOLDER` writes each
+`make ui-pictures` writes those of the documentation, `python -m tests.docs.browser_pictures FOLDER` each
 view, light and dark, 1,400 and 360 pixels wide.
 """
 
