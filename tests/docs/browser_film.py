@@ -153,6 +153,7 @@ def try_and_save(film: Film) -> None:
     film.caption = "3  Try: a random controller, and the value as it moves"
     film.click(button(browser, "Try"))
     eventually(lambda: find(browser, "output[data-metric=robots_on]").text != "", "its value is shown")
+    play(browser)
     film.shoot(20)
     film.caption = "4  Save it, and evolve on it"
     file = find(browser, "[aria-label='Name of the file']")
@@ -204,14 +205,19 @@ def watch(film: Film) -> None:
     ActionChains(browser).move_to_element_with_offset(chart, int(width * 0.47), -60).click().perform()
     frame = eventually(lambda: browser.find_element(By.TAG_NAME, "iframe"), "the replay")
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", frame)
-    browser.switch_to.frame(frame)
-    play = eventually(lambda: browser.find_element(By.ID, "play"), "the player")
-    eventually(lambda: "step" in browser.find_element(By.ID, "now").text, "the episode is shown")
-    browser.execute_script("document.getElementById('speed').value = '4'")
-    if play.text == "Play":
-        play.click()
-    browser.switch_to.default_content()
+    play(browser, speed=4)
     film.shoot(35)
+
+
+def play(browser: Chrome, speed: float = 2) -> None:
+    """Let the replay on the page play, if it does not yet."""
+    browser.switch_to.frame(find(browser, "iframe"))
+    start = eventually(lambda: browser.find_element(By.ID, "play"), "the player")
+    eventually(lambda: "step" in browser.find_element(By.ID, "now").text, "the episode is shown")
+    browser.execute_script("document.getElementById('speed').value = arguments[0]", str(speed))
+    if start.text == "Play":
+        start.click()
+    browser.switch_to.default_content()
 
 
 def main(file: Path = FILE) -> None:
