@@ -155,6 +155,7 @@ export function show(view, query) {
       choice.value = "arena:aggregation";
       await take({ template: choice.value }, mission.replace(/\.yaml$/, "_run"));
       editor.value = editor.value.replace(/^( *mission: *)\S+/m, `$1${mission}`);
+      if (query.get("fitness")) editor.value = `${editor.value.trimEnd()}\nfitness: ${JSON.stringify(query.get("fitness"))}\n`;
       later(0);
     } else if (query.get("run")) {
       choice.value = "";
