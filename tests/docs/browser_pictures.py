@@ -5,6 +5,7 @@ view, light and dark, 1,400 and 360 pixels wide.
 """
 
 import sys
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -53,7 +54,7 @@ def make_runs(folder: Path) -> None:
 def is_shown(browser: Chrome, view: str) -> bool:
     """Return whether a view has all that its picture needs."""
     text = page_text(browser)
-    needed = {
+    needed: dict[str, Callable[[], object]] = {
         "runs": lambda: "4 runs" in text,
         "run": lambda: browser.find_element(By.CSS_SELECTOR, ".u-over"),
         "compare": lambda: browser.find_element(By.CSS_SELECTOR, ".figure img, .figure svg, table"),
@@ -69,7 +70,7 @@ def open_view(browser: Chrome, address: str, view: str, *, is_dark: bool = False
     browser.execute_script(
         "localStorage.setItem('swarmwright-theme', arguments[0])", "dark" if is_dark else "light"
     )
-    browser.refresh()
+    browser.refresh()  # type: ignore[no-untyped-call]
     eventually(lambda: is_shown(browser, view), view)
     if view == "run":
         chart = find(browser, ".u-over")

@@ -34,7 +34,7 @@ ROBOT: dict[str, Any] = {
 
 def first_values(fields: dict[str, Any], *, all_of: bool = False) -> dict[str, Any]:
     """Return values as the form fills them in: of required fields, or `all_of` them."""
-    values = {}
+    values: dict[str, Any] = {}
     for name, spec in fields.items():
         if spec.get("is_optional") and (not all_of or spec.get("value") is None):
             continue
@@ -94,7 +94,7 @@ def test_a_metric_has_these_fields_and_first_values(kind: str) -> None:
 @pytest.mark.parametrize("kind", arena_parts.SENSORS)
 def test_a_sensor_has_these_fields_and_first_values(kind: str) -> None:
     fields = arena_parts.SENSORS[kind]
-    parts = {"battery": {"standing": 120, "driving": 40}} if kind == "battery" else {}
+    parts: dict[str, Any] = {"battery": {"standing": 120, "driving": 40}} if kind == "battery" else {}
     if kind == "gripper":
         parts = {"actuators": [{"kind": "gripper"}]}
     if fields:
