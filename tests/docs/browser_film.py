@@ -192,7 +192,7 @@ def watch(film: Film) -> None:
     find(browser, ".u-over")
     end = time.monotonic() + 400
     shown = 0
-    while time.monotonic() < end and "done" not in (find(browser, ".state").text):
+    while time.monotonic() < end and state(browser) != "done":
         if shown < 30:
             film.shoot()
             shown += 1
@@ -207,6 +207,11 @@ def watch(film: Film) -> None:
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", frame)
     play(browser, speed=4)
     film.shoot(35)
+
+
+def state(browser: Chrome) -> str:
+    """Return the state of the run on the page, whose elements are replaced as it goes on."""
+    return str(browser.execute_script("return document.querySelector('.state')?.textContent ?? ''"))
 
 
 def play(browser: Chrome, speed: float = 2) -> None:
@@ -230,9 +235,11 @@ def main(file: Path = FILE) -> None:
             eventually(lambda: "no runs below" in page_text(browser), "the folder is empty")
             film = Film(browser, caption="An empty folder:  swarmwright ui runs")
             film.shoot(6)
-            for scene in (draw_mission, try_and_save, watch):
-                scene(film)
-        film.save(file)
+            try:
+                for scene in (draw_mission, try_and_save, watch):
+                    scene(film)
+            finally:
+                film.save(file)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def open_view(browser: Chrome, address: str, view: str, *, is_dark: bool = False
     browser.execute_script(
         "localStorage.setItem('swarmwright-theme', arguments[0])", "dark" if is_dark else "light"
     )
-    browser.refresh()  # type: ignore[no-untyped-call]
+    browser.refresh()
     eventually(lambda: is_shown(browser, view), view)
     if view == "run":
         chart = find(browser, ".u-over")
