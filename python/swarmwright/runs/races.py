@@ -173,15 +173,15 @@ def _split(run: "Run") -> list[list[_Step]]:
             f"{run.path}: has {run.evaluations:,} evaluations; races are told apart in up to "
             f"{_MOST_EVALUATIONS:,}"
         )
-    seen: set[bytes] = set()
+    former: set[bytes] = set()
     split: list[list[_Step]] = []
     for result in run._store.generations():
         if result.generation >= run.generations:
             break
         keys = [genome.tobytes() for genome in result.expand_genomes()]
-        if not seen.issuperset(keys) or not split:
+        if not former.issuperset(keys) or not split:
             split.append([])
-        seen.update(keys)
+        former.update(keys)
         split[-1].append((keys, result))
     return split
 

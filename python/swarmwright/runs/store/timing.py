@@ -142,11 +142,11 @@ def read_timing(connection: sqlite3.Connection, part: Part, last: int, end: int)
         lane[first + 1 : final] += count * width
         lane[final] += ended - count * final * width
     episodes = np.zeros((len(servers), part.bins), np.int64)
-    for server, place, count in connection.execute(_ENDED, values):
-        episodes[rows[server], min(place, part.bins - 1)] += count
+    for server, number, count in connection.execute(_ENDED, values):
+        episodes[rows[server], min(number, part.bins - 1)] += count
     failures = tuple(
-        Failures(server, min(place, part.bins - 1), outcome, reason or "", count, *candidate)
-        for server, place, outcome, reason, count, _, *candidate in connection.execute(_TROUBLE, values)
+        Failures(server, min(number, part.bins - 1), outcome, reason or "", count, *candidate)
+        for server, number, outcome, reason, count, _, *candidate in connection.execute(_TROUBLE, values)
     )
     return Timing(servers, busy, episodes, failures, _read_evaluated(connection, part, values))
 
