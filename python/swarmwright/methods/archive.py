@@ -103,7 +103,8 @@ class Archive:
         new, firsts = np.unique(cells[rows], return_index=True)
         rows = rows[firsts]
         self._count += int((self._numbers[new] < 0).sum())
-        self._fitness[new], self._numbers[new] = fitness[rows], np.asarray(numbers)[rows]
+        self._fitness[new] = fitness[rows]
+        self._numbers[new] = [numbers[row] for row in rows.tolist()]
         return list(zip(new.tolist(), rows.tolist(), strict=True))
 
     @property
