@@ -71,22 +71,47 @@ class Recording:
 def record(episode: Playable) -> Recording:
     """Step an episode to its end and record every scene, and sensors and actuators if available."""
     tracer = Tracer.from_episode(episode)
-    scenes = [_scene(episode)]
+    reader = _SceneReader(episode)
+    scenes = [reader.read()]
     fitness_so_far = [episode.fitness]
     while not episode.done:
         if tracer is None:
             episode.step()
         else:
             tracer.step()
-        scenes.append(_scene(episode))
+        scenes.append(reader.read())
         fitness_so_far.append(episode.fitness)
     trace = None if tracer is None else tracer.trace()
     return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size, trace)
 
 
-def _scene(episode: Playable) -> Scene:
-    arrays = getattr(episode, "scene_arrays", None)
-    return Scene.from_fields(episode.scene()) if arrays is None else scene_from_arrays(arrays())
+class _SceneReader:
+    """Reads the scenes of an episode. Scenes share the walls and the floor as long as these stay the same.
+
+    Building them anew for each step would take longer than the simulation.
+    """
+
+    def __init__(self, episode: Playable) -> None:
+        self._episode = episode
+        self._arrays = getattr(episode, "scene_arrays", None)
+        self._surroundings: dict[str, object] = {}
+        self._previous: Scene | None = None
+
+    def read(self) -> Scene:
+        """Return the present scene."""
+        if self._arrays is None:
+            return Scene.from_fields(self._episode.scene())
+        arrays = self._arrays()
+        surroundings = {name: value for name, value in arrays["scene"].items() if name != "step"}
+        if self._previous is None or surroundings != self._surroundings:
+            self._surroundings = surroundings
+            self._previous = scene_from_arrays(arrays)
+        else:
+            bodies = Bodies.from_arrays(arrays["bodies"], arrays["rays"])
+            self._previous = replace(
+                self._previous, step=arrays["scene"]["step"], bodies=bodies, links=arrays["links"]
+            )
+        return self._previous
 
 
 @dataclass(frozen=True)

@@ -241,7 +241,8 @@ def find_directed(recording: Recording) -> set[tuple[str, str]]:
     looks: set[tuple[str, str]] = set()
     for scene in recording.scenes:
         bodies = Bodies.from_bodies(scene.bodies)
-        looks |= {bodies.looks[index] for index in np.unique(bodies.look[~np.isnan(bodies.heading)])}
+        headed = bodies.look[~np.isnan(bodies.heading)]
+        looks |= {bodies.looks[index] for index in np.flatnonzero(np.bincount(headed))}
     return {look for look in looks if look[0] not in {LED, STRETCH}}
 
 

@@ -20,7 +20,7 @@ from selenium.webdriver.support.ui import Select
 from swarmwright.display import Body, Caption, Recording, Scene, pictures, record
 from swarmwright.display.files import save
 from swarmwright.display.page import format_page
-from swarmwright.display.page._data import pack
+from swarmwright.display.page._packing import pack, to_bytes, to_json
 from tests.python.display.browser import chromium
 
 CAPTION = Caption("minisim: <best> & {{facts}}", (("controller", "layered, 4-8-1, tanh"), ("seed", "1")))
@@ -278,7 +278,15 @@ def test_what_never_moves_is_written_once(crossing: Any) -> None:
     kind=st.sampled_from(["f4", "q1", "q2"]),
 )
 def test_numbers_survive_packing(values: Any, kind: str) -> None:
-    back = unpacked(pack(values.reshape(-1), kind)).reshape(values.shape)
+    packed = {"more": pack(np.arange(3), "u1"), "values": pack(values.reshape(-1), kind)}
+    sent = to_bytes(packed)
+    end = 4 + int.from_bytes(sent[:4], "little")
+    plain = json.loads(sent[4:end])["values"]
+    begin = end + plain.pop("at")
+    plain["data"] = base64.b64encode(sent[begin : begin + plain.pop("size")]).decode()
+    assert begin % 4 == 0
+    assert plain == json.loads(to_json(packed))["values"]
+    back = unpacked(plain).reshape(values.shape)
     assert (np.isnan(back) == np.isnan(values)).all()
     finite = values[np.isfinite(values)]
     extent = float(np.ptp(finite)) if len(finite) else 0.0

@@ -29,6 +29,7 @@ from swarmwright.display._look import (
 from swarmwright.display._scene import Patch, Scene
 from swarmwright.display._trace import Trace
 from swarmwright.display.machines import Machine
+from swarmwright.display.page._packing import EXACT, Packed, pack, pack_integers
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -36,40 +37,21 @@ if TYPE_CHECKING:
     from swarmwright.display.pictures import PictureRecording
 
 
-EXACT = 300_000
-"""Most numbers that are binary32; more are quantized to 2 bytes."""
+EXACT_RAYS = 20_000
+"""The same for sensor rays, which are only drawn."""
 
 
-def pack(values: NDArray[Any], kind: str) -> dict[str, Any]:
-    """Encode numbers as base64.
-
-    kind: f4 or i4 for binary32 and integers, u1 for 0..255, q1 and q2 for quantization to 1 or 2 bytes, of
-    which the largest value is NaN.
-    """
-    if kind in {"f4", "i4", "u1"}:
-        raw = np.ascontiguousarray(values, dtype={"f4": "<f4", "i4": "<i4", "u1": "u1"}[kind])
-        return {"type": kind, "data": base64.b64encode(raw.tobytes()).decode()}
-    finite = values[np.isfinite(values)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    if high <= low:
-        high = low + 1.0
-    none = 65535 if kind == "q2" else 255
-    parts = np.round((values.astype(np.float64) - low) / (high - low) * (none - 1))
-    parts = np.where(np.isfinite(values), parts, none)
-    raw = parts.astype("<u2" if kind == "q2" else "u1")
-    data = base64.b64encode(np.ascontiguousarray(raw).tobytes()).decode()
-    return {"type": kind, "low": low, "high": high, "data": data}
-
-
-def number_kind(count: int, coarse: str = "q2") -> str:
+def number_kind(count: int, coarse: str = "q2", exact: int = EXACT) -> str:
     """Return the kind in which a number of values is packed."""
-    return "f4" if count <= EXACT else coarse
+    return "f4" if count <= exact else coarse
 
 
-def pack_series(values: NDArray[Any], kind: str | None = None, coarse: str = "q2") -> dict[str, Any]:
+def pack_series(
+    values: NDArray[Any], kind: str | None = None, coarse: str = "q2", exact: int = EXACT
+) -> dict[str, Packed]:
     """Encode values over time; constant columns are stored once.
 
-    values: (scenes, things). kind: as for `pack`; None: by how many there are, `coarse` for many.
+    values: (scenes, bodies). kind: as for `pack`; None: by how many there are, `coarse` above `exact`.
     """
     first = values[0]
     same = values == first
@@ -78,9 +60,11 @@ def pack_series(values: NDArray[Any], kind: str | None = None, coarse: str = "q2
     changing_columns = np.flatnonzero(~same.all(axis=0))
     changing_values = values[:, changing_columns]
     base_kind = kind or "f4"
-    result: dict[str, Any] = {"base": pack(first, base_kind), "which": pack(changing_columns, "i4")}
+    result = {"base": pack(first, base_kind), "which": pack(changing_columns, "i4")}
     if len(changing_columns):
-        result["data"] = pack(changing_values.reshape(-1), kind or number_kind(changing_values.size, coarse))
+        result["data"] = pack(
+            changing_values.reshape(-1), kind or number_kind(changing_values.size, coarse, exact)
+        )
     return result
 
 
@@ -95,7 +79,7 @@ _MOST_PICTURES = 300
 _LARGEST_PICTURE = (560, 560)
 """Largest size of a picture, in pixels."""
 
-_TABLES = {
+TABLES = {
     "shapes": {name: path for name, (_, path) in SHAPES.items()},
     "cells": list(CELLS),
     "moving": list(MOVING),
@@ -139,7 +123,6 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
         },
         "shown": vars(shown),
         "floors": sorted(floor_labels(*grounds).items()),
-        **_TABLES,
         "episodes": [_episode(part) for part in parts],
     }
     return data, looks
@@ -204,20 +187,14 @@ def _bodies(key_bodies: Sequence[Bodies]) -> dict[str, Any]:
     looks = list(dict.fromkeys(look for bodies in key_bodies for look in bodies.looks))
     index = {look: number for number, look in enumerate(looks)}
     most = dict.fromkeys(looks, 0)
-    look = np.zeros((len(key_bodies), count), dtype=np.uint8 if len(looks) < 256 else np.int32)
-    numbers = {
-        name: np.full((len(key_bodies), count), np.nan, dtype=np.float32)
-        for name in ("x", "y", "radius", "heading", "value")
-    }
-    for row, bodies in enumerate(key_bodies):
-        look_numbers = np.array([index[name] for name in bodies.looks], dtype=look.dtype)
-        look[row, : len(bodies)] = look_numbers[bodies.look] if len(look_numbers) else 0
-        for number, amount in zip(
-            look_numbers, np.bincount(bodies.look, minlength=len(look_numbers)), strict=True
-        ):
-            most[looks[number]] = max(most[looks[number]], int(amount))
-        for name, values in numbers.items():
-            values[row, : len(bodies)] = getattr(bodies, name)
+    kind = np.uint8 if len(looks) < 256 else np.int32
+    names = ("x", "y", "radius", "heading", "value")
+    if len(looks) == 1 and all(len(bodies) == count for bodies in key_bodies):
+        look = np.zeros((len(key_bodies), count), dtype=kind)
+        most[looks[0]] = count
+        numbers = {name: np.stack([getattr(bodies, name) for bodies in key_bodies]) for name in names}
+    else:
+        look, numbers = _body_rows(key_bodies, index, most, kind)
     longest = max(key_bodies, key=len)
     kinds = {"heading": "q1"}
     return {
@@ -231,6 +208,35 @@ def _bodies(key_bodies: Sequence[Bodies]) -> dict[str, Any]:
             **{name: pack_series(values, coarse=kinds.get(name, "q2")) for name, values in numbers.items()},
         },
     }
+
+
+def _body_rows(
+    key_bodies: Sequence[Bodies],
+    index: dict[tuple[str, str], int],
+    most: dict[tuple[str, str], int],
+    kind: type,
+) -> tuple[NDArray[Any], dict[str, NDArray[np.float32]]]:
+    """Return looks and numbers of bodies, (scenes, most bodies), for scenes that differ in their bodies.
+
+    index: number of each look. most: raised to the largest number of each look in a scene. kind: of looks.
+    """
+    count = max(len(bodies) for bodies in key_bodies)
+    looks = list(index)
+    look = np.zeros((len(key_bodies), count), dtype=kind)
+    numbers = {
+        name: np.full((len(key_bodies), count), np.nan, dtype=np.float32)
+        for name in ("x", "y", "radius", "heading", "value")
+    }
+    for row, bodies in enumerate(key_bodies):
+        look_numbers = np.array([index[name] for name in bodies.looks], dtype=look.dtype)
+        look[row, : len(bodies)] = look_numbers[bodies.look] if len(look_numbers) else 0
+        for number, amount in zip(
+            look_numbers, np.bincount(bodies.look, minlength=len(look_numbers)), strict=True
+        ):
+            most[looks[number]] = max(most[looks[number]], int(amount))
+        for name, values in numbers.items():
+            values[row, : len(bodies)] = getattr(bodies, name)
+    return look, numbers
 
 
 def _labels(key_bodies: Sequence[Bodies]) -> list[tuple[int, list[str]]]:
@@ -287,24 +293,32 @@ def _rays(key_bodies: Sequence[Bodies]) -> dict[str, Any] | None:
     names = ("angle", "start", "length", "reading")
     return {
         "body": pack_series(body, "i4"),
-        **{name: pack_series(values, coarse="q1") for name, values in zip(names, numbers, strict=True)},
+        **{
+            name: pack_series(values, coarse="q1", exact=EXACT_RAYS)
+            for name, values in zip(names, numbers, strict=True)
+        },
     }
 
 
 def _links(scenes: Sequence[Scene]) -> dict[str, Any] | None:
     """Return pairs of bodies, without repetition, and the first pair of each included scene."""
-    starts = [0]
-    pairs: list[NDArray[Any]] = []
-    for scene in scenes:
-        ends = np.asarray(scene.links, dtype=np.int32).reshape(-1, 2)
-        once = np.unique(np.sort(ends, axis=1), axis=0) if len(ends) else ends
-        starts.append(starts[-1] + len(once))
-        pairs.append(once)
-        if starts[-1] > _MOST_LINKS:
-            return None
-    if not starts[-1]:
+    ends = [np.asarray(scene.links, dtype=np.int64).reshape(-1, 2) for scene in scenes]
+    counts = [len(pairs) for pairs in ends]
+    if sum(counts) > 2 * _MOST_LINKS:  # each may be there twice
         return None
-    return {"starts": pack(np.array(starts), "i4"), "ends": pack(np.concatenate(pairs).reshape(-1), "i4")}
+    pairs = np.concatenate(ends)
+    if not len(pairs):
+        return None
+    low, high = np.minimum(*pairs.T), np.maximum(*pairs.T)
+    # All scenes at once: sorting those of each one would take longer than the simulation.
+    most = int(high.max()) + 1
+    numbers = np.sort((np.repeat(np.arange(len(scenes)), counts) * most + low) * most + high)
+    numbers = numbers[np.append(True, numbers[1:] != numbers[:-1])]
+    if len(numbers) > _MOST_LINKS:
+        return None
+    starts = np.searchsorted(numbers // (most * most), np.arange(len(scenes) + 1))
+    unique = np.stack([numbers // most % most, numbers % most], axis=1)
+    return {"starts": pack(starts, "i4"), "ends": pack_integers(unique.reshape(-1))}
 
 
 def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | None:
@@ -321,8 +335,8 @@ def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | No
     numbers = np.concatenate([trace.sensors[rows, :agents], trace.actuators[rows, :agents]], axis=2)
     # There is no step after the last scene.
     missing = np.full((len(keys) - len(rows), agents, width), np.nan, dtype=np.float32)
-    numbers = np.concatenate([numbers, missing])
-    kind = number_kind(numbers.size)
+    kind = number_kind((len(rows) + len(missing)) * agents * width)
+    columns = np.ascontiguousarray(np.concatenate([numbers, missing]).reshape(-1, width).T)
     known_names = {"sensor": part.sensor_names, "actuator": part.actuator_names}
     names = [
         known_names[noun][index] if index < len(known_names[noun]) else f"{noun} {index}"
@@ -334,7 +348,7 @@ def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | No
         "sensors": sensors,
         "names": names,
         "kinds": _kinds(part, sensors, width - sensors),
-        "values": [pack(numbers[:, :, index].reshape(-1), kind) for index in range(width)],
+        "values": [pack(column, kind) for column in columns],
     }
 
 
@@ -366,7 +380,6 @@ def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, An
         "scale": None,
         "shown": vars(Shown()),
         "floors": [],
-        **_TABLES,
         "episodes": [
             {
                 "name": "",

@@ -51,7 +51,8 @@ class Inspector {
       const kind = episode.kindOf(this.agent);
       const named = (kind ? kind.names : trace.names).map((name, index) => [name, index]);
       this.rows = named.filter(([name]) => name !== null).map(([name, index]) => {
-        const values = Float32Array.from(episode.keys, (_, frame) => trace.values[index][frame * trace.agents + this.agent]);
+        const traced = episode.tracedValues(index);
+        const values = Float32Array.from(episode.keys, (_, frame) => traced[frame * trace.agents + this.agent]);
         const finite = values.filter((value) => !Number.isNaN(value));
         const [low, high] = finite.reduce(([l, h], value) => [Math.min(l, value), Math.max(h, value)], [0, 0]);
         const actuator = index >= trace.sensors;

@@ -7,8 +7,9 @@ const PAN = 40; // pixels per key
 const CONTROLS = 130; // pixels, height of the controls below a map
 
 class Player {
-  constructor(page) {
+  constructor(page, remote) {
     this.page = page;
+    this.remote = remote;
     this.episodes = page.episodes.map((data) => new Episode(data));
     [this.episode] = this.episodes;
     this.last = Math.max(...this.episodes.map((episode) => episode.last));
@@ -76,7 +77,11 @@ class Player {
 
   speeds(first) {
     const all = SPEEDS.includes(first) ? SPEEDS : [...SPEEDS, first].sort((a, b) => a - b);
-    this.part.speed.append(...all.map((factor) => new Option(`${words(factor)} ×`, factor, factor === first, factor === first)));
+    this.part.speed.replaceChildren(...all.map((factor) => new Option(`${words(factor)} ×`, factor, factor === first, factor === first)));
+  }
+
+  setSpeed(factor) {
+    if (Number(this.part.speed.value) !== factor) this.speeds(factor);
   }
 
   curves() {
@@ -262,7 +267,9 @@ class Player {
 
   faster(by) {
     const { speed } = this.part;
-    speed.selectedIndex = Math.min(Math.max(speed.selectedIndex + by, 0), speed.length - 1);
+    const index = Math.min(Math.max(speed.selectedIndex + by, 0), speed.length - 1);
+    if (this.remote.asks({ speed: Number(speed.options[index].value) })) return;
+    speed.selectedIndex = index;
   }
 
   zoom(index, factor) {
@@ -343,16 +350,24 @@ class Player {
   }
 
   go(step) {
+    if (this.remote.asks({ step, playing: false })) return;
     this.pause();
+    this.seek(step);
+  }
+
+  // Shows a time in steps, whether it plays or not.
+  seek(step) {
     this.time = Math.min(Math.max(step, 0), this.last);
     this.show();
   }
 
   toggle() {
-    if (this.playing) {
-      this.go(Math.round(this.time));
-      return;
-    }
+    if (this.remote.asks({ playing: !this.playing })) return;
+    if (this.playing) this.go(Math.round(this.time));
+    else this.begin();
+  }
+
+  begin() {
     if (this.time >= this.last) this.time = 0;
     this.playing = true;
     this.before = performance.now();
@@ -395,8 +410,9 @@ class Player {
     this.charts.forEach(({ curve }, index) => curve.draw(time, index > 0));
     const followed = this.worlds[this.focus];
     if (followed.selected >= 0) this.inspector.draw(Math.min(time, followed.episode.last));
-    if (this.shown === scene && this.playing && !anew) return;
+    if (this.shown === scene && (this.playing || this.remote.driven) && !anew) return;
     this.shown = scene;
+    this.remote.report(this);
     part.scrub.value = scene;
     const seconds = this.page.known_seconds ? `, ${words(scene * this.page.known_seconds)} s` : "";
     part.now.textContent = `step ${scene} of ${this.last}${seconds}`;
@@ -451,6 +467,7 @@ class Player {
 
   showButton() {
     this.part.play.textContent = this.playing ? "Pause" : "Play";
+    this.remote.report(this);
   }
 
   dark() {
@@ -468,5 +485,3 @@ class Player {
     if (this.part.now.textContent) this.show();
   }
 }
-
-const player = new Player(PAGE);

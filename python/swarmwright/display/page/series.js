@@ -1,21 +1,24 @@
-// Numbers of the episode, packed by `_series.py`.
+// Numbers of the episode, packed by `_packing.py`.
 
-function bytes(text) {
-  const raw = atob(text);
+// Returns the bytes of packed numbers: in base64 in a page, or a part of the bytes that were sent.
+function bytes({ data, at, size }) {
+  if (data === undefined) return new Uint8Array(PAGE.sent, PAGE.start + at, size);
+  const raw = atob(data);
   const result = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) result[i] = raw.charCodeAt(i);
   return result;
 }
 
+const ARRAYS = { f4: Float32Array, i4: Int32Array, u2: Uint16Array, q2: Uint16Array, u1: Uint8Array, q1: Uint8Array };
 const NO_STATE = 255;
 
 // Unpacks numbers to an array; numbers of 1 or 2 bytes are shares of a range, the largest is NaN.
-function unpack({ type, data, low, high }) {
-  const buffer = bytes(data).buffer;
-  if (type === "f4") return new Float32Array(buffer);
-  if (type === "i4") return new Int32Array(buffer);
-  const parts = type === "q2" ? new Uint16Array(buffer) : new Uint8Array(buffer);
-  if (type === "u1") return parts;
+function unpack(packed) {
+  const { type, low, high } = packed;
+  const { buffer, byteOffset, byteLength } = bytes(packed);
+  const Kind = ARRAYS[type];
+  const parts = new Kind(buffer, byteOffset, byteLength / Kind.BYTES_PER_ELEMENT);
+  if (type !== "q2" && type !== "q1") return parts;
   const none = type === "q2" ? 65535 : 255;
   const values = new Float32Array(parts.length);
   const step = (high - low) / (none - 1);
@@ -69,7 +72,7 @@ class Episode {
       this.count = 0;
       return;
     }
-    const { bodies, rays, links, trace, states } = data;
+    const { bodies, rays, links, states } = data;
     this.count = bodies.count;
     this.series = Object.fromEntries(Object.entries(bodies.series).map(([name, packed]) => [name, new Series(packed)]));
     this.agents = unpack(bodies.agents);
@@ -79,9 +82,15 @@ class Episode {
     this.rays = rays && Object.fromEntries(Object.entries(rays).map(([name, packed]) => [name, new Series(packed)]));
     this.links = links && { ends: unpack(links.ends), starts: unpack(links.starts) };
     this.states = states && { ...states, at: unpack(states.at) };
-    this.trace = trace && { ...trace, values: trace.values.map(unpack) };
+    this.traced = [];
     this.agentCount = bodies.looks.reduce((sum, [kind], index) => sum + (kind === "agent" ? bodies.most[index] : 0), 0);
     this.directed = [...this.series.heading.base].some((heading) => !Number.isNaN(heading)) || this.series.heading.width > 0;
+  }
+
+  // Returns the values of a sensor or an actuator, unpacked when an agent is first followed.
+  tracedValues(index) {
+    this.traced[index] ??= unpack(this.trace.values[index]);
+    return this.traced[index];
   }
 
   // Returns the last recorded scene at a time in steps, and the share of the time to the next scene.
