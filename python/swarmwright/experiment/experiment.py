@@ -21,7 +21,14 @@ from swarmwright.experiment.derived import find_source, steers_agents
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.launcher_entries import Entries, to_file_value
 from swarmwright.experiment.robots import subject_of
-from swarmwright.experiment.settings import ANNOUNCED, SIZES, apply, check_allowed, parse_settings
+from swarmwright.experiment.settings import (
+    ANNOUNCED,
+    SIZES,
+    Setting,
+    apply,
+    check_allowed,
+    parse_settings,
+)
 from swarmwright.experiment.start_from import find_start_genomes
 from swarmwright.experiment.unavailable import (
     UnavailableOptions,
@@ -186,7 +193,7 @@ class Experiment:
 
     def with_settings(
         self,
-        settings: Iterable[str],
+        settings: Iterable[str | Setting],
         *,
         only: Collection[str] | None = None,
         reason: str = "",
@@ -195,7 +202,7 @@ class Experiment:
         """Return a copy with settings, `KEY.PATH=VALUE` each, as in `load`; in Python, prefer `replace`.
 
         Args:
-            settings: to apply.
+            settings: to apply; also those of `parameter_settings`.
             only: the keys that may be set; None for all. If given, limits that are not set stay, as for a run
                 that continues.
             reason: why other keys may not be set, the end of a sentence.

@@ -1,6 +1,7 @@
 """Settings from the command line, KEY.PATH=VALUE, which override an experiment file."""
 
 import copy
+import json
 import re
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.common.arguments import require_list
+from swarmwright.common.arguments import mapping, require_list
 from swarmwright.common.arguments import text as argument
 from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.problems import format_value
@@ -47,14 +48,17 @@ class Setting:
         return kind or self.path == ("simulation",)
 
 
-def parse_settings(texts: Iterable[str]) -> list[Setting]:
-    """Parse settings such as `method.generations=50`; the values are YAML.
+def parse_settings(texts: Iterable[str | Setting]) -> list[Setting]:
+    """Parse settings such as `method.generations=50`; the values are YAML. Parsed settings stay.
 
     Raises InputError with all problems, one per line.
     """
     require_list("settings", texts, "settings such as method.generations=50")
     settings, problems = [], []
     for item in texts:
+        if isinstance(item, Setting):
+            settings.append(item)
+            continue
         text = argument("settings", item, "a list of texts such as method.generations=50")
         try:
             settings.append(_parse_setting(text))
@@ -62,6 +66,30 @@ def parse_settings(texts: Iterable[str]) -> list[Setting]:
             problems.append(f"--set {text}: {error}")
     if problems:
         raise InputError("\n".join(problems))
+    return settings
+
+
+def parameter_settings(parameters: Mapping[str, Any]) -> list[Setting]:
+    """Return settings that give other values to parameters of the simulation.
+
+    parameters: JSON values by key: `robots`, or `robot.drive.noise` for a part of one. Raises InputError for
+    other keys and values, and for the seed, since every episode has its own.
+    """
+    settings = []
+    for key, value in mapping("parameters", parameters, "{'robots': 40}").items():
+        name = argument("parameters", key, "names of parameters such as 'robots'")
+        try:
+            path, rest = key_path(f"{name}=")
+            if rest:
+                raise InputError(_HINT)
+            plain = json.loads(json.dumps(value, allow_nan=False))
+        except InputError:
+            raise InputError(f"parameters: {name!r} is not the name of a parameter") from None
+        except (TypeError, ValueError):
+            raise InputError(f"parameters.{name}: {value!r} found, expected a JSON value") from None
+        if path == ("seed",):
+            raise InputError("parameters.seed: has no effect here; each episode has its own seed")
+        settings.append(Setting(("parameters", *path), plain, f"parameters.{name}"))
     return settings
 
 
@@ -120,7 +148,7 @@ def check_allowed(
         raise InputError("\n".join(problems))
 
 
-def refuse_seed(texts: Iterable[str]) -> None:
+def refuse_seed(texts: Iterable[str | Setting]) -> None:
     """Raise InputError for settings of a seed, for which there is a separate option."""
     for setting in parse_settings(texts):
         if setting.path in {("seed",), ("parameters", "seed")}:
@@ -140,7 +168,8 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
     ordered = _sort(settings)
     if not ordered or not isinstance(source.values, Mapping | None):
         return source
-    values, paths = copy.deepcopy(dict(source.values or {})), [assignment.path for assignment in ordered]
+    values = copy.deepcopy(dict(source.values or {}))
+    paths = [setting.path for setting in ordered if not _is_count(setting)]
 
     def folder(path: Path_) -> Path:
         return source.folder(("parameters", *path))
@@ -171,6 +200,11 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
             continue
         _assign(changed, setting)
     return changed
+
+
+def _is_count(setting: Setting) -> bool:
+    """Return whether a setting says how many robots there are, but not which ones."""
+    return setting.path[-1] == "robots" and isinstance(setting.value, int)
 
 
 def _sort(settings: Iterable[Setting]) -> list[Setting]:

@@ -1,7 +1,8 @@
 """A replay as a page that notebooks display."""
 
 import html
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -9,7 +10,12 @@ from typing import TYPE_CHECKING, Any, Self
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
-from swarmwright.display.page import format_page
+from swarmwright.display import Recording
+from swarmwright.display.files import FORMATS
+from swarmwright.display.files import save as save_scenes
+from swarmwright.display.page import format_page, format_picture_page, pack_page, pack_picture_page
+from swarmwright.display.pictures import PictureRecording
+from swarmwright.display.pictures import save as save_pictures
 from swarmwright.runs.replay import Replay
 
 if TYPE_CHECKING:
@@ -24,31 +30,58 @@ class ReplayPage:
     """Title with the simulation, the controller and the episode."""
     fitness: float
     """Fitness of the episode."""
-    html: str
-    """The page: a self-contained HTML document."""
+    seed: int
+    """Seed of the simulation."""
+    _replay: Replay = field(repr=False, compare=False)
+    _recording: Recording | PictureRecording = field(repr=False, compare=False)
+    _speed: float = field(repr=False, compare=False)
 
     @classmethod
     def of(cls, run: "Run", *, speed: float = 1.0, **options: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
         """Compute the episode; see `Run.replay`."""
         replay = Replay.of(run, **options)
-        recording = replay.recording()
-        return cls(
-            replay.title,
-            recording.fitness,
-            format_page([replay.part(recording)], caption=replay.caption(recording), speed=speed),
-        )
+        recording = replay.pictures() if replay.is_pictured else replay.recording()
+        return cls(replay.title, recording.fitness, replay.seed, replay, recording, speed)
+
+    @cached_property
+    def html(self) -> str:
+        """The page: a self-contained HTML document."""
+        caption = self._replay.caption(self._recording)
+        if isinstance(self._recording, PictureRecording):
+            return format_picture_page(self._recording, caption=caption, speed=self._speed)
+        return format_page([self._replay.part(self._recording)], caption=caption, speed=self._speed)
+
+    @cached_property
+    def packed(self) -> bytes:
+        """The episode for a page of `swarmwright.display.page.format_player` that is open already."""
+        caption = self._replay.caption(self._recording)
+        if isinstance(self._recording, PictureRecording):
+            return pack_picture_page(self._recording, caption=caption, speed=self._speed)
+        return pack_page([self._replay.part(self._recording)], caption=caption, speed=self._speed)
 
     @check_arguments
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the page for a browser; `swarmwright replay --save` writes pictures and videos.
+        """Write the page (.html), an animation (.gif), a video (.mp4) or a picture of all paths (.png).
 
-        Raises InputError for a suffix other than .html, and when the file cannot be written.
+        Raises InputError for another suffix, when ffmpeg is missing for a video, and when the file cannot be
+        written.
         """
-        if Path(path).suffix.lower() not in {".html", ".htm"}:
-            raise InputError(
-                f"path: {path}: must end with .html; use `swarmwright replay --save` for other formats"
-            )
-        write_text(path, self.html)
+        file = Path(path)
+        ending = file.suffix.lower()
+        if ending in {".html", ".htm"}:
+            write_text(file, self.html)
+            return
+        if ending not in FORMATS:
+            raise InputError(f"path: {path}: must end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
+        caption = self._replay.caption(self._recording)
+        try:
+            if isinstance(self._recording, PictureRecording):
+                save_pictures(self._recording, file, caption=caption, speed=self._speed)
+            else:
+                part = self._replay.part(self._recording)
+                save_scenes([part], file, caption=caption, speed=self._speed)
+        except OSError as error:
+            raise InputError(f"path: {path}: cannot be written: {error.strerror or error}") from error
 
     def _repr_html_(self) -> str:
         """Return a frame that isolates the page from the scripts and styles of the notebook."""

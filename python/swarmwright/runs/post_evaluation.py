@@ -21,6 +21,7 @@ from swarmwright.common.statistics import Estimate, estimate, quantile
 from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.experiment import Experiment, as_experiment
+from swarmwright.experiment.settings import parameter_settings
 from swarmwright.methods.rankings import Ranking
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.store import Evaluation
@@ -251,6 +252,7 @@ def post_evaluate(
     episodes: int = EPISODES,
     seed: SupportsIndex | None = None,
     experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
+    parameters: Mapping[str, Any] | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
@@ -268,6 +270,7 @@ def post_evaluate(
     episodes: int = EPISODES,
     seed: SupportsIndex | None = None,
     experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
+    parameters: Mapping[str, Any] | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
@@ -285,6 +288,7 @@ def post_evaluate(
     episodes: int = EPISODES,
     seed: SupportsIndex | None = None,
     experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
+    parameters: Mapping[str, Any] | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
@@ -310,6 +314,8 @@ def post_evaluate(
             for the validation, and for the experiment; choose another seed for fresh episodes.
         experiment: replaces the run's experiment, for example to change parameters; numbers of sensors and
             actuators must be the same.
+        parameters: other values for parameters of the simulation, with keys such as `robots` or
+            `robot.drive.noise`.
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`.
@@ -335,6 +341,7 @@ def post_evaluate(
     if experiment is not None:
         experiment = as_experiment(experiment)
     where = EvaluationOptions.of(episodes, seed, broker, servers, on_progress, metrics)
+    changes = parameter_settings(parameters or {})
     if controller is not None:
         if candidate is not None or generation is not None:
             raise InputError(
@@ -347,13 +354,15 @@ def post_evaluate(
             experiment = resolve_experiment(run, None) if isinstance(run, Run) else as_experiment(run)
         if not isinstance(controller, Controller):
             controller = Controller.load(controller)
-        return evaluate_controllers({"controller": controller}, experiment, where, used)[0]
+        return evaluate_controllers(
+            {"controller": controller}, experiment.with_settings(changes), where, used
+        )[0]
     if isinstance(run, Experiment | Mapping):
         raise InputError("run: an experiment has no candidates; specify controller=..")
     run = open_run(run)
     evaluation = run.evaluation(candidate, generation)
     experiment = experiment or resolve_experiment(run, evaluation.generation)
-    return evaluate_candidates(run, [evaluation], experiment, where)[0]
+    return evaluate_candidates(run, [evaluation], experiment.with_settings(changes), where)[0]
 
 
 class EvaluationOptions(NamedTuple):

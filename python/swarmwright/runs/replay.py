@@ -45,8 +45,8 @@ class Replay(ShownEpisode):
     """Index of the episode; None if the run did not have it."""
     controller_run: "Run | None" = None
     """The run that the controller is a candidate of, if it is another run."""
-    settings: tuple[str, ...] = ()
-    """Changed parameters and fitness, each `KEY.PATH=VALUE`."""
+    settings: tuple[str | Setting, ...] = ()
+    """Changed parameters and fitness, each `KEY.PATH=VALUE`, or parsed."""
 
     @classmethod
     def of(
@@ -59,7 +59,7 @@ class Replay(ShownEpisode):
         episode: int | None = None,
         seed: int | None = None,
         simulation: str | type | None = None,
-        settings: Iterable[str] = (),
+        settings: Iterable[str | Setting] = (),
         broker: str | None = None,
         prefix: str | None = None,
     ) -> Self:

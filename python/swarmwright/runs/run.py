@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,6 +22,7 @@ from swarmwright.common.statistics import Summary
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.budget import EndReason
 from swarmwright.experiment.experiment import Experiment, load_stored_experiment
+from swarmwright.experiment.settings import parameter_settings
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.runs.annotations import read_annotations, write_annotations
@@ -483,6 +484,7 @@ class Run:
         candidate: int | None = None,
         episode: int | None = None,
         seed: SupportsIndex | None = None,
+        parameters: Mapping[str, Any] | None = None,
         speed: float = 1.0,
         broker: str | None = None,
     ) -> "ReplayPage":
@@ -493,12 +495,14 @@ class Run:
             candidate: as in `evaluation`; by default the best.
             episode: index of an episode of the run, by default 0.
             seed: simulation seed, for an episode that is not in the run.
+            parameters: other values for parameters of the simulation, with keys such as `robots` or
+                `robot.drive.noise`.
             speed: initial speed of the animation, as a multiple of the simulated time.
             broker: compute the episode on a server on this broker that has scenes, for simulations that are
                 not installed here.
 
         Raises InputError when the simulation is not installed and no broker is known, or the candidate or
-        episode does not exist; RunError when no server shows it.
+        episode does not exist, or the simulation refuses a parameter; RunError when no server shows it.
         """
         from swarmwright.runs.page import ReplayPage
 
@@ -510,6 +514,7 @@ class Run:
             candidate=candidate,
             episode=episode,
             seed=None if seed is None else index(seed),
+            settings=parameter_settings(parameters or {}),
             speed=speed,
             broker=broker,
         )
