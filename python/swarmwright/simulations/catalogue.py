@@ -11,7 +11,7 @@ from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.simulation_names import MISSIONS, is_command, is_python
 from swarmwright.common.warn_once import warn_once
-from swarmwright.simulations.parameters import ParameterMistake, fill_parameters, find_mistakes
+from swarmwright.simulations.parameters import Parameter, ParameterMistake, fill_parameters, find_mistakes
 
 if TYPE_CHECKING:
     from swarmwright.common.engine_types import Description
@@ -348,6 +348,27 @@ def groups(simulation: str, parameters: dict[str, Any]) -> list[DeclaredGroup]:
 def parameter_names(simulation: str) -> list[str]:
     """Return the names of the parameters of a local simulation, including the seed."""
     return list(dict.fromkeys([*description(simulation)["parameters"], "seed"]))
+
+
+def declared_parameters(simulation: str) -> Mapping[str, Parameter]:
+    """Return the parameters of a local simulation, without the seed.
+
+    Built-in simulations declare no limits and no choices, only defaults. Raises InputError for a class that
+    cannot be loaded.
+    """
+    if _engine_title(simulation) is None:
+        declared: Mapping[str, Parameter] = _python_description(simulation).parameters
+        return declared
+    return {
+        name: Parameter(parameter["default"], parameter["description"])
+        for name, parameter in description(simulation)["parameters"].items()
+        if name != "seed"
+    }
+
+
+def mission_names() -> list[str]:
+    """Return the names of the arena's built-in missions."""
+    return [mission["name"] for mission in _engine.missions()]
 
 
 def declares_boolean(simulation: str, name: str) -> bool:
