@@ -1,10 +1,11 @@
 """Recorded episodes, and options for drawing them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 from swarmwright.common.engine_types import SceneFields
+from swarmwright.common.errors import InputError
 from swarmwright.common.groups import Kind
 from swarmwright.display._bodies import Bodies, scene_from_arrays
 from swarmwright.display._scene import Scene
@@ -68,21 +69,53 @@ class Recording:
         return self.fitness_so_far[-1]
 
 
-def record(episode: Playable) -> Recording:
-    """Step an episode to its end and record every scene, and sensors and actuators if available."""
+_LEAST_BODIES = 50
+"""Bodies that a scene counts for at least: scenes without any need memory, too."""
+
+
+def record(episode: Playable, most_bodies: int | None = None) -> Recording:
+    """Step an episode to its end and record every scene, and sensors and actuators if available.
+
+    most_bodies: largest number of bodies in all scenes together; a scene counts as 50 bodies at least. Raises
+    InputError for an episode that has more.
+    """
+    *_, (whole, _) = record_in_parts(episode, most_bodies=most_bodies)
+    return whole
+
+
+def record_in_parts(
+    episode: Playable, beginning: int | None = None, *, most_bodies: int | None = None
+) -> Iterator[tuple[Recording, bool]]:
+    """Record an episode as `record`; yield its beginning, if the episode is longer, and the whole.
+
+    Each comes with whether it is the whole. beginning: steps, at least 1; None: only the whole.
+    """
     tracer = Tracer.from_episode(episode)
     reader = _SceneReader(episode)
     scenes = [reader.read()]
     fitness_so_far = [episode.fitness]
+    bodies = 0
+
+    def recorded() -> Recording:
+        trace = None if tracer is None else tracer.trace()
+        return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size, trace)
+
     while not episode.done:
+        if len(scenes) - 1 == beginning:
+            yield recorded(), False
+        bodies += max(len(scenes[-1].bodies), _LEAST_BODIES)
+        if most_bodies is not None and bodies > most_bodies:
+            raise InputError(
+                f"the episode is too long to be shown: it goes on after {len(scenes) - 1:,} steps with "
+                f"{len(scenes[-1].bodies):,} bodies; choose fewer robots or a shorter episode"
+            )
         if tracer is None:
             episode.step()
         else:
             tracer.step()
         scenes.append(reader.read())
         fitness_so_far.append(episode.fitness)
-    trace = None if tracer is None else tracer.trace()
-    return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size, trace)
+    yield recorded(), True
 
 
 class _SceneReader:
@@ -102,15 +135,15 @@ class _SceneReader:
         if self._arrays is None:
             return Scene.from_fields(self._episode.scene())
         arrays = self._arrays()
-        surroundings = {name: value for name, value in arrays["scene"].items() if name != "step"}
+        surroundings = dict(arrays["scene"])
+        step = arrays["scene"]["step"]
+        del surroundings["step"]
         if self._previous is None or surroundings != self._surroundings:
             self._surroundings = surroundings
             self._previous = scene_from_arrays(arrays)
         else:
             bodies = Bodies.from_arrays(arrays["bodies"], arrays["rays"])
-            self._previous = replace(
-                self._previous, step=arrays["scene"]["step"], bodies=bodies, links=arrays["links"]
-            )
+            self._previous = self._previous.with_bodies(step, bodies, arrays["links"])  # type: ignore[arg-type] # rows are pairs
         return self._previous
 
 

@@ -226,8 +226,8 @@ def _fits(widths: list[float], columns: int) -> bool:
 def scale_of(recording: Recording) -> Scale | None:
     """Return the range of the bodies' values: that of the scenes, or from the smallest to the largest."""
     declared = next((scene.scale for scene in recording.scenes if scene.scale is not None), None)
-    body_values = [Bodies.from_bodies(scene.bodies).value for scene in recording.scenes]
-    values = np.concatenate([value[~np.isnan(value)] for value in body_values])
+    values = np.concatenate([Bodies.from_bodies(scene.bodies).value for scene in recording.scenes])
+    values = values[~np.isnan(values)]
     if not len(values):
         return None
     if declared is not None:
@@ -241,6 +241,8 @@ def find_directed(recording: Recording) -> set[tuple[str, str]]:
     looks: set[tuple[str, str]] = set()
     for scene in recording.scenes:
         bodies = Bodies.from_bodies(scene.bodies)
+        if looks.issuperset(bodies.looks):
+            continue
         headed = bodies.look[~np.isnan(bodies.heading)]
         looks |= {bodies.looks[index] for index in np.flatnonzero(np.bincount(headed))}
     return {look for look in looks if look[0] not in {LED, STRETCH}}

@@ -64,11 +64,13 @@ class Tracer:
         """Step the episode."""
         agents, sensors, actuators = self._episode.step_observed()
         most = MOST_NUMBERS // max(1, 200 * (sensors.shape[1] + actuators.shape[1]))
-        few = agents < max(most, 1)
-        numbers = sum(part.size for part in (sensors[few], actuators[few]))
+        if len(agents) and int(agents.max()) >= max(most, 1):
+            few = agents < max(most, 1)
+            agents, sensors, actuators = agents[few], sensors[few], actuators[few]
+        numbers = sensors.size + actuators.size
         if self._number_count + numbers <= MOST_NUMBERS:
             self._number_count += numbers
-            self._steps.append((agents[few], sensors[few], actuators[few]))
+            self._steps.append((agents, sensors, actuators))
         self._record_step()
 
     def _record_step(self) -> None:
@@ -89,9 +91,11 @@ class Tracer:
         agents = max((int(step[0].max()) + 1 for step in steps if len(step[0])), default=0)
         widths = [steps[0][part].shape[1] if steps else 0 for part in (1, 2)]
         arrays = [np.full((len(steps), agents, width), np.nan, dtype=np.float32) for width in widths]
-        for index, (agent_indices, *numbers) in enumerate(steps):
-            for array, values in zip(arrays, numbers, strict=True):
-                array[index, agent_indices] = values
+        if steps:
+            rows = np.repeat(np.arange(len(steps)), [len(step[0]) for step in steps])
+            columns = np.concatenate([step[0] for step in steps])
+            for part, array in enumerate(arrays, start=1):
+                array[rows, columns] = np.concatenate([step[part] for step in steps])
         agent_count = max((len(states) for states in self._states), default=0)
         states = np.zeros((len(self._states), agent_count), dtype=np.int16)
         for index, recorded in enumerate(self._states):

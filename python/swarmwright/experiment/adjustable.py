@@ -1,14 +1,13 @@
-"""The parameters of an experiment's simulation that a person can change one by one: numbers, texts, choices."""
+"""The parameters of a simulation that a person can change one by one: numbers, texts, choices."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.ranges import E_PUCKS, PRESETS
 from swarmwright.experiment.robots import mission_of, robot_of
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.parameters import Parameter
 
 Kind = Literal["integer", "number", "boolean", "string"]
 _KINDS: dict[type, Kind] = {bool: "boolean", int: "integer", float: "number", str: "string"}
@@ -108,9 +107,7 @@ def _iter_arena(found: list[Adjustable], parameters: Mapping[str, Any]) -> Itera
     mission = mission_of(parameters.get("mission")) or {}
     missions = tuple(catalogue.mission_names())
     for adjustable in found:
-        if adjustable.key == "mission":
-            adjustable = Adjustable(**{**vars(adjustable), "choices": missions})
-        yield adjustable
+        yield replace(adjustable, choices=missions) if adjustable.key == "mission" else adjustable
     declared = catalogue.declared_parameters(catalogue.ARENA)
     for name in ("robots", "duration"):
         value = mission.get(name)
@@ -126,4 +123,4 @@ def _iter_arena(found: list[Adjustable], parameters: Mapping[str, Any]) -> Itera
             yield Adjustable(key, "number", value, minimum=0.0, maximum=1.0)
     # Of a mission by name, the parts that can be set.
     parts = _iter_parts({key: mission[key] for key in mission if key not in parameters}, ("mission",))
-    yield from (Adjustable(**{**vars(part), "is_set": False}) for part in parts)
+    yield from (replace(part, is_set=False) for part in parts)

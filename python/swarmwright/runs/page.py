@@ -1,6 +1,7 @@
 """A replay as a page that notebooks display."""
 
 import html
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
@@ -16,6 +17,7 @@ from swarmwright.display.files import save as save_scenes
 from swarmwright.display.page import format_page, format_picture_page, pack_page, pack_picture_page
 from swarmwright.display.pictures import PictureRecording
 from swarmwright.display.pictures import save as save_pictures
+from swarmwright.experiment.settings import parameter_settings
 from swarmwright.runs.replay import Replay
 
 if TYPE_CHECKING:
@@ -37,10 +39,17 @@ class ReplayPage:
     _speed: float = field(repr=False, compare=False)
 
     @classmethod
-    def of(cls, run: "Run", *, speed: float = 1.0, **options: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
+    def of(
+        cls,
+        run: "Run",
+        *,
+        speed: float = 1.0,
+        most_bodies: int | None = None,
+        **options: Any,  # noqa: ANN401 - as `Replay.of` takes it
+    ) -> Self:
         """Compute the episode; see `Run.replay`."""
         replay = Replay.of(run, **options)
-        recording = replay.pictures() if replay.is_pictured else replay.recording()
+        recording = replay.pictures() if replay.is_pictured else replay.recording(most_bodies)
         return cls(replay.title, recording.fitness, replay.seed, replay, recording, speed)
 
     @cached_property
@@ -50,14 +59,6 @@ class ReplayPage:
         if isinstance(self._recording, PictureRecording):
             return format_picture_page(self._recording, caption=caption, speed=self._speed)
         return format_page([self._replay.part(self._recording)], caption=caption, speed=self._speed)
-
-    @cached_property
-    def packed(self) -> bytes:
-        """The episode for a page of `swarmwright.display.page.format_player` that is open already."""
-        caption = self._replay.caption(self._recording)
-        if isinstance(self._recording, PictureRecording):
-            return pack_picture_page(self._recording, caption=caption, speed=self._speed)
-        return pack_page([self._replay.part(self._recording)], caption=caption, speed=self._speed)
 
     @check_arguments
     def save(self, path: str | PathLike[str]) -> None:
@@ -93,3 +94,50 @@ class ReplayPage:
     def __repr__(self) -> str:
         """Return the title and the fitness."""
         return f"<ReplayPage {self.title}, fitness {self.fitness + 0.0:.6g}>"
+
+
+@dataclass(frozen=True)
+class PackedEpisode:
+    """An episode for a player that is open: a page of `swarmwright.display.page.format_player`."""
+
+    seed: int
+    """Seed of the simulation."""
+    content: bytes
+    is_whole: bool
+    """Whether it goes to the end of the episode."""
+
+
+def pack_replay(
+    run: "Run",
+    *,
+    beginning: int,
+    parameters: Mapping[str, Any] | None = None,
+    most_bodies: int | None = None,
+    **options: Any,  # noqa: ANN401 - as `Replay.of` takes it
+) -> Iterator[PackedEpisode]:
+    """Yield the beginning of an episode of a run as soon as it is computed, and then the whole.
+
+    A short episode, and one in pictures, comes as a whole only.
+
+    Args:
+        run: has the candidate.
+        beginning: steps, at least 1.
+        parameters: as in `Run.replay`.
+        most_bodies: as in `Run.replay`.
+        options: generation, candidate, episode, seed and broker, as in `Run.replay`.
+
+    Raises the errors of `Run.replay`.
+    """
+    replay = Replay.of(run, settings=parameter_settings(parameters or {}), **options)
+    if replay.is_pictured:
+        drawn = replay.pictures()
+        yield PackedEpisode(
+            replay.seed, pack_picture_page(drawn, caption=replay.caption(drawn)), is_whole=True
+        )
+        return
+    for recording, is_whole in replay.recordings(beginning, most_bodies):
+        # The fitness of the episode is that at its end.
+        caption = replay.caption(recording if is_whole else None)
+        yield PackedEpisode(
+            replay.seed, pack_page([replay.part(recording)], caption=caption), is_whole=is_whole
+        )

@@ -485,6 +485,7 @@ class Run:
         episode: int | None = None,
         seed: SupportsIndex | None = None,
         parameters: Mapping[str, Any] | None = None,
+        most_bodies: int | None = None,
         speed: float = 1.0,
         broker: str | None = None,
     ) -> "ReplayPage":
@@ -497,6 +498,8 @@ class Run:
             seed: simulation seed, for an episode that is not in the run.
             parameters: other values for parameters of the simulation, with keys such as `robots` or
                 `robot.drive.noise`.
+            most_bodies: refuse an episode with more bodies in all scenes together, where a scene counts as
+                50 bodies at least.
             speed: initial speed of the animation, as a multiple of the simulated time.
             broker: compute the episode on a server on this broker that has scenes, for simulations that are
                 not installed here.
@@ -515,6 +518,7 @@ class Run:
             episode=episode,
             seed=None if seed is None else index(seed),
             settings=parameter_settings(parameters or {}),
+            most_bodies=most_bodies,
             speed=speed,
             broker=broker,
         )

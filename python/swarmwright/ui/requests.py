@@ -54,3 +54,16 @@ def read_index(value: Any) -> int:  # noqa: ANN401 - JSON
     if isinstance(value, bool) or not isinstance(value, int):
         raise InputError(f"{str(value)[:50]!r}: must be a whole number")
     return value
+
+
+def read_whole(value: Any, name: str) -> int:  # noqa: ANN401 - JSON
+    """Return a whole number of a request, or a text that is one, as fields of forms have it.
+
+    Raises InputError for anything else.
+    """
+    try:
+        if isinstance(value, str) and len(value) <= MOST_DIGITS:
+            return int(value)
+        return read_index(value)
+    except (ValueError, InputError):
+        raise InputError(f"{name}: must be a whole number, not {str(value)[:50]!r}") from None

@@ -6,6 +6,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Hashable
 from pathlib import Path
+from typing import TypeVar, cast
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -24,6 +25,8 @@ REPLAY_BYTES = 64 << 20
 """Pages of replays that are kept."""
 MOST_OPENED = 20
 """Runs that are kept open."""
+
+Page = TypeVar("Page", str, bytes)
 
 
 class Window:
@@ -44,7 +47,7 @@ class Window:
         self.jobs = Jobs(folder)
         self._read_only = read_only
         self._opened: OrderedDict[str, tuple[object, Run]] = OrderedDict()
-        self._pages: OrderedDict[Hashable, str] = OrderedDict()
+        self._pages: OrderedDict[Hashable, str | bytes] = OrderedDict()
         self._lock = threading.Lock()
         self.figures = threading.Lock()
         self._changed = asyncio.Condition()
@@ -82,7 +85,10 @@ class Window:
 
     def run(self, request: Request) -> Run:
         """Return the run that a request names, opened anew where it has changed."""
-        name = request.query_params.get("run", "")
+        return self.run_of(request.query_params.get("run", ""))
+
+    def run_of(self, name: str) -> Run:
+        """Return a run by its id, opened anew where it has changed."""
         row = self.index.row(name)
         with self._lock:
             opened = self._opened.get(name)
@@ -96,7 +102,7 @@ class Window:
                 self._opened.popitem(last=False)
         return run
 
-    def keep_page(self, key: Hashable, page: str) -> None:
+    def keep_page(self, key: Hashable, page: str | bytes) -> None:
         """Keep a page, as of an episode, as long as it is among the newest."""
         with self._lock:
             self._pages[key] = page
@@ -104,14 +110,14 @@ class Window:
             while sum(map(len, self._pages.values())) > REPLAY_BYTES and len(self._pages) > 1:
                 self._pages.popitem(last=False)
 
-    def page(self, key: Hashable, make: Callable[[], str] | None = None) -> str:
+    def page(self, key: Hashable, make: Callable[[], Page] | None = None) -> Page:
         """Return a page that is kept, or make and keep it. Raises InputError where there is none to make."""
         with self._lock:
             if key in self._pages:
                 self._pages.move_to_end(key)
-                return self._pages[key]
+                return cast("Page", self._pages[key])
         if make is None:
             raise InputError("this page is not kept any more; make it again")
-        page = make()
-        self.keep_page(key, page)
-        return page
+        made = make()
+        self.keep_page(key, made)
+        return made

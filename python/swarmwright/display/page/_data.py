@@ -8,7 +8,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Part, Shown
@@ -163,11 +163,8 @@ def _episode(part: Part) -> dict[str, Any]:
         "height": first.height,
         "origin": list(first.origin),
         "grid": first.grid,
-        "fitness": [_number(value, 9) for value in recording.fitness_so_far],
-        "metrics": {
-            name: [_number(value, 6) for value in values.tolist()]
-            for name, values in (trace.metrics if trace else {}).items()
-        },
+        "fitness": _numbers(recording.fitness_so_far, 9),
+        "metrics": {name: _numbers(values, 6) for name, values in (trace.metrics if trace else {}).items()},
         "stride": stride,
         "keys": pack(np.array(keys), "i4"),
         "bodies": _bodies(key_bodies),
@@ -388,7 +385,7 @@ def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, An
                 "height": images[0].height,
                 "origin": [0, 0],
                 "grid": False,
-                "fitness": [_number(value, 9) for value in recording.fitness_so_far],
+                "fitness": _numbers(recording.fitness_so_far, 9),
                 "metrics": {},
                 "pictures": [_jpeg(image) for image in images],
                 "picture_steps": [recording.steps[index] for index in chosen],
@@ -404,8 +401,16 @@ def _jpeg(image: "Image") -> str:
     return f"data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
-def _number(value: float, digits: int) -> float | None:
-    return float(f"{value + 0.0:.{digits}g}") if math.isfinite(value) else None
+def _numbers(values: ArrayLike, digits: int) -> list[float | None]:
+    """Return values with so many significant digits; None for those that are not finite."""
+    exact = np.asarray(values, dtype=np.float64) + 0.0
+    is_finite = np.isfinite(exact) & (exact != 0)
+    size = np.log10(np.abs(exact, where=is_finite, out=np.ones_like(exact)))
+    # Factors of numbers near the ends of binary64 would be infinite or 0: these stay exact.
+    is_rounded = is_finite & (np.abs(size) < 280)
+    factor = 10.0 ** (digits - 1 - np.floor(np.where(is_rounded, size, 0.0)))
+    rounded = np.where(is_rounded, np.rint(exact * factor) / factor, exact)
+    return [value if math.isfinite(value) else None for value in rounded.tolist()]
 
 
 NO_STATE = 255

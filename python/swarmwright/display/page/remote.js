@@ -33,8 +33,7 @@ class Remote {
   play() {
     player = new Player(PAGE, this);
     const { last, page, part } = player;
-    // The first picture is on the screen with the next frame.
-    requestAnimationFrame(() => this.tell("ready", { last, stepSeconds: page.step_seconds, speed: Number(part.speed.value) }));
+    this.tell("ready", { last, stepSeconds: page.step_seconds, speed: Number(part.speed.value) });
   }
 
   take({ episode, driven, play, pause, step, speed, theme: chosen }) {

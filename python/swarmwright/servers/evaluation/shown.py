@@ -13,7 +13,7 @@ from swarmwright.controllers.controller import Controller
 from swarmwright.controllers.kinds import describe_controller
 from swarmwright.controllers.machines import machines_of
 from swarmwright.controllers.modules.played import PlayedEpisode
-from swarmwright.display import Caption, Part, Playable, Recording, record
+from swarmwright.display import Caption, Part, Playable, Recording, record, record_in_parts
 from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictured, PictureRecording
 from swarmwright.display.pictures import record as record_pictures
@@ -108,19 +108,32 @@ class ShownEpisode:
         host = catalogue.make_drawing_host(self.experiment.simulation)
         return Pictured(self._episode(host), host.picture)
 
-    def recording(self) -> Recording:
+    def recording(self, most_bodies: int | None = None) -> Recording:
         """Play the episode and record its scenes.
 
-        Raises RunError if a server cannot compute or show it.
+        most_bodies: in all scenes together, see `record`; episodes of servers have no limit.
+
+        Raises RunError if a server cannot compute or show it, InputError if it has more bodies.
         """
         if self.broker is None:
-            return record(self.episode())
+            return record(self.episode(), most_bodies)
 
         def make() -> tuple[_engine.RemoteEpisode, Playable]:
             episode = self._remote()
             return episode, self._apply_fitness(episode)
 
         return remote.record_episode(make)
+
+    def recordings(self, beginning: int, most_bodies: int | None = None) -> Iterator[tuple[Recording, bool]]:
+        """Play the episode; yield the recording of its first steps, if it is longer, and of the whole.
+
+        Each comes with whether it is the whole. An episode of a server is recorded as a whole. beginning:
+        steps. Otherwise as `recording`.
+        """
+        if self.broker is None:
+            yield from record_in_parts(self.episode(), beginning, most_bodies=most_bodies)
+        else:
+            yield self.recording(), True
 
     def _remote(self) -> _engine.RemoteEpisode:
         parameters = {**self.experiment.parameters, "seed": self.seed}

@@ -56,6 +56,38 @@ export async function ask(path, parameters = {}) {
   return body;
 }
 
+const PART_HEAD = 8; // bytes: kind and length of a part
+
+/** Asks the server for something in parts; calls back with kind, content and headers of each as it comes. `signal` may give up. */
+export async function askParts(path, parameters, signal, took) {
+  const query = Object.entries(parameters).filter(([, value]) => value !== null && value !== undefined);
+  const response = await fetch(`api/${path}?${new URLSearchParams(query)}`, { signal });
+  if (!response.ok) {
+    const isJson = (response.headers.get("content-type") ?? "").includes("json");
+    throw new Error(isJson ? (await response.json()).error : `${path}: the server answered ${response.status}`);
+  }
+  const reader = response.body.getReader();
+  const head = new Uint8Array(PART_HEAD);
+  let content = null;
+  let filled = 0;
+  for (;;) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    for (let at = 0; at < value.length;) {
+      const target = content ?? head;
+      const taken = value.subarray(at, at + target.length - filled);
+      target.set(taken, filled);
+      [at, filled] = [at + taken.length, filled + taken.length];
+      if (filled < target.length) break;
+      const view = new DataView(head.buffer);
+      if (content) took(view.getUint32(0, true), content.buffer, response.headers);
+      content = content ? null : new Uint8Array(view.getUint32(4, true));
+      filled = 0;
+    }
+  }
+  if (content || filled) throw new Error(`${path}: the answer of the server ended early`);
+}
+
 /** Asks the server to change something. */
 export async function change(name, values) {
   const response = await fetch(`api/${name}`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(values) });

@@ -1,9 +1,10 @@
 // The page of a run: its curve with every evaluation, replays by click, experiment, servers, journal.
 import { ask, change, date, duration, figure, h, problem } from "./dom.js";
 import { LearningCurve } from "./curve.js";
+import { Export } from "./export.js";
+import { Panes } from "./panes.js";
 import { store } from "./store.js";
-
-const MOST_PANES = 4;
+import { WhatIf } from "./what_if.js";
 
 function facts(entries) {
   return h("dl", { class: "facts" }, entries
@@ -35,11 +36,13 @@ function heldOutWords(heldOut) {
   return `${figure(heldOut.mean)}${interval}${failed}`;
 }
 
-export function show(view, _query, id) {
+export function show(view, query, id) {
   const head = h("div", { class: "run-head" });
   const chart = h("div", { class: "chart" });
   const chosen = h("div", { class: "chosen" });
-  const panes = h("div", { class: "panes" });
+  const panes = new Panes(id, { changed: panesChanged });
+  const whatIf = new WhatIf(id, { chosen: chosenCandidate, replayed: vary });
+  const exporting = new Export(id, { chosen: chosenCandidate, episode: () => ({ ...panes.episode, parameters: variant?.parameters ?? {} }) });
   const tabs = h("div", { class: "tabs" });
   const curve = new LearningCurve(chart, { click: choose });
   let details = null;
@@ -48,16 +51,32 @@ export function show(view, _query, id) {
   let leaveTab = () => {};
   let version = 0;
 
-  const candidate = { generation: number("generation"), candidate: number("candidate"), seed: number("seed") };
+  let variant = null; // the pane with other parameters
+
+  const candidate = { generation: number("generation"), candidate: number("candidate") };
+  const typed = () => Object.fromEntries(Object.entries(candidate).filter(([, input]) => input.value !== "").map(([key, input]) => [key, input.value]));
+  const seed = number("seed");
+  const episode = h("select", { "aria-label": "episode", change: () => {
+    seed.value = "";
+    panes.choose({ episode: episode.value });
+  } }, h("option", { value: "0" }, "0"));
+  seed.addEventListener("change", () => panes.choose(seed.value === "" ? { episode: episode.value } : { seed: seed.value }));
+  const toggles = [whatIf, exporting].map((panel) => h("button", { type: "button", "aria-expanded": "false", click: () => {
+    const isOpen = panel.element.hidden;
+    if (isOpen) panel.open();
+    else panel.close();
+    toggles[[whatIf, exporting].indexOf(panel)].setAttribute("aria-expanded", String(isOpen));
+  } }, panel === whatIf ? "What if…" : "Export…"));
   const form = h("form", { class: "tools", submit: (event) => {
     event.preventDefault();
-    replay(Object.fromEntries(Object.entries(candidate).filter(([, input]) => input.value !== "").map(([key, input]) => [key, input.value])), false);
+    replay(typed(), event.submitter?.name === "beside");
   } },
   h("button", { type: "button", class: "primary", click: () => replay({}, false) }, "▶ Watch the best"),
   h("label", {}, "generation ", candidate.generation), h("label", {}, "candidate ", candidate.candidate),
-  h("label", {}, "seed ", candidate.seed),
-  h("button", { type: "submit" }, "Watch"),
-  h("button", { type: "button", click: () => { panes.replaceChildren(); chosen.replaceChildren(); } }, "Close"));
+  h("button", { type: "submit" }, "Watch"), h("button", { type: "submit", name: "beside" }, "Beside"),
+  h("label", { title: "Of the run" }, "episode ", episode), h("label", { title: "Of another episode, the same in all replays" }, "seed ", seed),
+  ...toggles,
+  h("button", { type: "button", click: () => { panes.clear(); chosen.replaceChildren(); } }, "Close"));
 
   const generations = h("input", { type: "number", min: 1, step: 1, "aria-label": "generations in all", placeholder: "generations" });
   const message = h("span", { role: "status" });
@@ -75,7 +94,7 @@ export function show(view, _query, id) {
   }
 
   view.append(head, actions ?? "", chart, h("p", { class: "hint" }, "Every evaluation is a point: click one to watch it, shift-click to watch it beside the others. Drag to zoom, double-click to see all."),
-    form, chosen, panes, tabs);
+    form, whatIf.element, exporting.element, chosen, panes.controls, panes.element, tabs);
 
   function number(name) {
     return h("input", { type: "number", min: 0, step: 1, name, "aria-label": name });
@@ -88,6 +107,7 @@ export function show(view, _query, id) {
       if (isGone || asked !== version) return;
       details = now;
       drawHead();
+      offerEpisodes();
       curve.update(now, density);
       if (!isTabbed) {
         isTabbed = true;
@@ -138,15 +158,40 @@ export function show(view, _query, id) {
     }
   }
 
+  function offerEpisodes() {
+    if (episode.length !== details.episodes) episode.replaceChildren(...Array.from({ length: details.episodes }, (_, index) => h("option", { value: index }, String(index))));
+  }
+
   function replay(which, isBeside) {
-    const query = new URLSearchParams({ run: id, ...which });
-    const name = which.candidate === undefined ? "the best candidate" : `candidate ${which.candidate} of generation ${which.generation ?? "?"}`;
-    const pane = h("figure", {}, h("iframe", { src: `replay?${query}`, sandbox: "allow-scripts", title: `Replay of ${name}` }));
-    if (!isBeside) panes.replaceChildren(pane);
-    else if (panes.children.length < MOST_PANES) panes.append(pane);
-    else panes.lastChild.replaceWith(pane);
-    panes.className = `panes n${panes.children.length}`;
-    if (!isBeside) pane.scrollIntoView({ block: "nearest", behavior: "smooth" });
+    const name = which.candidate === undefined ? "the best" : `${which.generation ?? "last"}:${which.candidate}`;
+    if (isBeside && variant) panes.remove(variant);
+    const beside = panes.show(which, name, { isBeside });
+    if (Object.keys(whatIf.parameters).length) vary(whatIf.parameters);
+    if (panes.first === beside) panes.element.scrollIntoView({ block: "nearest", behavior: "smooth" });
+    if (panes.first === beside && !whatIf.element.hidden) whatIf.compare();
+  }
+
+  /** The candidate that is exported and compared: the first that is watched, or the best. */
+  function chosenCandidate() {
+    return panes.first?.which ?? {};
+  }
+
+  function panesChanged() {
+    if (variant && !panes.list.includes(variant)) variant = null;
+  }
+
+  /** Shows the first candidate with other parameters beside itself. */
+  function vary(parameters) {
+    const isChanged = Object.keys(parameters).length > 0;
+    if (variant && !isChanged) panes.remove(variant);
+    if (!isChanged) return;
+    if (variant) {
+      variant.parameters = parameters;
+      variant.load();
+      return;
+    }
+    if (!panes.first) panes.show({}, "the best");
+    variant = panes.show(panes.first.which, "what if", { isBeside: true, parameters });
   }
 
   async function drawTabs() {
@@ -205,12 +250,15 @@ export function show(view, _query, id) {
   });
   drawHead();
   load();
+  if (query.has("candidate")) replay(Object.fromEntries([...query].filter(([key]) => key in candidate)), false);
   return {
     trail: [id === "." ? "this folder" : id],
     leave: () => {
       isGone = true;
       stop();
       leaveTab();
+      whatIf.leave();
+      panes.leave();
       curve.destroy();
     },
   };

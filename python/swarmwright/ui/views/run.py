@@ -1,25 +1,59 @@
 """The page of a run: its curve with every evaluation, replays, experiment, servers and failures."""
 
 import base64
+import contextlib
+import json
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import asdict
-from itertools import islice
+from enum import IntEnum
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
 from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
 
-from swarmwright import InputError, Run
+from swarmwright import InputError, Run, SwarmwrightError
+from swarmwright.display.files import FORMATS
+from swarmwright.display.page import format_player
 from swarmwright.runs.density import evaluation_density, nearest_evaluation
+from swarmwright.runs.page import pack_replay
+from swarmwright.ui.exports import BUNDLE, ExportShelf, export_code, export_replay, list_exports, make_bundle
 from swarmwright.ui.index import as_values, finite
-from swarmwright.ui.requests import read_integer, read_number
-from swarmwright.ui.views._base import STATIC, View
+from swarmwright.ui.replays import (
+    EPISODES,
+    MOST_BODIES,
+    Newest,
+    check_parameters,
+    computing,
+    describe_parameters,
+    mean_of,
+    read_parameters,
+)
+from swarmwright.ui.requests import read_field, read_index, read_integer, read_number, read_whole
+from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.window import Window
 
 CURVE_POINTS = 1500
 MOST_EVENTS = 300
 MOST_SERVERS = 500
 MOST_REASONS = 50
+BEGINNING = 100
+"""Steps of an episode that are on the screen while the others are computed."""
+SEED_BYTES = 8
+"""Of the seed before a kept episode."""
+newest = Newest()
+shelf = ExportShelf()
 CURVES = ("best_so_far", "best", "mean", "median", "lower_quartile", "upper_quartile")
+
+
+class EpisodePart(IntEnum):
+    """Kinds of parts of an answer with an episode."""
+
+    BEGINNING = 0
+    WHOLE = 1
+    REFUSAL = 2
+    """A message, instead of the whole."""
 
 
 def describe(run: Run) -> dict[str, Any]:
@@ -130,16 +164,174 @@ def journal(run: Run) -> dict[str, Any]:
     }
 
 
-def replay(window: Window, request: Request) -> str:
-    """Return the page of an episode of a candidate."""
-    run = window.run(request)
+def read_episode(request: Request) -> dict[str, Any]:
+    """Return which episode a request asks for, as options of `Run.replay`."""
+    query = request.query_params
     options: dict[str, Any] = {
         name: read_integer(request, name)
         for name in ("generation", "candidate", "episode", "seed")
-        if name in request.query_params
+        if query.get(name)
     }
+    if "seed" in options:
+        options.pop("episode", None)
+    parameters = read_parameters(query.get("parameters", ""))
+    return {**options, "parameters": parameters} if parameters else options
+
+
+def page_key(run: Run, options: dict[str, Any], kind: str) -> Hashable:
+    """Return what a page of an episode depends on."""
     best = () if {"generation", "candidate"} & options.keys() else (run.evaluations,)
-    return window.page((str(run.path), *sorted(options.items()), *best), lambda: run.replay(**options).html)
+    return (kind, str(run.path), json.dumps(options, sort_keys=True), *best)
+
+
+def replay(window: Window, request: Request) -> str:
+    """Return the page of an episode of a candidate."""
+    run, options = window.run(request), read_episode(request)
+
+    def make() -> str:
+        with computing:
+            return run.replay(**options, most_bodies=limit_bodies(options)).html
+
+    return window.page(page_key(run, options, "html"), make)
+
+
+def send_episode(window: Window, request: Request) -> Response:
+    """Return an episode for the player that is open: its beginning, and then the whole.
+
+    Each is preceded by its kind, see `EpisodePart`, and its length, 4 bytes each with the lowest first. The
+    seed is in the header X-Seed.
+    """
+    run, options = window.run(request), read_episode(request)
+    key = page_key(run, options, "packed")
+    parts = send_parts(run, options, lambda content: window.keep_page(key, content))
+    with contextlib.suppress(InputError):
+        content: bytes = window.page(key)
+        parts = iter([content])
+    first = next(parts)  # what is refused is answered with a message
+    seed = first[:SEED_BYTES]
+    return StreamingResponse(
+        (part[SEED_BYTES:] for part in chain([first], parts)),
+        media_type="application/octet-stream",
+        headers={"X-Seed": str(int.from_bytes(seed, "little"))},
+    )
+
+
+def send_parts(run: Run, options: dict[str, Any], keep: Callable[[bytes], None]) -> Iterator[bytes]:
+    """Yield the parts of an episode as they are sent, after the seed. keep: is called with the whole.
+
+    What is refused after the beginning was sent is the last part.
+    """
+    is_begun = False
+    try:
+        with computing:
+            for packed in pack_replay(run, beginning=BEGINNING, most_bodies=limit_bodies(options), **options):
+                kind = EpisodePart.WHOLE if packed.is_whole else EpisodePart.BEGINNING
+                part = packed.seed.to_bytes(SEED_BYTES, "little") + frame_part(kind, packed.content)
+                if packed.is_whole:
+                    keep(part)
+                yield part
+                is_begun = True
+    except SwarmwrightError as error:
+        if not is_begun:
+            raise
+        yield bytes(SEED_BYTES) + frame_part(EpisodePart.REFUSAL, str(error).encode())
+
+
+def frame_part(kind: EpisodePart, content: bytes) -> bytes:
+    """Return a part of an answer, after its kind and its length."""
+    return kind.to_bytes(4, "little") + len(content).to_bytes(4, "little") + content
+
+
+def limit_bodies(options: dict[str, Any]) -> int | None:
+    """Return how many bodies all scenes may have: any number with the parameters of the run."""
+    return MOST_BODIES if "parameters" in options else None
+
+
+def compare_parameters(window: Window, values: dict[str, Any]) -> Values:
+    """Return the mean fitness and metrics with the run's and with other parameters, on the same seeds."""
+    run = window.run_of(read_field(values, "run", str))
+    parameters = check_parameters(read_field(values, "parameters", dict))
+    caller, number = read_field(values, "caller", str)[:100], read_index(values.get("number"))
+    episodes = EPISODES if values.get("episodes") is None else read_index(values["episodes"])
+    which = read_candidate(values)
+    newest.ask(caller, number)
+
+    def mean(changes: dict[str, Any]) -> str:
+        with computing:
+            newest.check(caller, number)
+            found = mean_of(
+                run, changes, **which, episodes=episodes, check=lambda: newest.check(caller, number)
+            )
+            return json.dumps(found)
+
+    key = page_key(run, {name: value for name, value in which.items() if value is not None}, "mean")
+    before = json.loads(window.page((key, episodes), lambda: mean({})))
+    after = json.loads(mean(parameters)) if parameters else None
+    return {"label": before["label"], "seeds": before["seeds"], "unchanged": before, "changed": after}
+
+
+def read_candidate(values: dict[str, Any]) -> dict[str, int | None]:
+    """Return generation and candidate of a request; None for what it does not name."""
+    return {
+        name: None if values.get(name) in (None, "") else read_whole(values[name], name)
+        for name in ("generation", "candidate")
+    }
+
+
+def export(window: Window, values: dict[str, Any]) -> Values:
+    """Make a file of a candidate: code, a bundle, or a replay; return its name, and how to fetch it."""
+    run = window.run_of(read_field(values, "run", str))
+    which, form = read_candidate(values), read_field(values, "to", str)
+    with computing:
+        if form == BUNDLE:
+            made = make_bundle(run, **which)
+        elif form in FORMATS:
+            options = {
+                name: read_whole(values[name], name)
+                for name in ("episode", "seed")
+                if values.get(name) not in (None, "")
+            }
+            options |= {name: value for name, value in which.items() if value is not None}
+            parameters = check_parameters(values.get("parameters") or {})
+            if parameters:
+                options["parameters"] = parameters
+            with window.figures if form != ".html" else contextlib.nullcontext():
+                made = export_replay(
+                    run, form, {**options, "most_bodies": limit_bodies(options)}, read_speed(values)
+                )
+        else:
+            group = values.get("group")
+            if group is not None:
+                group = read_field(values, "group", str)
+            made = export_code(run, form, **which, group=group, verify=values.get("verify") is True)
+    return {
+        "id": shelf.put(made),
+        "name": made.name,
+        "bytes": len(made.content),
+        "lines": list(made.lines),
+        "verified": made.is_verified,
+    }
+
+
+def read_speed(values: dict[str, Any]) -> float:
+    """Return the speed of a film. Raises InputError for anything but a number."""
+    speed = values.get("speed", 1.0)
+    if isinstance(speed, bool) or not isinstance(speed, int | float):
+        raise InputError(f"speed: must be a number, not {str(speed)[:50]!r}")
+    return float(speed)
+
+
+def send_export(_window: Window, request: Request) -> Response:
+    """Return a file that was made."""
+    made = shelf.get(request.query_params.get("id", ""))
+    return Response(
+        made.content,
+        media_type=made.media_type,
+        headers={
+            "Content-Disposition": f'attachment; filename="{made.name}"',
+            "Content-Security-Policy": "sandbox; default-src 'none'",
+        },
+    )
 
 
 def request_nearest(window: Window, request: Request) -> dict[str, Any]:
@@ -158,6 +350,14 @@ VIEW = View(
         ),
         "nearest": request_nearest,
         "journal": lambda window, request: journal(window.run(request)),
+        "episode": send_episode,
+        "parameters": lambda window, request: {
+            "parameters": describe_parameters(window.run(request)),
+            "episodes": EPISODES,
+        },
+        "exports": lambda window, request: list_exports(window.run(request)),
+        "export_file": send_export,
     },
-    documents={"replay": replay},
+    asks={"what_if": compare_parameters, "export": export},
+    documents={"replay": replay, "player": lambda _window, _request: format_player()},
 )
