@@ -46,11 +46,11 @@ def list_adjustable(experiment: Experiment) -> list[Adjustable]:
     loaded.
     """
     parameters = {name: value for name, value in experiment.parameters.items() if name != "seed"}
-    found = [*_iter_declared(experiment.simulation, parameters), *_iter_parts(parameters, ())]
+    adjustables = [*_iter_declared(experiment.simulation, parameters), *_iter_parts(parameters, ())]
     if catalogue.find_built_in(experiment.simulation) == catalogue.ARENA:
-        found = [*_iter_arena(found, parameters)]
+        adjustables = [*_iter_arena(adjustables, parameters)]
     unique: dict[str, Adjustable] = {}
-    for adjustable in found:
+    for adjustable in adjustables:
         unique.setdefault(adjustable.key, adjustable)
     return sorted(unique.values(), key=lambda adjustable: not adjustable.is_set)[:_MOST]
 
@@ -102,11 +102,11 @@ def _format_key(path: tuple[str | int, ...]) -> str:
     return ".".join(f'"{part}"' if set(str(part)) & set(".[]=") else str(part) for part in path)
 
 
-def _iter_arena(found: list[Adjustable], parameters: Mapping[str, Any]) -> Iterator[Adjustable]:
+def _iter_arena(adjustables: list[Adjustable], parameters: Mapping[str, Any]) -> Iterator[Adjustable]:
     """Yield parameters of the arena: what its mission says counts unless the experiment sets it."""
     mission = mission_of(parameters.get("mission")) or {}
     missions = tuple(catalogue.mission_names())
-    for adjustable in found:
+    for adjustable in adjustables:
         yield replace(adjustable, choices=missions) if adjustable.key == "mission" else adjustable
     declared = catalogue.declared_parameters(catalogue.ARENA)
     for name in ("robots", "duration"):

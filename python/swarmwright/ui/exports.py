@@ -23,6 +23,8 @@ FILE_BYTES = 64 << 20
 KEPT_BYTES = 128 << 20
 """All files that are kept until they are fetched."""
 KEPT_FILES = 20
+LONGEST_NAME = 60
+"""Characters of a run's name in the names of files."""
 MEDIA_TYPES = {
     ".html": "text/html",
     ".gif": "image/gif",
@@ -71,7 +73,7 @@ class ExportShelf:
             self._exports[export_id] = export
             while (
                 len(self._exports) > KEPT_FILES
-                or sum(len(kept.content) for kept in self._exports.values()) > KEPT_BYTES
+                or sum(len(each.content) for each in self._exports.values()) > KEPT_BYTES
             ):
                 self._exports.popitem(last=False)
         return export_id
@@ -120,7 +122,7 @@ def export_code(
         lines: tuple[str, ...] = ()
         if verification is not None:
             lines = (verification.words, *filter(None, [verification.without_episodes]))
-        name = file_name(run, dict(exported.subject.facts)["Candidate"], form, group)
+        name = file_name(run, generation, candidate, form, group)
         ok = None if verification is None else verification.ok
         if len(exported.files) == 1:
             file = exported.files[0]
@@ -146,7 +148,7 @@ def make_bundle(run: Run, *, generation: int | None, candidate: int | None) -> E
             *(f"{form}: left out: {reason}" for form, reason in bundle.without.items()),
             f"SHA-256 of the manifest: {bundle.digest}",
         )
-        name = file_name(run, dict(bundle.subject.facts)["Candidate"], BUNDLE)
+        name = file_name(run, generation, candidate, BUNDLE)
         ok = all(verification.ok for verification in bundle.verified.values()) if bundle.verified else None
         return Export(f"{name}.zip", file.read_bytes(), lines, ok)
 
@@ -162,13 +164,15 @@ def export_replay(run: Run, ending: str, options: Mapping[str, Any], speed: floa
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"replay{ending}"
         replay.save(file)
-        label = f"{options.get('generation', '')}-{options.get('candidate', '')}".strip("-") or "best"
-        return Export(f"{file_name(run, label, f'seed-{replay.seed}')}{ending}", file.read_bytes())
+        which = options.get("generation"), options.get("candidate")
+        return Export(f"{file_name(run, *which, f'seed-{replay.seed}')}{ending}", file.read_bytes())
 
 
-def file_name(run: Run, candidate: str, *words: str | None) -> str:
+def file_name(run: Run, generation: int | None, candidate: int | None, *words: str | None) -> str:
     """Return the name of a file without suffix: of the run, the candidate and other words."""
-    return safe("-".join([run.path.resolve().name, candidate, *filter(None, words)]))[:120]
+    evaluation = run.evaluation(candidate, generation)
+    which = f"{evaluation.generation}-{evaluation.candidate}"
+    return safe("-".join([run.path.resolve().name[:LONGEST_NAME], which, *filter(None, words)]))
 
 
 def safe(text: str) -> str:

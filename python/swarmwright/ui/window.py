@@ -118,6 +118,6 @@ class Window:
                 return cast("Page", self._pages[key])
         if make is None:
             raise InputError("this page is not kept any more; make it again")
-        made = make()
-        self.keep_page(key, made)
-        return made
+        content = make()
+        self.keep_page(key, content)
+        return content

@@ -12,7 +12,7 @@ EXACT = 300_000
 """Most numbers that are binary32; more are quantized to 2 bytes."""
 TYPES = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1", "q2": "<u2", "q1": "u1"}
 ALIGNMENT = 4
-"""Bytes: arrays begin at multiples, so that the script reads them in place."""
+"""Bytes: arrays begin at multiples, so that the script reads them in location."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ def to_bytes(data: dict[str, Any]) -> bytes:
 
     def encode(value: Packed) -> dict[str, Any]:
         nonlocal end
-        place = {**value.to_mapping(), "at": end, "size": len(value.raw)}
+        location = {**value.to_mapping(), "at": end, "size": len(value.raw)}
         padding = -len(value.raw) % ALIGNMENT
         blobs.extend([value.raw, b"\0" * padding])
         end += len(value.raw) + padding
-        return place
+        return location
 
     text = _dump(data, encode).encode()
     text += b" " * (-len(text) % ALIGNMENT)

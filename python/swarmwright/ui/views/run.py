@@ -259,10 +259,10 @@ def compare_parameters(window: Window, values: dict[str, Any]) -> Values:
     def mean(changes: dict[str, Any]) -> str:
         with computing:
             newest.check(caller, number)
-            found = mean_of(
+            means = mean_of(
                 run, changes, **which, episodes=episodes, check=lambda: newest.check(caller, number)
             )
-            return json.dumps(found)
+            return json.dumps(means)
 
     key = page_key(run, {name: value for name, value in which.items() if value is not None}, "mean")
     before = json.loads(window.page((key, episodes), lambda: mean({})))
@@ -284,7 +284,7 @@ def export(window: Window, values: dict[str, Any]) -> Values:
     which, form = read_candidate(values), read_field(values, "to", str)
     with computing:
         if form == BUNDLE:
-            made = make_bundle(run, **which)
+            exported = make_bundle(run, **which)
         elif form in FORMATS:
             options = {
                 name: read_whole(values[name], name)
@@ -296,20 +296,20 @@ def export(window: Window, values: dict[str, Any]) -> Values:
             if parameters:
                 options["parameters"] = parameters
             with window.figures if form != ".html" else contextlib.nullcontext():
-                made = export_replay(
+                exported = export_replay(
                     run, form, {**options, "most_bodies": limit_bodies(options)}, read_speed(values)
                 )
         else:
             group = values.get("group")
             if group is not None:
                 group = read_field(values, "group", str)
-            made = export_code(run, form, **which, group=group, verify=values.get("verify") is True)
+            exported = export_code(run, form, **which, group=group, verify=values.get("verify") is True)
     return {
-        "id": shelf.put(made),
-        "name": made.name,
-        "bytes": len(made.content),
-        "lines": list(made.lines),
-        "verified": made.is_verified,
+        "id": shelf.put(exported),
+        "name": exported.name,
+        "bytes": len(exported.content),
+        "lines": list(exported.lines),
+        "verified": exported.is_verified,
     }
 
 
@@ -323,12 +323,12 @@ def read_speed(values: dict[str, Any]) -> float:
 
 def send_export(_window: Window, request: Request) -> Response:
     """Return a file that was made."""
-    made = shelf.get(request.query_params.get("id", ""))
+    exported = shelf.get(request.query_params.get("id", ""))
     return Response(
-        made.content,
-        media_type=made.media_type,
+        exported.content,
+        media_type=exported.media_type,
         headers={
-            "Content-Disposition": f'attachment; filename="{made.name}"',
+            "Content-Disposition": f'attachment; filename="{exported.name}"',
             "Content-Security-Policy": "sandbox; default-src 'none'",
         },
     )
