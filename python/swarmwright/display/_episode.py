@@ -96,13 +96,13 @@ def record_in_parts(
     fitness_so_far = [episode.fitness]
     bodies = 0
 
-    def recorded() -> Recording:
+    def make_recording() -> Recording:
         trace = None if tracer is None else tracer.trace()
         return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size, trace)
 
     while not episode.done:
         if len(scenes) - 1 == beginning:
-            yield recorded(), False
+            yield make_recording(), False
         bodies += max(len(scenes[-1].bodies), _LEAST_BODIES)
         if most_bodies is not None and bodies > most_bodies:
             raise InputError(
@@ -115,7 +115,7 @@ def record_in_parts(
             tracer.step()
         scenes.append(reader.read())
         fitness_so_far.append(episode.fitness)
-    yield recorded(), True
+    yield make_recording(), True
 
 
 class _SceneReader:

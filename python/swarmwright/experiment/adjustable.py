@@ -59,7 +59,7 @@ def _iter_declared(simulation: str, parameters: Mapping[str, Any]) -> Iterator[A
     if not catalogue.has_description(simulation):
         return
     announced = catalogue.description(simulation)["parameters"]
-    for name, parameter in catalogue.declared_parameters(simulation).items():
+    for name, parameter in catalogue.list_parameters(simulation).items():
         value = parameters.get(name, parameter.default)
         if value is None or type(value) not in _KINDS or not _is_name(name):
             continue
@@ -108,7 +108,7 @@ def _iter_arena(adjustables: list[Adjustable], parameters: Mapping[str, Any]) ->
     missions = tuple(catalogue.mission_names())
     for adjustable in adjustables:
         yield replace(adjustable, choices=missions) if adjustable.key == "mission" else adjustable
-    declared = catalogue.declared_parameters(catalogue.ARENA)
+    declared = catalogue.list_parameters(catalogue.ARENA)
     for name in ("robots", "duration"):
         value = mission.get(name)
         if name not in parameters and isinstance(value, int | float):

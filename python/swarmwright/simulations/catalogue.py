@@ -350,7 +350,7 @@ def parameter_names(simulation: str) -> list[str]:
     return list(dict.fromkeys([*description(simulation)["parameters"], "seed"]))
 
 
-def declared_parameters(simulation: str) -> Mapping[str, Parameter]:
+def list_parameters(simulation: str) -> Mapping[str, Parameter]:
     """Return the parameters of a local simulation, without the seed.
 
     Built-in simulations declare no limits and no choices, only defaults. Raises InputError for a class that

@@ -164,15 +164,15 @@ def export_replay(run: Run, ending: str, options: Mapping[str, Any], speed: floa
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"replay{ending}"
         replay.save(file)
-        which = options.get("generation"), options.get("candidate")
-        return Export(f"{file_name(run, *which, f'seed-{replay.seed}')}{ending}", file.read_bytes())
+        numbers = options.get("generation"), options.get("candidate")
+        return Export(f"{file_name(run, *numbers, f'seed-{replay.seed}')}{ending}", file.read_bytes())
 
 
 def file_name(run: Run, generation: int | None, candidate: int | None, *words: str | None) -> str:
     """Return the name of a file without suffix: of the run, the candidate and other words."""
     evaluation = run.evaluation(candidate, generation)
-    which = f"{evaluation.generation}-{evaluation.candidate}"
-    return safe("-".join([run.path.resolve().name[:LONGEST_NAME], which, *filter(None, words)]))
+    numbers = f"{evaluation.generation}-{evaluation.candidate}"
+    return safe("-".join([run.path.resolve().name[:LONGEST_NAME], numbers, *filter(None, words)]))
 
 
 def safe(text: str) -> str:

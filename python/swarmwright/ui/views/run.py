@@ -253,18 +253,18 @@ def compare_parameters(window: Window, values: dict[str, Any]) -> Values:
     parameters = check_parameters(read_field(values, "parameters", dict))
     caller, number = read_field(values, "caller", str)[:100], read_index(values.get("number"))
     episodes = EPISODES if values.get("episodes") is None else read_index(values["episodes"])
-    which = read_candidate(values)
+    numbers = read_candidate(values)
     newest.ask(caller, number)
 
     def mean(changes: dict[str, Any]) -> str:
         with computing:
             newest.check(caller, number)
             means = mean_of(
-                run, changes, **which, episodes=episodes, check=lambda: newest.check(caller, number)
+                run, changes, **numbers, episodes=episodes, check=lambda: newest.check(caller, number)
             )
             return json.dumps(means)
 
-    key = page_key(run, {name: value for name, value in which.items() if value is not None}, "mean")
+    key = page_key(run, {name: value for name, value in numbers.items() if value is not None}, "mean")
     before = json.loads(window.page((key, episodes), lambda: mean({})))
     after = json.loads(mean(parameters)) if parameters else None
     return {"label": before["label"], "seeds": before["seeds"], "unchanged": before, "changed": after}
@@ -281,17 +281,17 @@ def read_candidate(values: dict[str, Any]) -> dict[str, int | None]:
 def export(window: Window, values: dict[str, Any]) -> Values:
     """Make a file of a candidate: code, a bundle, or a replay; return its name, and how to fetch it."""
     run = window.run_of(read_field(values, "run", str))
-    which, form = read_candidate(values), read_field(values, "to", str)
+    numbers, form = read_candidate(values), read_field(values, "to", str)
     with computing:
         if form == BUNDLE:
-            exported = make_bundle(run, **which)
+            exported = make_bundle(run, **numbers)
         elif form in FORMATS:
             options = {
                 name: read_whole(values[name], name)
                 for name in ("episode", "seed")
                 if values.get(name) not in (None, "")
             }
-            options |= {name: value for name, value in which.items() if value is not None}
+            options |= {name: value for name, value in numbers.items() if value is not None}
             parameters = check_parameters(values.get("parameters") or {})
             if parameters:
                 options["parameters"] = parameters
@@ -303,7 +303,7 @@ def export(window: Window, values: dict[str, Any]) -> Values:
             group = values.get("group")
             if group is not None:
                 group = read_field(values, "group", str)
-            exported = export_code(run, form, **which, group=group, verify=values.get("verify") is True)
+            exported = export_code(run, form, **numbers, group=group, verify=values.get("verify") is True)
     return {
         "id": shelf.put(exported),
         "name": exported.name,

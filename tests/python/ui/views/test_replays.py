@@ -88,18 +88,18 @@ def test_parameters_are_listed_with_their_values(app: Starlette) -> None:
 
 
 def test_other_parameters_are_compared_on_the_same_seeds(app: Starlette, two_runs: Path) -> None:
-    asked: dict[str, Any] = {"run": "run-1", "caller": "page", "episodes": 10}
-    values = post(app, "what_if", **asked, number=1, parameters={}).values
+    question: dict[str, Any] = {"run": "run-1", "caller": "page", "episodes": 10}
+    values = post(app, "what_if", **question, number=1, parameters={}).values
     expected = swarmwright.post_evaluate(two_runs / "run-1", episodes=10, servers="in-process")
     assert values["changed"] is None
     assert values["unchanged"]["fitness"]["mean"] == expected.mean.mean
     assert values["seeds"] == [str(seed) for seed in expected.seeds]
-    slow = post(app, "what_if", **asked, number=2, parameters={"speedAgents": 0.0, "maxSteps": 9}).values
+    slow = post(app, "what_if", **question, number=2, parameters={"speedAgents": 0.0, "maxSteps": 9}).values
     assert slow["unchanged"] == values["unchanged"]
     assert slow["changed"]["seeds"] == values["seeds"]
     assert slow["changed"]["fitness"]["mean"] < values["unchanged"]["fitness"]["mean"]
     assert slow["changed"]["metrics"].keys() == values["unchanged"]["metrics"].keys()
-    old = post(app, "what_if", **asked, number=1, parameters={"maxSteps": 8})
+    old = post(app, "what_if", **question, number=1, parameters={"maxSteps": 8})
     assert old.status == 422
     assert "newer question" in old.values["error"]
 
@@ -155,8 +155,8 @@ def test_episodes_that_cannot_be_shown_are_refused(
     ],
 )
 def test_wrong_questions_are_told_why(app: Starlette, values: dict[str, Any], message: str) -> None:
-    asked = {"run": "run-1", "caller": "other", "number": 1, "parameters": {}, **values}
-    answer = post(app, "what_if", **asked)
+    question = {"run": "run-1", "caller": "other", "number": 1, "parameters": {}, **values}
+    answer = post(app, "what_if", **question)
     assert answer.status == 422
     assert message in answer.values["error"]
 
