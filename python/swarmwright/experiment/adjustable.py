@@ -13,6 +13,8 @@ Kind = Literal["integer", "number", "boolean", "string"]
 _KINDS: dict[type, Kind] = {bool: "boolean", int: "integer", float: "number", str: "string"}
 _E_PUCK_NOISE, _E_PUCK_LOSS = 0.05, 0.85
 """Of the reference model, around which `E_PUCKS` are ranges."""
+_FRAME_TIME = "stepSize"
+"""Of built-in simulations; it changes nothing but the speed of pictures, and comes last."""
 _MOST = 1000
 """Most parameters of an experiment that are listed."""
 
@@ -52,7 +54,10 @@ def list_adjustable(experiment: Experiment) -> list[Adjustable]:
     unique: dict[str, Adjustable] = {}
     for adjustable in adjustables:
         unique.setdefault(adjustable.key, adjustable)
-    return sorted(unique.values(), key=lambda adjustable: not adjustable.is_set)[:_MOST]
+    ordered = sorted(
+        unique.values(), key=lambda adjustable: (not adjustable.is_set, adjustable.key == _FRAME_TIME)
+    )
+    return ordered[:_MOST]
 
 
 def _iter_declared(simulation: str, parameters: Mapping[str, Any]) -> Iterator[Adjustable]:

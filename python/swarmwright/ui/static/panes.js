@@ -132,7 +132,7 @@ export class Panes {
     this.isPlayed = false; // the single replay, by its own controls
     this.speed = 1;
     this.episode = { episode: "0" };
-    this.play = h("button", { type: "button", class: "primary", click: () => this.toggle() }, "▶ Play");
+    this.play = h("button", { type: "button", class: "primary", click: () => this.toggle() }, "Play");
     this.scrub = h("input", { type: "range", min: 0, max: 0, step: 1, value: 0, "aria-label": "Step of all replays", input: () => this.seek(Number(this.scrub.value)) });
     this.now = h("output", {});
     this.speeds = h("select", { "aria-label": "Speed of all replays", change: () => this.setSpeed(Number(this.speeds.value)) },
@@ -319,7 +319,7 @@ export class Panes {
   }
 
   draw() {
-    this.play.textContent = this.playing ? "⏸ Pause" : "▶ Play";
+    this.play.textContent = this.playing ? "Pause" : "Play";
     this.scrub.max = String(this.last);
     this.scrub.value = String(Math.floor(this.time));
     this.now.textContent = `step ${Math.floor(this.time)} of ${this.last}`;

@@ -222,19 +222,24 @@ def send_parts(run: Run, options: dict[str, Any], keep: Callable[[bytes], None])
     What is refused after the beginning was sent is the last part.
     """
     is_begun = False
-    try:
-        with computing:
-            for packed in pack_replay(run, beginning=BEGINNING, most_bodies=limit_bodies(options), **options):
-                kind = EpisodePart.WHOLE if packed.is_whole else EpisodePart.BEGINNING
-                part = packed.seed.to_bytes(SEED_BYTES, "little") + frame_part(kind, packed.content)
-                if packed.is_whole:
-                    keep(part)
-                yield part
-                is_begun = True
-    except SwarmwrightError as error:
-        if not is_begun:
-            raise
-        yield bytes(SEED_BYTES) + frame_part(EpisodePart.REFUSAL, str(error).encode())
+    packed_parts = pack_replay(run, beginning=BEGINNING, most_bodies=limit_bodies(options), **options)
+    while True:
+        try:
+            with computing:  # not while a part is sent: a reader may be slow, or gone
+                packed = next(packed_parts, None)
+        except SwarmwrightError as error:
+            if not is_begun:
+                raise
+            yield bytes(SEED_BYTES) + frame_part(EpisodePart.REFUSAL, str(error).encode())
+            return
+        if packed is None:
+            return
+        kind = EpisodePart.WHOLE if packed.is_whole else EpisodePart.BEGINNING
+        part = packed.seed.to_bytes(SEED_BYTES, "little") + frame_part(kind, packed.content)
+        if packed.is_whole:
+            keep(part)
+        yield part
+        is_begun = True
 
 
 def frame_part(kind: EpisodePart, content: bytes) -> bytes:
