@@ -143,7 +143,7 @@ class _SceneReader:
             self._previous = scene_from_arrays(arrays)
         else:
             bodies = Bodies.from_arrays(arrays["bodies"], arrays["rays"])
-            self._previous = self._previous.with_bodies(step, bodies, arrays["links"])  # type: ignore[arg-type] # rows are pairs
+            self._previous = self._previous.with_bodies(step, bodies, arrays["links"])
         return self._previous
 
 

@@ -13,6 +13,8 @@ Kind = Literal["integer", "number", "boolean", "string"]
 _KINDS: dict[type, Kind] = {bool: "boolean", int: "integer", float: "number", str: "string"}
 _E_PUCK_NOISE, _E_PUCK_LOSS = 0.05, 0.85
 """Of the reference model, around which `E_PUCKS` are ranges."""
+_MISSION_DEFAULTS = {"robots": 20, "duration": 120}
+"""Of the arena's missions, which do not say them all."""
 _FRAME_TIME = "stepSize"
 """Of built-in simulations; it changes nothing but the speed of pictures, and comes last."""
 _MOST = 1000
@@ -85,7 +87,7 @@ def _iter_parts(value: Any, path: tuple[str | int, ...]) -> Iterator[Adjustable]
     if isinstance(value, Mapping):
         items = [(key, part) for key, part in value.items() if _is_name(key)]
     elif isinstance(value, list):
-        items = list(enumerate(value))  # type: ignore[arg-type] # keys of lists are numbers
+        items = list(enumerate(value))
     else:
         kind = _KINDS.get(type(value))
         if kind is not None and (kind != "string" or len(path) == 1):
@@ -114,8 +116,8 @@ def _iter_arena(adjustables: list[Adjustable], parameters: Mapping[str, Any]) ->
     for adjustable in adjustables:
         yield replace(adjustable, choices=missions) if adjustable.key == "mission" else adjustable
     declared = catalogue.list_parameters(catalogue.ARENA)
-    for name in ("robots", "duration"):
-        value = mission.get(name)
+    for name, default in _MISSION_DEFAULTS.items():
+        value = mission.get(name, default)
         if name not in parameters and isinstance(value, int | float):
             kind: Kind = "integer" if name == "robots" else "number"
             yield Adjustable(name, kind, value, description=declared[name].description)

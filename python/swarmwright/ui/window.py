@@ -110,6 +110,11 @@ class Window:
             while sum(map(len, self._pages.values())) > REPLAY_BYTES and len(self._pages) > 1:
                 self._pages.popitem(last=False)
 
+    def find_page(self, key: Hashable) -> str | bytes | None:
+        """Return a page that is kept, None where there is none."""
+        with self._lock:
+            return self._pages.get(key)
+
     def page(self, key: Hashable, make: Callable[[], Page] | None = None) -> Page:
         """Return a page that is kept, or make and keep it. Raises InputError where there is none to make."""
         with self._lock:

@@ -31,7 +31,8 @@ def test_robots_and_noise_of_a_mission_by_name() -> None:
     assert adjustables["robot.drive.noise"].value == 0.05
     assert adjustables["robot.sensors.range_and_bearing.loss"].value == 0.85
     assert "dispersion" in adjustables["mission"].choices
-    patch = adjustables["mission.floor.patches.0.circle.radius"]
+    assert adjustables["duration"].value == 120
+    patch = adjustables["mission.floor.patches.1.circle.radius"]
     assert (patch.kind, patch.is_set) == ("number", False)
 
 

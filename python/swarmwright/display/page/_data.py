@@ -187,7 +187,7 @@ def _bodies(key_bodies: Sequence[Bodies]) -> dict[str, Any]:
     kind = np.uint8 if len(looks) < 256 else np.int32
     names = ("x", "y", "radius", "heading", "value")
     if len(looks) == 1 and all(len(bodies) == count for bodies in key_bodies):
-        look = np.zeros((len(key_bodies), count), dtype=kind)
+        look: NDArray[Any] = np.zeros((len(key_bodies), count), dtype=kind)
         most[looks[0]] = count
         numbers = {name: np.stack([getattr(bodies, name) for bodies in key_bodies]) for name in names}
     else:

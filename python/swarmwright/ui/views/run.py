@@ -203,10 +203,11 @@ def send_episode(window: Window, request: Request) -> Response:
     """
     run, options = window.run(request), read_episode(request)
     key = page_key(run, options, "packed")
-    parts = send_parts(run, options, lambda content: window.keep_page(key, content))
-    with contextlib.suppress(InputError):
-        content: bytes = window.page(key)
-        parts = iter([content])
+    whole = window.find_page(key)
+    if isinstance(whole, bytes):
+        parts = iter([whole])
+    else:
+        parts = send_parts(run, options, lambda content: window.keep_page(key, content))
     first = next(parts)  # what is refused is answered with a message
     seed = first[:SEED_BYTES]
     return StreamingResponse(
@@ -291,7 +292,7 @@ def export(window: Window, values: dict[str, Any]) -> Values:
         if form == BUNDLE:
             exported = make_bundle(run, **numbers)
         elif form in FORMATS:
-            options = {
+            options: dict[str, Any] = {
                 name: read_whole(values[name], name)
                 for name in ("episode", "seed")
                 if values.get(name) not in (None, "")
