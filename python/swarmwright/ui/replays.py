@@ -24,7 +24,9 @@ MOST_PARAMETERS = 100
 KEPT_CALLERS = 200
 
 computing = threading.BoundedSemaphore(max(2, len(os.sched_getaffinity(0))))
-"""Held while an episode is computed, or a file is made: there are more threads than processors."""
+"""Held while an episode is computed: there are more threads than processors."""
+exporting = threading.Lock()
+"""Held while a file is made, which may take minutes: replays do not wait for it."""
 
 
 class Newest:

@@ -219,7 +219,7 @@ def _body_rows(
     """
     count = max(len(bodies) for bodies in key_bodies)
     looks = list(index)
-    look = np.zeros((len(key_bodies), count), dtype=kind)
+    look: NDArray[Any] = np.zeros((len(key_bodies), count), dtype=kind)
     numbers = {
         name: np.full((len(key_bodies), count), np.nan, dtype=np.float32)
         for name in ("x", "y", "radius", "heading", "value")

@@ -27,6 +27,7 @@ from swarmwright.ui.replays import (
     check_parameters,
     computing,
     describe_parameters,
+    exporting,
     mean_of,
     read_parameters,
 )
@@ -288,7 +289,7 @@ def export(window: Window, values: dict[str, Any]) -> Values:
     """Make a file of a candidate: code, a bundle, or a replay; return its name, and how to fetch it."""
     run = window.run_of(read_field(values, "run", str))
     numbers, form = read_candidate(values), read_field(values, "to", str)
-    with computing:
+    with exporting:
         if form == BUNDLE:
             exported = make_bundle(run, **numbers)
         elif form in FORMATS:
