@@ -109,7 +109,7 @@ def main(folder: Path | None) -> None:
                     ("run", 1150),
                     ("compare", 1000),
                     ("new", 900),
-                    ("draw", 1150),
+                    ("draw", 860),
                 ):
                     browser.set_window_size(*WIDE)
                     open_view(browser, base, view)
