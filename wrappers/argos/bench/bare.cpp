@@ -80,8 +80,8 @@ int main(int count, char** values) {
     return 2;
   }
   try {
-    std::ostringstream said;
-    std::streambuf* before = std::cout.rdbuf(said.rdbuf());
+    std::ostringstream output;
+    std::streambuf* before = std::cout.rdbuf(output.rdbuf());
     argos::CDynamicLoading::LoadAllLibraries();
     ticpp::Document document;
     document.Parse(experiment(std::atoi(values[1])));

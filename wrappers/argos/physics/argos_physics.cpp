@@ -78,14 +78,14 @@ const pthread_t first_thread = pthread_self();
 /// ARGoS's log keeps a buffer for each thread that it was told of.
 void register_thread() {
   static std::mutex mutex;
-  static std::set<pthread_t> known = {first_thread};
+  static std::set<pthread_t> threads = {first_thread};
   thread_local bool done = false;
   if (done) {
     return;
   }
   const std::lock_guard<std::mutex> lock(mutex);
   // Ids of threads that have ended come again, with their buffers.
-  if (known.insert(pthread_self()).second) {
+  if (threads.insert(pthread_self()).second) {
     argos::LOG.AddThreadSafeBuffer();
     argos::LOGERR.AddThreadSafeBuffer();
   }

@@ -91,8 +91,8 @@ void ArgosController::ControlStep() {
 }
 
 void ArgosController::find_sensors() {
-  const auto add = [this](const char* name, auto found, auto read) {
-    using Pointer = decltype(found);
+  const auto add = [this](const char* name, auto device, auto read) {
+    using Pointer = decltype(device);
     if (HasSensor(name)) {
       Pointer sensor = GetSensor<std::remove_pointer_t<Pointer>>(name);
       readers_.emplace_back([sensor, read](std::vector<float>& into) { read(*sensor, into); });

@@ -11,10 +11,10 @@
 
 static int failures = 0;
 
-static void check(int holds, const char* what, int line) {
+static void check(int holds, const char* label, int line) {
   if (!holds) {
     ++failures;
-    fprintf(stderr, "line %d: %s\n    error: %s\n", line, what, swarmwright_error());
+    fprintf(stderr, "line %d: %s\n    error: %s\n", line, label, swarmwright_error());
   }
 }
 #define CHECK(holds) check((holds), #holds, __LINE__)
@@ -67,9 +67,9 @@ static void parameters_are_read(void) {
   CHECK(strcmp(swarmwright_error_parameter(), "x") == 0);
   CHECK(strcmp(swarmwright_parameters_json(read), "{\"n\":3,\"x\":0.5}") == 0);
   CHECK(swarmwright_parameter_integer(read, "n", 0, 5, NULL) == SWARMWRIGHT_INVALID);
-  CHECK_SAYS("n: a null pointer");
+  CHECK_SAYS("n: must not be a null pointer");
   CHECK(swarmwright_parameter_integer(NULL, "n", 0, 5, &n) == SWARMWRIGHT_INVALID);
-  CHECK_SAYS("the parameters: a null pointer");
+  CHECK_SAYS("the parameters: must not be a null pointer");
   CHECK(swarmwright_parameter_integer(read, "\xff", 0, 5, &n) == SWARMWRIGHT_INVALID);
   swarmwright_parameters_free(read);
   swarmwright_parameters_free(NULL);
@@ -90,7 +90,7 @@ static void what_is_wrong_is_refused(void) {
   CHECK_SAYS("swarmwright_simulation: its size is 0");
   simulation.size = sizeof simulation;
   CHECK(swarmwright_server_open(&options, &description, &simulation, &server) == SWARMWRIGHT_INVALID);
-  CHECK_SAYS("swarmwright_simulation.create: a null pointer");
+  CHECK_SAYS("swarmwright_simulation.create: must not be a null pointer");
   simulation.create = create;
   simulation.reset = refuse;
   simulation.acting = no_agents;
@@ -101,7 +101,7 @@ static void what_is_wrong_is_refused(void) {
   CHECK_SAYS("no broker answers at mqtt://127.0.0.1:1");
   CHECK(swarmwright_plugin_open(&options, &description, &plugin) == SWARMWRIGHT_FAILED);
   CHECK(swarmwright_server_open(NULL, &description, &simulation, &server) == SWARMWRIGHT_INVALID);
-  CHECK_SAYS("swarmwright_options: a null pointer");
+  CHECK_SAYS("swarmwright_options: must not be a null pointer");
   // Where no prefix is named it is that of the environment; an empty one is none.
   CHECK(setenv("SWARMWRIGHT_PREFIX", "swarm/#", 1) == 0);
   CHECK(swarmwright_server_open(&options, &description, &simulation, &server) == SWARMWRIGHT_INVALID);

@@ -12,10 +12,10 @@ namespace check {
 inline int failures = 0;
 
 template <class A, class B>
-void equal(const A& found, const B& expected, const char* file, int line) {
-  if (!(found == expected)) {
+void equal(const A& actual, const B& expected, const char* file, int line) {
+  if (!(actual == expected)) {
     ++failures;
-    std::cerr << file << ':' << line << ": found     " << found << "\n    expected  " << expected << std::endl;
+    std::cerr << file << ':' << line << ": found     " << actual << "\n    expected  " << expected << std::endl;
   }
 }
 

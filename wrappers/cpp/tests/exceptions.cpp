@@ -89,9 +89,9 @@ void what_cannot_be_served_says_why() {
   CHECK_EQUAL(refused([](auto& says) { says.title = "\xff"; }), "swarmwright_description.title: is not valid UTF-8");
   CHECK_EQUAL(refused([](auto& says) { says.sensors = 0; }), "line: 0 sensors, expected 1 to 1000000");
   CHECK_EQUAL(refused([](auto& says) { says.actuators = 0; }), "line: 0 actuators, expected 1 to 1000000");
-  CHECK_EQUAL(refused([](auto& says) { says.metrics = {{"a"}, {"a"}}; }), "line: metric \"a\" is there twice");
+  CHECK_EQUAL(refused([](auto& says) { says.metrics = {{"a"}, {"a"}}; }), "line: metric \"a\" occurs twice");
   CHECK_EQUAL(refused([](auto& says) { says.metrics = {{"1a"}}; }),
-              "line: metric \"1a\": a name is a letter or _, then letters, digits and _, and not fitness");
+              "line: metric \"1a\": a name must be a letter or _, then letters, digits and _, and not fitness");
   CHECK_EQUAL(refused([](auto& says) {
                 says.determinism = swarmwright::Determinism::statistical;
                 says.tolerance = -1;

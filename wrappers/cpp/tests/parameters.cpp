@@ -90,7 +90,7 @@ void what_does_not_fit_is_named() {
     CHECK_EQUAL(error.reason(), "1 found, expected true or false");
   }
   CHECK_EQUAL(
-      check::thrown<std::invalid_argument>([] { Parameters("[1]"); }).rfind("the parameters: not a JSON object", 0),
+      check::thrown<std::invalid_argument>([] { Parameters("[1]"); }).rfind("the parameters are not a JSON object", 0),
       0U);
 }
 

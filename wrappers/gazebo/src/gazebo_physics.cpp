@@ -98,7 +98,7 @@ void GazeboPhysics::leave() {
   places.push_back(std::move(place_));
   const auto robots = [&] {
     return std::accumulate(places.begin(), places.end(), std::size_t{0},
-                           [](std::size_t sum, const auto& one) { return sum + one->robots(); });
+                           [](std::size_t sum, const auto& entry) { return sum + entry->robots(); });
   };
   // The one that was left last stays: it is often the next one.
   while (places.size() > most_idle || (places.size() > 1 && robots() > most_idle_robots)) {
@@ -114,7 +114,8 @@ void GazeboPhysics::start(const World& world, bool changed, Span<const Pose> rob
       leave();
       const std::string key = key_of(world);
       std::vector<std::unique_ptr<Place>>& places = idle();
-      const auto same = std::find_if(places.begin(), places.end(), [&](const auto& one) { return one->key() == key; });
+      const auto same =
+          std::find_if(places.begin(), places.end(), [&](const auto& entry) { return entry->key() == key; });
       if (same != places.end()) {
         place_ = std::move(*same);
         places.erase(same);

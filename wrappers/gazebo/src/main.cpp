@@ -113,8 +113,8 @@ std::vector<char*> rest(int count, char** values, Choices& choices) {
     } else if (i + 1 < count) {
       value = values[i + 1];
     }
-    const bool known = std::find(options.begin(), options.end(), name) != options.end();
-    if (!known || (name == "--master-port" && !gz::traits.has_master)) {
+    const bool is_known = std::find(options.begin(), options.end(), name) != options.end();
+    if (!is_known || (name == "--master-port" && !gz::traits.has_master)) {
       others.push_back(values[i]);
       continue;
     }

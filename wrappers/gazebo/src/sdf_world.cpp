@@ -98,14 +98,14 @@ std::string shape(const std::string& name, const std::string& pose, const std::s
 }
 
 double lowest(const World& world) {
-  double found = 0.08;
+  double result = 0.08;
   for (const RobotModel& model : world.models) {
-    found = std::min(found, static_cast<double>(model.height));
+    result = std::min(result, static_cast<double>(model.height));
   }
   for (const Object& object : world.objects) {
-    found = std::min(found, static_cast<double>(object.height));
+    result = std::min(result, static_cast<double>(object.height));
   }
-  return found;
+  return result;
 }
 
 /// A sensor with as many rays as the model has. They are aimed later: SDF has equal angles only.
@@ -279,13 +279,13 @@ std::string empty_floor(double step) {
 
 /// Where the row of robots and objects is, metres along x.
 double beside(const World& world) {
-  double found = 1;
-  for (const Wall& one : world.walls) {
-    for (const Point& point : one.points) {
-      found = std::max(found, 1 + static_cast<double>(point.x));
+  double result = 1;
+  for (const Wall& wall : world.walls) {
+    for (const Point& point : wall.points) {
+      result = std::max(result, 1 + static_cast<double>(point.x));
     }
   }
-  return found;
+  return result;
 }
 
 /// Walls, robots and objects.
@@ -316,9 +316,9 @@ std::string mission_models(const World& world) {
 /// The physics of a world that are in force: the default ones, else the first.
 sdf::ElementPtr physics_of(const sdf::ElementPtr& world) {
   const sdf::ElementPtr first = world->GetElement("physics");
-  for (sdf::ElementPtr one = first; one; one = one->GetNextElement("physics")) {
-    if (one->Get<bool>("default")) {
-      return one;
+  for (sdf::ElementPtr element = first; element; element = element->GetNextElement("physics")) {
+    if (element->Get<bool>("default")) {
+      return element;
     }
   }
   return first;

@@ -22,8 +22,8 @@ using tinyxml2::XMLElement;
 /// Models that include each other would have no end.
 constexpr int deepest_include = 16;
 
-[[noreturn]] void refuse(const std::string& path, int line, const std::string& what) {
-  throw GazeboError(path + ":" + std::to_string(line) + ": " + what);
+[[noreturn]] void refuse(const std::string& path, int line, const std::string& problem) {
+  throw GazeboError(path + ":" + std::to_string(line) + ": " + problem);
 }
 
 std::string contents(const std::string& path) {

@@ -31,13 +31,13 @@ std::string joined(const std::vector<std::string>& names) {
 }
 
 std::vector<sdf::ElementPtr> children(const sdf::ElementPtr& element, const std::string& name = "") {
-  std::vector<sdf::ElementPtr> found;
+  std::vector<sdf::ElementPtr> elements;
   for (sdf::ElementPtr child = element->GetFirstElement(); child; child = child->GetNextElement()) {
     if (name.empty() || child->GetName() == name) {
-      found.push_back(child);
+      elements.push_back(child);
     }
   }
-  return found;
+  return elements;
 }
 
 /// Removes plug-ins, which would steer the robot, the noise of sensors, which missions have, and all sensors except
@@ -84,16 +84,16 @@ class Reading {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& what) const { throw GazeboError(choice_.path + ": " + what); }
+  [[noreturn]] void fail(const std::string& problem) const { throw GazeboError(choice_.path + ": " + problem); }
 
   void check_joints(const sdf::ElementPtr& model) const {
     std::vector<std::string> names;
     for (const sdf::ElementPtr& joint : children(model, "joint")) {
       names.push_back(joint->Get<std::string>("name"));
     }
-    for (const std::string& wanted : {choice_.left, choice_.right}) {
-      if (std::find(names.begin(), names.end(), wanted) == names.end()) {
-        fail("no joint " + in_quotes(wanted) + ", which --joints names; the model has " + joined(names));
+    for (const std::string& required : {choice_.left, choice_.right}) {
+      if (std::find(names.begin(), names.end(), required) == names.end()) {
+        fail("no joint " + in_quotes(required) + ", which --joints names; the model has " + joined(names));
       }
     }
     for (const sdf::ElementPtr& joint : children(model, "joint")) {
@@ -131,12 +131,12 @@ class Reading {
 
 double direction(const UserRay& ray) { return std::atan2(ray.along.Y(), ray.along.X()); }
 
-double apart(double one, double other) { return std::abs(std::remainder(one - other, 2 * pi)); }
+double apart(double first, double other) { return std::abs(std::remainder(first - other, 2 * pi)); }
 
 /// The ray of the sensor that looks most nearly in a direction.
 const UserRay& nearest(const UserModel& user, double angle) {
-  return *std::min_element(user.rays.begin(), user.rays.end(), [&](const UserRay& one, const UserRay& other) {
-    return apart(direction(one), angle) < apart(direction(other), angle);
+  return *std::min_element(user.rays.begin(), user.rays.end(), [&](const UserRay& left, const UserRay& other) {
+    return apart(direction(left), angle) < apart(direction(other), angle);
   });
 }
 
@@ -151,8 +151,8 @@ double end_of(const RobotModel& model) {
   return static_cast<double>(model.ray_start) + static_cast<double>(model.ray_range);
 }
 
-[[noreturn]] void contradiction(const UserModel& user, const std::string& element, const std::string& what) {
-  throw ParameterError("robot", user.path + ": " + element + ": " + what);
+[[noreturn]] void contradiction(const UserModel& user, const std::string& element, const std::string& problem) {
+  throw ParameterError("robot", user.path + ": " + element + ": " + problem);
 }
 
 void check_rays(const UserModel& user, const RobotModel& model) {

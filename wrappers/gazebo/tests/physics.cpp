@@ -76,9 +76,9 @@ std::vector<Pose> driven(GazeboPhysics& physics, const World& world, const std::
 }
 
 /// Checks that a number is near another one.
-void near(float found, float expected, float tolerance, int line) {
-  if (!(std::abs(found - expected) <= tolerance)) {
-    check::equal(found, expected, __FILE__, line);
+void near(float actual, float expected, float tolerance, int line) {
+  if (!(std::abs(actual - expected) <= tolerance)) {
+    check::equal(actual, expected, __FILE__, line);
   }
 }
 #define NEAR(found, expected, tolerance) near((found), (expected), (tolerance), __LINE__)
@@ -328,14 +328,13 @@ void the_walls_of_missions_can_be_left_out() {
 void robots_do_not_begin_in_the_users_world() {
   GazeboPhysics physics;
   const World world = square_arena(2, 1);
-  std::string found;
+  std::string text;
   try {
     driven(physics, world, {{0.5F, -0.5F, 0}, {0.05F, -0.5F, 0}}, {}, {0, 0, 0}, 1);
   } catch (const swarmwright::ParameterError& error) {
-    found = error.what();
+    text = error.what();
   }
-  CHECK_EQUAL(found.find("robot 1 begins at x = 0.05, y = -0.5 in the model \"column\" of ") != std::string::npos,
-              true);
+  CHECK_EQUAL(text.find("robot 1 begins at x = 0.05, y = -0.5 in the model \"column\" of ") != std::string::npos, true);
   // The next episode is as good as any.
   NEAR(driven(physics, world, {{0.5F, -0.5F, 0}, {0.7F, -0.5F, 0}}, {}, {0.1F, 0, 0}, 1)[1].x, 0.71F, 0.003F);
 }

@@ -118,8 +118,8 @@ void initialize() {
     static char name[] = "swarmwright-stage";
     static char* values[] = {name, nullptr};
     int count = 1;
-    char** given = values;
-    Stg::Init(&count, &given);
+    char** entry = values;
+    Stg::Init(&count, &entry);
     Stg::Model::name_map[robot_type] = &Robot::make;
   });
 }
@@ -136,13 +136,13 @@ void block(std::ostringstream& text, const std::vector<std::pair<double, double>
   text << " z [ 0 1 ] )\n";
 }
 
-void wall(std::ostringstream& text, const swarmwright::Wall& given, std::size_t number) {
+void wall(std::ostringstream& text, const swarmwright::Wall& source, std::size_t number) {
   double low_x = 0;
   double high_x = 0;
   double low_y = 0;
   double high_y = 0;
   std::vector<std::pair<double, double>> points;
-  for (const Point& point : given.points) {
+  for (const Point& point : source.points) {
     const double x = static_cast<double>(point.x);
     const double y = static_cast<double>(point.y);
     if (points.empty()) {
@@ -213,15 +213,15 @@ class StagePhysics::Simulator {
     world_->*reach(Workers()) = 0;
     world_->Enqueue(1, 0, world_->ground, &sleep_for_good, nullptr);
     for (std::size_t i = 0; i < world.robots.size(); ++i) {
-      auto* made = dynamic_cast<Robot*>(world_->GetModel("robot" + std::to_string(i)));
-      if (made == nullptr) {
+      auto* robot = dynamic_cast<Robot*>(world_->GetModel("robot" + std::to_string(i)));
+      if (robot == nullptr) {
         throw std::runtime_error("Stage has not made robot " + std::to_string(i));
       }
-      for (Stg::Bounds& bounds : made->velocity_bounds) {
+      for (Stg::Bounds& bounds : robot->velocity_bounds) {
         bounds = Stg::Bounds(-1e3, 1e3);
       }
-      made->Subscribe();
-      robots_.push_back(made);
+      robot->Subscribe();
+      robots_.push_back(robot);
       models_.push_back(world.model(i));
     }
   }
@@ -299,17 +299,17 @@ void StagePhysics::start(const World& world, bool changed, Span<const Pose> robo
                                          std::to_string(most_robots));
     }
     std::string file = world_file(world);
-    const auto known = std::find_if(simulators_.begin(), simulators_.end(),
+    const auto match = std::find_if(simulators_.begin(), simulators_.end(),
                                     [&file](const auto& simulator) { return simulator->file() == file; });
-    if (known == simulators_.end() && simulators_.size() == most_worlds) {
+    if (match == simulators_.end() && simulators_.size() == most_worlds) {
       throw std::runtime_error("this server has had " + std::to_string(most_worlds) +
                                " missions of different walls or robots, which Stage keeps; start another one");
     }
-    if (known == simulators_.end()) {
+    if (match == simulators_.end()) {
       simulators_.push_back(std::make_unique<Simulator>(world, std::move(file)));
       current_ = simulators_.back().get();
     } else {
-      current_ = known->get();
+      current_ = match->get();
     }
   }
   current_->start(robots);

@@ -79,8 +79,8 @@ struct Robot {
       }
     }
     for (Stg::ModelFiducial* fiducial : fiducials) {
-      const auto seen = static_cast<double>(fiducial->GetFiducials().size());
-      into.push_back(static_cast<float>(1 - 2 / (1 + std::exp(seen))));
+      const auto count = static_cast<double>(fiducial->GetFiducials().size());
+      into.push_back(static_cast<float>(1 - 2 / (1 + std::exp(count))));
     }
   }
 
@@ -196,18 +196,18 @@ class Server {
     if (set != nullptr) {
       return set;
     }
-    const auto found = options_.find(name);
-    return found != options_.end() ? found->second : absent;
+    const auto option = options_.find(name);
+    return option != options_.end() ? option->second : absent;
   }
 
   double positive(const std::string& name, double absent) const {
-    const auto found = options_.find(name);
-    if (found == options_.end()) {
+    const auto option = options_.find(name);
+    if (option == options_.end()) {
       return absent;
     }
-    const auto value = swarmwright::detail::number<double>("ctrl: " + name, found->second);
+    const auto value = swarmwright::detail::number<double>("ctrl: " + name, option->second);
     if (!(value > 0 && value <= largest)) {
-      throw std::invalid_argument("ctrl: " + name + ": " + found->second +
+      throw std::invalid_argument("ctrl: " + name + ": " + option->second +
                                   " found, expected a number above 0, 1e6 at most");
     }
     return value;

@@ -156,7 +156,7 @@ class Minisim final : public swarmwright::Simulation {
  private:
   enum class State { free, arrived, caught };
 
-  double count(State wanted) const { return static_cast<double>(std::count(states_.begin(), states_.end(), wanted)); }
+  double count(State target) const { return static_cast<double>(std::count(states_.begin(), states_.end(), target)); }
 
   void move(Point& agent, float x, float y) const {
     agent[0] = limit(agent[0] + settings_.speed_agents * x, settings_.map[0]);

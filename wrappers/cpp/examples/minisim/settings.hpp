@@ -111,20 +111,20 @@ class Settings {
   /// The positions in a list; empty if there is none.
   std::vector<Point> listed(const swarmwright::Parameters& read, const char* list, const char* number,
                             std::uint32_t least) const {
-    const std::optional<std::vector<Point>> found = read.positions(list, most_bodies, map[0], map[1]);
-    if (!found) {
+    const std::optional<std::vector<Point>> positions = read.positions(list, most_bodies, map[0], map[1]);
+    if (!positions) {
       return {};
     }
-    if (found->size() < least) {
+    if (positions->size() < least) {
       throw swarmwright::ParameterError(list, "an empty list found, expected at least one position [x, y]");
     }
-    const auto length = static_cast<std::uint32_t>(found->size());
+    const auto length = static_cast<std::uint32_t>(positions->size());
     const auto count = read.integer<std::uint32_t>(number, least, most_bodies, length);
     if (count != length) {
       throw swarmwright::ParameterError(list, std::to_string(length) + " positions found, but " + number + " is " +
                                                   std::to_string(count) + "; make them agree or leave one out");
     }
-    return *found;
+    return *positions;
   }
 
   template <class Start>

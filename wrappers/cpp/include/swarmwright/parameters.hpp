@@ -34,7 +34,7 @@ class Parameters {
   }
 
   /// The parameters passed to a function of the C interface, valid during the call.
-  explicit Parameters(const swarmwright_parameters* given) noexcept : given_(given) {}
+  explicit Parameters(const swarmwright_parameters* handle) noexcept : given_(handle) {}
 
   /// All parameters as a JSON object, for values that the other methods cannot read.
   std::string json() const {
@@ -111,9 +111,9 @@ class Parameters {
     if (!has(name)) {
       return std::nullopt;
     }
-    Position found{};
-    detail::check(swarmwright_parameter_position(given_, name, width, height, found.data()));
-    return found;
+    Position position{};
+    detail::check(swarmwright_parameter_position(given_, name, width, height, position.data()));
+    return position;
   }
 
   /// At most `most` positions [[x, y], ..], as position().
@@ -134,7 +134,7 @@ class Parameters {
 
  private:
   struct Free {
-    void operator()(swarmwright_parameters* made) const noexcept { swarmwright_parameters_free(made); }
+    void operator()(swarmwright_parameters* handle) const noexcept { swarmwright_parameters_free(handle); }
   };
   std::unique_ptr<swarmwright_parameters, Free> owned_;
   const swarmwright_parameters* given_ = nullptr;

@@ -271,9 +271,9 @@ class PhysicsServer : public RunningServer {
     const detail::Turn turn(context);
     return detail::guarded([&] {
       auto& self = *static_cast<Context*>(context);
-      std::unique_ptr<detail::HostedPhysics> made = self.first ? std::move(self.first) : self.make();
-      const detail::Turn handed_over(made.get());
-      *object = made.release();
+      std::unique_ptr<detail::HostedPhysics> hosted = self.first ? std::move(self.first) : self.make();
+      const detail::Turn handed_over(hosted.get());
+      *object = hosted.release();
     });
   }
 

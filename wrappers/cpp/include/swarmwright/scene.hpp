@@ -49,17 +49,17 @@ class Scene {
   void origin(float x, float y) { detail::check(swarmwright_scene_origin(scene_, x, y)); }
 
   /// Adds a body above those that are there; its number from 0.
-  std::uint32_t body(const Body& given) {
+  std::uint32_t body(const Body& source) {
     const swarmwright_body plain = {sizeof(swarmwright_body),
-                                    given.kind.c_str(),
-                                    given.state.c_str(),
-                                    static_cast<float>(given.x),
-                                    static_cast<float>(given.y),
-                                    static_cast<float>(given.radius),
-                                    static_cast<float>(given.heading),
-                                    static_cast<float>(given.value),
-                                    given.agent,
-                                    given.label.c_str()};
+                                    source.kind.c_str(),
+                                    source.state.c_str(),
+                                    static_cast<float>(source.x),
+                                    static_cast<float>(source.y),
+                                    static_cast<float>(source.radius),
+                                    static_cast<float>(source.heading),
+                                    static_cast<float>(source.value),
+                                    source.agent,
+                                    source.label.c_str()};
     std::uint32_t index = 0;
     detail::check(swarmwright_scene_body(scene_, &plain, &index));
     return index;

@@ -100,7 +100,7 @@ class Server : public RunningServer {
 
  private:
   struct Context {
-    explicit Context(Factory made) : factory(std::move(made)) {}
+    explicit Context(Factory maker) : factory(std::move(maker)) {}
 
     std::unique_ptr<detail::Hosted> make() const {
       std::unique_ptr<Simulation> simulation = factory();
@@ -119,9 +119,9 @@ class Server : public RunningServer {
     const detail::Turn turn(context);
     return detail::guarded([&] {
       auto& self = *static_cast<Context*>(context);
-      std::unique_ptr<detail::Hosted> made = self.first ? std::move(self.first) : self.make();
-      const detail::Turn handed_over(made.get());
-      *object = made.release();
+      std::unique_ptr<detail::Hosted> hosted = self.first ? std::move(self.first) : self.make();
+      const detail::Turn handed_over(hosted.get());
+      *object = hosted.release();
     });
   }
 

@@ -154,8 +154,8 @@ inline swarmwright_simulation functions() noexcept {
     const Turn turn(object);
     delete static_cast<Hosted*>(object);
   };
-  table.reset = [](void* object, const swarmwright_parameters* given, std::uint64_t seed) noexcept {
-    return hosted(object, [&](Hosted& host) { host.simulation->reset(Parameters(given), seed); });
+  table.reset = [](void* object, const swarmwright_parameters* handle, std::uint64_t seed) noexcept {
+    return hosted(object, [&](Hosted& host) { host.simulation->reset(Parameters(handle), seed); });
   };
   table.acting = [](void* object, const std::uint32_t** agents, std::size_t* count) noexcept {
     return hosted(object, [&](Hosted& host) {

@@ -60,7 +60,7 @@ class Measuring {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& what) const { throw GazeboError(choice_.path + ": " + what); }
+  [[noreturn]] void fail(const std::string& problem) const { throw GazeboError(choice_.path + ": " + problem); }
 
   UserWheel wheel(const ModelPtr& placed, const std::string& name) const {
     const std::string element = "<joint name=" + in_quotes(name) + ">";

@@ -37,17 +37,17 @@ struct Obstacle {
       dSpaceCollide2(one, other, data, &look);
       return;
     }
-    auto& found = *static_cast<Obstacle*>(data);
+    auto& obstacle = *static_cast<Obstacle*>(data);
     const dGeomID theirs = dGeomGetData(one) != nullptr ? one : other;
     const auto* shape = static_cast<const ::gazebo::physics::ODECollision*>(dGeomGetData(theirs));
-    if (!found.model.empty() || shape == nullptr || shape->GetSurface()->collideWithoutContact) {
+    if (!obstacle.model.empty() || shape == nullptr || shape->GetSurface()->collideWithoutContact) {
       return;
     }
     const std::string name = shape->GetModel()->GetName();
     dContactGeom contacts[4];
     const int count = is_of_mission(name) ? 0 : dCollide(one, other, 4, contacts, sizeof(dContactGeom));
     if (std::any_of(contacts, contacts + count, [](const auto& each) { return each.depth > deepest_at_start; })) {
-      found.model = name;
+      obstacle.model = name;
     }
   }
 };
@@ -134,8 +134,9 @@ class ClassicScene : public Scene {
   }
 
   void poses(Span<Pose> robots, Span<Pose> objects) override {
-    std::transform(robots_.begin(), robots_.end(), robots.begin(), [](const Robot& one) { return one.at(); });
-    std::transform(objects_.begin(), objects_.end(), objects.begin(), [](const ModelPtr& one) { return flat(one); });
+    std::transform(robots_.begin(), robots_.end(), robots.begin(), [](const Robot& robot) { return robot.at(); });
+    std::transform(objects_.begin(), objects_.end(), objects.begin(),
+                   [](const ModelPtr& object) { return flat(object); });
   }
 
   void rays(std::uint32_t number, Span<float> distances) override { robots_.at(number).look(distances); }
@@ -164,11 +165,11 @@ class ClassicScene : public Scene {
       const double low = std::min(0.01, height / 4);
       const dGeomID body = dCreateCylinder(nullptr, static_cast<double>(model.radius), height - low);
       dGeomSetPosition(body, static_cast<double>(robots[i].x), static_cast<double>(robots[i].y), (height + low) / 2);
-      Obstacle found;
-      dSpaceCollide2(body, reinterpret_cast<dGeomID>(engine->GetSpaceId()), &found, &Obstacle::look);
+      Obstacle obstacle;
+      dSpaceCollide2(body, reinterpret_cast<dGeomID>(engine->GetSpaceId()), &obstacle, &Obstacle::look);
       dGeomDestroy(body);
-      if (!found.model.empty()) {
-        throw begins_in(i, robots[i], found.model);
+      if (!obstacle.model.empty()) {
+        throw begins_in(i, robots[i], obstacle.model);
       }
     }
   }

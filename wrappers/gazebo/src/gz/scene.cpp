@@ -55,10 +55,10 @@ constexpr int repetitions = 4;
 class KeptSignals {
  public:
   KeptSignals() {
-    each([](int signal, struct sigaction& kept) { ::sigaction(signal, nullptr, &kept); });
+    each([](int signal, struct sigaction& action) { ::sigaction(signal, nullptr, &action); });
   }
   ~KeptSignals() {
-    each([](int signal, struct sigaction& kept) { ::sigaction(signal, &kept, nullptr); });
+    each([](int signal, struct sigaction& action) { ::sigaction(signal, &action, nullptr); });
   }
   KeptSignals(const KeptSignals&) = delete;
   KeptSignals& operator=(const KeptSignals&) = delete;
@@ -175,8 +175,8 @@ class GzScene : public Scene {
     }
     run(1, false);
     for (int i = 0; i < repetitions; ++i) {
-      for (const auto& place : places) {
-        rest(*place.first, Placement::Zero);
+      for (const auto& placement : places) {
+        rest(*placement.first, Placement::Zero);
       }
       run(1, true);
     }
@@ -202,8 +202,9 @@ class GzScene : public Scene {
   }
 
   void poses(Span<Pose> robots, Span<Pose> objects) override {
-    std::transform(robots_.begin(), robots_.end(), robots.begin(), [&](const Robot& one) { return at(one.body); });
-    std::transform(objects_.begin(), objects_.end(), objects.begin(), [&](const Movable& one) { return at(one); });
+    std::transform(robots_.begin(), robots_.end(), robots.begin(), [&](const Robot& robot) { return at(robot.body); });
+    std::transform(objects_.begin(), objects_.end(), objects.begin(),
+                   [&](const Movable& object) { return at(object); });
   }
 
   void rays(std::uint32_t number, Span<float> distances) override {
@@ -229,7 +230,7 @@ class GzScene : public Scene {
       const Captured said_before;
       config.SetSdfString("<?xml version='1.0'?><sdf version='" + sdf::SDF::Version() + "'>" +
                           description->ToString("") + "</sdf>");
-      const KeptSignals kept;
+      const KeptSignals signals;
       server_ = std::make_unique<sim::Server>(config);
       sdf::setFindCallback(find_resource);  // the server has set its own, which asks the network
     }
@@ -337,8 +338,8 @@ class GzScene : public Scene {
           }
           return true;
         });
-    std::stable_sort(shapes_.begin(), shapes_.end(), [](const Placed& one, const Placed& other) {
-      return std::pair(one.model, one.link) < std::pair(other.model, other.link);
+    std::stable_sort(shapes_.begin(), shapes_.end(), [](const Placed& left, const Placed& other) {
+      return std::pair(left.model, left.link) < std::pair(other.model, other.link);
     });
     for (Placed& placed : shapes_) {
       if (!is_static(placed.model)) {
@@ -364,16 +365,16 @@ class GzScene : public Scene {
 
   /// How far the nearest shape of other models is along a ray, and its model.
   std::pair<double, Entity> nearest(const Vector& begin, const Vector& along, double length, Entity own) const {
-    std::pair<double, Entity> found{std::numeric_limits<double>::infinity(), sim::kNullEntity};
+    std::pair<double, Entity> nearest{std::numeric_limits<double>::infinity(), sim::kNullEntity};
     for (const Placed& placed : shapes_) {
       if (placed.model != own) {
         const double met = placed.shape.met(begin, along, length);
-        if (met < found.first) {
-          found = {met, placed.model};
+        if (met < nearest.first) {
+          nearest = {met, placed.model};
         }
       }
     }
-    return found;
+    return nearest;
   }
 
   /// Throws ParameterError if a robot begins in something of the user's world.
@@ -399,23 +400,23 @@ class GzScene : public Scene {
   }
 
   /// Tells the engine to put a model somewhere, at rest.
-  void rest(const Movable& one, const Placement& place) {
+  void rest(const Movable& movable, const Placement& placement) {
     auto& all = manager();
-    all.SetComponentData<components::WorldPoseCmd>(one.model, place);
-    all.SetComponentData<components::LinearVelocityCmd>(one.model, Vector::Zero);
-    all.SetComponentData<components::AngularVelocityCmd>(one.model, Vector::Zero);
-    for (const auto& [joint, freedoms] : one.joints) {
+    all.SetComponentData<components::WorldPoseCmd>(movable.model, placement);
+    all.SetComponentData<components::LinearVelocityCmd>(movable.model, Vector::Zero);
+    all.SetComponentData<components::AngularVelocityCmd>(movable.model, Vector::Zero);
+    for (const auto& [joint, freedoms] : movable.joints) {
       all.SetComponentData<components::JointPositionReset>(joint, std::vector<double>(freedoms, 0.0));
       all.SetComponentData<components::JointVelocityReset>(joint, std::vector<double>(freedoms, 0.0));
     }
   }
 
   /// Ends what rest() told, of which the engine would repeat a part.
-  void at_ease(const Movable& one) {
+  void at_ease(const Movable& movable) {
     auto& all = manager();
-    all.RemoveComponent<components::WorldPoseCmd>(one.model);
-    all.RemoveComponent<components::LinearVelocityCmd>(one.model);
-    all.RemoveComponent<components::AngularVelocityCmd>(one.model);
+    all.RemoveComponent<components::WorldPoseCmd>(movable.model);
+    all.RemoveComponent<components::LinearVelocityCmd>(movable.model);
+    all.RemoveComponent<components::AngularVelocityCmd>(movable.model);
   }
 
   void drive() {
@@ -443,10 +444,10 @@ class GzScene : public Scene {
     manager().SetComponentData<components::JointVelocityCmd>(wheel.joint, {wheel.forward * speed / wheel.radius});
   }
 
-  Pose at(const Movable& one) const {
-    const Placement& pose = manager().Component<components::Pose>(one.model)->Data();
-    return on_the_ground(name_of(one.model), pose.Pos().X(), pose.Pos().Y(), pose.Pos().Z(), pose.Rot().Yaw(),
-                         one.lift);
+  Pose at(const Movable& movable) const {
+    const Placement& pose = manager().Component<components::Pose>(movable.model)->Data();
+    return on_the_ground(name_of(movable.model), pose.Pos().X(), pose.Pos().Y(), pose.Pos().Z(), pose.Rot().Yaw(),
+                         movable.lift);
   }
 
   World plan_;

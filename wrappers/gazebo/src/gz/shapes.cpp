@@ -29,10 +29,10 @@ bool between(double begin, double along, double half, double& from, double& to) 
   if (along == 0) {
     return std::abs(begin) <= half;
   }
-  const double one = (-half - begin) / along;
+  const double first = (-half - begin) / along;
   const double other = (half - begin) / along;
-  from = std::max(from, std::min(one, other));
-  to = std::min(to, std::max(one, other));
+  from = std::max(from, std::min(first, other));
+  to = std::min(to, std::max(first, other));
   return from <= to;
 }
 
@@ -52,16 +52,16 @@ bool roots(double a, double b, double c, double& from, double& to) {
 }
 
 double met_triangle(const std::array<Vector, 3>& corners, const Vector& begin, const Vector& along) {
-  const Vector one = corners[1] - corners[0];
+  const Vector edge = corners[1] - corners[0];
   const Vector other = corners[2] - corners[0];
   const Vector cross = along.Cross(other);
-  const double determinant = one.Dot(cross);
+  const double determinant = edge.Dot(cross);
   if (determinant == 0) {
     return nothing;
   }
   const Vector from = begin - corners[0];
   const double u = from.Dot(cross) / determinant;
-  const Vector second = from.Cross(one);
+  const Vector second = from.Cross(edge);
   const double v = along.Dot(second) / determinant;
   const double distance = other.Dot(second) / determinant;
   return u >= 0 && v >= 0 && u + v <= 1 && distance >= 0 ? distance : nothing;

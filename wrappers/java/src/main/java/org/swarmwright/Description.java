@@ -48,7 +48,7 @@ public final class Description {
     for (String name : metrics) {
       if (!name.matches("[A-Za-z_][A-Za-z0-9_]*")) {
         throw new IllegalArgumentException(
-            "metric \"" + name + "\": a name is a letter or _, then letters, digits and _");
+            "metric \"" + name + "\": a name must be a letter or _, then letters, digits and _");
       }
     }
     this.metrics = List.copyOf(metrics);

@@ -21,7 +21,7 @@ public final class ParameterReader {
   private static final BigInteger MAX_SEED = BigInteger.ONE.shiftLeft(64).subtract(BigInteger.ONE);
 
   private final JsonObject parameters;
-  private final Set<String> asked = new HashSet<>();
+  private final Set<String> readNames = new HashSet<>();
 
   /** Reads from a JSON object. */
   public ParameterReader(JsonObject parameters) {
@@ -30,7 +30,7 @@ public final class ParameterReader {
 
   /** All parameters as JSON, for values that the other methods cannot read. */
   public JsonObject json() {
-    asked.addAll(parameters.keySet());
+    readNames.addAll(parameters.keySet());
     return parameters;
   }
 
@@ -45,13 +45,13 @@ public final class ParameterReader {
    */
   public Set<String> unread() {
     Set<String> names = new TreeSet<>(parameters.keySet());
-    names.removeAll(asked);
+    names.removeAll(readNames);
     names.remove("seed");
     return names;
   }
 
   private JsonElement asked(String name) {
-    asked.add(name);
+    readNames.add(name);
     return parameters.get(name);
   }
 
@@ -205,8 +205,8 @@ public final class ParameterReader {
 
   /** The whole number; null if the value is not a whole number. */
   private static BigInteger whole(JsonElement value) {
-    double near = real(value);
-    if (!(Math.abs(near) < 1e20) || near != 0 && Math.abs(near) < 1) {
+    double nearest = real(value);
+    if (!(Math.abs(nearest) < 1e20) || nearest != 0 && Math.abs(nearest) < 1) {
       return null;
     }
     JsonPrimitive primitive = value.getAsJsonPrimitive();

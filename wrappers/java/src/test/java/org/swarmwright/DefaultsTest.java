@@ -33,8 +33,8 @@ class DefaultsTest {
   void argumentsWin() {
     System.setProperty(Defaults.BROKER_PROPERTY, "mqtt://property");
     assertEquals("mqtt://property", new CommandLine(List.of()).broker);
-    CommandLine given = new CommandLine(List.of("--broker", "mqtt://given", "--prefix="));
-    assertEquals("mqtt://given", given.broker);
-    assertEquals("", given.prefix);
+    CommandLine line = new CommandLine(List.of("--broker", "mqtt://given", "--prefix="));
+    assertEquals("mqtt://given", line.broker);
+    assertEquals("", line.prefix);
   }
 }

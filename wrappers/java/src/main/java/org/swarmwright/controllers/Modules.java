@@ -227,7 +227,7 @@ final strictfp class Modules extends Architecture {
     v[3] += v[1] * v[2];
   }
 
-  private static int sixteen(int one, int other) {
-    return one & 255 | (other & 255) << 8;
+  private static int sixteen(int first, int other) {
+    return first & 255 | (other & 255) << 8;
   }
 }

@@ -49,9 +49,9 @@ public final class ParameterSet extends Architecture {
   }
 
   /** The parameters of an episode: those given, overridden by the values of this set. */
-  public JsonObject merged(JsonObject given, float[] weights, int first) {
+  public JsonObject merged(JsonObject values, float[] weights, int first) {
     JsonObject merged = new JsonObject();
-    given.entrySet().forEach(entry -> merged.add(entry.getKey(), entry.getValue()));
+    values.entrySet().forEach(entry -> merged.add(entry.getKey(), entry.getValue()));
     for (int i = 0; i < parameters.size(); i++) {
       merged.add(parameters.get(i).name, parameters.get(i).value(weights[first + i]));
     }

@@ -20,14 +20,14 @@ final class SpecificationReader {
       Set.of("server", "simulation", "simulation_hash", "seed");
 
   private final JsonObject fields;
-  private final Set<String> known = new HashSet<>(Set.of("weights"));
+  private final Set<String> knownFields = new HashSet<>(Set.of("weights"));
 
   SpecificationReader(JsonObject fields) {
     this.fields = fields;
   }
 
   private JsonElement take(String field, String expected) {
-    known.add(field);
+    knownFields.add(field);
     JsonElement value = fields.get(field);
     if (value == null) {
       throw new SpecificationException(field, "is missing; expected " + expected);
@@ -52,15 +52,15 @@ final class SpecificationReader {
   /** One of the texts allowed; the first one where the field is left out. */
   String choice(String field, String... allowed) {
     if (!fields.has(field)) {
-      known.add(field);
+      knownFields.add(field);
       return allowed[0];
     }
     String expected = "one of " + String.join(", ", allowed);
-    String found = text(field, expected);
-    if (!Arrays.asList(allowed).contains(found)) {
-      throw new SpecificationException(field, "\"" + found + "\" found, expected " + expected);
+    String name = text(field, expected);
+    if (!Arrays.asList(allowed).contains(name)) {
+      throw new SpecificationException(field, "\"" + name + "\" found, expected " + expected);
     }
-    return found;
+    return name;
   }
 
   /** A whole number in low..high; 8.0 counts as 8. */
@@ -92,20 +92,20 @@ final class SpecificationReader {
   /** The function of the output layer: that of all nodes where the field is left out. */
   Activation outputActivation(Activation ofAll) {
     String field = "output_activation";
-    known.add(field);
+    knownFields.add(field);
     return fields.has(field) ? function(field, Activation.values()) : ofAll;
   }
 
   private Activation function(String field, Activation... allowed) {
     String expected =
         "one of " + Arrays.stream(allowed).map(Activation::text).collect(Collectors.joining(", "));
-    String found = text(field, expected);
+    String name = text(field, expected);
     for (Activation activation : allowed) {
-      if (activation.text().equals(found)) {
+      if (activation.text().equals(name)) {
         return activation;
       }
     }
-    throw new SpecificationException(field, "\"" + found + "\" found, expected " + expected);
+    throw new SpecificationException(field, "\"" + name + "\" found, expected " + expected);
   }
 
   OutputRange outputRange() {
@@ -187,7 +187,7 @@ final class SpecificationReader {
       String name = item.text("name", "a text");
       String type = item.text("type", "real, integer or categorical");
       List<String> choices = type.equals("categorical") ? item.choices() : List.of();
-      item.known.remove("weights");
+      item.knownFields.remove("weights");
       item.end();
       if (name.isEmpty() || RESERVED.contains(name)) {
         throw new SpecificationException(
@@ -227,9 +227,10 @@ final class SpecificationReader {
    */
   void end() {
     for (String field : fields.keySet()) {
-      if (!known.contains(field)) {
-        known.remove("weights");
-        throw new SpecificationException(field, "is unknown; expected " + String.join(", ", known));
+      if (!knownFields.contains(field)) {
+        knownFields.remove("weights");
+        throw new SpecificationException(
+            field, "is unknown; expected " + String.join(", ", knownFields));
       }
     }
   }

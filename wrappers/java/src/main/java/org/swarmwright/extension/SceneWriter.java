@@ -77,7 +77,7 @@ public final class SceneWriter {
     double[] origin = scene.origin();
     boolean moved = origin[0] != 0 || origin[1] != 0;
     int optional = 0;
-    boolean[] there = {
+    boolean[] present = {
       head.fitness != null,
       !head.metrics.isEmpty(),
       moved,
@@ -92,8 +92,8 @@ public final class SceneWriter {
       !scene.styles().isEmpty(),
       scene.scale() != null
     };
-    for (boolean one : there) {
-      optional += one ? 1 : 0;
+    for (boolean flag : present) {
+      optional += flag ? 1 : 0;
     }
     packer.packMapHeader(9 + optional);
     head(head);

@@ -49,11 +49,11 @@ public final class Decimals {
       BigInteger above = below.add(BigInteger.valueOf(digits.signum()));
       boolean up = digits.abs().mod(BigInteger.TEN).intValue() >= 5;
       scale--;
-      String near = new BigDecimal(up ? above : below, scale).toString();
+      String nearest = new BigDecimal(up ? above : below, scale).toString();
       String far = new BigDecimal(up ? below : above, scale).toString();
-      if (same.test(near)) {
+      if (same.test(nearest)) {
         digits = up ? above : below;
-        best = near;
+        best = nearest;
       } else if (same.test(far)) {
         digits = up ? below : above;
         best = far;

@@ -25,8 +25,8 @@ final class Fields {
   }
 
   private MessageException wrong(String key, String expected) {
-    String found = String.valueOf(object.get(key));
-    String shown = found.length() > 60 ? found.substring(0, 57) + "..." : found;
+    String actual = String.valueOf(object.get(key));
+    String shown = actual.length() > 60 ? actual.substring(0, 57) + "..." : actual;
     return new MessageException("\"" + key + "\" is " + shown + ", expected " + expected);
   }
 
@@ -75,11 +75,11 @@ final class Fields {
     if (!value.isNumber() || !Double.isFinite(value.getAsDouble())) {
       throw wrong(key, expected);
     }
-    double near = value.getAsDouble();
-    if (near < 0 || near > 1e19) {
+    double nearest = value.getAsDouble();
+    if (nearest < 0 || nearest > 1e19) {
       throw wrong(key, expected);
     }
-    if (near != 0 && near < 1) {
+    if (nearest != 0 && nearest < 1) {
       throw wrong(key, expected);
     }
     BigDecimal number = new BigDecimal(value.getAsString());

@@ -77,9 +77,9 @@ final class JsonText {
   }
 
   private boolean take(char c) {
-    boolean found = peek() == c && at < text.length();
-    at += found ? 1 : 0;
-    return found;
+    boolean matches = peek() == c && at < text.length();
+    at += matches ? 1 : 0;
+    return matches;
   }
 
   private JsonElement value(int depth) {
@@ -109,9 +109,9 @@ final class JsonText {
   }
 
   private boolean word(String word) {
-    boolean found = text.startsWith(word, at);
-    at += found ? word.length() : 0;
-    return found;
+    boolean matches = text.startsWith(word, at);
+    at += matches ? word.length() : 0;
+    return matches;
   }
 
   private void nest(int depth) {
@@ -216,9 +216,9 @@ final class JsonText {
   }
 
   private void escape(StringBuilder out) {
-    int known = "\"\\/bfnrt".indexOf(peek());
-    if (at < text.length() && known >= 0) {
-      out.append("\"\\/\b\f\n\r\t".charAt(known));
+    int index = "\"\\/bfnrt".indexOf(peek());
+    if (at < text.length() && index >= 0) {
+      out.append("\"\\/\b\f\n\r\t".charAt(index));
       at++;
     } else if (peek() == 'u') {
       char first = unit();

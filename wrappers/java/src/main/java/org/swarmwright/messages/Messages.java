@@ -185,16 +185,16 @@ public final class Messages {
     if (modules == null) {
       return null;
     }
-    List<Module> found = new ArrayList<>(modules.size());
+    List<Module> result = new ArrayList<>(modules.size());
     for (Fields module : modules) {
-      found.add(
+      result.add(
           new Module()
               .withRole(module.text("role"))
               .withName(module.text("name"))
               .withFile(module.optionalText("file"))
               .withSha256(module.optionalText("sha256")));
     }
-    return found;
+    return result;
   }
 
   private static Swarmwright announcement(Fields capabilities) {

@@ -110,9 +110,9 @@ public final class SimulationHash {
   private static void quote(String value, StringBuilder text) {
     text.append('"');
     for (char c : value.toCharArray()) {
-      int known = "\b\t\n\f\r\"\\".indexOf(c);
-      if (known >= 0) {
-        text.append('\\').append("btnfr\"\\".charAt(known));
+      int index = "\b\t\n\f\r\"\\".indexOf(c);
+      if (index >= 0) {
+        text.append('\\').append("btnfr\"\\".charAt(index));
       } else if (c < 0x20) {
         text.append(String.format("\\u%04x", (int) c));
       } else {

@@ -123,8 +123,8 @@ public final strictfp class Minisim implements Simulation {
     return new double[] {count(State.ARRIVED), count(State.CAUGHT), step, 0.0 - fitness()};
   }
 
-  private double count(State wanted) {
-    return Arrays.stream(states).filter(state -> state == wanted).count();
+  private double count(State target) {
+    return Arrays.stream(states).filter(state -> state == target).count();
   }
 
   @Override

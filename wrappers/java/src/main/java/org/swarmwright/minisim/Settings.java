@@ -45,8 +45,8 @@ final strictfp class Settings {
             : defenders(read.integer("numDefenders", 0, MAX_BODIES, 1), random, seed);
     speedAgents = read.notNegative("speedAgents", 1f);
     speedDefenders = read.notNegative("speedDefenders", 0.33f);
-    float[] place = read.position("goal", width, height);
-    goal = place != null ? place : new float[] {width - 0.5f, height / 2f};
+    float[] position = read.position("goal", width, height);
+    goal = position != null ? position : new float[] {width - 0.5f, height / 2f};
     helloMessage = read.text("helloMessage", "Welcome to minisim");
     stepSize = read.integer("stepSize", 0, MAX_STEP_SIZE, 250);
     maxSteps = read.whole("maxSteps", 1, 10_000_000L, 15);

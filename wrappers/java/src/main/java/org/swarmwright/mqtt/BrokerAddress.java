@@ -109,8 +109,8 @@ public final class BrokerAddress {
       throw wrong(shown, "mqtt:// and mqtts:// take no path; use a prefix for topics");
     }
     int port = parsed.getPort() < 0 ? PORTS.get(scheme) : parsed.getPort();
-    String place = web ? (path.length() > 1 ? path : "/mqtt") : "";
-    return scheme + "://" + parsed.getHost() + ":" + port + place;
+    String target = web ? (path.length() > 1 ? path : "/mqtt") : "";
+    return scheme + "://" + parsed.getHost() + ":" + port + target;
   }
 
   private static IllegalArgumentException wrong(String url, String reason) {

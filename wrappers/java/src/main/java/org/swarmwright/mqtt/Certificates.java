@@ -78,8 +78,8 @@ final class Certificates {
   private static TrustManager[] trusting(String file) throws GeneralSecurityException, IOException {
     KeyStore store = empty();
     int index = 0;
-    for (Certificate one : certificates("SWARMWRIGHT_CA_FILE", file)) {
-      store.setCertificateEntry("authority-" + index++, one);
+    for (Certificate certificate : certificates("SWARMWRIGHT_CA_FILE", file)) {
+      store.setCertificateEntry("authority-" + index++, certificate);
     }
     TrustManagerFactory factory =
         TrustManagerFactory.getInstance(TrustManagerFactory.getDefaultAlgorithm());
@@ -150,7 +150,7 @@ final class Certificates {
               CertificateFactory.getInstance("X.509")
                   .generateCertificates(new ByteArrayInputStream(content)));
       if (found.isEmpty()) {
-        throw unusable(variable, file, "there is no certificate in it");
+        throw unusable(variable, file, "it contains no certificate");
       }
       return found;
     } catch (CertificateException error) {

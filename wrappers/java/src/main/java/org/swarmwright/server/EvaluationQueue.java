@@ -30,9 +30,9 @@ final class EvaluationQueue {
    * resets the mark, since the next job is a new request.
    */
   boolean takeGivenUp() {
-    boolean taken = givenUp;
+    boolean wasGivenUp = givenUp;
     givenUp = false;
-    return taken;
+    return wasGivenUp;
   }
 
   /** Adds a request of a tool; after work was given up, it follows as soon as that has stopped. */

@@ -114,9 +114,9 @@ final class Guard {
     int names = simulation.description().metrics().size();
     double[] all = names == 0 ? new double[0] : call(simulation::metrics);
     if (all == null || all.length != names) {
-      String found = all == null ? "null" : all.length + " numbers";
+      String actual = all == null ? "null" : all.length + " numbers";
       throw new EpisodeFailed(
-          "metrics() gives " + found + ", but the description has " + names + " names");
+          "metrics() gives " + actual + ", but the description has " + names + " names");
     }
     return all;
   }
@@ -132,9 +132,9 @@ final class Guard {
     results[0] = finite(call(simulation::fitness));
     // Also where none are wanted: whether an episode fails must not depend on the mode.
     double[] all = metrics(simulation);
-    List<String> known = simulation.description().metrics();
+    List<String> available = simulation.description().metrics();
     for (int i = 0; i < names.size(); i++) {
-      int index = known.indexOf(names.get(i));
+      int index = available.indexOf(names.get(i));
       results[1 + i] = all[index];
       if (!Double.isFinite(results[1 + i])) {
         throw new EpisodeFailed(

@@ -214,8 +214,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     } catch (RuntimeException bug) {
       restsUntil = System.nanoTime() + REST_NANOS;
       StackTraceElement[] stack = bug.getStackTrace();
-      String place = stack.length == 0 ? "" : " at " + stack[0];
-      notices.accept("bug: " + failure + ": " + bug + place);
+      String location = stack.length == 0 ? "" : " at " + stack[0];
+      notices.accept("bug: " + failure + ": " + bug + location);
     } finally {
       watch();
     }

@@ -112,8 +112,8 @@ final class Link {
    *
    * @throws TooLarge if the broker would not take it
    */
-  void publish(String what, String topic, byte[] payload) {
-    check(what, topic, payload.length);
+  void publish(String label, String topic, byte[] payload) {
+    check(label, topic, payload.length);
     send(topic, new MqttMessage(payload, 0, false, null));
   }
 
@@ -138,11 +138,11 @@ final class Link {
   }
 
   /** Brokers close the connection after a packet that is larger than they announced. */
-  private void check(String what, String topic, long payload) {
+  private void check(String label, String topic, long payload) {
     long bytes = HEADER + topic.getBytes(StandardCharsets.UTF_8).length + payload;
     long max = client.largestPacket();
     if (bytes > max) {
-      throw new TooLarge(what, bytes, max);
+      throw new TooLarge(label, bytes, max);
     }
   }
 

@@ -174,9 +174,9 @@ final class Machine {
       }
       return;
     }
-    String taken = reasonTaken(request);
-    if (taken != null) {
-      throw new Refusal(Refusal.Kind.TAKEN, taken);
+    String reason = reasonTaken(request);
+    if (reason != null) {
+      throw new Refusal(Refusal.Kind.TAKEN, reason);
     }
     if (request instanceof Evaluate) {
       offloaded.evaluate((Evaluate) request, now);
@@ -259,7 +259,7 @@ final class Machine {
     } else if (expiry <= now) {
       if (occupancy.is(Occupancy.State.CONFIGURED)) {
         outbox.notice(
-            "warning: parameters came, but no control message to start the run; free again");
+            "warning: parameters arrived without a control message to start the run; free again");
       }
       occupancy.free(now);
     }

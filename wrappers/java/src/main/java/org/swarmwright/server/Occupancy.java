@@ -61,8 +61,8 @@ final class Occupancy {
     this.presence = presence;
   }
 
-  boolean is(State which) {
-    return state == which;
+  boolean is(State other) {
+    return state == other;
   }
 
   State state() {

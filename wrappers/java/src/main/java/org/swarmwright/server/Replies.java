@@ -68,19 +68,19 @@ final class Replies {
   }
 
   void checkMetrics(List<String> names) {
-    List<String> known = offer.description().metrics();
+    List<String> available = offer.description().metrics();
     for (String name : names) {
       if (names.indexOf(name) != names.lastIndexOf(name)) {
         throw invalid("metrics: \"" + name + "\" is named twice");
       }
-      if (!known.contains(name)) {
+      if (!available.contains(name)) {
         throw invalid(
             "metrics: \""
                 + name
                 + "\" is not a metric of "
                 + offer.description().title()
                 + "; "
-                + (known.isEmpty() ? "it has none" : "it has " + String.join(", ", known)));
+                + (available.isEmpty() ? "it has none" : "it has " + String.join(", ", available)));
       }
     }
   }
@@ -93,8 +93,8 @@ final class Replies {
   Job job(Evaluate request, long now) {
     checkTitle(request.simulation);
     checkMetrics(request.metrics);
-    Architecture wanted = architecture(request.controller);
-    long weights = wanted.weightCount();
+    Architecture requested = architecture(request.controller);
+    long weights = requested.weightCount();
     if (request.isSample) {
       throw invalid("sample: this server makes no genomes; send them");
     }
@@ -119,18 +119,18 @@ final class Replies {
     return new Job(
         request,
         offer.first(),
-        wanted,
+        requested,
         unread,
         limited ? (Long) (now + (long) (request.lease * 1e9)) : null);
   }
 
-  private Architecture architecture(JsonObject wanted) {
-    if (wanted.equals(specification)) {
+  private Architecture architecture(JsonObject requested) {
+    if (requested.equals(specification)) {
       return architecture;
     }
     Architecture read;
     try {
-      read = Architecture.read(wanted);
+      read = Architecture.read(requested);
     } catch (SpecificationException error) {
       throw invalid(error.getMessage());
     }
@@ -139,18 +139,18 @@ final class Replies {
       check("sensors", read.sensors(), description.sensors());
       check("actuators", read.actuators(), description.actuators());
     }
-    specification = wanted;
+    specification = requested;
     architecture = read;
     return read;
   }
 
-  private void check(String field, int found, int expected) {
-    if (found != expected) {
+  private void check(String field, int actual, int expected) {
+    if (actual != expected) {
       throw invalid(
           "controller."
               + field
               + ": "
-              + found
+              + actual
               + ", but simulation "
               + offer.description().title()
               + " has "
@@ -183,8 +183,8 @@ final class Replies {
     if (reply == null || !canReply(reply)) {
       return;
     }
-    boolean told = tell(reply, null, failure(hash, reason, stack, invalid));
-    if (!told && stack != null) {
+    boolean sent = tell(reply, null, failure(hash, reason, stack, invalid));
+    if (!sent && stack != null) {
       tell(reply, null, failure(hash, reason, null, invalid));
     }
   }
@@ -222,7 +222,7 @@ final class Replies {
               + scene.length
               + " bytes is larger than the "
               + MapReader.MAX_BLOCK
-              + " that one may have",
+              + " allowed",
           true);
     }
     outbox.reply(run.reply, null, scene);

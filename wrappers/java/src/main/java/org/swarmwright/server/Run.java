@@ -121,7 +121,7 @@ final class Run {
                 + message.length
                 + " bytes, more than the "
                 + MAX_SENSOR_BYTES
-                + " that one may have",
+                + " allowed",
             true);
       }
       send.accept(message);
@@ -209,7 +209,7 @@ final class Run {
           values.size() + " actuators for agent " + agent + ", expected " + perAgent);
     }
     if (resumeAt != 0 || arrived[slot]) {
-      throw new MessageException("the actuators of agent " + agent + " came a second time");
+      throw new MessageException("the actuators of agent " + agent + " arrived twice");
     }
     arrived[slot] = true;
     for (int i = 0; i < perAgent; i++) {

@@ -211,8 +211,8 @@ final class RunControl {
         return hash.equals(newestHash);
       case HELD:
         if (occupancy.isHeldForUnnamed()) {
-          boolean known = hash.equals(occupancy.lastHash()) || parameters.containsKey(hash);
-          return tool == null && known;
+          boolean isKnown = hash.equals(occupancy.lastHash()) || parameters.containsKey(hash);
+          return tool == null && isKnown;
         }
         return occupancy.holder().equals(tool);
       default:
@@ -230,9 +230,9 @@ final class RunControl {
     for (Control late : early.removeLate(now)) {
       warnings.warnOnce(
           refusing(late)
-              + "no parameters came for its hash, "
+              + "no parameters arrived for its hash within "
               + EarlyControls.MAX_WAIT_NANOS / 1_000_000_000L
-              + " s after its control message");
+              + " s of its control message");
     }
   }
 

@@ -5,9 +5,9 @@ final class TooLarge extends RuntimeException {
   private static final long serialVersionUID = 1L;
 
   /** Names the message, the bytes of its packet and the limit. */
-  TooLarge(String what, long bytes, long max) {
+  TooLarge(String label, long bytes, long max) {
     super(
-        what + " of " + bytes + " bytes is larger than the " + max + " that the broker takes",
+        label + " of " + bytes + " bytes is larger than the " + max + " that the broker takes",
         null,
         false,
         false);

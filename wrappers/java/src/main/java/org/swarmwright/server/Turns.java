@@ -39,11 +39,11 @@ final class Turns {
   /** The discovery of a tool that could not have the server. */
   private static final class Question {
     final Discovery discovery;
-    final long asked;
+    final long askedAt;
 
-    Question(Discovery discovery, long asked) {
+    Question(Discovery discovery, long askedAt) {
       this.discovery = discovery;
-      this.asked = asked;
+      this.askedAt = askedAt;
     }
 
     boolean isOf(String tool) {
@@ -51,7 +51,8 @@ final class Turns {
     }
 
     boolean isValid(long now) {
-      return now - asked < (discovery.getTool() == null ? UNNAMED_QUESTION_NANOS : QUESTION_NANOS);
+      return now - askedAt
+          < (discovery.getTool() == null ? UNNAMED_QUESTION_NANOS : QUESTION_NANOS);
     }
   }
 
@@ -72,8 +73,8 @@ final class Turns {
   /** Remembers a tool that cannot have the server now. A tool that asks again keeps its place. */
   void ask(Discovery discovery, long now) {
     Question question = new Question(discovery, now);
-    boolean known = waiting.stream().anyMatch(one -> one.isOf(discovery.getTool()));
-    if (known) {
+    boolean isWaiting = waiting.stream().anyMatch(one -> one.isOf(discovery.getTool()));
+    if (isWaiting) {
       Deque<Question> before = new ArrayDeque<>(waiting);
       waiting.clear();
       before.forEach(one -> waiting.add(one.isOf(discovery.getTool()) ? question : one));

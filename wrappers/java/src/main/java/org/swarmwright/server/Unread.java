@@ -11,7 +11,7 @@ final class Unread {
   private static final int MAX_NAME = 100;
 
   private final Consumer<String> notices;
-  private final Set<String> told = new HashSet<>();
+  private final Set<String> reported = new HashSet<>();
 
   Unread(Consumer<String> notices) {
     this.notices = notices;
@@ -20,7 +20,7 @@ final class Unread {
   /** Looks at the parameters of an episode that was reset. */
   synchronized void check(ParameterReader parameters) {
     for (String name : parameters.unread()) {
-      if (told.size() < MAX_TOLD && told.add(name)) {
+      if (reported.size() < MAX_TOLD && reported.add(name)) {
         notices.accept(
             "warning: the parameter "
                 + Guard.shortened(name, MAX_NAME)

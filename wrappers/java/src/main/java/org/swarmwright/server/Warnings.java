@@ -8,14 +8,14 @@ final class Warnings {
   private static final int MAX_REMEMBERED = 1000;
 
   private final Outbox outbox;
-  private final Set<String> given = new HashSet<>();
+  private final Set<String> shown = new HashSet<>();
 
   Warnings(Outbox outbox) {
     this.outbox = outbox;
   }
 
   void warnOnce(String text) {
-    if (given.size() < MAX_REMEMBERED && given.add(text)) {
+    if (shown.size() < MAX_REMEMBERED && shown.add(text)) {
       outbox.notice("warning: " + text);
     }
   }

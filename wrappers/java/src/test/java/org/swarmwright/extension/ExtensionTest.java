@@ -23,13 +23,13 @@ import org.swarmwright.messages.MessageException;
 /** What a server reads is read, and what it writes is written, as the vectors say. */
 class ExtensionTest {
   private static List<JsonObject> vectors(String topic) {
-    List<JsonObject> found = new ArrayList<>();
+    List<JsonObject> messages = new ArrayList<>();
     for (JsonObject vector : Vectors.objects(Vectors.load("extension.json"))) {
       if (vector.get("topic").getAsString().equals(topic)) {
-        found.add(vector);
+        messages.add(vector);
       }
     }
-    return found;
+    return messages;
   }
 
   @TestFactory
@@ -50,10 +50,10 @@ class ExtensionTest {
       return;
     }
     JsonObject expected = vector.getAsJsonObject("reading");
-    JsonObject found = reading(ToServer.read(payload));
+    JsonObject actual = reading(ToServer.read(payload));
     for (String key : expected.keySet()) {
       if (!key.equals("kind") && !key.equals("version")) {
-        assertEquals(plain(expected.get(key)), plain(found.get(key)), key);
+        assertEquals(plain(expected.get(key)), plain(actual.get(key)), key);
       }
     }
   }

@@ -76,47 +76,49 @@ class MessagesTest {
   }
 
   /** Every key that is expected; null and nothing are one, and so are an empty list or object. */
-  private static void compare(String where, JsonElement expected, JsonElement found) {
-    if (expected.isJsonNull() || found == null) {
+  private static void compare(String where, JsonElement expected, JsonElement actual) {
+    if (expected.isJsonNull() || actual == null) {
       boolean nothing =
           expected.isJsonNull()
               || expected.isJsonArray() && expected.getAsJsonArray().isEmpty()
               || expected.isJsonObject() && expected.getAsJsonObject().entrySet().isEmpty();
       assertTrue(nothing, where + " is missing, expected " + expected);
       assertTrue(
-          found == null || found.isJsonNull() || found.toString().equals("[]"),
-          where + " is " + found);
+          actual == null || actual.isJsonNull() || actual.toString().equals("[]"),
+          where + " is " + actual);
     } else if (expected.isJsonObject()) {
       Set<String> keys = new HashSet<>(expected.getAsJsonObject().keySet());
       for (String key : keys) {
         compare(
             where + "." + key,
             expected.getAsJsonObject().get(key),
-            found.getAsJsonObject().get(key));
+            actual.getAsJsonObject().get(key));
       }
     } else if (expected.isJsonArray()) {
-      assertEquals(expected.getAsJsonArray().size(), found.getAsJsonArray().size(), where);
+      assertEquals(expected.getAsJsonArray().size(), actual.getAsJsonArray().size(), where);
       for (int i = 0; i < expected.getAsJsonArray().size(); i++) {
         compare(
-            where + "[" + i + "]", expected.getAsJsonArray().get(i), found.getAsJsonArray().get(i));
+            where + "[" + i + "]",
+            expected.getAsJsonArray().get(i),
+            actual.getAsJsonArray().get(i));
       }
-    } else if (found.getAsJsonPrimitive().isNumber()) {
+    } else if (actual.getAsJsonPrimitive().isNumber()) {
       // Gson, which reads the vectors, takes some long integers for texts.
       assertTrue(expected.getAsString().matches("[-+.eE0-9]+"), where);
-      same(where, expected.getAsString(), found.getAsString());
+      same(where, expected.getAsString(), actual.getAsString());
     } else {
-      assertEquals(expected, found, where);
+      assertEquals(expected, actual, where);
     }
   }
 
-  private static void same(String where, String expected, String found) {
-    boolean exact = new BigDecimal(expected).compareTo(new BigDecimal(found)) == 0;
+  private static void same(String where, String expected, String actual) {
+    boolean exact = new BigDecimal(expected).compareTo(new BigDecimal(actual)) == 0;
     boolean near =
-        Double.parseDouble(expected) == Double.parseDouble(found)
+        Double.parseDouble(expected) == Double.parseDouble(actual)
             && !expected.matches("-?[0-9]{16,}");
     boolean single = where.contains("sensor") || where.contains("actuator");
-    boolean nearSingle = single && Float.parseFloat(expected) == Float.parseFloat(found);
-    assertTrue(exact || near || nearSingle, where + " is " + found + ", expected " + expected);
+    boolean nearSingle = single && Float.parseFloat(expected) == Float.parseFloat(actual);
+    assertTrue(exact || near || nearSingle, where + " is " + actual + ", expected " + expected);
   }
 
   @Test

@@ -77,22 +77,22 @@ class AcknowledgingSocketTest {
       peer.getOutputStream().write(sent);
       peer.shutdownOutput();
       InputStream stream = socket.getInputStream();
-      byte[] found = new byte[sent.length];
+      byte[] received = new byte[sent.length];
       int[] sizes = {1, 3, 100, 8191, 8192, 20_000};
-      int place = 0;
-      for (int turn = 0; place < found.length; turn++) {
-        int size = Math.min(sizes[turn % sizes.length], found.length - place);
+      int offset = 0;
+      for (int turn = 0; offset < received.length; turn++) {
+        int size = Math.min(sizes[turn % sizes.length], received.length - offset);
         if (size == 1) {
-          found[place++] = (byte) stream.read();
+          received[offset++] = (byte) stream.read();
         } else {
-          int count = stream.read(found, place, size);
+          int count = stream.read(received, offset, size);
           assertTrue(count > 0);
-          place += count;
+          offset += count;
         }
       }
-      assertArrayEquals(sent, found);
+      assertArrayEquals(sent, received);
       assertEquals(-1, stream.read());
-      assertEquals(-1, stream.read(found, 0, 5));
+      assertEquals(-1, stream.read(received, 0, 5));
     }
   }
 }

@@ -57,9 +57,9 @@ class BrokerAddressTest {
     assertTrue(BrokerAddress.advice(new SSLHandshakeException(ended)).contains(address));
     SSLHandshakeException refused =
         new SSLHandshakeException("Received fatal alert: certificate_required");
-    String said = BrokerAddress.advice(refused);
-    assertTrue(said.contains("SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE"), said);
-    assertTrue(!said.contains(address), said);
+    String advice = BrokerAddress.advice(refused);
+    assertTrue(advice.contains("SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE"), advice);
+    assertTrue(!advice.contains(address), advice);
     SSLHandshakeException unknown = new SSLHandshakeException("PKIX path building failed");
     unknown.initCause(new CertificateException("unable to find valid certification path"));
     assertTrue(BrokerAddress.advice(unknown).contains("SWARMWRIGHT_CA_FILE"));

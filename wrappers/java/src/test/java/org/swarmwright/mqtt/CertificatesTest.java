@@ -51,7 +51,7 @@ class CertificatesTest {
     make("rsa", RSA);
     make("other-rsa", RSA);
     for (String[] pair : new String[][] {{"own", "other"}, {"own", "rsa"}, {"rsa", "other-rsa"}}) {
-      String said = refusal(certificate(pair[0]), key(pair[1]));
+      String message = refusal(certificate(pair[0]), key(pair[1]));
       assertEquals(
           KEY
               + " "
@@ -60,7 +60,7 @@ class CertificatesTest {
               + CERTIFICATE
               + " "
               + certificate(pair[0]),
-          said);
+          message);
     }
   }
 
@@ -73,9 +73,9 @@ class CertificatesTest {
         Path.of(chain),
         Files.readString(Path.of(certificate("authority")))
             + Files.readString(Path.of(certificate("own"))));
-    String said = refusal(chain, key("own"));
-    assertTrue(said.startsWith(CERTIFICATE + " " + chain + " cannot be used: "), said);
-    assertTrue(said.contains("comes first"), said);
+    String message = refusal(chain, key("own"));
+    assertTrue(message.startsWith(CERTIFICATE + " " + chain + " cannot be used: "), message);
+    assertTrue(message.contains("comes first"), message);
   }
 
   /** As Java before version 15 has no Ed25519. */
@@ -87,9 +87,9 @@ class CertificatesTest {
     int position = List.of(Security.getProviders()).indexOf(provider) + 1;
     Security.removeProvider(provider.getName());
     try {
-      String said = refusal(certificate("own"), key("own"));
-      assertTrue(said.startsWith(KEY + " " + key("own") + " cannot be used: "), said);
-      assertTrue(said.contains("Ed25519"), said);
+      String message = refusal(certificate("own"), key("own"));
+      assertTrue(message.startsWith(KEY + " " + key("own") + " cannot be used: "), message);
+      assertTrue(message.contains("Ed25519"), message);
     } finally {
       Security.insertProviderAt(provider, position);
     }
@@ -122,7 +122,7 @@ class CertificatesTest {
     command.addAll(List.of("-noenc", "-subj", "/CN=" + name, "-days", "2"));
     command.addAll(List.of("-keyout", key(name), "-out", certificate(name)));
     Process process = new ProcessBuilder(command).redirectErrorStream(true).start();
-    String said = new String(process.getInputStream().readAllBytes());
-    assertEquals(0, process.waitFor(), said);
+    String output = new String(process.getInputStream().readAllBytes());
+    assertEquals(0, process.waitFor(), output);
   }
 }

@@ -34,9 +34,9 @@ abstract class MachineFixture {
 
     int mostOfAnswers = Integer.MAX_VALUE;
 
-    private static void check(String what, byte[] payload, int most) {
+    private static void check(String label, byte[] payload, int most) {
       if (payload.length > most) {
-        throw new TooLarge(what, payload.length, most);
+        throw new TooLarge(label, payload.length, most);
       }
     }
 

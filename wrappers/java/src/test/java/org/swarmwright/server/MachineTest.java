@@ -70,7 +70,7 @@ class MachineTest extends MachineFixture {
     say("control", late);
     now += SECOND;
     machine.tick(now, "");
-    assertTrue(out.notices.toString().contains("no parameters came for its hash"));
+    assertTrue(out.notices.toString().contains("no parameters arrived for its hash"));
     say("parameters", late);
     say("control", ended);
     say("control", ended + ", 'run': false");
