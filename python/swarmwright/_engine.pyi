@@ -440,8 +440,8 @@ def survivors(fitness: NDArray[np.float64], best: int, random: int, stream: Stre
     failed (NaN) do not stay.
     """
 
-def distinct(genomes: NDArray[np.float32], known: Sequence[NDArray[np.float32]]) -> NDArray[np.int64]:
-    """Return the indices of genomes that are, to the bit, the same as no earlier one and no row of `known`."""
+def distinct(genomes: NDArray[np.float32], existing: Sequence[NDArray[np.float32]]) -> NDArray[np.int64]:
+    """Return the indices of genomes that are, to the bit, the same as no earlier one and no row of `existing`."""
 
 @final
 class Cma:

@@ -143,7 +143,7 @@ def test_a_master_port_that_is_taken(serve: Serve) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("robots: 2000", "parameters.robots: 2000 robots do not fit where they are to start"),
+        ("robots: 2000", "parameters.robots: 2000 robots do not fit into their start region"),
         ("robots: 0", "robots: 0 found"),
         ("mission: nowhere.yaml", "nowhere.yaml: there is no such file"),
     ],

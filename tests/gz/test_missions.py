@@ -153,7 +153,7 @@ def test_wrong_arguments(options: list[str], status: int, message: str, serve: S
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("robots: 2000", "parameters.robots: 2000 robots do not fit where they are to start"),
+        ("robots: 2000", "parameters.robots: 2000 robots do not fit into their start region"),
         ("mission: nowhere.yaml", "nowhere.yaml: there is no such file"),
     ],
 )

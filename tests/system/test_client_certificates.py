@@ -109,7 +109,7 @@ WRONG: dict[str, tuple[Callable[[ReadyMade, dict[str, str]], dict[str, str]], tu
     "no key": (lambda _, own: {CERTIFICATE: own[CERTIFICATE]}, (f"{KEY} is not", "needs both")),
     "no certificate": (lambda _, own: {KEY: own[KEY]}, (f"{CERTIFICATE} is not", "needs both")),
     "no file": (lambda _, own: {**own, CERTIFICATE: "none.pem"}, ("none.pem", "No such file")),
-    "a key as certificate": (lambda _, own: {**own, CERTIFICATE: own[KEY]}, ("there is no certificate",)),
+    "a key as certificate": (lambda _, own: {**own, CERTIFICATE: own[KEY]}, ("it contains no certificate",)),
     "a passphrase": (_encrypted, ("without a passphrase", "openssl pkey")),
     "another key": (lambda broker, own: {**own, KEY: broker.client("x")[KEY]}, ("is not the key of",)),
 }

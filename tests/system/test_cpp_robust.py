@@ -101,7 +101,7 @@ def test_what_a_simulation_throws_reaches_the_tool(
     ("trouble", "words"),
     [
         ("reset", "std::runtime_error: reset does not work"),
-        ("order", "the agents that act are not ascending: 1 stands before 0"),
+        ("order", "the acting agents must be in ascending order, but 1 comes before 0"),
         ("agent", "agent 7 acts, but there are at most 4, numbered from 0"),
         ("sense", "nothing can be seen"),
         ("nan", "sensors[0] is NaN"),

@@ -143,9 +143,9 @@ def test_a_server_that_finds_something_else_is_found_out(
     assert record(folder) == expected
     told = [text for text in warnings(folder) if "gives wrong results" in text]
     assert len(told) == 1, warnings(folder)
-    assert told[0].startswith("server 2 gives wrong results and is not used any more: candidate ")
-    assert " are done again" in told[0]
-    assert "had been used before" not in told[0]
+    assert told[0].startswith("server 2 gives wrong results and is no longer used: candidate ")
+    assert " are repeated" in told[0]
+    assert "had already been used" not in told[0]
     incidents = next(line for line in run.lines if line.startswith("Incidents: "))
     assert "disagreements: " in incidents
     generations: dict[int, set[int]] = {1: set(), 2: set(), 3: set()}

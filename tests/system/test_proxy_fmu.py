@@ -244,7 +244,7 @@ def test_mistakes_are_explained(embedded: BrokerProcess, serve: Serve, proxy: Pr
         ("connection.broker", "http://localhost", "connection.broker: broker URL"),
         ("connection.broker", "", "connection.broker is empty"),
         ("connection.prefix", "lab/#", "connection.prefix: topic prefix"),
-        ("connection.prefix", "elsewhere", "there is no server of Swarmwright"),
+        ("connection.prefix", "elsewhere", "no Swarmwright server is connected"),
         ("connection.simulation", "maxisim", "server 1 offers minisim"),
         ("connection.passwordFile", "/no/such/file", "connection.passwordFile: /no/such/file: No such file"),
         ("connection.passwordFile", str(tmp_path / "password"), "connection.username is empty"),
@@ -261,15 +261,17 @@ def test_mistakes_are_explained(embedded: BrokerProcess, serve: Serve, proxy: Pr
     assert "connection.stepTimeout: -1 found" in refused(lambda: world.begin(1), world)
     world.fmu.reset()
     world.integer("numAgents", 4)
-    assert "agent 3 (from 0), the FMU has variables of 3 agents" in refused(lambda: world.begin(1), world)
+    assert "agent 3 (counted from 0), but the FMU has variables for 3 agents" in refused(
+        lambda: world.begin(1), world
+    )
     world.fmu.reset()
-    assert "states cannot be kept" in refused(world.fmu.getFMUState, world)
+    assert "states cannot be saved" in refused(world.fmu.getFMUState, world)
     play(world, 1)
 
     other = proxy(embedded.url, agents=1, simulation="toy", requirements={"dimensions": 2}, sensors=2,
                   actuators=1, parameters={})  # fmt: skip
     other.text("connection.simulation", "minisim")
-    assert "server 1 offers 4 sensors for an agent, the FMU has variables of 2" in refused(
+    assert "server 1 offers 4 sensors per agent, but the FMU has variables for 2" in refused(
         lambda: other.begin(1), other
     )
 
@@ -286,7 +288,7 @@ def test_accounts(tmp_path: Path, cleanup: ExitStack, proxy: Proxy) -> None:
     world.text("connection.username", "me")
     world.text("connection.passwordFile", str(tmp_path / "password"))
     world.number("connection.discoveryTimeout", 0.5)
-    assert "there is no server of Swarmwright" in refused(lambda: world.begin(1), world)
+    assert "no Swarmwright server is connected" in refused(lambda: world.begin(1), world)
 
 
 def test_what_a_server_offers_is_asked_for_or_said(embedded: BrokerProcess) -> None:

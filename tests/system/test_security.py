@@ -254,7 +254,7 @@ WRONG: dict[str, tuple[tuple[str, ...], dt.timedelta, dt.timedelta, tuple[str, .
         ("broker.example, x.example", 'not for "localhost"'),
     ),
     "expired": (("localhost",), _later(-30), _later(-3.5), ("has expired, 3 days ago", "clock")),
-    "early": (("localhost",), _later(2.5), _later(9), ("is not valid yet, only in 2 days", "clock")),
+    "early": (("localhost",), _later(2.5), _later(9), ("becomes valid only in 2 days", "clock")),
 }
 
 

@@ -48,7 +48,7 @@ def test_a_run_with_two_servers_has_the_record_of_one_over_tcp(
     url = f"unix://{file}"
     # They may start before their broker.
     servers = launch("serve", "minisim", "--count", 2, "--wait", 60, "--broker", url, "--json")
-    assert "there is no such file" in servers.until_event("waiting")["message"]
+    assert "the file does not exist" in servers.until_event("waiting")["message"]
     if kind == "mosquitto":
         mosquitto(tmp_path, file, cleanup)
     else:
@@ -121,7 +121,7 @@ def test_the_file_of_the_embedded_broker(launch: Launch, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (("servers", "--broker", "unix://{folder}/missing"), 1, "there is no such file"),
+        (("servers", "--broker", "unix://{folder}/missing"), 1, "the file does not exist"),
         (("servers", "--broker", "unix://broker.sock"), 2, "absolute path of a Unix socket"),
         (("servers", "--broker", "unix:///{long}"), 2, "has a path of 121 bytes"),
         (("broker", "--socket", "{long}"), 1, "choose a shorter path"),

@@ -14,13 +14,13 @@ fn main() {
     for level in all {
         println!("cargo::rustc-check-cfg=cfg(level_{level})");
     }
-    let wanted = env::var(LEVELS).unwrap_or_default();
+    let value = env::var(LEVELS).unwrap_or_default();
     let is_for_here = env::var("HOST") == env::var("TARGET");
-    let levels = match wanted.as_str() {
+    let levels = match value.as_str() {
         "native" if is_for_here => vec![best()],
         "" | "all" | "native" => all.to_vec(),
         _ => {
-            println!("cargo::error={LEVELS}={wanted}: expected all or native");
+            println!("cargo::error={LEVELS}={value}: expected all or native");
             return;
         }
     };

@@ -204,7 +204,7 @@ def test_a_server_that_asks_for_steering_ends_the_run_with_the_cure(
 ) -> None:
     with (
         foreign(embedded_broker, "line"),
-        pytest.raises(RunError, match="a parameter set steers no agents: the simulation must do that itself"),
+        pytest.raises(RunError, match="a parameter set steers no agents; use a controller of another kind"),
     ):
         optimize(PLAIN, broker=embedded_broker, out=tmp_path / "run")
 

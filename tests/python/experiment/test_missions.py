@@ -107,22 +107,22 @@ def test_mistakes_of_new(arguments: list[str], answer: str) -> None:
         (
             "patch: west",
             "patch: wst",
-            ':9: metrics.in_west.patch: no patch of the floor is named "wst"; there is west',
+            ':9: metrics.in_west.patch: no patch of the floor is named "wst"; available: west',
         ),
         (
             "fitness: in_west",
             "fitness: in_wst",
-            ':10: fitness: no metric is named "in_wst"; there is in_west',
+            ':10: fitness: no metric is named "in_wst"; available: in_west',
         ),
         (
             "start:",
             "objects: [{name: load, radius: 0.2, mass: 2}]\nstart:",
-            ":5: objects[0]: expected center (where it is), or start (where it is drawn)",
+            ":5: objects[0]: expected center, its position, or start, a region for random positions",
         ),
         (
             "start:",
             "objects:\n  - {name: load, size: [0.4, 0.2], mass: 2, center: [1.4, 0]}\nstart:",
-            ":6: objects[0]: it does not stand inside of the walls and outside of obstacles",
+            ":6: objects[0]: must be inside the walls and outside obstacles",
         ),
         (
             "start:",
@@ -180,7 +180,7 @@ def test_robots_of_a_mission_that_do_not_fit_are_told_with_their_line(tmp_path: 
     (tmp_path / "swarm.yaml").write_text("simulation: arena\nparameters:\n  mission: mine.yaml\n")
     with pytest.raises(InputError) as caught:
         Experiment.load(tmp_path / "swarm.yaml")
-    expected = f"{tmp_path}/mine.yaml:7: robots: 5000 robots do not fit where they are to start"
+    expected = f"{tmp_path}/mine.yaml:7: robots: 5000 robots do not fit into their start region"
     assert expected in str(caught.value)
 
 
@@ -202,7 +202,7 @@ def test_a_robot_that_a_mission_misses_is_told_with_the_line_of_the_mission(tmp_
     ("parameters", "answer"),
     [
         ({"mission": "agregation"}, 'parameters.mission: "agregation" found, expected the name of a mission'),
-        ({"robots": 5000}, "parameters.robots: 5000 robots do not fit where they are to start"),
+        ({"robots": 5000}, "parameters.robots: 5000 robots do not fit into their start region"),
         ({"mission": "nowhere.yaml"}, "parameters.mission: nowhere.yaml: there is no such file"),
     ],
 )

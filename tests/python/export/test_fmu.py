@@ -199,7 +199,7 @@ def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
         for size in (-1.0, float("inf")):
             with pytest.raises(FMICallException):
                 fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=size)
-            assert "must have a finite time and a size of 0 s or more" in instance._last
+            assert "must have a finite time and a size of at least 0 s" in instance._last
         fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1.0)
         data = (
             fmu.serializeFMUstate(fmu.getFMUstate())
@@ -293,7 +293,7 @@ def test_a_discarded_step_over_several_periods_changes_nothing(form: str, tmp_pa
         with pytest.raises(FMICallException) as refused:
             fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=30.0)
         assert refused.value.status == 2  # discard
-        assert driver.instance._last == "the step is not done: a node overflows, sensors are too large"
+        assert driver.instance._last == "the step was not made: a node overflows, sensors are too large"
         assert state() == before
         fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1.0)
         assert any(got(fmu, [5, 6]))
@@ -313,7 +313,7 @@ def test_event_mode_that_is_not_announced_is_refused(tmp_path: Path) -> None:
     said: list[bytes] = []
     with pytest.raises(Exception, match="Failed to instantiate"):
         fmu.instantiate(eventModeUsed=True, logMessage=lambda *about: said.append(about[3]))
-    assert said == [b"this FMU has no event mode: instantiate it without"]
+    assert said == [b"this FMU has no event mode; instantiate it without"]
 
 
 @pytest.mark.slow

@@ -337,14 +337,14 @@ def test_parameters_set_by_the_master(tmp_path: Path) -> None:
         (lambda: fmu.setInt64([references["mapWidth"]], [3]), "mapWidth is a parameter: it can be set until"),
         (lambda: fmu.setFloat64([references["fitness"]], [3.0]), "fitness is an output"),
         (lambda: fmu.getFloat64([references["done"]]), "done (value reference 2) is not of the type Float64"),
-        (lambda: fmu.getFloat64([99]), "no variable with the value reference 99"),
+        (lambda: fmu.getFloat64([99]), "no variable has the value reference 99"),
     ]
     for call, expected in refused:
         with pytest.raises(FMICallException):
             call()
         assert expected in said[-1]
     for name, value, expected in (
-        ("numAgents", 4, "the parameters make 4 agents, the FMU has variables of 1; export it anew"),
+        ("numAgents", 4, "the parameters make 4 agents, but the FMU has variables for 1; export it again"),
         ("mapWidth", -1, "parameter mapWidth: -1 found"),
     ):
         fmu.reset()
@@ -368,7 +368,7 @@ def test_event_mode_that_is_not_announced_is_refused(tmp_path: Path) -> None:
             eventModeUsed=True,
             logMessage=lambda _environment, _status, _category, text: said.append(text.decode()),
         )
-    assert said == ["this FMU has no event mode: instantiate it without"]
+    assert said == ["this FMU has no event mode; instantiate it without"]
 
 
 def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

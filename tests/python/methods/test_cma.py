@@ -355,7 +355,7 @@ def test_samples_and_fitness_must_fit() -> None:
     ours = search(2)
     with pytest.raises(_engine.InputError, match="9 found, expected 10"):
         ours.ask(drawn(9, 0))
-    with pytest.raises(_engine.InputError, match="of the genomes asked for last"):
+    with pytest.raises(_engine.InputError, match="for each genome of the last ask"):
         ours.tell(np.zeros(10))
     ours.ask(drawn(10, 0))
     with pytest.raises(_engine.InputError, match="expected 10 values"):

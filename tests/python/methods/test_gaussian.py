@@ -81,10 +81,10 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(_engine.InputError, match="decay, or rate and change"):
         _engine.Search.pairs(1, "x", space=space(), population=2, **{**values, "learning": []})
     search = _engine.Search.pairs(1, "x", space=space(), population=2, **values)
-    with pytest.raises(_engine.InputError, match="the genomes asked for last"):
+    with pytest.raises(_engine.InputError, match="for each genome of the last ask"):
         search.tell(np.zeros(2))
     assert search.ask().tobytes() == search.ask().tobytes(), "as long as nothing is told"
-    with pytest.raises(_engine.InputError, match="the genomes asked for last"):
+    with pytest.raises(_engine.InputError, match="for each genome of the last ask"):
         search.tell(np.zeros(3))
     search.tell(np.zeros(2))
     with pytest.raises(_engine.InputError, match="name: unknown: sigma"):

@@ -152,7 +152,7 @@ def test_exports_name_the_kinds(run: Run, tmp_path: Path) -> None:
         ),
         (
             {"parameters": {"robots": [ROBOTS[0], {**ROBOTS[1], "name": "wheels"}]}},
-            r'parameters.robots\[1\].name: another kind is named "wheels"',
+            r'parameters.robots\[1\].name: another kind is already named "wheels"',
         ),
         (
             {"parameters": {"robots": [{**ROBOTS[2], "count": 5}, {"robot": "e-puck-rm1.1", "count": 2}]}},

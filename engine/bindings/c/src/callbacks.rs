@@ -197,10 +197,10 @@ impl Object {
         &self.table
     }
 
-    pub(crate) fn reset(&mut self, given: &Given<'_>, seed: u64) -> Result<(), Trouble> {
+    pub(crate) fn reset(&mut self, handle: &Given<'_>, seed: u64) -> Result<(), Trouble> {
         // SAFETY: as said above.
         called("reset", || unsafe {
-            (self.table.reset)(self.made.pointer, given, seed)
+            (self.table.reset)(self.made.pointer, handle, seed)
         })
     }
 
@@ -215,7 +215,7 @@ impl Object {
         if count > 0 {
             if first.is_null() {
                 return Err(Trouble::Failed(format!(
-                    "the simulation's acting gave {count} agents at a null pointer"
+                    "the simulation's function acting returned {count} agents at a null pointer"
                 )));
             }
             // SAFETY: they stay until the next call of this object.

@@ -76,10 +76,10 @@ pub(crate) unsafe fn read(pointer: *const RawDescription) -> Result<Description,
         (raw, title, metrics)
     };
     check_title(title)?;
-    for (what, count) in [("sensors", raw.sensors), ("actuators", raw.actuators)] {
+    for (field, count) in [("sensors", raw.sensors), ("actuators", raw.actuators)] {
         if !(1..=MOST_NUMBERS).contains(&count) {
             return Err(Trouble::Invalid(format!(
-                "{title}: {count} {what}, expected 1 to {MOST_NUMBERS}"
+                "{title}: {count} {field}, expected 1 to {MOST_NUMBERS}"
             )));
         }
     }
@@ -134,12 +134,12 @@ unsafe fn read_metrics(title: &str, metrics: &[RawMetric]) -> Result<Vec<MetricI
         };
         if !is_name(name) || name == "fitness" {
             return Err(Trouble::Invalid(format!(
-                "{title}: metric {name:?}: a name is a letter or _, then letters, digits and _, and not fitness"
+                "{title}: metric {name:?}: a name must be a letter or _, then letters, digits and _, and not fitness"
             )));
         }
         if read.iter().any(|other| other.name == name) {
             return Err(Trouble::Invalid(format!(
-                "{title}: metric {name:?} is there twice"
+                "{title}: metric {name:?} occurs twice"
             )));
         }
         read.push(MetricInfo {

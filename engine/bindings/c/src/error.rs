@@ -110,7 +110,7 @@ fn said(cause: &(dyn Any + Send)) -> String {
         .map(ToString::to_string)
         .or_else(|| cause.downcast_ref::<String>().cloned());
     format!(
-        "a mistake in Swarmwright itself: {}",
+        "internal error in Swarmwright: {}",
         text.unwrap_or_else(|| "no reason given".to_owned())
     )
 }
@@ -130,7 +130,7 @@ pub(crate) fn from_callback(status: i32, callback: &str) -> Trouble {
             reason: plain(&words.reason),
         }),
         _ if words.text.is_empty() => Trouble::Failed(format!(
-            "the simulation's {callback} returned {status} and said nothing of why"
+            "the simulation's function {callback} returned {status} without a reason"
         )),
         (INVALID, None) => Trouble::Invalid(plain(&words.text)),
         _ => Trouble::Failed(plain(&words.text)),

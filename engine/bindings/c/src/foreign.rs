@@ -92,14 +92,14 @@ impl Foreign {
 pub(crate) fn check_agents(agents: &[u32], most: Option<u32>) -> Result<(), Trouble> {
     if let Some(pair) = agents.windows(2).find(|pair| pair[0] >= pair[1]) {
         return Err(Trouble::Failed(format!(
-            "the agents that act are not ascending: {} stands before {}",
+            "the acting agents must be in ascending order, but {} comes before {}",
             pair[0], pair[1]
         )));
     }
     let limit = most.unwrap_or(MOST_AGENTS);
     match agents.last() {
         Some(last) if *last >= limit => Err(Trouble::Failed(format!(
-            "agent {last} acts, but there are at most {limit}, numbered from 0"
+            "agent {last} acts, but there are at most {limit} agents, numbered from 0"
         ))),
         _ => Ok(()),
     }
@@ -130,8 +130,8 @@ impl Simulation for Foreign {
         let seed = seed(parameters)?;
         self.not_shown.set(None);
         self.steps = 0;
-        let given = Given::new(parameters);
-        match self.object.reset(&given, seed) {
+        let handle = Given::new(parameters);
+        match self.object.reset(&handle, seed) {
             Err(Trouble::Parameter(error)) => return Err(error),
             other => self.or_fail(other),
         }

@@ -25,14 +25,17 @@ pub(crate) unsafe trait Structure: Copy {
 pub(crate) unsafe fn structure<T: Structure>(pointer: *const T) -> Result<T, Trouble> {
     let name = T::NAME;
     if pointer.is_null() {
-        return Err(Trouble::Invalid(format!("{name}: a null pointer")));
+        return Err(Trouble::Invalid(format!(
+            "{name}: must not be a null pointer"
+        )));
     }
     // SAFETY: it begins with its size.
     let size = unsafe { pointer.cast::<usize>().read() };
     let most = size_of::<T>();
     if size < size_of::<usize>() || size > most {
         return Err(Trouble::Invalid(format!(
-            "{name}: its size is {size}, expected at most {most}; set it to sizeof, with the header of this library's version"
+            "{name}: its size is {size}, expected at most {most}; set it to sizeof and include the header of this library's \
+             version"
         )));
     }
     let mut value = MaybeUninit::<T>::zeroed();
@@ -46,14 +49,14 @@ pub(crate) unsafe fn structure<T: Structure>(pointer: *const T) -> Result<T, Tro
 /// UTF-8 behind a pointer.
 ///
 /// # Errors
-/// Null, or not valid UTF-8; `what` names it.
+/// Null, or not valid UTF-8; `label` names it.
 ///
 /// # Safety
 /// `pointer` is null or ends with NUL, and stays as long as the text is used.
-pub(crate) unsafe fn text<'a>(what: &str, pointer: *const c_char) -> Result<&'a str, Trouble> {
+pub(crate) unsafe fn text<'a>(label: &str, pointer: *const c_char) -> Result<&'a str, Trouble> {
     // SAFETY: as the caller promises.
-    unsafe { optional(what, pointer)? }
-        .ok_or_else(|| Trouble::Invalid(format!("{what}: a null pointer, expected a text")))
+    unsafe { optional(label, pointer)? }
+        .ok_or_else(|| Trouble::Invalid(format!("{label}: must be a text, not a null pointer")))
 }
 
 /// As [`text`], none for null.
@@ -64,7 +67,7 @@ pub(crate) unsafe fn text<'a>(what: &str, pointer: *const c_char) -> Result<&'a 
 /// # Safety
 /// As [`text`].
 pub(crate) unsafe fn optional<'a>(
-    what: &str,
+    label: &str,
     pointer: *const c_char,
 ) -> Result<Option<&'a str>, Trouble> {
     if pointer.is_null() {
@@ -74,7 +77,7 @@ pub(crate) unsafe fn optional<'a>(
     unsafe { CStr::from_ptr(pointer) }
         .to_str()
         .map(Some)
-        .map_err(|_| Trouble::Invalid(format!("{what}: is not valid UTF-8")))
+        .map_err(|_| Trouble::Invalid(format!("{label}: not valid UTF-8")))
 }
 
 /// Text behind a pointer, whatever it is.
@@ -99,7 +102,7 @@ pub(crate) unsafe fn lossy(pointer: *const c_char) -> String {
 /// # Safety
 /// `pointer` is null or points to `count` items, which stay and do not change as long as they are used.
 pub(crate) unsafe fn items<'a, T>(
-    what: &str,
+    label: &str,
     pointer: *const T,
     count: usize,
 ) -> Result<&'a [T], Trouble> {
@@ -107,7 +110,9 @@ pub(crate) unsafe fn items<'a, T>(
         return Ok(&[]);
     }
     if pointer.is_null() {
-        return Err(Trouble::Invalid(format!("{what}: a null pointer")));
+        return Err(Trouble::Invalid(format!(
+            "{label}: must not be a null pointer"
+        )));
     }
     // SAFETY: not null, and as many as the caller promises.
     Ok(unsafe { std::slice::from_raw_parts(pointer, count) })
@@ -120,9 +125,11 @@ pub(crate) unsafe fn items<'a, T>(
 ///
 /// # Safety
 /// `pointer` is null or may be written to.
-pub(crate) unsafe fn write<T>(what: &str, pointer: *mut T, value: T) -> Result<(), Trouble> {
+pub(crate) unsafe fn write<T>(label: &str, pointer: *mut T, value: T) -> Result<(), Trouble> {
     if pointer.is_null() {
-        return Err(Trouble::Invalid(format!("{what}: a null pointer")));
+        return Err(Trouble::Invalid(format!(
+            "{label}: must not be a null pointer"
+        )));
     }
     // SAFETY: not null. What was there is overwritten unread, for it may be nothing.
     unsafe { pointer.write(value) };
@@ -136,7 +143,8 @@ pub(crate) unsafe fn write<T>(what: &str, pointer: *mut T, value: T) -> Result<(
 ///
 /// # Safety
 /// `pointer` is null or what the library gave out and did not take back.
-pub(crate) unsafe fn object<'a, T>(what: &str, pointer: *const T) -> Result<&'a T, Trouble> {
+pub(crate) unsafe fn object<'a, T>(label: &str, pointer: *const T) -> Result<&'a T, Trouble> {
     // SAFETY: as the caller promises.
-    unsafe { pointer.as_ref() }.ok_or_else(|| Trouble::Invalid(format!("{what}: a null pointer")))
+    unsafe { pointer.as_ref() }
+        .ok_or_else(|| Trouble::Invalid(format!("{label}: must not be a null pointer")))
 }

@@ -95,8 +95,8 @@ pub(crate) unsafe fn read(pointer: *const RawOptions) -> Result<(Options, Listen
 }
 
 /// What is given, else the value of a variable of the environment, else, also where that is empty, the default.
-fn given_or_of_environment(given: Option<&str>, variable: &str, default: &str) -> String {
-    given
+fn given_or_of_environment(option: Option<&str>, variable: &str, default: &str) -> String {
+    option
         .map(str::to_owned)
         .or_else(|| env::var(variable).ok().filter(|value| !value.is_empty()))
         .unwrap_or_else(|| default.to_owned())
@@ -106,13 +106,13 @@ fn given_or_of_environment(given: Option<&str>, variable: &str, default: &str) -
 ///
 /// # Errors
 /// Negative or no number.
-pub(crate) fn seconds(what: &str, value: f64) -> Result<Duration, Trouble> {
+pub(crate) fn seconds(label: &str, value: f64) -> Result<Duration, Trouble> {
     Duration::try_from_secs_f64(value.min(LONGEST))
         .ok()
         .filter(|_| !value.is_nan())
         .ok_or_else(|| {
             Trouble::Invalid(format!(
-                "{what} is {value} s; expected a number of at least 0"
+                "{label} is {value} s; expected a number of at least 0"
             ))
         })
 }

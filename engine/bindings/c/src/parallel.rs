@@ -91,7 +91,7 @@ impl Task<'_> {
         let episodes = self.block.seeds.len();
         while !self.failed.load(Ordering::Relaxed) {
             let index = self.next.fetch_add(1, Ordering::Relaxed);
-            let Some(place) = places.get(index) else {
+            let Some(slot) = places.get(index) else {
                 break;
             };
             let genome = self.block.genome(index / episodes);
@@ -105,7 +105,7 @@ impl Task<'_> {
                 return false;
             };
             // No other thread has this index.
-            let mut results = place.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut results = slot.lock().unwrap_or_else(PoisonError::into_inner);
             results[0] = fitness;
             measure(simulation, self.block.metrics, &mut results[1..]);
         }

@@ -38,24 +38,24 @@ impl<'a> Given<'a> {
 /// Reads a parameter and writes it; what is absent stays as it is.
 ///
 /// # Safety
-/// As `input::object`, `input::text` and `input::write` ask of `given`, `name` and `value`.
+/// As `input::object`, `input::text` and `input::write` ask of `handle`, `name` and `value`.
 unsafe fn read<T>(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     value: *mut T,
     find: impl FnOnce(&Given<'_>, ParameterReader<'_>, &str) -> Result<Option<T>, Trouble>,
 ) -> i32 {
     shield(|| {
         // SAFETY: as the caller promises.
-        let (given, name) = unsafe {
+        let (handle, name) = unsafe {
             (
-                input::object("the parameters", given)?,
+                input::object("the parameters", handle)?,
                 input::text("the name of a parameter", name)?,
             )
         };
-        match find(given, ParameterReader::new(given.parameters), name)? {
+        match find(handle, ParameterReader::new(handle.parameters), name)? {
             // SAFETY: as the caller promises.
-            Some(found) => unsafe { input::write(name, value, found) },
+            Some(parameter) => unsafe { input::write(name, value, parameter) },
             None => Ok(()),
         }
     })
@@ -64,39 +64,39 @@ unsafe fn read<T>(
 /// Reads parameters from a JSON object, for tests of a simulation; to be given to `swarmwright_parameters_free`.
 ///
 /// # Safety
-/// `json` is null or ends with NUL, `given` is null or may be written to.
+/// `json` is null or ends with NUL, `handle` is null or may be written to.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameters_new(
     json: *const c_char,
-    given: *mut *mut Given<'static>,
+    handle: *mut *mut Given<'static>,
 ) -> i32 {
     shield(|| {
         // SAFETY: as the caller promises.
         let text = unsafe { input::text("the parameters", json)? };
         let parameters: Parameters = serde_json::from_str(text).map_err(|error| {
-            Trouble::Invalid(format!("the parameters: not a JSON object: {error}"))
+            Trouble::Invalid(format!("the parameters are not a JSON object: {error}"))
         })?;
         // Leaked here, taken back when it is freed.
         let parameters: &'static Parameters = Box::leak(Box::new(parameters));
         let new = Box::into_raw(Box::new(Given::new(parameters)));
         // SAFETY: as the caller promises.
-        unsafe { input::write("where the parameters are to go", given, new) }
+        unsafe { input::write("the pointer for the parameters", handle, new) }
     })
 }
 
 /// Frees what `swarmwright_parameters_new` made; null is nothing to do.
 ///
 /// # Safety
-/// `given` is null or what that function gave, once.
+/// `handle` is null or what that function gave, once.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn swarmwright_parameters_free(given: *mut Given<'static>) {
+pub unsafe extern "C" fn swarmwright_parameters_free(handle: *mut Given<'static>) {
     shield(|| {
-        if !given.is_null() {
+        if !handle.is_null() {
             // SAFETY: both were leaked by the function above, and they are not used any more.
             unsafe {
-                let given = Box::from_raw(given);
-                let parameters: *const Parameters = given.parameters;
-                drop(given);
+                let handle = Box::from_raw(handle);
+                let parameters: *const Parameters = handle.parameters;
+                drop(handle);
                 drop(Box::from_raw(parameters.cast_mut()));
             }
         }
@@ -107,44 +107,44 @@ pub unsafe extern "C" fn swarmwright_parameters_free(given: *mut Given<'static>)
 /// The parameters as a JSON object, for what the functions below do not read.
 ///
 /// # Safety
-/// `given` is null or the parameters that a callback has.
+/// `handle` is null or the parameters that a callback has.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn swarmwright_parameters_json(given: *const Given<'_>) -> *const c_char {
+pub unsafe extern "C" fn swarmwright_parameters_json(handle: *const Given<'_>) -> *const c_char {
     shield_or(null(), || {
         // SAFETY: as the caller promises.
-        let given = unsafe { input::object("the parameters", given)? };
-        Ok(given.json().as_ptr())
+        let handle = unsafe { input::object("the parameters", handle)? };
+        Ok(handle.json().as_ptr())
     })
 }
 
 /// Whether the experiment sets a parameter.
 ///
 /// # Safety
-/// `given` as above, `name` is null or ends with NUL.
+/// `handle` as above, `name` is null or ends with NUL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_given(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
 ) -> bool {
     shield_or(false, || {
         // SAFETY: as the caller promises.
-        let (given, name) = unsafe {
+        let (handle, name) = unsafe {
             (
-                input::object("the parameters", given)?,
+                input::object("the parameters", handle)?,
                 input::text("the name of a parameter", name)?,
             )
         };
-        Ok(given.parameters.contains_key(name))
+        Ok(handle.parameters.contains_key(name))
     })
 }
 
 /// A whole number in `low..=high`.
 ///
 /// # Safety
-/// `given` and `name` as above, `value` is null or may be written to.
+/// `handle` and `name` as above, `value` is null or may be written to.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_integer(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     low: i64,
     high: i64,
@@ -152,7 +152,7 @@ pub unsafe extern "C" fn swarmwright_parameter_integer(
 ) -> i32 {
     // SAFETY: as the caller promises.
     unsafe {
-        read(given, name, value, |_, from, name| {
+        read(handle, name, value, |_, from, name| {
             Ok(from.whole(name, low, high)?)
         })
     }
@@ -164,7 +164,7 @@ pub unsafe extern "C" fn swarmwright_parameter_integer(
 /// As `swarmwright_parameter_integer`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_number(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     low: f64,
     high: f64,
@@ -172,7 +172,7 @@ pub unsafe extern "C" fn swarmwright_parameter_number(
 ) -> i32 {
     // SAFETY: as the caller promises.
     unsafe {
-        read(given, name, value, |_, from, name| {
+        read(handle, name, value, |_, from, name| {
             Ok(from.number(name, low, high)?)
         })
     }
@@ -184,7 +184,7 @@ pub unsafe extern "C" fn swarmwright_parameter_number(
 /// As `swarmwright_parameter_integer`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_single(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     low: f32,
     high: f32,
@@ -192,7 +192,7 @@ pub unsafe extern "C" fn swarmwright_parameter_single(
 ) -> i32 {
     // SAFETY: as the caller promises.
     unsafe {
-        read(given, name, value, |_, from, name| {
+        read(handle, name, value, |_, from, name| {
             Ok(from.single(name, low, high)?)
         })
     }
@@ -204,12 +204,12 @@ pub unsafe extern "C" fn swarmwright_parameter_single(
 /// As `swarmwright_parameter_integer`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_flag(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     value: *mut bool,
 ) -> i32 {
     // SAFETY: as the caller promises.
-    unsafe { read(given, name, value, |_, from, name| Ok(from.flag(name)?)) }
+    unsafe { read(handle, name, value, |_, from, name| Ok(from.flag(name)?)) }
 }
 
 /// A seed: any whole number of 64 bits; a negative one stands for its two's complement.
@@ -218,12 +218,12 @@ pub unsafe extern "C" fn swarmwright_parameter_flag(
 /// As `swarmwright_parameter_integer`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_seed(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     value: *mut u64,
 ) -> i32 {
     // SAFETY: as the caller promises.
-    unsafe { read(given, name, value, |_, from, name| Ok(from.seed(name)?)) }
+    unsafe { read(handle, name, value, |_, from, name| Ok(from.seed(name)?)) }
 }
 
 /// A text, UTF-8 without a NUL behind it; it stays as long as the parameters do.
@@ -232,19 +232,19 @@ pub unsafe extern "C" fn swarmwright_parameter_seed(
 /// As `swarmwright_parameter_integer`, for `text` and `length`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_text(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     text: *mut *const c_char,
     length: *mut usize,
 ) -> i32 {
     // SAFETY: as the caller promises.
     unsafe {
-        read(given, name, text, |_, from, name| {
-            let Some(found) = from.text(name)? else {
+        read(handle, name, text, |_, from, name| {
+            let Some(string) = from.text(name)? else {
                 return Ok(None);
             };
-            input::write(name, length, found.len())?;
-            Ok(Some(found.as_ptr().cast()))
+            input::write(name, length, string.len())?;
+            Ok(Some(string.as_ptr().cast()))
         })
     }
 }
@@ -255,7 +255,7 @@ pub unsafe extern "C" fn swarmwright_parameter_text(
 /// As `swarmwright_parameter_integer`; `choices` are `count` texts that end with NUL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_choice(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     choices: *const *const c_char,
     count: usize,
@@ -263,7 +263,7 @@ pub unsafe extern "C" fn swarmwright_parameter_choice(
 ) -> i32 {
     // SAFETY: as the caller promises.
     unsafe {
-        read(given, name, index, |_, from, name| {
+        read(handle, name, index, |_, from, name| {
             let choices = input::items(name, choices, count)?;
             let texts: Vec<&str> = choices
                 .iter()
@@ -280,7 +280,7 @@ pub unsafe extern "C" fn swarmwright_parameter_choice(
 /// As `swarmwright_parameter_integer`, for `values` and `count`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_numbers(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     least: usize,
     most: usize,
@@ -291,14 +291,14 @@ pub unsafe extern "C" fn swarmwright_parameter_numbers(
 ) -> i32 {
     // SAFETY: as the caller promises.
     unsafe {
-        read(given, name, values, |given, from, name| {
-            let Some(found) = from.numbers(name, least..=most, low, high)? else {
+        read(handle, name, values, |handle, from, name| {
+            let Some(list) = from.numbers(name, least..=most, low, high)? else {
                 return Ok(None);
             };
-            input::write(name, count, found.len())?;
-            let kept = found.into_boxed_slice();
-            let first = kept.as_ptr();
-            given.numbers.borrow_mut().push(kept);
+            input::write(name, count, list.len())?;
+            let boxed = list.into_boxed_slice();
+            let first = boxed.as_ptr();
+            handle.numbers.borrow_mut().push(boxed);
             Ok(Some(first))
         })
     }
@@ -310,16 +310,16 @@ pub unsafe extern "C" fn swarmwright_parameter_numbers(
 /// As `swarmwright_parameter_integer`; `position` points to two numbers.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_position(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     width: f32,
     height: f32,
     position: *mut f32,
 ) -> i32 {
-    let place: *mut [f32; 2] = position.cast();
+    let target: *mut [f32; 2] = position.cast();
     // SAFETY: as the caller promises.
     unsafe {
-        read(given, name, place, |_, from, name| {
+        read(handle, name, target, |_, from, name| {
             Ok(from.position(name, [width, height])?)
         })
     }
@@ -331,7 +331,7 @@ pub unsafe extern "C" fn swarmwright_parameter_position(
 /// As `swarmwright_parameter_integer`, for `positions` and `count`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_positions(
-    given: *const Given<'_>,
+    handle: *const Given<'_>,
     name: *const c_char,
     most: u32,
     width: f32,
@@ -341,14 +341,14 @@ pub unsafe extern "C" fn swarmwright_parameter_positions(
 ) -> i32 {
     // SAFETY: as the caller promises.
     unsafe {
-        read(given, name, positions, |given, from, name| {
-            let Some(found) = from.positions(name, most, [width, height])? else {
+        read(handle, name, positions, |handle, from, name| {
+            let Some(list) = from.positions(name, most, [width, height])? else {
                 return Ok(None);
             };
-            input::write(name, count, found.len())?;
-            let kept = found.into_boxed_slice();
-            let first = kept.as_ptr().cast();
-            given.positions.borrow_mut().push(kept);
+            input::write(name, count, list.len())?;
+            let boxed = list.into_boxed_slice();
+            let first = boxed.as_ptr().cast();
+            handle.positions.borrow_mut().push(boxed);
             Ok(Some(first))
         })
     }

@@ -142,7 +142,7 @@ pub(crate) unsafe fn read(pointer: *const RawPhysics) -> Result<(PhysicsKind, Ar
     check_title(title)?;
     if !title.starts_with(TITLES) {
         return Err(Trouble::Invalid(format!(
-            "swarmwright_physics.title: {title:?} found, expected {TITLES}NAME: experiments are told by it what the simulation is"
+            "swarmwright_physics.title: {title:?} found, expected {TITLES}NAME, the name of the simulation in experiments"
         )));
     }
     let missing =
@@ -187,9 +187,9 @@ fn words(trouble: Trouble) -> String {
 
 impl Foreign {
     fn boxed(table: &Table) -> Result<Box<dyn Physics>, String> {
-        let made = table.maker.make().map_err(words)?;
+        let object = table.maker.make().map_err(words)?;
         Ok(Box::new(Self {
-            made,
+            made: object,
             table: table.clone(),
         }))
     }

@@ -94,7 +94,9 @@ impl Plugin {
         let thread = thread::Builder::new()
             .name("simulation-server".to_owned())
             .spawn(serve)
-            .map_err(|error| Trouble::Failed(format!("no thread for the server: {error}")))?;
+            .map_err(|error| {
+                Trouble::Failed(format!("could not start a thread for the server: {error}"))
+            })?;
         Ok(Self {
             relay,
             told: Mutex::default(),
@@ -107,8 +109,8 @@ impl Plugin {
 
     fn told(&self) -> Result<MutexGuard<'_, Told>, Trouble> {
         match self.told.try_lock() {
-            Ok(told) => Ok(told),
-            Err(TryLockError::Poisoned(told)) => Ok(told.into_inner()),
+            Ok(guard) => Ok(guard),
+            Err(TryLockError::Poisoned(guard)) => Ok(guard.into_inner()),
             Err(TryLockError::WouldBlock) => Err(Trouble::invalid(
                 "another thread polls; a plug-in is used by one thread at a time",
             )),
@@ -117,7 +119,7 @@ impl Plugin {
 
     fn poll(&self, patience: f64, event: &mut RawEvent) -> Result<(), Trouble> {
         let until = Instant::now() + seconds("the time to wait", patience)?;
-        let mut told = self.told()?;
+        let mut state = self.told()?;
         let (news, notices) = self.relay.look(until);
         for notice in &notices {
             inside(|| self.listener.tell(notice));
@@ -138,13 +140,13 @@ impl Plugin {
             News::Asked(Request::Reset(parameters)) => {
                 event.kind = 1;
                 event.seed = seed(&parameters)?;
-                event.parameters = told.keep(parameters);
+                event.parameters = state.keep(parameters);
             }
             News::Asked(Request::Step(actuators)) => {
                 event.kind = 2;
-                told.actuators = actuators;
-                event.actuators = told.actuators.as_ptr();
-                event.count = told.actuators.len();
+                state.actuators = actuators;
+                event.actuators = state.actuators.as_ptr();
+                event.count = state.actuators.len();
             }
             News::Abandoned => event.kind = 3,
         }
@@ -166,10 +168,10 @@ impl Plugin {
 impl Told {
     fn keep(&mut self, parameters: Box<Parameters>) -> *const Given<'static> {
         self.given = None;
-        let kept = &**self.parameters.insert(parameters);
+        let parameters = &**self.parameters.insert(parameters);
         // SAFETY: boxed, so that it stays where it is; `given` is dropped before it, here and at the end.
-        let kept: &'static Parameters = unsafe { &*std::ptr::from_ref(kept) };
-        &raw const **self.given.insert(Box::new(Given::new(kept)))
+        let parameters: &'static Parameters = unsafe { &*std::ptr::from_ref(parameters) };
+        &raw const **self.given.insert(Box::new(Given::new(parameters)))
     }
 }
 
@@ -200,7 +202,7 @@ pub unsafe extern "C" fn swarmwright_plugin_open(
         let opened = Box::into_raw(Box::new(Plugin::open(options, listener, description)?));
         // SAFETY: as the caller promises; what cannot be given out is freed again.
         unsafe {
-            input::write("where the plug-in is to go", plugin, opened)
+            input::write("the pointer for the plug-in", plugin, opened)
                 .inspect_err(|_| drop(Box::from_raw(opened)))
         }
     })

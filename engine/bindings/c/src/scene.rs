@@ -44,10 +44,10 @@ unsafe fn fill(scene: *mut Picture, work: impl FnOnce(&mut Scene) -> Result<(), 
     })
 }
 
-fn finite(what: &str, numbers: &[f32]) -> Result<(), Trouble> {
+fn finite(label: &str, numbers: &[f32]) -> Result<(), Trouble> {
     match numbers.iter().find(|number| !number.is_finite()) {
         Some(number) => Err(Trouble::invalid(format!(
-            "{what}: {number} found, expected finite numbers"
+            "{label}: {number} found, expected finite numbers"
         ))),
         None => Ok(()),
     }
@@ -70,7 +70,7 @@ fn body(scene: &Scene, index: u32) -> Result<(), Trouble> {
         return Ok(());
     }
     Err(Trouble::invalid(format!(
-        "body {index}: there are {} so far",
+        "body {index} does not exist; the scene has {} bodies so far",
         scene.bodies.len()
     )))
 }
@@ -119,16 +119,16 @@ pub unsafe extern "C" fn swarmwright_scene_origin(scene: *mut Picture, x: f32, y
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_scene_body(
     scene: *mut Picture,
-    given: *const RawBody,
+    body: *const RawBody,
     index: *mut u32,
 ) -> i32 {
     let work = |scene: &mut Scene| {
         // SAFETY: as the header says.
-        let raw = unsafe { input::structure(given)? };
+        let raw = unsafe { input::structure(body)? };
         finite("a body", &[raw.x, raw.y, raw.radius])?;
         if raw.radius < 0.0 || raw.heading.is_infinite() || raw.value.is_infinite() {
             return Err(Trouble::invalid(
-                "a body: its radius is below 0, or its heading or value infinite",
+                "a body has a radius below 0, or an infinite heading or value",
             ));
         }
         // SAFETY: as the header says.
@@ -218,7 +218,7 @@ pub unsafe extern "C" fn swarmwright_scene_patch(
         finite("a patch", &[grey, radius])?;
         if !(0.0..=1.0).contains(&grey) || radius < 0.0 {
             return Err(Trouble::invalid(format!(
-                "a patch: grey {grey} and radius {radius} found, expected 0 to 1, and 0 or more"
+                "a patch: grey {grey} and radius {radius} found, expected grey from 0 to 1 and a radius of at least 0"
             )));
         }
         // SAFETY: as the header says.

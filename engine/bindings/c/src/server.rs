@@ -36,7 +36,7 @@ impl Server {
     fn lock(&self) -> Result<MutexGuard<'_, Option<SimulationServer>>, Trouble> {
         if is_inside() {
             return Err(Trouble::invalid(
-                "a function of the simulation cannot run, poll or close servers; swarmwright_server_stop can be called",
+                "a function of the simulation cannot run, poll or close servers; call swarmwright_server_stop instead",
             ));
         }
         match self.server.try_lock() {
@@ -121,7 +121,7 @@ pub unsafe extern "C" fn swarmwright_server_open_physics(
             unsafe { (options::read(options)?, physics::read(physics)?) };
         if options.threads != 1 {
             return Err(Trouble::invalid(format!(
-                "threads: {} found, but missions in other simulators are evaluated by one; start more servers",
+                "threads: {} found, but missions in other simulators are evaluated by one thread; start more servers",
                 options.threads
             )));
         }
@@ -150,7 +150,7 @@ unsafe fn open(
     }));
     // SAFETY: as the caller promises; what cannot be given out is freed again.
     unsafe {
-        input::write("where the server is to go", server, opened)
+        input::write("the pointer for the server", server, opened)
             .inspect_err(|_| drop(Box::from_raw(opened)))
     }
 }

@@ -69,7 +69,7 @@ extern "C" fn fmi2Instantiate(
             })
             .unwrap_or(Log::None);
         let model =
-            folder(resources.as_deref().unwrap_or("")).and_then(|place| Model::read(&place));
+            folder(resources.as_deref().unwrap_or("")).and_then(|folder| Model::read(&folder));
         let problem = match (&model, kind) {
             (_, kind) if kind != CO_SIMULATION => {
                 Some("this is an FMU for co-simulation, not for model exchange")
@@ -179,7 +179,7 @@ variables!(
     "Real",
     f64,
     |kind| matches!(kind, Type::Single | Type::Double),
-    |found| match found {
+    |worth| match worth {
         Worth::Number(number) => Ok(number),
         other => unexpected(other),
     },
@@ -191,7 +191,7 @@ variables!(
     "Integer",
     c_int,
     |kind| matches!(kind, Type::Integer | Type::Seed),
-    |found| match found {
+    |worth| match worth {
         Worth::Integer(value) => Ok(c_int::try_from(value).unwrap_or(c_int::MAX)),
         Worth::Seed(value) => Ok(c_int::try_from(value).unwrap_or(c_int::MAX)),
         other => unexpected(other),
@@ -210,7 +210,7 @@ variables!(
     "Boolean",
     c_int,
     |kind| kind == Type::Flag,
-    |found| match found {
+    |worth| match worth {
         Worth::Flag(flag) => Ok(c_int::from(flag)),
         other => unexpected(other),
     },
@@ -236,14 +236,14 @@ pub fn texts(
     references: &[u32],
     values: &mut [*const c_char],
 ) -> Result<(), Refusal> {
-    let mut found = Vec::with_capacity(references.len());
+    let mut strings = Vec::with_capacity(references.len());
     for reference in references {
         match instance.get(*reference, |kind| kind == Type::Text, "String")? {
-            Worth::Text(text) => found.push(CString::new(text).unwrap_or_default()),
+            Worth::Text(text) => strings.push(CString::new(text).unwrap_or_default()),
             other => return unexpected(other),
         }
     }
-    instance.texts = found;
+    instance.texts = strings;
     for (text, value) in instance.texts.iter().zip(values) {
         *value = text.as_ptr();
     }
@@ -285,17 +285,17 @@ extern "C" fn fmi2GetFMUstate(c: Component, state: *mut *mut State) -> c_int {
 
 /// Makes a copy of the state, in place of the one that is there.
 pub fn get_state(instance: &mut Instance, state: *mut *mut State) -> Result<(), Refusal> {
-    let made = Box::into_raw(instance.state()?);
+    let copy = Box::into_raw(instance.state()?);
     // SAFETY: masters hand over the place of a pointer that is null or came from here.
     unsafe {
-        let Some(place) = state.as_mut() else {
-            drop(Box::from_raw(made));
-            return Err("a null pointer was handed over in place of a state".into());
+        let Some(target) = state.as_mut() else {
+            drop(Box::from_raw(copy));
+            return Err("the pointer to the state is null".into());
         };
-        if !place.is_null() {
-            drop(Box::from_raw(*place));
+        if !target.is_null() {
+            drop(Box::from_raw(*target));
         }
-        *place = made;
+        *target = copy;
     }
     Ok(())
 }
@@ -307,7 +307,7 @@ extern "C" fn fmi2SetFMUstate(c: Component, state: *mut State) -> c_int {
 
 pub fn set_state(instance: &mut Instance, state: *mut State) -> Result<(), Refusal> {
     // SAFETY: it came from `get_state`, or is null.
-    let state = unsafe { state.as_ref() }.ok_or("there is no state to go to")?;
+    let state = unsafe { state.as_ref() }.ok_or("the state to restore is missing")?;
     instance.set_state(state)
 }
 
@@ -319,11 +319,11 @@ extern "C" fn fmi2FreeFMUstate(_: Component, state: *mut *mut State) -> c_int {
 pub fn free_state(state: *mut *mut State) -> c_int {
     // SAFETY: masters hand over the place of a pointer that is null or came from `get_state`.
     unsafe {
-        if let Some(place) = state.as_mut()
-            && !place.is_null()
+        if let Some(target) = state.as_mut()
+            && !target.is_null()
         {
-            drop(Box::from_raw(*place));
-            *place = std::ptr::null_mut();
+            drop(Box::from_raw(*target));
+            *target = std::ptr::null_mut();
         }
     }
     Status::Ok as c_int
@@ -346,7 +346,7 @@ extern "C" fn fmi2SerializedFMUstateSize(
 pub fn state_bytes(instance: &Instance, state: *mut State) -> Result<Vec<u8>, Refusal> {
     // SAFETY: it came from `get_state`, or is null.
     unsafe { state.as_ref() }
-        .ok_or("there is no state")?
+        .ok_or("the state is missing")?
         .bytes(&instance.model.token)
 }
 
@@ -366,14 +366,18 @@ pub fn serialize(
     bytes: *mut u8,
     size: usize,
 ) -> Result<(), Refusal> {
-    let found = state_bytes(instance, state)?;
-    if found.len() > size {
-        return Err(format!("the state takes {} bytes, there are {size}", found.len()).into());
+    let state = state_bytes(instance, state)?;
+    if state.len() > size {
+        return Err(format!(
+            "the state takes {} bytes, but the array has {size}",
+            state.len()
+        )
+        .into());
     }
     // SAFETY: the array has `size` bytes.
-    let place = unsafe { slice_mut(bytes, size)? };
-    place[..found.len()].copy_from_slice(&found);
-    place[found.len()..].fill(b' ');
+    let target = unsafe { slice_mut(bytes, size)? };
+    target[..state.len()].copy_from_slice(&state);
+    target[state.len()..].fill(b' ');
     Ok(())
 }
 
@@ -394,11 +398,11 @@ pub fn deserialize(
     state: *mut *mut State,
 ) -> Result<(), Refusal> {
     // SAFETY: the array has `size` bytes.
-    let made = State::read(unsafe { slice(bytes, size)? }, &instance.model.token)?;
+    let copy = State::read(unsafe { slice(bytes, size)? }, &instance.model.token)?;
     free_state(state);
     // SAFETY: a place for a pointer, or null.
-    let place = unsafe { state.as_mut() };
-    *place.ok_or("a null pointer was handed over in place of a state")? = Box::into_raw(made);
+    let target = unsafe { state.as_mut() };
+    *target.ok_or("the pointer to the state is null")? = Box::into_raw(copy);
     Ok(())
 }
 
@@ -414,7 +418,7 @@ macro_rules! unsupported {
 
 unsupported!(
     fmi2GetDirectionalDerivative,
-    "there are no derivatives",
+    "this FMU has no derivatives",
     References,
     usize,
     References,
@@ -424,7 +428,7 @@ unsupported!(
 );
 unsupported!(
     fmi2SetRealInputDerivatives,
-    "actuators are held during a step, they have no derivatives",
+    "actuators are held during a step and have no derivatives",
     References,
     usize,
     *const c_int,
@@ -432,23 +436,23 @@ unsupported!(
 );
 unsupported!(
     fmi2GetRealOutputDerivatives,
-    "there are no derivatives",
+    "this FMU has no derivatives",
     References,
     usize,
     *const c_int,
     *mut f64
 );
-unsupported!(fmi2CancelStep, "no step is under way",);
-unsupported!(fmi2GetStatus, "no step is under way", c_int, *mut c_int);
+unsupported!(fmi2CancelStep, "no step is running",);
+unsupported!(fmi2GetStatus, "no step is running", c_int, *mut c_int);
 unsupported!(
     fmi2GetIntegerStatus,
-    "there is no such status",
+    "this status does not exist",
     c_int,
     *mut c_int
 );
 unsupported!(
     fmi2GetStringStatus,
-    "there is no such status",
+    "this status does not exist",
     c_int,
     *mut *const c_char
 );
@@ -462,7 +466,7 @@ extern "C" fn fmi2DoStep(c: Component, time: f64, size: f64, _no_state_before: c
 extern "C" fn fmi2GetRealStatus(c: Component, kind: c_int, value: *mut f64) -> c_int {
     shield(c, |instance| {
         if kind != LAST_SUCCESSFUL_TIME {
-            return Err("there is no such status".into());
+            return Err("this status does not exist".into());
         }
         // SAFETY: a place for a number, or null.
         unsafe { put(value, instance.time()) };
@@ -474,7 +478,7 @@ extern "C" fn fmi2GetRealStatus(c: Component, kind: c_int, value: *mut f64) -> c
 extern "C" fn fmi2GetBooleanStatus(c: Component, kind: c_int, value: *mut c_int) -> c_int {
     shield(c, |_| {
         if kind != TERMINATED {
-            return Err("there is no such status".into());
+            return Err("this status does not exist".into());
         }
         // SAFETY: a place for a number, or null.
         unsafe { put(value, 0) };

@@ -53,7 +53,7 @@ extern "C" fn fmi3InstantiateCoSimulation(
         if event_mode {
             log.tell(
                 Status::Error,
-                "this FMU has no event mode: instantiate it without",
+                "this FMU has no event mode; instantiate it without",
             );
             return None;
         }
@@ -214,7 +214,7 @@ variables!(
     "Float32",
     f32,
     |kind| kind == Type::Single,
-    |found| match found {
+    |worth| match worth {
         Worth::Number(number) => Some(number as f32),
         _ => None,
     },
@@ -226,7 +226,7 @@ variables!(
     "Float64",
     f64,
     |kind| kind == Type::Double,
-    |found| match found {
+    |worth| match worth {
         Worth::Number(number) => Some(number),
         _ => None,
     },
@@ -238,7 +238,7 @@ variables!(
     "Int64",
     i64,
     |kind| kind == Type::Integer,
-    |found| match found {
+    |worth| match worth {
         Worth::Integer(value) => Some(value),
         _ => None,
     },
@@ -250,7 +250,7 @@ variables!(
     "UInt64",
     u64,
     |kind| kind == Type::Seed,
-    |found| match found {
+    |worth| match worth {
         Worth::Seed(value) => Some(value),
         _ => None,
     },
@@ -262,7 +262,7 @@ variables!(
     "Boolean",
     bool,
     |kind| kind == Type::Flag,
-    |found| match found {
+    |worth| match worth {
         Worth::Flag(flag) => Some(flag),
         _ => None,
     },
@@ -390,9 +390,9 @@ extern "C" fn fmi3UpdateDiscreteStates(
     _event: *mut f64,
 ) -> c_int {
     shield(c, |_| {
-        for place in [update, terminate, nominals, values, has_event] {
+        for target in [update, terminate, nominals, values, has_event] {
             // SAFETY: places for values, or null.
-            unsafe { put(place, false) };
+            unsafe { put(target, false) };
         }
         Ok(())
     })

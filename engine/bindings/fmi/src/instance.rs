@@ -78,7 +78,7 @@ impl Instance {
         if token != model.token {
             log.tell(
                 Status::Error,
-                &format!("the {of} is not the one of modelDescription.xml"),
+                &format!("the {of} differs from that in modelDescription.xml"),
             );
             return None;
         }
@@ -101,7 +101,7 @@ impl Instance {
             parameters: model
                 .parameters
                 .iter()
-                .map(|one| one.start.clone())
+                .map(|parameter| parameter.start.clone())
                 .collect(),
             seed: model.seed,
             inputs: vec![0.0; model.agents * model.actuators],
@@ -130,7 +130,7 @@ impl Instance {
                 .model
                 .parameters
                 .iter()
-                .map(|one| one.start.clone())
+                .map(|parameter| parameter.start.clone())
                 .collect(),
             seed: self.model.seed,
             inputs: vec![0.0; self.state.inputs.len()],
@@ -150,7 +150,7 @@ impl Instance {
 
     pub fn enter_initialization(&mut self) -> Result<(), Refusal> {
         if self.state.phase != Phase::Instantiated {
-            return Err("initialization was entered before; reset the instance first".into());
+            return Err("initialization was already entered; reset the instance first".into());
         }
         self.state.phase = Phase::Initialization;
         Ok(())
@@ -158,7 +158,7 @@ impl Instance {
 
     pub fn exit_initialization(&mut self) -> Result<(), Refusal> {
         if self.state.phase != Phase::Initialization {
-            return Err("initialization is left, but was not entered".into());
+            return Err("initialization cannot be left before it is entered".into());
         }
         self.catch_up()?;
         self.state.phase = Phase::Stepping;
@@ -192,22 +192,22 @@ impl Instance {
 
     /// Those of the episode, what was set at the export, and what the master has set since; and those of the connection.
     fn parameters(&self) -> Result<(Parameters, Parameters), Refusal> {
-        let mut found = self.model.base.clone();
+        let mut parameters = self.model.base.clone();
         let mut connection = Parameters::new();
-        for (known, value) in self.model.parameters.iter().zip(&self.state.parameters) {
-            if let Some(name) = known.name.strip_prefix(CONNECTION)
+        for (parameter, value) in self.model.parameters.iter().zip(&self.state.parameters) {
+            if let Some(name) = parameter.name.strip_prefix(CONNECTION)
                 && self.model.dimensions.is_some()
             {
                 connection.insert(name.to_owned(), value.clone());
-            } else if *value != known.start {
-                found.insert(
-                    known.name.clone(),
-                    value_of(&known.name, known.kind, value)?,
+            } else if *value != parameter.start {
+                parameters.insert(
+                    parameter.name.clone(),
+                    value_of(&parameter.name, parameter.kind, value)?,
                 );
             }
         }
-        found.insert("seed".to_owned(), self.state.seed.into());
-        Ok((found, connection))
+        parameters.insert("seed".to_owned(), self.state.seed.into());
+        Ok((parameters, connection))
     }
 
     /// The variable, and whether it is of a type.
@@ -215,15 +215,18 @@ impl Instance {
         &self,
         reference: u32,
         is: fn(Type) -> bool,
-        what: &str,
+        type_name: &str,
     ) -> Result<Variable, Refusal> {
-        let found = Variable::of(&self.model, reference)
-            .ok_or_else(|| format!("there is no variable with the value reference {reference}"))?;
-        if is(found.kind(&self.model)) {
-            Ok(found)
+        let variable = Variable::of(&self.model, reference)
+            .ok_or_else(|| format!("no variable has the value reference {reference}"))?;
+        if is(variable.kind(&self.model)) {
+            Ok(variable)
         } else {
-            let name = found.name(&self.model);
-            Err(format!("{name} (value reference {reference}) is not of the type {what}").into())
+            let name = variable.name(&self.model);
+            Err(
+                format!("{name} (value reference {reference}) is not of the type {type_name}")
+                    .into(),
+            )
         }
     }
 
@@ -232,9 +235,9 @@ impl Instance {
         &mut self,
         reference: u32,
         is: fn(Type) -> bool,
-        what: &str,
+        type_name: &str,
     ) -> Result<Worth, Refusal> {
-        let variable = self.variable(reference, is, what)?;
+        let variable = self.variable(reference, is, type_name)?;
         let needs_world = matches!(
             variable,
             Variable::Done
@@ -254,8 +257,8 @@ impl Instance {
             Variable::Fitness => Worth::Number(view.fitness),
             Variable::Metric(index) => Worth::Number(view.metrics[index]),
             Variable::Acts(agent) => Worth::Flag(view.acts[agent]),
-            Variable::Sensor(place) => Worth::Number(view.sensors[place].into()),
-            Variable::Actuator(place) => Worth::Number(self.state.inputs[place].into()),
+            Variable::Sensor(index) => Worth::Number(view.sensors[index].into()),
+            Variable::Actuator(index) => Worth::Number(self.state.inputs[index].into()),
             Variable::Parameter(index) => {
                 let value = &self.state.parameters[index];
                 match self.model.parameters[index].kind {
@@ -275,13 +278,13 @@ impl Instance {
         &mut self,
         reference: u32,
         is: fn(Type) -> bool,
-        what: &str,
+        type_name: &str,
         value: Worth,
     ) -> Result<(), Refusal> {
-        let variable = self.variable(reference, is, what)?;
+        let variable = self.variable(reference, is, type_name)?;
         match (variable, value) {
-            (Variable::Actuator(place), Worth::Number(value)) => {
-                self.state.inputs[place] = value as f32;
+            (Variable::Actuator(index), Worth::Number(value)) => {
+                self.state.inputs[index] = value as f32;
                 Ok(())
             }
             (Variable::Seed, Worth::Seed(seed)) => {
@@ -337,7 +340,7 @@ impl Instance {
         }
         if !time.is_finite() || !size.is_finite() || size < 0.0 {
             return Err(
-                "a communication step must have a finite time and a size of 0 s or more".into(),
+                "a communication step must have a finite time and a size of at least 0 s".into(),
             );
         }
         self.follows(time, size)?;
@@ -374,20 +377,20 @@ impl Instance {
         } else {
             "last one ended at"
         };
-        Err(format!("the step begins at {time} s, the {expected} {last} s").into())
+        Err(format!("the step begins at {time} s, but the {expected} {last} s").into())
     }
 
     /// The inputs, limited to -1..=1 as servers do.
     fn limited(&self) -> Result<Vec<f32>, Refusal> {
         let acts = &self.world.view().acts;
         let each = self.model.actuators.max(1);
-        let limited = self.state.inputs.iter().enumerate().map(|(place, value)| {
+        let limited = self.state.inputs.iter().enumerate().map(|(index, value)| {
             if value.is_finite() {
                 Ok(value.clamp(-1.0, 1.0))
-            } else if acts[place / each] {
-                let name = Variable::Actuator(place).name(&self.model);
+            } else if acts[index / each] {
+                let name = Variable::Actuator(index).name(&self.model);
                 Err(Refusal::Discard(format!(
-                    "{name} is {value}, not a finite number: the step is not done"
+                    "{name} is {value}, not a finite number; the step was not made"
                 )))
             } else {
                 Ok(0.0)
@@ -402,7 +405,7 @@ impl Instance {
             Ok(Box::new(self.state.clone()))
         } else {
             Err(
-                "states cannot be kept: a simulation server does not go back to an earlier step"
+                "states cannot be saved, since a simulation server cannot return to an earlier step"
                     .into(),
             )
         }
@@ -419,16 +422,16 @@ impl Instance {
                 .iter()
                 .all(|step| step.len() == self.state.inputs.len());
         if !fits {
-            return Err("the state is of another FMU".into());
+            return Err("the state belongs to another FMU".into());
         }
         let same = self.current
             && state.seed == self.state.seed
             && state.parameters == self.state.parameters
             && state.steps.starts_with(&self.state.steps);
-        let made = self.state.steps.len();
+        let done = self.state.steps.len();
         self.state = state.clone();
         if same {
-            for step in &self.state.steps[made..] {
+            for step in &self.state.steps[done..] {
                 self.world.step(step)?;
             }
         } else {

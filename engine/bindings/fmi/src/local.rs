@@ -24,8 +24,11 @@ impl Local {
     /// The simulation of a model.
     pub fn new(model: &Model) -> Result<Self, String> {
         let simulation = worlds::create(&model.title).ok_or_else(|| {
-            let known = worlds::titles().join(", ");
-            format!("there is no simulation {}, but {known}", model.title)
+            let titles = worlds::titles().join(", ");
+            format!(
+                "simulation {} does not exist; available: {titles}",
+                model.title
+            )
         })?;
         Ok(Self {
             simulation,
@@ -58,15 +61,15 @@ impl Local {
             // Where agents act in turn, there may be others.
             let or_more = if acting.len() == most { "" } else { " or more" };
             return Err(format!(
-                "the parameters make {most} agents{or_more}, the FMU has variables of {}; export it anew with these parameters \
-                 (swarmwright export-fmu --set)",
+                "the parameters make {most} agents{or_more}, but the FMU has variables for {}; export it again with these \
+                 parameters (swarmwright export-fmu --set)",
                 self.agents
             ));
         }
         for agent in acting {
-            let place = *agent as usize;
-            view.acts[place] = true;
-            let row = place * self.sensors..(place + 1) * self.sensors;
+            let index = *agent as usize;
+            view.acts[index] = true;
+            let row = index * self.sensors..(index + 1) * self.sensors;
             simulation.sense(*agent, &mut view.sensors[row]);
         }
         view.fitness = simulation.fitness();
@@ -82,15 +85,15 @@ impl World for Local {
             .map_err(|failure| failure.reason)?
             .map_err(|error| error.to_string())?;
         let description = self.simulation.description();
-        let (found, expected) = (
+        let (actual, expected) = (
             (description.sensors, description.actuators),
             (self.sensors, self.actuators),
         );
-        if found != expected {
+        if actual != expected {
             return Err(format!(
-                "with these parameters an agent has {} sensors and {} actuators, the FMU has variables of {} and {}; export it \
-                 anew with these parameters (swarmwright export-fmu --set)",
-                found.0, found.1, expected.0, expected.1
+                "with these parameters an agent has {} sensors and {} actuators, but the FMU has variables for {} and {}; export \
+                 it again with these parameters (swarmwright export-fmu --set)",
+                actual.0, actual.1, expected.0, expected.1
             ));
         }
         self.places = description
@@ -102,9 +105,9 @@ impl World for Local {
     fn step(&mut self, actuators: &[f32]) -> Result<(), String> {
         self.acting.clear();
         for agent in self.simulation.acting() {
-            let place = *agent as usize * self.actuators;
+            let start = *agent as usize * self.actuators;
             self.acting
-                .extend_from_slice(&actuators[place..place + self.actuators]);
+                .extend_from_slice(&actuators[start..start + self.actuators]);
         }
         guarded(|| {
             self.simulation.step(&self.acting);

@@ -56,7 +56,7 @@ impl Model {
         let file = resources.join("model.json");
         let text = fs::read_to_string(&file).map_err(|error| {
             format!(
-                "{}: {error}; unpack the whole FMU, its folder resources, too",
+                "{}: {error}; unpack the whole FMU with its folder resources",
                 file.display()
             )
         })?;
@@ -83,7 +83,7 @@ pub fn folder(uri: &str) -> Result<PathBuf, String> {
 
 /// Replaces `%20` and the like.
 fn decoded(text: &[u8]) -> Vec<u8> {
-    let mut found = Vec::with_capacity(text.len());
+    let mut bytes = Vec::with_capacity(text.len());
     let mut rest = text;
     while let Some((first, others)) = rest.split_first() {
         let byte = match others {
@@ -96,9 +96,9 @@ fn decoded(text: &[u8]) -> Vec<u8> {
             _ => None,
         };
         rest = if byte.is_some() { &others[2..] } else { others };
-        found.push(byte.unwrap_or(*first));
+        bytes.push(byte.unwrap_or(*first));
     }
-    found
+    bytes
 }
 
 #[cfg(test)]

@@ -50,7 +50,7 @@ pub fn shield(
         Err(_) => {
             instance.log.tell(
                 Status::Error,
-                "a fault in Swarmwright: see what was printed",
+                "internal error in Swarmwright; see the printed output",
             );
             Status::Error
         }
@@ -59,9 +59,11 @@ pub fn shield(
 }
 
 /// Turns a new instance into a pointer, null if there is none.
-pub fn handed_over(made: impl FnOnce() -> Option<Box<Instance>>) -> *mut c_void {
-    let made = catch_unwind(AssertUnwindSafe(made)).ok().flatten();
-    made.map_or(std::ptr::null_mut(), |made| Box::into_raw(made).cast())
+pub fn handed_over(make: impl FnOnce() -> Option<Box<Instance>>) -> *mut c_void {
+    let instance = catch_unwind(AssertUnwindSafe(make)).ok().flatten();
+    instance.map_or(std::ptr::null_mut(), |instance| {
+        Box::into_raw(instance).cast()
+    })
 }
 
 /// Frees what [`handed_over`] gave.
@@ -83,7 +85,7 @@ pub unsafe fn slice<'a, T>(start: *const T, count: usize) -> Result<&'a [T], Ref
         return Ok(&[]);
     }
     if start.is_null() {
-        return Err("a null pointer was handed over in place of an array".into());
+        return Err("the pointer to an array is null".into());
     }
     // SAFETY: the caller's promise.
     Ok(unsafe { std::slice::from_raw_parts(start, count) })
@@ -98,7 +100,7 @@ pub unsafe fn slice_mut<'a, T>(start: *mut T, count: usize) -> Result<&'a mut [T
         return Ok(&mut []);
     }
     if start.is_null() {
-        return Err("a null pointer was handed over in place of an array".into());
+        return Err("the pointer to an array is null".into());
     }
     // SAFETY: the caller's promise.
     Ok(unsafe { std::slice::from_raw_parts_mut(start, count) })
@@ -133,16 +135,19 @@ fn same(count: usize, value_count: usize) -> Result<(), Refusal> {
     if count == value_count {
         return Ok(());
     }
-    Err(format!("{count} variables, but {value_count} values: no variable here is an array").into())
+    Err(
+        format!("{count} variables, but {value_count} values; no variable of this FMU is an array")
+            .into(),
+    )
 }
 
 /// Writes where a pointer points, if it does.
 ///
 /// # Safety
 /// It is null or points to a T.
-pub unsafe fn put<T>(place: *mut T, value: T) {
-    if !place.is_null() {
+pub unsafe fn put<T>(target: *mut T, value: T) {
+    if !target.is_null() {
         // SAFETY: the caller's promise.
-        unsafe { place.write(value) };
+        unsafe { target.write(value) };
     }
 }

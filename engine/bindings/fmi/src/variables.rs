@@ -39,23 +39,26 @@ pub enum Type {
 impl Variable {
     /// The variable with a value reference.
     pub fn of(model: &Model, reference: u32) -> Option<Self> {
-        let place = reference as usize;
-        match place {
+        let position = reference as usize;
+        match position {
             0 => Some(Self::Time),
             1 => Some(Self::Seed),
             2 => Some(Self::Done),
             3 => Some(Self::Fitness),
             FIRST_PARAMETER..FIRST_METRIC => {
-                let index = place - FIRST_PARAMETER;
+                let index = position - FIRST_PARAMETER;
                 (index < model.parameters.len()).then_some(Self::Parameter(index))
             }
             FIRST_METRIC..FIRST_AGENT => {
-                let index = place - FIRST_METRIC;
+                let index = position - FIRST_METRIC;
                 (index < model.metrics.len()).then_some(Self::Metric(index))
             }
             FIRST_AGENT.. => {
                 let each = 1 + model.sensors + model.actuators;
-                let (agent, index) = ((place - FIRST_AGENT) / each, (place - FIRST_AGENT) % each);
+                let (agent, index) = (
+                    (position - FIRST_AGENT) / each,
+                    (position - FIRST_AGENT) % each,
+                );
                 (agent < model.agents).then(|| match index {
                     0 => Self::Acts(agent),
                     index if index <= model.sensors => {
@@ -94,12 +97,12 @@ impl Variable {
             Self::Parameter(index) => model.parameters[index].name.clone(),
             Self::Metric(index) => format!("metrics.{}", model.metrics[index]),
             Self::Acts(agent) => format!("agent[{}].acts", agent + 1),
-            Self::Sensor(place) => of_agent("sensor", place, model.sensors),
-            Self::Actuator(place) => of_agent("actuator", place, model.actuators),
+            Self::Sensor(index) => of_agent("sensor", index, model.sensors),
+            Self::Actuator(index) => of_agent("actuator", index, model.actuators),
         }
     }
 }
 
-fn of_agent(what: &str, place: usize, each: usize) -> String {
-    format!("{what} {} of agent {}", place % each + 1, place / each + 1)
+fn of_agent(kind: &str, index: usize, each: usize) -> String {
+    format!("{kind} {} of agent {}", index % each + 1, index / each + 1)
 }

@@ -11,12 +11,12 @@ pub fn bodies<'py>(py: Python<'py>, bodies: &[Body]) -> PyResult<Bound<'py, PyDi
     let mut looks: Vec<(&str, &str)> = Vec::new();
     let mut look = Vec::with_capacity(bodies.len());
     for body in bodies {
-        let wanted = (&*body.kind, &*body.state);
+        let pair = (&*body.kind, &*body.state);
         let last = look.last().map(|index: &u16| usize::from(*index));
-        let same = last.filter(|index| looks[*index] == wanted);
-        let index = same.or_else(|| looks.iter().position(|known| *known == wanted));
+        let same = last.filter(|index| looks[*index] == pair);
+        let index = same.or_else(|| looks.iter().position(|other| *other == pair));
         look.push(index.unwrap_or_else(|| {
-            looks.push(wanted);
+            looks.push(pair);
             looks.len() - 1
         }) as u16);
     }

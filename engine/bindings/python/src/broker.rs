@@ -149,11 +149,11 @@ pub fn hash_for_mosquitto(
 /// An authority, its key, a certificate, its key.
 #[pyfunction]
 pub fn certificates(hosts: Vec<String>, days: i64) -> PyResult<(String, String, String, String)> {
-    let made = certify(&hosts, days).map_err(engine)?;
+    let bundle = certify(&hosts, days).map_err(engine)?;
     Ok((
-        made.authority,
-        made.authority_key,
-        made.certificate,
-        made.key,
+        bundle.authority,
+        bundle.authority_key,
+        bundle.certificate,
+        bundle.key,
     ))
 }

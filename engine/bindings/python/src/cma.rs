@@ -71,9 +71,9 @@ impl PyCma {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let population = self.search.population();
         if streams.0.len() != population {
-            let found = streams.0.len();
+            let count = streams.0.len();
             return Err(input(format!(
-                "streams: {found} found, expected {population}: one for each genome"
+                "streams: {count} found, expected {population}, one for each genome"
             )));
         }
         let mut genomes = vec![0.0; population * self.genes];
@@ -91,7 +91,7 @@ impl PyCma {
         let population = self.search.population();
         if !self.asked || fitness.len() != population {
             return Err(input(format!(
-                "fitness: expected {population} values, of the genomes asked for last"
+                "fitness: expected {population} values, one for each genome of the last ask"
             )));
         }
         self.asked = false;

@@ -54,24 +54,26 @@ impl Conversation {
     /// The genomes to be evaluated: those asked for last, if their fitness is missing.
     pub fn ask(&mut self) -> PyResult<&[f32]> {
         if self.asked.is_none() {
-            let asked = self.search.ask().map_err(|error| self.reason(error))?;
-            self.asked = Some(asked);
+            let genomes = self.search.ask().map_err(|error| self.reason(error))?;
+            self.asked = Some(genomes);
         }
         Ok(self.asked.as_deref().unwrap_or_default())
     }
 
     /// Takes their fitness, and returns them.
     pub fn tell(&mut self, fitness: &[f64]) -> PyResult<Vec<f32>> {
-        let asked = match self.asked.take() {
-            Some(asked) if asked.len() == fitness.len() * self.genes => asked,
+        let genomes = match self.asked.take() {
+            Some(genomes) if genomes.len() == fitness.len() * self.genes => genomes,
             other => {
                 self.asked = other;
-                return Err(input("expected the fitness of the genomes asked for last"));
+                return Err(input(
+                    "expected one fitness value for each genome of the last ask",
+                ));
             }
         };
-        let told = self.search.tell(&asked, fitness);
-        told.map_err(|error| self.reason(error))?;
-        Ok(asked)
+        let outcome = self.search.tell(&genomes, fitness);
+        outcome.map_err(|error| self.reason(error))?;
+        Ok(genomes)
     }
 
     /// As [`ask`](Self::ask), handed over until [`told`](Self::told).
@@ -105,8 +107,8 @@ impl Conversation {
 
     /// As [`told`](Self::told), for a sample.
     pub fn told_sample(&mut self, fitness: &[f64]) -> PyResult<()> {
-        let told = self.search.tell(&[], fitness);
-        told.map_err(|error| self.reason(error))
+        let outcome = self.search.tell(&[], fitness);
+        outcome.map_err(|error| self.reason(error))
     }
 
     /// What so many genomes asked for last were made from, where servers can make them from it, too.
@@ -151,14 +153,14 @@ impl Conversation {
             return Ok(false);
         }
         let genomes = self.asked.take().unwrap_or_default();
-        let told = self.search.tell(&genomes, fitness);
-        told.map_err(|error| self.reason(error)).map(|()| true)
+        let outcome = self.search.tell(&genomes, fitness);
+        outcome.map_err(|error| self.reason(error)).map(|()| true)
     }
 
     /// Takes the fitness of the next genomes if they are these, bit by bit; returns whether they are.
     pub fn retell(&mut self, genomes: &[f32], fitness: &[f64]) -> PyResult<bool> {
-        let asked = self.ask()?;
-        let same = asked.len() == genomes.len() && are_same(asked, genomes);
+        let expected = self.ask()?;
+        let same = expected.len() == genomes.len() && are_same(expected, genomes);
         if same {
             self.tell(fitness)?;
         }
@@ -182,20 +184,20 @@ impl Conversation {
 
     fn reason(&self, Unavailable: Unavailable) -> PyErr {
         let failed = lock(&self.failed).take();
-        failed.unwrap_or_else(|| engine("a new start, or genomes, could not be made"))
+        failed.unwrap_or_else(|| engine("a new start or new genomes could not be made"))
     }
 }
 
 /// Whether numbers have the same bits.
-fn are_same(one: &[f32], other: &[f32]) -> bool {
+fn are_same(left: &[f32], other: &[f32]) -> bool {
     // A loop without a way out is one that the compiler can do in vectors.
-    let differ = |(one, other): (&[f32], &[f32])| {
-        let pairs = one.iter().zip(other);
-        pairs.fold(0, |bits, (one, other)| {
-            bits | (one.to_bits() ^ other.to_bits())
+    let differ = |(left, other): (&[f32], &[f32])| {
+        let pairs = left.iter().zip(other);
+        pairs.fold(0, |bits, (left, other)| {
+            bits | (left.to_bits() ^ other.to_bits())
         })
     };
-    one.chunks(1024)
+    left.chunks(1024)
         .zip(other.chunks(1024))
         .all(|parts| differ(parts) == 0)
 }

@@ -48,14 +48,14 @@ impl PyDigests {
         genomes: Kept<'_>,
     ) -> PyResult<Self> {
         // One representation of each value: NaN has many, and zero has two.
-        let one = |value: &f64| {
+        let canonical = |value: &f64| {
             if value.is_nan() {
                 f64::NAN
             } else {
                 value + 0.0
             }
         };
-        let fitness: Vec<f64> = fitness.as_array().iter().map(one).collect();
+        let fitness: Vec<f64> = fitness.as_array().iter().map(canonical).collect();
         let episodes: Vec<f64> = episodes.as_array().iter().copied().collect();
         let metrics: Vec<f64> = metrics.as_array().iter().copied().collect();
         let genomes = match genomes {
@@ -76,7 +76,7 @@ impl PyDigests {
     }
 
     fn columns<'py>(&self, py: Python<'py>) -> PyResult<[Bound<'py, PyBytes>; 4]> {
-        let found = py.detach(|| {
+        let digests = py.detach(|| {
             let mut state = lock(&self.0);
             let columns = match &*state {
                 State::Known(columns) => *columns,
@@ -85,7 +85,7 @@ impl PyDigests {
             *state = State::Known(columns);
             Ok::<Columns, PyErr>(columns)
         })?;
-        Ok(found.map(|digest| PyBytes::new(py, &digest)))
+        Ok(digests.map(|digest| PyBytes::new(py, &digest)))
     }
 }
 
@@ -127,8 +127,8 @@ fn digest<T: Copy, const N: usize>(numbers: &[T], bytes: impl Fn(T) -> [u8; N]) 
     let mut part = [[0; N]; AT_A_TIME];
     for numbers in numbers.chunks(AT_A_TIME) {
         // A loop without growth is one that the compiler does in vectors.
-        for (place, number) in part.iter_mut().zip(numbers) {
-            *place = bytes(*number);
+        for (slot, number) in part.iter_mut().zip(numbers) {
+            *slot = bytes(*number);
         }
         total.update(part[..numbers.len()].as_flattened());
     }

@@ -47,21 +47,21 @@ impl PyEpisodes {
         let mut simulations: Vec<Box<dyn Simulation>> = Vec::with_capacity(seeds.len());
         let (mut sensors, mut actuators) = (0, 0);
         for seed in &seeds {
-            let mut one = match simulations.first() {
+            let mut episode = match simulations.first() {
                 // A host has one object, of which another episode needs another one.
                 Some(first) if !simulation.is_instance_of::<PyString>() => {
                     kept(|| first.duplicate())?.ok_or_else(|| {
-                        input("seeds: this simulation runs one episode at a time in a process; give one seed")
+                        input("seeds: this simulation runs one episode at a time in a process; pass a single seed")
                     })?
                 }
                 _ => any(simulation)?,
             };
             let mut parameters: Parameters = parameters.clone();
             parameters.insert("seed".to_owned(), Value::from(*seed));
-            kept(|| one.reset(&parameters))?.map_err(input)?;
-            let description = one.described(&parameters).map_err(input)?;
+            kept(|| episode.reset(&parameters))?.map_err(input)?;
+            let description = episode.described(&parameters).map_err(input)?;
             (sensors, actuators) = (description.sensors, description.actuators);
-            simulations.push(one);
+            simulations.push(episode);
         }
         Ok(Self {
             simulations,
@@ -73,7 +73,7 @@ impl PyEpisodes {
 
     #[getter]
     fn done(&self) -> bool {
-        self.simulations.iter().all(|one| one.done())
+        self.simulations.iter().all(|simulation| simulation.done())
     }
 
     /// Of the first episode: whether agents act in turn, and others have yet to.
@@ -81,14 +81,14 @@ impl PyEpisodes {
     fn mid_step(&self) -> bool {
         self.simulations
             .first()
-            .is_some_and(|one| !one.done() && one.mid_step())
+            .is_some_and(|simulation| !simulation.done() && simulation.mid_step())
     }
 
     fn acting<'py>(&self, py: Python<'py>) -> PyResult<Acting<'py>> {
         let (mut episodes, mut agents) = (Vec::new(), Vec::new());
-        for (episode, one) in (0..).zip(&self.simulations) {
-            if !one.done() {
-                let acting = one.acting();
+        for (episode, simulation) in (0..).zip(&self.simulations) {
+            if !simulation.done() {
+                let acting = simulation.acting();
                 episodes.resize(episodes.len() + acting.len(), episode);
                 agents.extend_from_slice(acting);
             }
@@ -96,8 +96,8 @@ impl PyEpisodes {
         let mut sensors = vec![0.0; agents.len() * self.sensors];
         let rows = sensors.chunks_exact_mut(self.sensors.max(1));
         for ((episode, agent), row) in episodes.iter().zip(&agents).zip(rows) {
-            let one = &self.simulations[*episode as usize];
-            kept(|| one.sense(*agent, row))?;
+            let simulation = &self.simulations[*episode as usize];
+            kept(|| simulation.sense(*agent, row))?;
         }
         let shape = [agents.len(), self.sensors];
         Ok((
@@ -115,23 +115,23 @@ impl PyEpisodes {
         let all: Vec<f32> = actuators.as_array().iter().copied().collect();
         let mut parts = Vec::with_capacity(self.simulations.len());
         let mut rest = all.as_slice();
-        for one in &mut self.simulations {
-            if one.done() {
+        for simulation in &mut self.simulations {
+            if simulation.done() {
                 continue;
             }
-            let numbers = one.acting().len() * self.actuators;
-            let (part, others) = rest.split_at_checked(numbers).ok_or_else(|| {
-                input("actuators: expected as many rows as there are agents that act")
-            })?;
+            let numbers = simulation.acting().len() * self.actuators;
+            let (part, others) = rest
+                .split_at_checked(numbers)
+                .ok_or_else(|| input("actuators: expected one row for each acting agent"))?;
             rest = others;
-            parts.push((one, part));
+            parts.push((simulation, part));
         }
         if !rest.is_empty() {
-            return Err(input(
-                "actuators: expected as many rows as there are agents that act",
-            ));
+            return Err(input("actuators: expected one row for each acting agent"));
         }
-        let stepped = |(one, part): (&mut Box<dyn Simulation>, &[f32])| guarded(|| one.step(part));
+        let stepped = |(simulation, part): (&mut Box<dyn Simulation>, &[f32])| {
+            guarded(|| simulation.step(part))
+        };
         let result = match parts.len() {
             // Handing one episode to another thread takes longer than many a step.
             _ if !self.threads => parts.into_iter().try_for_each(stepped),
@@ -142,12 +142,12 @@ impl PyEpisodes {
     }
 
     fn fitness<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let found: PyResult<Vec<f64>> = self
+        let fitness: PyResult<Vec<f64>> = self
             .simulations
             .iter()
-            .map(|one| kept(|| one.fitness()))
+            .map(|simulation| kept(|| simulation.fitness()))
             .collect();
-        Ok(found?.into_pyarray(py))
+        Ok(fitness?.into_pyarray(py))
     }
 
     #[expect(
@@ -161,13 +161,16 @@ impl PyEpisodes {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let mut values = vec![f64::NAN; self.simulations.len() * names.len()];
         if !names.is_empty() {
-            for (one, row) in self
+            for (simulation, row) in self
                 .simulations
                 .iter()
                 .zip(values.chunks_exact_mut(names.len()))
             {
-                let wanted = one.description().metrics_named(&names).map_err(input)?;
-                kept(|| worlds::measure(one.as_ref(), &wanted, row))?;
+                let indices = simulation
+                    .description()
+                    .metrics_named(&names)
+                    .map_err(input)?;
+                kept(|| worlds::measure(simulation.as_ref(), &indices, row))?;
             }
         }
         values
@@ -178,7 +181,10 @@ impl PyEpisodes {
     #[getter]
     fn metric_names(&self) -> PyResult<Vec<String>> {
         let metrics = self.first()?.description().metrics;
-        Ok(metrics.iter().map(|one| one.name.to_string()).collect())
+        Ok(metrics
+            .iter()
+            .map(|metric| metric.name.to_string())
+            .collect())
     }
 
     #[getter]
@@ -206,7 +212,7 @@ impl PyEpisodes {
         let first = self
             .simulations
             .first()
-            .ok_or_else(|| input("seeds: there are none"))?;
+            .ok_or_else(|| input("seeds: expected at least one"))?;
         Ok(first.as_ref())
     }
 }

@@ -10,31 +10,31 @@ pyo3::create_exception!(
     swarmwright._engine,
     EngineError,
     PyRuntimeError,
-    "The engine could not do what was asked."
+    "An operation of the engine failed."
 );
 pyo3::create_exception!(
     swarmwright._engine,
     NoBrokerError,
     EngineError,
-    "No broker answers there; one may later."
+    "No broker answers at the address; a later attempt may succeed."
 );
 pyo3::create_exception!(
     swarmwright._engine,
     NoServerError,
     EngineError,
-    "No server answered, not even one that does not fit."
+    "No server answered, not even an unsuitable one."
 );
 pyo3::create_exception!(
     swarmwright._engine,
     LostError,
     EngineError,
-    "Messages of an episode were lost, or its server: another time it may go well."
+    "Messages of an episode or its server were lost; a later attempt may succeed."
 );
 pyo3::create_exception!(
     swarmwright._engine,
     InputError,
     PyValueError,
-    "The input is wrong."
+    "An argument is invalid."
 );
 
 /// The input is wrong.

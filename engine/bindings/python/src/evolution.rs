@@ -40,7 +40,9 @@ impl PyNodeNetwork {
             }
         };
         if sizes.is_empty() {
-            return Err(input("sizes: empty, but a network has at least one node"));
+            return Err(input(
+                "sizes: must not be empty, since a network has at least one node",
+            ));
         }
         Ok(Self(NodeNetwork::new(
             &sizes,
@@ -55,8 +57,8 @@ impl PyNodeNetwork {
         py: Python<'py>,
         stream: &mut PyStream,
     ) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        let one = std::slice::from_mut(&mut stream.0);
-        self.each(py, one, |_, stream, genome| {
+        let streams = std::slice::from_mut(&mut stream.0);
+        self.each(py, streams, |_, stream, genome| {
             self.0.initial(stream, genome);
         })?
         .reshape([self.0.genes()])
@@ -86,8 +88,8 @@ impl PyNodeNetwork {
         probability: f64,
     ) -> PyResult<Bound<'py, PyArray1<f32>>> {
         let parent = self.genome("genome", &parent)?;
-        let one = std::slice::from_mut(&mut stream.0);
-        self.each(py, one, |_, stream, child| {
+        let streams = std::slice::from_mut(&mut stream.0);
+        self.each(py, streams, |_, stream, child| {
             self.0.mutate(&parent, stream, severity, probability, child);
         })?
         .reshape([self.0.genes()])
@@ -126,8 +128,8 @@ impl PyNodeNetwork {
     ) -> PyResult<Bound<'py, PyArray1<f32>>> {
         let mother = self.genome("mother", &mother)?;
         let father = self.genome("father", &father)?;
-        let one = std::slice::from_mut(&mut stream.0);
-        self.each(py, one, |_, stream, child| {
+        let streams = std::slice::from_mut(&mut stream.0);
+        self.each(py, streams, |_, stream, child| {
             self.0.crossover(&mother, &father, stream, child);
         })?
         .reshape([self.0.genes()])
@@ -167,7 +169,7 @@ impl PyNodeNetwork {
         let (count, columns) = (streams.0.len(), partners.shape()[1]);
         if partners.shape()[0] != count || mothers.len() != count || columns == 0 {
             return Err(input(format!(
-                "expected a mother, one partner at least and a stream for each child; found {}, {:?} and {count}",
+                "expected a mother, at least one partner and a stream for each child; found {}, {:?} and {count}",
                 mothers.len(),
                 partners.shape()
             )));
@@ -181,7 +183,7 @@ impl PyNodeNetwork {
             let rows = its.iter().map(|partner| self.row(&all, *partner));
             let father = Farthest::default()
                 .find(mother, rows)
-                .map_or(0, |found| its[found]);
+                .map_or(0, |index| its[index]);
             self.0
                 .crossover(mother, self.row(&all, father), stream, child);
         })
@@ -197,7 +199,7 @@ fn members(indices: &[i64], count: usize) -> PyResult<Vec<usize>> {
         .collect();
     match checked.iter().position(|index| *index >= count) {
         Some(wrong) => Err(input(format!(
-            "index {} found, but there are {count} genomes",
+            "genome {} does not exist; there are {count} genomes",
             indices[wrong]
         ))),
         None => Ok(checked),
@@ -228,9 +230,9 @@ impl PyNodeNetwork {
         genome: &'a PyReadonlyArray1<'_, f32>,
     ) -> PyResult<Cow<'a, [f32]>> {
         if genome.len() != self.0.genes() {
-            let (found, expected) = (genome.len(), self.0.genes());
+            let (actual, expected) = (genome.len(), self.0.genes());
             return Err(input(format!(
-                "{name}: has {found} genes, expected {expected}"
+                "{name}: has {actual} genes, expected {expected}"
             )));
         }
         Ok(match genome.as_slice() {
@@ -247,9 +249,9 @@ impl PyNodeNetwork {
     ) -> PyResult<Cow<'a, [f32]>> {
         let expected = [count, self.0.genes()];
         if genomes.shape() != expected {
-            let found = genomes.shape();
+            let shape = genomes.shape();
             return Err(input(format!(
-                "{name}: have the shape {found:?}, expected {expected:?}: a genome for each stream"
+                "{name}: have the shape {shape:?}, expected {expected:?}, a genome for each stream"
             )));
         }
         Ok(row_major(genomes))
@@ -280,28 +282,28 @@ pub fn distances<'py>(
     let [count, genes] = [genomes.shape()[0], genomes.shape()[1]];
     let [rows, columns] = [others.shape()[0], others.shape()[1]];
     if ones.len() != rows {
-        let found = ones.len();
+        let length = ones.len();
         return Err(input(format!(
-            "ones: {found} indices, but others has {rows} rows"
+            "ones: {length} indices, but others has {rows} rows"
         )));
     }
     let values = row_major(&genomes);
     let genome = |index: i64| match usize::try_from(index) {
         Ok(index) if index < count => Ok(&values[index * genes..(index + 1) * genes]),
         _ => Err(input(format!(
-            "index {index} found, but there are {count} genomes"
+            "genome {index} does not exist; there are {count} genomes"
         ))),
     };
-    let mut found = vec![0.0; rows * columns];
+    let mut distances = vec![0.0; rows * columns];
     let indices = others.as_array();
-    for (row, one) in ones.as_array().iter().enumerate() {
+    for (row, index) in ones.as_array().iter().enumerate() {
         let partners = indices
             .row(row)
             .iter()
             .map(|index| genome(*index))
             .collect::<PyResult<Vec<_>>>()?;
-        let places = &mut found[row * columns..(row + 1) * columns];
-        evolution::distances(genome(*one)?, &partners, places);
+        let places = &mut distances[row * columns..(row + 1) * columns];
+        evolution::distances(genome(*index)?, &partners, places);
     }
-    found.into_pyarray(py).reshape([rows, columns])
+    distances.into_pyarray(py).reshape([rows, columns])
 }

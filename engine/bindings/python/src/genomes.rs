@@ -29,8 +29,10 @@ pub fn rows<'a>(
 }
 
 /// An architecture from Python, a specification whose weights are ignored; and what was given.
-pub fn architecture(given: &Bound<'_, PyDict>) -> PyResult<(Architecture, Map<String, Value>)> {
-    let specification = object("controller", given)?;
+pub fn architecture(
+    controller: &Bound<'_, PyDict>,
+) -> PyResult<(Architecture, Map<String, Value>)> {
+    let specification = object("controller", controller)?;
     let text = serde_json::to_string(&specification).map_err(input)?;
     let read = Architecture::from_json(&text).map_err(input)?;
     Ok((read, specification))
@@ -62,7 +64,7 @@ pub fn decimals(genomes: PyReadonlyArray2<'_, f32>) -> PyResult<Vec<String>> {
             let numbers: Vec<f32> = row.iter().copied().collect();
             if numbers.iter().any(|number| !number.is_finite()) {
                 return Err(input(
-                    "genomes: NaN or infinite, but every gene must be a finite number",
+                    "genomes: every gene must be a finite number, not NaN or infinite",
                 ));
             }
             let text = serde_json::to_string(&numbers).map_err(input)?;

@@ -78,9 +78,9 @@ impl Group {
         let mut results = vec![f64::NAN; self.seen.over.len() * numbers];
         results_of(host, ended, &self.seen.over, &self.wanted, &mut results);
         let rows = results.chunks_exact(numbers);
-        for (index, (place, row)) in self.results.iter_mut().zip(rows).enumerate() {
+        for (index, (result, row)) in self.results.iter_mut().zip(rows).enumerate() {
             if self.seen.over[index] && !ended[index] {
-                *place = row.to_vec();
+                *result = row.to_vec();
             }
         }
     }
@@ -91,11 +91,11 @@ impl Together for Hosted {
         &mut self,
         parameters: &Parameters,
         seeds: &[u64],
-        wanted: &[usize],
+        metrics: &[usize],
     ) -> Result<(), ParameterError> {
         let mut group = Group {
             results: vec![Vec::new(); seeds.len()],
-            wanted: wanted.to_vec(),
+            wanted: metrics.to_vec(),
             ..Group::default()
         };
         let started = self.call(|python| {
@@ -137,8 +137,8 @@ impl Together for Hosted {
         let mut all = vec![0.0; shape.iter().product()];
         let acts = group.seen.acting.iter();
         let places = all.chunks_exact_mut(width).zip(acts).filter(|(_, a)| **a);
-        for ((place, _), row) in places.zip(actuators.chunks_exact(width)) {
-            place.copy_from_slice(row);
+        for ((slot, _), row) in places.zip(actuators.chunks_exact(width)) {
+            slot.copy_from_slice(row);
         }
         let ended = group.seen.over.clone();
         or_fail(self.call(|python| {
@@ -190,30 +190,30 @@ fn run(
     episodes: &mut [SwarmControllers],
     results: &mut [f64],
 ) -> Result<(), RolloutError> {
-    let mut seen = Seen::default();
+    let mut state = Seen::default();
     let mut ended = vec![false; episodes.len()];
     let started = host.call(|python| {
         let seeds = PyArray1::from_vec(python.py(), seeds);
         let parameters = dict(python.py(), block.parameters)?;
-        seen.take(&python.call_method1("start", (parameters, seeds))?)
+        state.take(&python.call_method1("start", (parameters, seeds))?)
     });
     match started {
         Err(Trouble::Refused(text)) => return Err(refused(&text).into()),
         other => or_fail(other),
     }
     loop {
-        if ended != seen.over {
-            results_of(host, &ended, &seen.over, block.metrics, results);
-            ended.copy_from_slice(&seen.over);
+        if ended != state.over {
+            results_of(host, &ended, &state.over, block.metrics, results);
+            ended.copy_from_slice(&state.over);
         }
         if ended.iter().all(|over| *over) {
             return Ok(());
         }
-        let actions = actions(host, episodes, &seen)?;
-        let shape = [episodes.len(), seen.agents, host.actuators()];
+        let actions = actions(host, episodes, &state)?;
+        let shape = [episodes.len(), state.agents, host.actuators()];
         or_fail(host.call(|python| {
             let actions = PyArray1::from_vec(python.py(), actions).reshape(shape)?;
-            seen.take(&python.call_method1("go", (actions,))?)
+            state.take(&python.call_method1("go", (actions,))?)
         }));
     }
 }
@@ -222,18 +222,18 @@ fn run(
 fn actions(
     host: &Hosted,
     episodes: &mut [SwarmControllers],
-    seen: &Seen,
+    state: &Seen,
 ) -> Result<Vec<f32>, RolloutError> {
     let (sensors, actuators) = (host.sensors(), host.actuators());
-    let mut actions = vec![0.0; seen.acting.len() * actuators];
-    let rows = seen.observations.chunks_exact(sensors);
+    let mut actions = vec![0.0; state.acting.len() * actuators];
+    let rows = state.observations.chunks_exact(sensors);
     let places = actions.chunks_exact_mut(actuators);
-    for (place, ((acts, row), action)) in seen.acting.iter().zip(rows).zip(places).enumerate() {
+    for (index, ((acts, row), action)) in state.acting.iter().zip(rows).zip(places).enumerate() {
         if !acts {
             continue;
         }
-        let agent = u32::try_from(place % seen.agents).unwrap_or(u32::MAX);
-        episodes[place / seen.agents]
+        let agent = u32::try_from(index % state.agents).unwrap_or(u32::MAX);
+        episodes[index / state.agents]
             .of(agent)
             .and_then(|controller| controller.step(row, action))
             .map_err(|source| RolloutError::Controller { agent, source })?;
@@ -251,14 +251,14 @@ fn results_of(
 ) {
     let numbers = 1 + metrics.len();
     or_fail(host.call(|python| {
-        let found = python.call_method1("results", (!metrics.is_empty(),))?;
-        let found: PyReadonlyArray2<'_, f64> = found.extract()?;
-        let found = found.as_array();
+        let values = python.call_method1("results", (!metrics.is_empty(),))?;
+        let values: PyReadonlyArray2<'_, f64> = values.extract()?;
+        let values = values.as_array();
         for (episode, results) in results.chunks_exact_mut(numbers).enumerate() {
             if over[episode] && !ended[episode] {
-                results[0] = found[[0, episode]];
+                results[0] = values[[0, episode]];
                 for (metric, result) in metrics.iter().zip(&mut results[1..]) {
-                    *result = found[[1 + metric, episode]];
+                    *result = values[[1 + metric, episode]];
                 }
             }
         }

@@ -57,7 +57,7 @@ fn means(level: &str, threads: usize) -> PyResult<Means> {
         "scalar" => None,
         name => match Level::available()
             .into_iter()
-            .find(|one| one.name() == name)
+            .find(|level| level.name() == name)
         {
             Some(level) => Some(level),
             None => {
@@ -286,7 +286,7 @@ impl Evaluation {
                 self.pace.note(count, threads, began.elapsed());
                 part
             };
-            let (part, wanted) = match meanwhile.take() {
+            let (part, proceed) = match meanwhile.take() {
                 Some(meanwhile) => beside(work, meanwhile),
                 None => (work(), true),
             };
@@ -309,7 +309,7 @@ impl Evaluation {
             if report {
                 reported = Instant::now();
             }
-            if !wanted || !go_on(done, report) {
+            if !proceed || !go_on(done, report) {
                 break;
             }
         }
@@ -319,12 +319,12 @@ impl Evaluation {
 
 /// Does one thing in the engine's threads and the other in this one.
 fn beside<A: Send, B>(
-    one: impl FnOnce() -> Option<A> + Send,
+    task: impl FnOnce() -> Option<A> + Send,
     other: impl FnOnce() -> B,
 ) -> (Option<A>, B) {
     let mut result = None;
     let answer = rayon::in_place_scope(|scope| {
-        scope.spawn(|_| result = one());
+        scope.spawn(|_| result = task());
         other()
     });
     (result, answer)

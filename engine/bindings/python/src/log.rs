@@ -58,7 +58,7 @@ impl LogFile {
                     let path = self.path.display();
                     let _ = writeln!(
                         stderr(),
-                        "warning: --log {path}: {error}; events are missing there"
+                        "warning: --log {path}: {error}; the log is incomplete"
                     );
                 }
             }
@@ -77,7 +77,7 @@ impl LogFile {
 
     fn append(&mut self, line: &[u8]) -> io::Result<()> {
         let ours = self.file.metadata()?;
-        let is_moved = fs::metadata(&self.path).is_ok_and(|there| there.ino() != ours.ino());
+        let is_moved = fs::metadata(&self.path).is_ok_and(|metadata| metadata.ino() != ours.ino());
         let is_gone = !self.path.exists();
         let is_full = self
             .most
@@ -166,8 +166,8 @@ pub fn log_to(path: Option<PathBuf>, level: &str, most: Option<u64>) -> PyResult
         }),
         None => Sink::Terminal,
     };
-    if let Ok(mut place) = LINES.0.lock() {
-        *place = Some(sink);
+    if let Ok(mut lines) = LINES.0.lock() {
+        *lines = Some(sink);
     }
     // A second call finds it set already.
     let _ = log::set_logger(&LINES);

@@ -56,7 +56,7 @@ pub enum Kept<'py> {
 }
 
 fn elsewhere() -> PyErr {
-    input("the search goes on elsewhere: a producer has it")
+    input("the search belongs to a producer")
 }
 
 #[pymethods]
@@ -296,10 +296,10 @@ impl PySearch {
             exchange_interval,
             exchange,
         };
-        let known = shares
+        let total = shares
             .iter()
             .try_fold(0, |sum: usize, share| sum.checked_add(*share));
-        if members * populations != first.shape()[0] || known.is_none_or(|known| known > members) {
+        if members * populations != first.shape()[0] || total.is_none_or(|total| total > members) {
             return Err(input(format!(
                 "first, shares: {} genomes and {shares:?} members do not make {populations} populations",
                 first.shape()[0]
@@ -313,44 +313,44 @@ impl PySearch {
     }
 
     fn ask<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let here = self.here()?;
-        let genes = here.genes();
-        let genomes = py.detach(|| here.ask())?;
+        let conversation = self.here()?;
+        let genes = conversation.genes();
+        let genomes = py.detach(|| conversation.ask())?;
         PyArray1::from_slice(py, genomes).reshape([genomes.len() / genes.max(1), genes])
     }
 
     fn tell(&mut self, py: Python<'_>, fitness: Row<'_>) -> PyResult<()> {
-        let here = self.here()?;
+        let conversation = self.here()?;
         let fitness = fitness.as_slice()?;
-        py.detach(|| here.tell(fitness)).map(|_| ())
+        py.detach(|| conversation.tell(fitness)).map(|_| ())
     }
 
     /// Asks, and tells the fitness of these genomes if they are those asked for; returns whether they are.
     fn retell(&mut self, py: Python<'_>, genomes: Kept<'_>, fitness: Row<'_>) -> PyResult<bool> {
-        let here = self.here()?;
+        let conversation = self.here()?;
         let fitness = fitness.as_slice()?;
         let genomes = match &genomes {
             Kept::Sample(sample) => {
                 let sample = &sample.get().0;
-                return py.detach(|| here.retell_sample(sample, fitness));
+                return py.detach(|| conversation.retell_sample(sample, fitness));
             }
             Kept::Genomes(genomes) => genomes.as_slice()?,
         };
-        py.detach(|| here.retell(genomes, fitness))
+        py.detach(|| conversation.retell(genomes, fitness))
     }
 
     fn rescore(&mut self, fitness: Row<'_>) -> PyResult<()> {
-        let here = self.here()?;
-        let members = here.members().unwrap_or_default().len();
-        here.search.rescore(&of_each(&fitness, members)?);
+        let conversation = self.here()?;
+        let members = conversation.members().unwrap_or_default().len();
+        conversation.search.rescore(&of_each(&fitness, members)?);
         Ok(())
     }
 
     #[getter]
     fn members<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
-        let here = self.here()?;
-        let genes = here.genes();
-        let Some(members) = here.search.members() else {
+        let conversation = self.here()?;
+        let genes = conversation.genes();
+        let Some(members) = conversation.search.members() else {
             return Ok(None);
         };
         let genomes = PyArray1::from_slice(py, members.genomes);
@@ -371,8 +371,8 @@ impl PySearch {
     /// What all genomes asked for last were made from, where servers can make them from it, too.
     #[getter]
     fn sample(&mut self) -> PyResult<Option<PySample>> {
-        let here = self.here()?;
-        Ok(here.sample(here.asked()).map(PySample))
+        let conversation = self.here()?;
+        Ok(conversation.sample(conversation.asked()).map(PySample))
     }
 
     fn state<'py>(&mut self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
@@ -409,14 +409,14 @@ fn space((middle, reach, lower, upper): &(Row<'_>, Row<'_>, Row<'_>, Row<'_>)) -
 /// New starts from a callable in Python, and where its error goes.
 fn starts(callable: Py<PyAny>, genes: usize) -> (Starts, Failure) {
     let failed = Failure::default();
-    let place = failed.clone();
+    let slot = failed.clone();
     let start = move |number: u64| {
         Python::attach(|py| {
-            let made = callable.call1(py, (number,))?;
-            of_each(&made.extract::<Row<'_>>(py)?, genes)
+            let values = callable.call1(py, (number,))?;
+            of_each(&values.extract::<Row<'_>>(py)?, genes)
         })
         .map_err(|error: PyErr| {
-            *lock(&place) = Some(error);
+            *lock(&slot) = Some(error);
             Unavailable
         })
     };
@@ -425,8 +425,8 @@ fn starts(callable: Py<PyAny>, genes: usize) -> (Starts, Failure) {
 
 fn of_each(values: &Row<'_>, expected: usize) -> PyResult<Vec<f64>> {
     if values.len() != expected {
-        let found = values.len();
-        return Err(input(format!("expected {expected} values, found {found}")));
+        let count = values.len();
+        return Err(input(format!("expected {expected} values, found {count}")));
     }
     Ok(values.as_slice()?.to_vec())
 }

@@ -59,9 +59,9 @@ impl WithModules {
     fn call<T>(
         &self,
         object: &Py<PyAny>,
-        what: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
+        action: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
     ) -> Result<T, Trouble> {
-        call(object, self.progress.as_deref(), what)
+        call(object, self.progress.as_deref(), action)
     }
 
     /// The results of a block of such machines; NaN for an episode that has to be computed alone, so that it says what failed.
@@ -99,10 +99,10 @@ impl WithModules {
 
     fn played<T>(
         &self,
-        what: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
+        action: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
     ) -> Option<Result<T, Trouble>> {
         let played = self.episode.as_ref()?;
-        Some(self.call(&played.episode, what))
+        Some(self.call(&played.episode, action))
     }
 }
 
@@ -217,11 +217,11 @@ impl Simulation for WithModules {
     }
 
     fn metrics(&self) -> Vec<f64> {
-        let found = self.played(|episode| {
+        let metrics = self.played(|episode| {
             let names = episode.getattr("metric_names")?;
             episode.call_method1("metrics", (names,))?.extract()
         });
-        match found {
+        match metrics {
             Some(metrics) => or_fail(metrics),
             None => self.inner.metrics(),
         }

@@ -16,13 +16,13 @@ use crate::streams::PyStreams;
 
 /// A `NodeNetwork` of the engine's, or a representation in Python, whose errors go to `failed`.
 pub fn operators(
-    given: &Bound<'_, PyAny>,
+    object: &Bound<'_, PyAny>,
     genes: usize,
     failed: Failure,
 ) -> PyResult<Box<dyn Operators>> {
-    let Ok(network) = given.cast::<PyNodeNetwork>() else {
+    let Ok(network) = object.cast::<PyNodeNetwork>() else {
         return Ok(Box::new(InPython {
-            representation: given.clone().unbind(),
+            representation: object.clone().unbind(),
             genes,
             failed,
         }));
@@ -48,7 +48,7 @@ impl InPython {
     fn call<'a>(
         &self,
         name: &str,
-        made: &mut [f32],
+        out: &mut [f32],
         streams: &[Stream],
         arguments: impl FnOnce(Python<'_>, Py<PyStreams>) -> PyResult<(Py<PyTuple>, Option<Variation>)>
         + 'a,
@@ -62,20 +62,20 @@ impl InPython {
                     values.into_py_dict(py)
                 })
                 .transpose()?;
-            let found = self
+            let array = self
                 .representation
                 .bind(py)
                 .call_method(name, arguments, named.as_ref())?;
-            let found: PyArrayLike2<'_, f32, AllowTypeChange> = found.extract()?;
-            let expected = [made.len() / self.genes, self.genes];
-            if found.shape() != expected {
-                let shape = found.shape();
+            let array: PyArrayLike2<'_, f32, AllowTypeChange> = array.extract()?;
+            let expected = [out.len() / self.genes, self.genes];
+            if array.shape() != expected {
+                let shape = array.shape();
                 return Err(input(format!(
-                    "{name}: returned the shape {shape:?}, expected {expected:?}: a genome for each stream"
+                    "{name}: returned the shape {shape:?}, expected {expected:?}, a genome for each stream"
                 )));
             }
-            for (place, gene) in made.iter_mut().zip(found.as_array()) {
-                *place = *gene;
+            for (slot, gene) in out.iter_mut().zip(array.as_array()) {
+                *slot = *gene;
             }
             Ok(())
         })
@@ -134,13 +134,13 @@ impl Operators for InPython {
             let genomes = self.array(py, genomes)?;
             let columns = partners.len() / mothers.len().max(1);
             let partners = indices(py, partners).reshape([mothers.len(), columns])?;
-            let given = (genomes, indices(py, mothers), partners, streams);
-            Ok((given.into_pyobject(py)?.unbind(), None))
+            let arguments = (genomes, indices(py, mothers), partners, streams);
+            Ok((arguments.into_pyobject(py)?.unbind(), None))
         })
     }
 }
 
-fn indices<'py>(py: Python<'py>, found: &[usize]) -> Bound<'py, PyArray1<i64>> {
-    let found: Vec<i64> = found.iter().map(|index| *index as i64).collect();
-    found.into_pyarray(py)
+fn indices<'py>(py: Python<'py>, indices: &[usize]) -> Bound<'py, PyArray1<i64>> {
+    let indices: Vec<i64> = indices.iter().map(|index| *index as i64).collect();
+    indices.into_pyarray(py)
 }

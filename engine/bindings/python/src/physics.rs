@@ -68,8 +68,8 @@ struct Foreign {
 }
 
 impl Foreign {
-    fn call<T>(&self, what: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>) -> Result<T, Trouble> {
-        call(&self.host, self.progress.as_deref(), what)
+    fn call<T>(&self, action: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>) -> Result<T, Trouble> {
+        call(&self.host, self.progress.as_deref(), action)
     }
 }
 

@@ -87,9 +87,11 @@ impl PyPool {
             .map_err(|error| input(format!("requirements: {error}")))?;
         let needed = metrics.unwrap_or_default();
         let metrics = needed.len();
-        let timeouts = timeouts.map(|given| read("timeouts", given)).transpose()?;
+        let timeouts = timeouts
+            .map(|section| read("timeouts", section))
+            .transpose()?;
         let timeouts: Timeouts = timeouts.unwrap_or_default();
-        let faults = faults.map(|given| read("faults", given)).transpose()?;
+        let faults = faults.map(|section| read("faults", section)).transpose()?;
         let mut settings = settings(broker, account)?;
         settings.keep_alive = timeouts.keep_alive.unwrap_or(settings.keep_alive);
         let mut demand = Demand {
@@ -103,8 +105,8 @@ impl PyPool {
             metrics: needed,
         };
         if let Some(controller) = controller {
-            let (architecture, given) = architecture(controller)?;
-            let kind = given.get("kind").and_then(Value::as_str);
+            let (architecture, specification) = architecture(controller)?;
+            let kind = specification.get("kind").and_then(Value::as_str);
             demand.set_controllers(kind, &architecture);
         }
         let options = Options {
@@ -152,16 +154,17 @@ impl PyPool {
     /// Calls `on_report` with each report, a dict; what it raises is dropped.
     #[pyo3(signature = (on_report, *, warnings_only=false))]
     fn listen(&mut self, on_report: Py<PyAny>, warnings_only: bool) -> PyResult<()> {
-        self.pool()?.listen(Box::new(move |told: &Report<'_>| {
+        self.pool()?.listen(Box::new(move |report: &Report<'_>| {
             let is_warning = matches!(
-                told,
+                report,
                 Report::Warning { .. } | Report::BrokerLost { .. } | Report::BrokerBack
             );
             if warnings_only && !is_warning {
                 return;
             }
             Python::attach(|py| {
-                let called = to_python(py, told).and_then(|report| on_report.call1(py, (report,)));
+                let called =
+                    to_python(py, report).and_then(|report| on_report.call1(py, (report,)));
                 if let Err(error) = called {
                     error.write_unraisable(py, None);
                 }
@@ -253,8 +256,8 @@ impl PyPool {
                     })
                 },
                 |done, waiting_for| {
-                    let told = progress(on_progress.as_ref(), done, total, waiting_for);
-                    told.map_err(|error| in_progress = Some(error)).is_ok()
+                    let outcome = progress(on_progress.as_ref(), done, total, waiting_for);
+                    outcome.map_err(|error| in_progress = Some(error)).is_ok()
                 },
             )
         });
@@ -313,8 +316,8 @@ impl PyPool {
                     })
                 },
                 |done, total, waiting_for| {
-                    let told = progress(on_progress.as_ref(), done, total, waiting_for);
-                    told.map_err(|error| in_progress = Some(error)).is_ok()
+                    let outcome = progress(on_progress.as_ref(), done, total, waiting_for);
+                    outcome.map_err(|error| in_progress = Some(error)).is_ok()
                 },
             )
         });
@@ -384,7 +387,7 @@ impl PyPool {
 
     fn why_not(&self) -> &'static str {
         match self.lent {
-            true => "the pool is in use: a producer has it until it is closed",
+            true => "the pool belongs to a producer until the producer is closed",
             false => "the pool is closed",
         }
     }

@@ -129,7 +129,7 @@ impl PyProducer {
         rayon::current_num_threads();
         let shared = Arc::new(Shared::default());
         let mut lender = None;
-        let (place, metrics, waker) = match evaluator {
+        let (location, metrics, waker) = match evaluator {
             Evaluator::Engine(evaluator) => {
                 let evaluation = evaluator.0.clone();
                 let metrics = evaluation.metrics();
@@ -152,7 +152,7 @@ impl PyProducer {
         };
         let mut work = Work {
             conversation,
-            place,
+            place: location,
             seed,
             growth,
             episodes,
@@ -164,18 +164,21 @@ impl PyProducer {
             },
             samples,
         };
-        let there = shared.clone();
+        let thread_shared = shared.clone();
         let thread = std::thread::Builder::new()
             .name("generations".into())
             .spawn(move || {
-                let mut end = End(&there, Some(engine("the engine's thread has ended early")));
-                end.1 = work.run(&there).err();
+                let mut end = End(
+                    &thread_shared,
+                    Some(engine("the engine's thread has ended early")),
+                );
+                end.1 = work.run(&thread_shared).err();
                 match work.place {
                     Place::Here(_) => None,
                     Place::Servers(servers) => Some(servers.pool),
                 }
             })
-            .map_err(|error| engine(format!("no thread can be started: {error}")))?;
+            .map_err(|error| engine(format!("could not start a thread: {error}")))?;
         let borrower = Arc::new(Borrower {
             shared: shared.clone(),
             thread: Mutex::new(Some(thread)),
@@ -240,7 +243,7 @@ impl PyProducer {
 
 impl PyProducer {
     fn arrays<'py>(&self, py: Python<'py>, mut produced: Produced) -> PyResult<Generation<'py>> {
-        let (digests, one) = py.detach(|| produced.summary())?;
+        let (digests, figures) = py.detach(|| produced.summary())?;
         let candidates = produced.fitness.len();
         let shape = [candidates, self.episodes, self.metrics];
         let (episodes, metrics) = arrays(py, produced.episodes, produced.metrics, shape)?;
@@ -256,11 +259,11 @@ impl PyProducer {
             None => fitness.clone(),
         };
         let figures = (
-            one.best,
-            one.mean,
-            one.lower_quartile,
-            one.median,
-            one.upper_quartile,
+            figures.best,
+            figures.mean,
+            figures.lower_quartile,
+            figures.median,
+            figures.upper_quartile,
         );
         let outcome = (produced.outcome.leader, produced.outcome.failed);
         let digests = PyDigests::known(digests);

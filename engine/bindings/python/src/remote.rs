@@ -43,7 +43,7 @@ impl Servers {
     /// Evaluates a generation; None when `go_on` said no. `sample`: what genomes are made from, where that is known.
     pub fn evaluate(
         &mut self,
-        asked: Asked,
+        request: Asked,
         sample: Option<Sample>,
         seeds: &[u64],
         go_on: impl Fn() -> bool,
@@ -58,7 +58,7 @@ impl Servers {
         self.generation += 1;
         let (architecture, specification) = (self.architecture.clone(), self.specification.clone());
         let seeds = seeds.to_vec();
-        let work = match (asked, sample) {
+        let work = match (request, sample) {
             (Asked::Sample(sample), _) => {
                 Work::drawn(architecture, specification, *sample, genomes_of, seeds)
             }
@@ -72,7 +72,7 @@ impl Servers {
         };
         let work = work.map_err(input)?;
         let (results, genomes) = match self.pool.evaluate_while(work, go_on, on_progress) {
-            Ok(found) => found,
+            Ok(outcome) => outcome,
             Err(PoolError::Interrupted) => return Ok(None),
             Err(failed) => return Err(error(&failed)),
         };

@@ -44,21 +44,21 @@ pub fn address(sample: &Sample) -> PyResult<String> {
 /// The rows of numbers, little-endian.
 pub fn numbers(sample: &Sample) -> Vec<u8> {
     let genes = sample.center.0.len();
-    let mut made = vec![[0; size_of::<f64>()]; ROWS * genes];
-    for (places, (_, row)) in made.chunks_exact_mut(genes.max(1)).zip(sample.rows()) {
-        for (place, number) in places.iter_mut().zip(row) {
-            *place = number.to_le_bytes();
+    let mut bytes = vec![[0; size_of::<f64>()]; ROWS * genes];
+    for (places, (_, row)) in bytes.chunks_exact_mut(genes.max(1)).zip(sample.rows()) {
+        for (slot, number) in places.iter_mut().zip(row) {
+            *slot = number.to_le_bytes();
         }
     }
-    made.into_flattened()
+    bytes.into_flattened()
 }
 
 /// The genomes that are made from it.
 pub fn genomes_of(sample: &Sample) -> Vec<f32> {
     let candidates = usize::try_from(sample.count).unwrap_or(usize::MAX);
-    let mut made = vec![0.0; candidates.saturating_mul(sample.center.0.len())];
-    gaussian(sample).genomes_parallel(sample.first, &mut made);
-    made
+    let mut genomes = vec![0.0; candidates.saturating_mul(sample.center.0.len())];
+    gaussian(sample).genomes_parallel(sample.first, &mut genomes);
+    genomes
 }
 
 /// Whether it has fewer bytes than the genomes that are made from it.
@@ -71,11 +71,11 @@ impl PySample {
     /// A sample as the store has it.
     #[staticmethod]
     fn read(address: &str, numbers: &[u8]) -> PyResult<Self> {
-        let found: Address = serde_json::from_str(address).map_err(input)?;
-        if found.distribution != NORMAL {
+        let header: Address = serde_json::from_str(address).map_err(input)?;
+        if header.distribution != NORMAL {
             return Err(input(format!(
-                "distribution: {:?} is unknown here, only {NORMAL}",
-                found.distribution
+                "distribution: {:?} is unknown; expected {NORMAL}",
+                header.distribution
             )));
         }
         if !numbers.len().is_multiple_of(ROWS * size_of::<f64>()) {
@@ -93,13 +93,13 @@ impl PySample {
         let genes = numbers.len() / ROWS;
         let row = |index: usize| F64s(numbers[index * genes..][..genes].to_vec());
         let sample = Sample {
-            distribution: found.distribution,
-            seed: found.seed,
-            purpose: found.purpose,
-            generation: found.generation,
+            distribution: header.distribution,
+            seed: header.seed,
+            purpose: header.purpose,
+            generation: header.generation,
             first: 0,
-            count: found.count,
-            mirrored: found.mirrored,
+            count: header.count,
+            mirrored: header.mirrored,
             center: row(0),
             deviation: row(1),
             middle: row(2),
@@ -151,14 +151,14 @@ impl PySample {
         let (Some(candidates), Some(numbers)) = (candidates, numbers) else {
             let all = self.0.count;
             return Err(input(format!(
-                "candidates: {count} from {first} on, but there are {all}"
+                "candidates: {count} from {first} on requested, but there are {all}"
             )));
         };
-        let made = py.detach(|| {
-            let mut made = vec![0.0; numbers];
-            gaussian(&self.0).genomes_parallel(first, &mut made);
-            made
+        let genomes = py.detach(|| {
+            let mut genomes = vec![0.0; numbers];
+            gaussian(&self.0).genomes_parallel(first, &mut genomes);
+            genomes
         });
-        PyArray1::from_vec(py, made).reshape([candidates, genes])
+        PyArray1::from_vec(py, genomes).reshape([candidates, genes])
     }
 }

@@ -20,24 +20,26 @@ pub fn survivors<'py>(
     random: usize,
     mut stream: PyRefMut<'py, PyStream>,
 ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-    let found = evolution::survivors(fitness.as_slice()?, best, random, &mut stream.0);
-    Ok(indices(py, found))
+    let members = evolution::survivors(fitness.as_slice()?, best, random, &mut stream.0);
+    Ok(indices(py, members))
 }
 
 #[pyfunction]
 pub fn distinct<'py>(
     py: Python<'py>,
     genomes: PyReadonlyArray2<'py, f32>,
-    known: Vec<PyReadonlyArray2<'py, f32>>,
+    existing: Vec<PyReadonlyArray2<'py, f32>>,
 ) -> PyResult<Bound<'py, PyArray1<i64>>> {
     let genes = genomes.shape()[1];
-    if genes == 0 || known.iter().any(|rows| rows.shape()[1] != genes) {
-        return Err(input("expected genomes of as many genes, at least one"));
+    if genes == 0 || existing.iter().any(|rows| rows.shape()[1] != genes) {
+        return Err(input(
+            "expected genomes with the same number of genes, at least one",
+        ));
     }
-    let known: Vec<_> = known.iter().map(row_major).collect();
-    let known: Vec<&[f32]> = known.iter().map(AsRef::as_ref).collect();
-    let found = evolution::distinct(&known, &row_major(&genomes), genes);
-    Ok(indices(py, found))
+    let existing: Vec<_> = existing.iter().map(row_major).collect();
+    let existing: Vec<&[f32]> = existing.iter().map(AsRef::as_ref).collect();
+    let rows = evolution::distinct(&existing, &row_major(&genomes), genes);
+    Ok(indices(py, rows))
 }
 
 /// Members that are replaced one by one, in the order of their ranks.
@@ -58,7 +60,7 @@ impl PyRanks {
         let members = self.0.members();
         if member as usize >= members {
             return Err(input(format!(
-                "member {member} found, but there are {members}"
+                "member {member} does not exist; there are {members} members"
             )));
         }
         self.0.set(member, fitness);
@@ -77,7 +79,7 @@ impl PyRanks {
 
     fn draw(&self, mut stream: PyRefMut<'_, PyStream>, count: usize) -> PyResult<Vec<usize>> {
         if self.0.worked() == 0 {
-            return Err(input("there is no member that has not failed"));
+            return Err(input("all members have failed"));
         }
         Ok((0..count).map(|_| self.0.draw(&mut stream.0)).collect())
     }
@@ -102,11 +104,13 @@ impl PyTorus {
         let cells = width.checked_mul(height).filter(|cells| *cells < MOST);
         let Some(members) = cells.and_then(|cells| cells.checked_sub(obstacles)) else {
             return Err(input(
-                "expected fewer than 2**32 cells, and no more obstacles",
+                "expected fewer than 2**32 cells and at most as many obstacles",
             ));
         };
         if members == 0 {
-            return Err(input("obstacles: leave no members"));
+            return Err(input(
+                "obstacles: must leave at least one cell for a member",
+            ));
         }
         Ok(Self(if random {
             Torus::random(members, seed, elite)
@@ -190,7 +194,7 @@ impl PyTorus {
         let members = self.0.members();
         if member >= members {
             return Err(input(format!(
-                "member {member} found, but there are {members}"
+                "member {member} does not exist; there are {members} members"
             )));
         }
         Ok(())
@@ -199,9 +203,9 @@ impl PyTorus {
     fn all<'a>(&self, fitness: &'a PyReadonlyArray1<'_, f64>) -> PyResult<&'a [f64]> {
         let members = self.0.members();
         if fitness.len() != members {
-            let found = fitness.len();
+            let count = fitness.len();
             return Err(input(format!(
-                "fitness: {found} values for {members} members"
+                "fitness: {count} values for {members} members"
             )));
         }
         Ok(fitness.as_slice()?)
@@ -212,7 +216,7 @@ fn pairs<'a>(array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [[f64; 2]]> {
     Ok(array.as_slice()?.as_chunks().0)
 }
 
-fn indices(py: Python<'_>, found: Vec<usize>) -> Indices<'_> {
-    let found: Vec<i64> = found.into_iter().map(|index| index as i64).collect();
-    found.into_pyarray(py)
+fn indices(py: Python<'_>, indices: Vec<usize>) -> Indices<'_> {
+    let indices: Vec<i64> = indices.into_iter().map(|index| index as i64).collect();
+    indices.into_pyarray(py)
 }

@@ -43,8 +43,8 @@ pub fn serve(
     // Python has told, for all servers together.
     options.settings.clear_text_is_known = true;
     prefix.clone_into(&mut options.prefix);
-    if let Some(given) = step_timeout {
-        options.step_timeout = seconds("step_timeout", given)?;
+    if let Some(timeout) = step_timeout {
+        options.step_timeout = seconds("step_timeout", timeout)?;
     }
     options.alone = alone;
     options.progress = progress;

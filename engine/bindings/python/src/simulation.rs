@@ -435,8 +435,8 @@ pub fn evaluate_host<'py>(
             ..block
         };
         match guarded(|| simulation.evaluate(&part, Means::default())) {
-            Ok(Some(Ok(found))) if found.iter().all(|value| value.is_finite()) => {
-                results.extend(found);
+            Ok(Some(Ok(values))) if values.iter().all(|value| value.is_finite()) => {
+                results.extend(values);
                 report(py, results.len() / numbers)?;
             }
             _ => break,
@@ -448,8 +448,8 @@ pub fn evaluate_host<'py>(
         for (episode, parameters) in episodes.iter().enumerate() {
             let first = results.len();
             results.resize(first + numbers, f64::NAN);
-            let place = &mut results[first..];
-            let failure = evaluated(&mut *simulation, parameters, &controller, &metrics, place)
+            let row = &mut results[first..];
+            let failure = evaluated(&mut *simulation, parameters, &controller, &metrics, row)
                 .map_err(input)?;
             if let Some(Failure { reason, stack }) = failure {
                 results[first..].fill(f64::NAN);

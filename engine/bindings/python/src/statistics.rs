@@ -32,21 +32,21 @@ pub fn aggregates<'py>(
 /// Best, mean, lower quartile, median and upper quartile.
 #[pyfunction]
 pub fn figures(fitness: PyReadonlyArray1<'_, f64>) -> PyResult<(f64, f64, f64, f64, f64)> {
-    let one = Figures::of(fitness.as_slice()?);
+    let figures = Figures::of(fitness.as_slice()?);
     Ok((
-        one.best,
-        one.mean,
-        one.lower_quartile,
-        one.median,
-        one.upper_quartile,
+        figures.best,
+        figures.mean,
+        figures.lower_quartile,
+        figures.median,
+        figures.upper_quartile,
     ))
 }
 
 /// Who is best, and how many failed.
 #[pyfunction]
 pub fn outcome(fitness: PyReadonlyArray1<'_, f64>) -> PyResult<(usize, usize)> {
-    let one = Outcome::of(fitness.as_slice()?);
-    Ok((one.leader, one.failed))
+    let outcome = Outcome::of(fitness.as_slice()?);
+    Ok((outcome.leader, outcome.failed))
 }
 
 /// By its name in experiments.

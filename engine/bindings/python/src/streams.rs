@@ -104,9 +104,12 @@ impl PyStreams {
     }
 
     fn __getitem__(&self, index: usize) -> PyResult<PyStream> {
-        let found = self.0.get(index).cloned().map(PyStream);
-        found.ok_or_else(|| {
-            PyIndexError::new_err(format!("{index} found, there are {} streams", self.0.len()))
+        let stream = self.0.get(index).cloned().map(PyStream);
+        stream.ok_or_else(|| {
+            PyIndexError::new_err(format!(
+                "stream {index} does not exist; there are {} streams",
+                self.0.len()
+            ))
         })
     }
 
@@ -214,9 +217,9 @@ impl Below<'_> {
             Self::Each(limits) => limits,
         };
         if limits.len() != streams {
-            let found = limits.len();
+            let count = limits.len();
             return Err(input(format!(
-                "below: {found} numbers for {streams} streams"
+                "below: {count} numbers for {streams} streams"
             )));
         }
         match limits.iter().find(|below| **below < 1) {

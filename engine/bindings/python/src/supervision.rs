@@ -48,8 +48,13 @@ impl PySupervision {
     }
 
     fn place(&self, request: u64) -> Option<(usize, usize, Option<u64>, Option<String>)> {
-        let place = self.0.place(request)?;
-        let purpose = place.purpose.as_deref().map(str::to_owned);
-        Some((place.candidate, place.episode, place.generation, purpose))
+        let position = self.0.place(request)?;
+        let purpose = position.purpose.as_deref().map(str::to_owned);
+        Some((
+            position.candidate,
+            position.episode,
+            position.generation,
+            purpose,
+        ))
     }
 }

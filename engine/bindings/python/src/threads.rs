@@ -21,8 +21,8 @@ pub fn start() -> PyResult<()> {
     match failure {
         None => Ok(()),
         Some(reason) => Err(engine(format!(
-            "the system gives no threads for the computation ({reason}): no memory or threads are left for this process; \
-             allow it more (ulimit -v, ulimit -u, the memory limit of the job), or start fewer servers"
+            "could not start threads for the computation ({reason}): no memory or threads are left for this process; allow it \
+             more (ulimit -v, ulimit -u, the memory limit of the job) or start fewer servers"
         ))),
     }
 }

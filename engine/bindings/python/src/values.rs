@@ -85,8 +85,8 @@ impl Wrong {
         }
     }
 
-    fn within(mut self, place: &str) -> Self {
-        self.place.insert_str(0, place);
+    fn within(mut self, location: &str) -> Self {
+        self.place.insert_str(0, location);
         self
     }
 }

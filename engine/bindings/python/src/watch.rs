@@ -113,10 +113,10 @@ pub fn servers<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let settings = settings(broker, None)?;
     let wait = duration(wait)?;
-    let found = py
+    let answers = py
         .detach(|| list_servers(settings, prefix, wait))
         .map_err(|failed| error(&failed))?;
-    let servers: Value = found.iter().map(server).collect();
+    let servers: Value = answers.iter().map(server).collect();
     to_python(py, &servers)
 }
 

@@ -87,15 +87,18 @@ pub fn parameter_mistakes(
     title: &str,
     parameters: &Bound<'_, PyDict>,
 ) -> PyResult<Vec<(String, String)>> {
-    let mut given = object("parameters", parameters)?;
-    if let Some(all) = create(title)?.mistakes(&given) {
-        return Ok(all.into_iter().map(|one| (one.name, one.reason)).collect());
+    let mut parameters = object("parameters", parameters)?;
+    if let Some(all) = create(title)?.mistakes(&parameters) {
+        return Ok(all
+            .into_iter()
+            .map(|mistake| (mistake.name, mistake.reason))
+            .collect());
     }
     let mut mistakes = Vec::new();
-    while let Err(mistake) = create(title)?.reset(&given) {
+    while let Err(mistake) = create(title)?.reset(&parameters) {
         let end = mistake.name.find(['.', '[']);
         let name = &mistake.name[..end.unwrap_or(mistake.name.len())];
-        let value = given.remove_entry(name);
+        let value = parameters.remove_entry(name);
         let missing = value.is_none();
         let alone = value.map(|entry| Parameters::from_iter([entry]));
         let is_wrong_alone = match &alone {
@@ -173,12 +176,12 @@ impl PyEpisode {
 
     fn metrics(&self, names: Vec<String>) -> PyResult<Vec<f64>> {
         let simulation = self.0.simulation();
-        let wanted = simulation
+        let indices = simulation
             .description()
             .metrics_named(&names)
             .map_err(input)?;
-        let mut values = vec![f64::NAN; wanted.len()];
-        kept(|| worlds::measure(simulation, &wanted, &mut values))?;
+        let mut values = vec![f64::NAN; indices.len()];
+        kept(|| worlds::measure(simulation, &indices, &mut values))?;
         Ok(values)
     }
 

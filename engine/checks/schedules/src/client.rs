@@ -44,17 +44,17 @@ pub(crate) struct Client {
 }
 
 impl Simulator<'_> {
-    fn server_of(&self, who: usize) -> Option<usize> {
-        who.checked_sub(self.tools.len())
+    fn server_of(&self, peer: usize) -> Option<usize> {
+        peer.checked_sub(self.tools.len())
     }
 
     /// A process starts, unless it runs or has done all it had to do.
-    pub(crate) fn start(&mut self, who: usize) {
+    pub(crate) fn start(&mut self, peer: usize) {
         let finished = self
             .tools
-            .get(who)
+            .get(peer)
             .is_some_and(|tool| tool.stage == Stage::Finished);
-        let client = &mut self.clients[who];
+        let client = &mut self.clients[peer];
         if client.alive || finished {
             return;
         }
@@ -67,32 +67,38 @@ impl Simulator<'_> {
             ..Client::default()
         };
         let incarnation = client.incarnation;
-        if let Some(server) = self.server_of(who) {
+        if let Some(server) = self.server_of(peer) {
             let plan = &self.schedule.servers[server];
             let id = self.schedule.id(server);
             self.servers[server] = Some(Server::new(plan, server, id, incarnation));
             self.set_broken(server);
         }
-        self.note(|| format!("{} starts", self.schedule.name(who)));
-        self.plan(self.now, Event::Connect { who, incarnation });
+        self.note(|| format!("{} starts", self.schedule.name(peer)));
+        self.plan(
+            self.now,
+            Event::Connect {
+                who: peer,
+                incarnation,
+            },
+        );
     }
 
     /// A process ends at once. `power_failure`: number of the disturbance that ends its computer, too, so that the broker
     /// does not see the connection end until it has waited for [`BROKER_PATIENCE`].
-    pub(crate) fn kill(&mut self, who: usize, power_failure: Option<usize>) {
-        let client = &mut self.clients[who];
+    pub(crate) fn kill(&mut self, peer: usize, power_failure: Option<usize>) {
+        let client = &mut self.clients[peer];
         client.alive = false;
         client.ready = false;
         client.frozen.clear();
         client.backlog.clear();
         client.armed = None;
         let connection = client.connection.take();
-        match self.server_of(who) {
+        match self.server_of(peer) {
             Some(server) => self.servers[server] = None,
             None => {
-                self.tools[who].machine = None;
-                if self.tools[who].stage == Stage::Working {
-                    self.tools[who].stage = Stage::Thinking;
+                self.tools[peer].machine = None;
+                if self.tools[peer].stage == Stage::Working {
+                    self.tools[peer].stage = Stage::Thinking;
                 }
             }
         }
@@ -109,9 +115,9 @@ impl Simulator<'_> {
         }
     }
 
-    fn client_hears(&mut self, who: usize, connection: usize, packet: Packet) {
+    fn client_hears(&mut self, peer: usize, connection: usize, packet: Packet) {
         let now = self.instant();
-        let server = self.server_of(who);
+        let server = self.server_of(peer);
         match packet {
             Packet::Publish {
                 topic,
@@ -123,7 +129,7 @@ impl Simulator<'_> {
                         String::from_utf8_lossy(&payload[..payload.len().min(220)]).into_owned();
                     format!(
                         "{} hears on {topic}{}: {text:?}",
-                        self.schedule.name(who),
+                        self.schedule.name(peer),
                         if retained { " (retained)" } else { "" }
                     )
                 });
@@ -131,16 +137,16 @@ impl Simulator<'_> {
                     if let Some(process) = &mut self.servers[server] {
                         process.receive(&topic, &payload, retained, now);
                     }
-                } else if let Some(machine) = &mut self.tools[who].machine {
+                } else if let Some(machine) = &mut self.tools[peer].machine {
                     machine.receive(&topic, &payload, retained, now);
                 }
             }
             Packet::Closed => {
                 self.network.connections[connection].client_open = false;
-                return self.lose_connection(who);
+                return self.lose_connection(peer);
             }
             Packet::Accepted => {
-                let client = &mut self.clients[who];
+                let client = &mut self.clients[peer];
                 client.ready = true;
                 client.pause = FIRST_PAUSE;
                 let (begun, incarnation) = (
@@ -151,63 +157,83 @@ impl Simulator<'_> {
                     if let Some(process) = &mut self.servers[server] {
                         process.machine.connected(String::new(), now);
                     }
-                } else if let Some(machine) = &mut self.tools[who].machine {
+                } else if let Some(machine) = &mut self.tools[peer].machine {
                     machine.connected(now);
                 }
                 if server.is_none() && !begun {
-                    self.tools[who].start(incarnation, now);
-                    self.plan(self.now, Event::Submit { who, incarnation });
+                    self.tools[peer].start(incarnation, now);
+                    self.plan(
+                        self.now,
+                        Event::Submit {
+                            who: peer,
+                            incarnation,
+                        },
+                    );
                 }
             }
             Packet::Goodbye => {}
         }
-        self.after(who);
+        self.after(peer);
     }
 
     /// A client sees that its connection is gone.
-    pub(crate) fn lose_connection(&mut self, who: usize) {
+    pub(crate) fn lose_connection(&mut self, peer: usize) {
         let now = self.instant();
-        let client = &mut self.clients[who];
+        let client = &mut self.clients[peer];
         let Some(connection) = client.connection.take() else {
             return;
         };
         client.ready = false;
         let (begun, incarnation) = (client.begun, client.incarnation);
         self.network.connections[connection].client_open = false;
-        self.note(|| format!("{} loses its connection", self.schedule.name(who)));
+        self.note(|| format!("{} loses its connection", self.schedule.name(peer)));
         if begun {
-            if let Some(server) = self.server_of(who) {
+            if let Some(server) = self.server_of(peer) {
                 if let Some(process) = &mut self.servers[server] {
                     process.machine.disconnected("the connection was lost", now);
                 }
-            } else if let Some(machine) = &mut self.tools[who].machine {
+            } else if let Some(machine) = &mut self.tools[peer].machine {
                 machine.disconnected(now);
             }
         }
-        self.connect_later(who, incarnation);
-        self.after(who);
+        self.connect_later(peer, incarnation);
+        self.after(peer);
     }
 
-    fn connect_later(&mut self, who: usize, incarnation: u64) {
-        let client = &mut self.clients[who];
+    fn connect_later(&mut self, peer: usize, incarnation: u64) {
+        let client = &mut self.clients[peer];
         client.tries += 1;
-        let jitter = mix(&[self.schedule.seed, who as u64, incarnation, client.tries]) % 1000;
+        let jitter = mix(&[self.schedule.seed, peer as u64, incarnation, client.tries]) % 1000;
         let pause = client.pause * (500 + jitter) / 1000;
         client.pause = (client.pause * 2).min(LONGEST_PAUSE);
-        self.plan(self.now + pause, Event::Connect { who, incarnation });
+        self.plan(
+            self.now + pause,
+            Event::Connect {
+                who: peer,
+                incarnation,
+            },
+        );
     }
 
     /// An event inside a process.
     pub(crate) fn client_event(&mut self, event: Event) {
         let (Event::Done {
-            who, incarnation, ..
+            who: peer,
+            incarnation,
+            ..
         }
-        | Event::Submit { who, incarnation }
-        | Event::Connect { who, incarnation }) = event
+        | Event::Submit {
+            who: peer,
+            incarnation,
+        }
+        | Event::Connect {
+            who: peer,
+            incarnation,
+        }) = event
         else {
             return;
         };
-        let client = &mut self.clients[who];
+        let client = &mut self.clients[peer];
         if !client.alive || client.incarnation != incarnation {
             return;
         }
@@ -219,35 +245,35 @@ impl Simulator<'_> {
             return client.backlog.push(event);
         }
         match event {
-            Event::Connect { .. } => self.connect(who, incarnation),
+            Event::Connect { .. } => self.connect(peer, incarnation),
             Event::Submit { .. } => {
                 let now = self.instant();
-                if let Err(error) = self.tools[who].submit(now) {
+                if let Err(error) = self.tools[peer].submit(now) {
                     self.violate(error.to_string());
                 }
-                self.after(who);
-                self.catch_up(who, false);
+                self.after(peer);
+                self.catch_up(peer, false);
             }
             Event::Done { job, took, .. } => {
                 let now = self.instant();
                 let server = self
-                    .server_of(who)
+                    .server_of(peer)
                     .and_then(|server| self.servers[server].as_mut());
                 if let Some(server) = server.filter(|server| server.jobs == job) {
                     server.finish(took, now);
-                    self.after(who);
+                    self.after(peer);
                 }
             }
             _ => {}
         }
     }
 
-    fn connect(&mut self, who: usize, incarnation: u64) {
-        if self.clients[who].connection.is_some() {
+    fn connect(&mut self, peer: usize, incarnation: u64) {
+        if self.clients[peer].connection.is_some() {
             return;
         }
-        if !self.network.up || !self.clients[who].cut_off.is_empty() {
-            return self.connect_later(who, incarnation);
+        if !self.network.up || !self.clients[peer].cut_off.is_empty() {
+            return self.connect_later(peer, incarnation);
         }
         // The same client id: the broker gives up the connection before.
         let before: Vec<usize> = self
@@ -256,58 +282,58 @@ impl Simulator<'_> {
             .iter()
             .enumerate()
             .filter(|(_, link)| {
-                link.broker_open && link.who == who && link.incarnation == incarnation
+                link.broker_open && link.who == peer && link.incarnation == incarnation
             })
             .map(|(number, _)| number)
             .collect();
         for connection in before {
             self.broker_closes(connection, false);
         }
-        let (filters, will) = match self.server_of(who) {
+        let (filters, will) = match self.server_of(peer) {
             Some(server) => match &self.servers[server] {
                 Some(process) => (process.filters(), process.will()),
                 None => return,
             },
-            None => (self.tools[who].filters(incarnation), None),
+            None => (self.tools[peer].filters(incarnation), None),
         };
-        let connection = self.network.open(who, incarnation, filters, will);
-        self.clients[who].connection = Some(connection);
+        let connection = self.network.open(peer, incarnation, filters, will);
+        self.clients[peer].connection = Some(connection);
         for packet in self.network.welcome(connection) {
             self.send(connection, false, &packet, 0);
         }
     }
 
-    pub(crate) fn timer(&mut self, who: usize, incarnation: u64) {
-        let client = &mut self.clients[who];
+    pub(crate) fn timer(&mut self, peer: usize, incarnation: u64) {
+        let client = &mut self.clients[peer];
         if !client.alive || client.incarnation != incarnation || client.armed != Some(self.now) {
             return;
         }
         client.armed = None;
         if client.frozen.is_empty() {
-            self.tick(who);
-            self.after(who);
+            self.tick(peer);
+            self.after(peer);
         }
     }
 
-    fn tick(&mut self, who: usize) {
+    fn tick(&mut self, peer: usize) {
         let now = self.instant();
-        if let Some(server) = self.server_of(who) {
+        if let Some(server) = self.server_of(peer) {
             if let Some(process) = &mut self.servers[server] {
                 process.machine.tick(now, String::new);
             }
-        } else if let Some(machine) = &mut self.tools[who].machine {
+        } else if let Some(machine) = &mut self.tools[peer].machine {
             machine.tick(now);
         }
     }
 
     /// A process goes on: it hears what came meanwhile. `late`: its timers are heard first.
-    pub(crate) fn catch_up(&mut self, who: usize, late: bool) {
-        if late && self.clients[who].alive {
-            self.tick(who);
-            self.after(who);
+    pub(crate) fn catch_up(&mut self, peer: usize, late: bool) {
+        if late && self.clients[peer].alive {
+            self.tick(peer);
+            self.after(peer);
         }
-        while self.clients[who].frozen.is_empty() && !self.clients[who].backlog.is_empty() {
-            let event = self.clients[who].backlog.remove(0);
+        while self.clients[peer].frozen.is_empty() && !self.clients[peer].backlog.is_empty() {
+            let event = self.clients[peer].backlog.remove(0);
             match event {
                 Event::Arrive {
                     connection,
@@ -317,12 +343,12 @@ impl Simulator<'_> {
                 event => self.client_event(event),
             }
         }
-        self.after(who);
+        self.after(peer);
     }
 
     /// What was held back on the way arrives.
-    pub(crate) fn heal(&mut self, who: usize) {
-        for event in std::mem::take(&mut self.clients[who].held) {
+    pub(crate) fn heal(&mut self, peer: usize) {
+        for event in std::mem::take(&mut self.clients[peer].held) {
             if let Event::Arrive {
                 connection,
                 up,

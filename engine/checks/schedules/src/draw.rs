@@ -79,14 +79,18 @@ fn takeovers(schedule: &mut Schedule, length: Time, random: &mut Random) {
     }
     let joins = schedule.servers[server].joins;
     let at = joins + random.below(length + length / 4);
-    let who = Who::Server(server);
+    let party = Who::Server(server);
     let away = random.magnitude(BROKER_PATIENCE / 2, 3 * BROKER_PATIENCE);
-    let (what, lasts) = [
-        (What::Freeze(who), away),
-        (What::Partition(who), away),
-        (What::Cut(who), 0),
+    let (event, lasts) = [
+        (What::Freeze(party), away),
+        (What::Partition(party), away),
+        (What::Cut(party), 0),
     ][random.index(3)];
-    schedule.disturbances.push(Disturbance { at, lasts, what });
+    schedule.disturbances.push(Disturbance {
+        at,
+        lasts,
+        what: event,
+    });
     let twin = Server {
         joins: at + random.magnitude(MILLI, 2 * BROKER_PATIENCE),
         twin: Some(Twin {
@@ -114,8 +118,12 @@ fn broken(schedule: &mut Schedule, length: Time, random: &mut Random) {
             } else {
                 FOR_GOOD
             };
-            let what = What::Break(server);
-            schedule.disturbances.push(Disturbance { at, lasts, what });
+            let event = What::Break(server);
+            schedule.disturbances.push(Disturbance {
+                at,
+                lasts,
+                what: event,
+            });
         }
     }
 }
@@ -128,7 +136,7 @@ fn storm(schedule: &mut Schedule, length: Time, random: &mut Random) {
     let mut at = random.below(length);
     for _ in 0..random.between(3, 8) {
         for server in 0..schedule.servers.len() {
-            let what = if dies {
+            let event = if dies {
                 What::Crash {
                     server,
                     power: false,
@@ -136,7 +144,11 @@ fn storm(schedule: &mut Schedule, length: Time, random: &mut Random) {
             } else {
                 What::Freeze(Who::Server(server))
             };
-            schedule.disturbances.push(Disturbance { at, lasts, what });
+            schedule.disturbances.push(Disturbance {
+                at,
+                lasts,
+                what: event,
+            });
         }
         at += lasts + pause;
     }
@@ -159,7 +171,7 @@ fn tool(plain: bool, random: &mut Random) -> Tool {
 fn work(small: bool, random: &mut Random) -> Work {
     let most = if small { 8 } else { 40 };
     let candidates = usize::try_from(random.magnitude(1, most)).unwrap_or(1);
-    let some = |percent, random: &mut Random| {
+    let sample = |percent, random: &mut Random| {
         let hit = random.chance(percent);
         if hit {
             vec![random.index(candidates)]
@@ -167,8 +179,8 @@ fn work(small: bool, random: &mut Random) -> Work {
             Vec::new()
         }
     };
-    let failing = some(12, random);
-    let mut deadly = some(8, random);
+    let failing = sample(12, random);
+    let mut deadly = sample(8, random);
     deadly.retain(|candidate| !failing.contains(candidate));
     Work {
         kind: [
@@ -220,7 +232,7 @@ fn length(schedule: &Schedule) -> Time {
 fn disturbance(schedule: &Schedule, length: Time, random: &mut Random) -> Disturbance {
     let server = random.index(schedule.servers.len());
     let tool = random.index(schedule.tools.len());
-    let who = if random.chance(70) {
+    let party = if random.chance(70) {
         Who::Server(server)
     } else {
         Who::Tool(tool)
@@ -229,9 +241,9 @@ fn disturbance(schedule: &Schedule, length: Time, random: &mut Random) -> Distur
     let long = random.magnitude(10 * MILLI, 2 * BROKER_PATIENCE);
     let percent = random.magnitude(1, 60);
     let later = random.magnitude(10, SECOND);
-    let (what, lasts) = match random.below(24) {
-        0 | 1 => (What::Cut(who), 0),
-        2 | 3 => (What::Partition(who), long),
+    let (event, lasts) = match random.below(24) {
+        0 | 1 => (What::Cut(party), 0),
+        2 | 3 => (What::Partition(party), long),
         4..=6 => (
             What::Crash {
                 server,
@@ -240,17 +252,17 @@ fn disturbance(schedule: &Schedule, length: Time, random: &mut Random) -> Distur
             long,
         ),
         7 => (What::Leave(server), long),
-        8..=10 => (What::Freeze(who), long),
+        8..=10 => (What::Freeze(party), long),
         11 | 12 => {
             let memory = [Memory::Kept, Memory::Stale, Memory::Lost][random.index(3)];
             (What::Broker(memory), random.magnitude(MILLI, 20 * SECOND))
         }
         13 | 14 => (What::Restart(tool), short),
         15 => (What::Interrupt(tool), 0),
-        16 => (What::Lose { who, percent }, long),
+        16 => (What::Lose { party, percent }, long),
         17 => (
             What::Duplicate {
-                who,
+                party,
                 percent,
                 later,
             },
@@ -258,16 +270,16 @@ fn disturbance(schedule: &Schedule, length: Time, random: &mut Random) -> Distur
         ),
         18 => (
             What::Reorder {
-                who,
+                party,
                 percent,
                 later,
             },
             long,
         ),
-        19 => (What::Delay { who, by: later }, long),
+        19 => (What::Delay { party, by: later }, long),
         20 | 21 => (
             What::Cross {
-                who,
+                party,
                 percent,
                 later: later.min(MOST_CROSSED),
             },
@@ -284,6 +296,6 @@ fn disturbance(schedule: &Schedule, length: Time, random: &mut Random) -> Distur
     Disturbance {
         at: random.below(length + length / 4),
         lasts,
-        what,
+        what: event,
     }
 }

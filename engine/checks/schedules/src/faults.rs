@@ -11,18 +11,18 @@ use crate::tool::Stage;
 
 impl Schedule {
     /// Index of a party among all of them: tools, then servers.
-    pub(crate) fn index(&self, who: Who) -> usize {
-        match who {
+    pub(crate) fn index(&self, party: Who) -> usize {
+        match party {
             Who::Tool(tool) => tool,
             Who::Server(server) => self.tools.len() + server,
         }
     }
 
     /// Name of the party of an index.
-    pub(crate) fn name(&self, who: usize) -> String {
-        let party = match who.checked_sub(self.tools.len()) {
+    pub(crate) fn name(&self, peer: usize) -> String {
+        let party = match peer.checked_sub(self.tools.len()) {
             Some(server) => Who::Server(server),
-            None => Who::Tool(who),
+            None => Who::Tool(peer),
         };
         party.to_string()
     }
@@ -32,23 +32,23 @@ impl Simulator<'_> {
     pub(crate) fn begin(&mut self, number: usize) {
         let disturbance = self.schedule.disturbances[number].clone();
         self.note(|| format!("BEGINS: {disturbance}"));
-        let what = disturbance.what;
-        let who = disturbance.who().map(|who| self.schedule.index(who));
+        let event = disturbance.what;
+        let peer = disturbance.who().map(|party| self.schedule.index(party));
         self.active.push((number as u64, disturbance));
-        match (what, who) {
-            (What::Cut(_), Some(who)) => {
-                if let Some(connection) = self.clients[who].connection {
+        match (event, peer) {
+            (What::Cut(_), Some(peer)) => {
+                if let Some(connection) = self.clients[peer].connection {
                     self.broker_closes(connection, false);
-                    if self.clients[who].frozen.is_empty() {
-                        self.lose_connection(who);
+                    if self.clients[peer].frozen.is_empty() {
+                        self.lose_connection(peer);
                     } else {
                         self.send(connection, false, &Packet::Closed, 0);
                     }
                 }
             }
-            (What::Partition(_), Some(who)) => {
-                self.clients[who].cut_off.push(number);
-                if let Some(connection) = self.clients[who].connection {
+            (What::Partition(_), Some(peer)) => {
+                self.clients[peer].cut_off.push(number);
+                if let Some(connection) = self.clients[peer].connection {
                     self.plan(
                         self.now + BROKER_PATIENCE,
                         Event::Silence {
@@ -65,20 +65,20 @@ impl Simulator<'_> {
                     );
                 }
             }
-            (What::Freeze(_), Some(who)) if self.clients[who].alive => {
-                self.clients[who].frozen.push(number);
-                if let Some(connection) = self.clients[who].connection {
+            (What::Freeze(_), Some(peer)) if self.clients[peer].alive => {
+                self.clients[peer].frozen.push(number);
+                if let Some(connection) = self.clients[peer].connection {
                     let (at, cause) = (self.now + BROKER_PATIENCE, number);
                     self.plan(at, Event::Silence { connection, cause });
                 }
             }
-            (What::Crash { power, .. }, Some(who)) if self.clients[who].alive => {
-                self.kill(who, power.then_some(number))
+            (What::Crash { power, .. }, Some(peer)) if self.clients[peer].alive => {
+                self.kill(peer, power.then_some(number))
             }
-            (What::Restart(_), Some(who)) if self.clients[who].alive => self.kill(who, None),
-            (What::Leave(server), Some(who)) => self.leave(who, server),
+            (What::Restart(_), Some(peer)) if self.clients[peer].alive => self.kill(peer, None),
+            (What::Leave(server), Some(peer)) => self.leave(peer, server),
             (What::Break(server), _) => self.set_broken(server),
-            (What::Interrupt(tool), Some(who)) => self.interrupt(who, tool),
+            (What::Interrupt(tool), Some(peer)) => self.interrupt(peer, tool),
             (What::Broker(memory), _) => self.stop_broker(memory),
             _ => {}
         }
@@ -90,27 +90,30 @@ impl Simulator<'_> {
             self.note(|| format!("ENDS: {disturbance}"));
         }
         self.active.retain(|(active, _)| *active != number as u64);
-        let Some(who) = disturbance.who().map(|who| self.schedule.index(who)) else {
-            let brokers = |what: &What| matches!(what, What::Broker(_));
-            self.network.up = !self.active.iter().any(|(_, one)| brokers(&one.what));
+        let Some(peer) = disturbance.who().map(|party| self.schedule.index(party)) else {
+            let brokers = |event: &What| matches!(event, What::Broker(_));
+            self.network.up = !self
+                .active
+                .iter()
+                .any(|(_, disturbance)| brokers(&disturbance.what));
             return;
         };
         match disturbance.what {
             What::Partition(_) => {
-                self.clients[who].cut_off.retain(|cause| *cause != number);
-                if self.clients[who].cut_off.is_empty() {
-                    self.heal(who);
+                self.clients[peer].cut_off.retain(|cause| *cause != number);
+                if self.clients[peer].cut_off.is_empty() {
+                    self.heal(peer);
                 }
             }
             What::Freeze(_) => {
-                let was = self.clients[who].frozen.contains(&number);
-                self.clients[who].frozen.retain(|cause| *cause != number);
-                if was && self.clients[who].frozen.is_empty() {
+                let was = self.clients[peer].frozen.contains(&number);
+                self.clients[peer].frozen.retain(|cause| *cause != number);
+                if was && self.clients[peer].frozen.is_empty() {
                     let late = mix(&[self.schedule.seed, number as u64]).is_multiple_of(4);
-                    self.catch_up(who, late);
+                    self.catch_up(peer, late);
                 }
             }
-            What::Crash { .. } | What::Leave(_) | What::Restart(_) => self.start(who),
+            What::Crash { .. } | What::Leave(_) | What::Restart(_) => self.start(peer),
             What::Break(server) => self.set_broken(server),
             _ => {}
         }
@@ -118,15 +121,18 @@ impl Simulator<'_> {
 
     /// Tells a server's process whether its installation is broken now.
     pub(crate) fn set_broken(&self, server: usize) {
-        let breaks = |one: &Disturbance| one.what == What::Break(server);
-        let broken = self.active.iter().any(|(_, one)| breaks(one));
+        let breaks = |disturbance: &Disturbance| disturbance.what == What::Break(server);
+        let broken = self
+            .active
+            .iter()
+            .any(|(_, disturbance)| breaks(disturbance));
         if let Some(process) = &self.servers[server] {
             process.set_broken(broken);
         }
     }
 
-    fn leave(&mut self, who: usize, server: usize) {
-        if !self.is_well(who) {
+    fn leave(&mut self, peer: usize, server: usize) {
+        if !self.is_well(peer) {
             return;
         }
         let now = self.instant();
@@ -134,16 +140,16 @@ impl Simulator<'_> {
             return;
         };
         let messages = process.leave(now);
-        self.publish(who, messages);
-        if let Some(connection) = self.clients[who].connection {
+        self.publish(peer, messages);
+        if let Some(connection) = self.clients[peer].connection {
             self.send(connection, true, &Packet::Goodbye, 0);
         }
-        self.kill(who, None);
+        self.kill(peer, None);
     }
 
-    fn interrupt(&mut self, who: usize, tool: usize) {
+    fn interrupt(&mut self, peer: usize, tool: usize) {
         let now = self.instant();
-        let well = self.clients[who].alive && self.clients[who].frozen.is_empty();
+        let well = self.clients[peer].alive && self.clients[peer].frozen.is_empty();
         if !well || self.tools[tool].stage != Stage::Working {
             return;
         }
@@ -151,10 +157,16 @@ impl Simulator<'_> {
             machine.cancel();
             self.tools[tool].stage = Stage::Thinking;
             let messages = self.tools[tool].act();
-            self.publish(who, messages);
-            self.clients[who].frozen.push(THINKS);
-            let incarnation = self.clients[who].incarnation;
-            self.plan(self.time(now) + MILLI, Event::Submit { who, incarnation });
+            self.publish(peer, messages);
+            self.clients[peer].frozen.push(THINKS);
+            let incarnation = self.clients[peer].incarnation;
+            self.plan(
+                self.time(now) + MILLI,
+                Event::Submit {
+                    who: peer,
+                    incarnation,
+                },
+            );
         }
     }
 
@@ -188,14 +200,14 @@ impl Simulator<'_> {
 
     /// A client has heard nothing of the broker for long.
     pub(crate) fn give_up(&mut self, connection: usize, cause: usize) {
-        let who = self.network.connections[connection].who;
-        let client = &self.clients[who];
+        let peer = self.network.connections[connection].who;
+        let client = &self.clients[peer];
         if client.connection == Some(connection)
             && client.cut_off.contains(&cause)
             && client.frozen.is_empty()
         {
             self.send(connection, true, &Packet::Closed, 0);
-            self.lose_connection(who);
+            self.lose_connection(peer);
         }
     }
 }

@@ -18,7 +18,7 @@ struct Arguments {
 }
 
 fn arguments() -> Result<Arguments, String> {
-    let mut found = Arguments {
+    let mut arguments = Arguments {
         first: 1,
         count: 2000,
         jobs: 1,
@@ -34,22 +34,22 @@ fn arguments() -> Result<Arguments, String> {
                 .map_err(|error| format!("{name} {text}: {error}"))
         };
         match name.as_str() {
-            "--first" => found.first = number(value()?)?,
-            "--count" => found.count = number(value()?)?,
-            "--jobs" => found.jobs = usize::try_from(number(value()?)?).unwrap_or(1).max(1),
-            "--most" => found.most = usize::try_from(number(value()?)?).unwrap_or(1).max(1),
-            "--seed" => found.schedule = Some(draw(number(value()?)?)),
+            "--first" => arguments.first = number(value()?)?,
+            "--count" => arguments.count = number(value()?)?,
+            "--jobs" => arguments.jobs = usize::try_from(number(value()?)?).unwrap_or(1).max(1),
+            "--most" => arguments.most = usize::try_from(number(value()?)?).unwrap_or(1).max(1),
+            "--seed" => arguments.schedule = Some(draw(number(value()?)?)),
             "--schedule" => {
-                found.schedule = Some(
+                arguments.schedule = Some(
                     serde_json::from_str(&value()?)
                         .map_err(|error| format!("--schedule: {error}"))?,
                 );
             }
-            "--log" => found.log = true,
+            "--log" => arguments.log = true,
             _ => return Err(format!("{name} is unknown")),
         }
     }
-    Ok(found)
+    Ok(arguments)
 }
 
 fn main() -> ExitCode {
@@ -80,15 +80,15 @@ fn main() -> ExitCode {
     }
     std::panic::set_hook(Box::new(|_| {}));
     let start = Instant::now();
-    let found = survey(
+    let summary = survey(
         arguments.first,
         arguments.count,
         arguments.jobs,
         arguments.most,
     );
-    for failure in &found.failures {
+    for failure in &summary.failures {
         println!("{failure}\n");
     }
-    println!("{found}, {:.1} s", start.elapsed().as_secs_f64());
-    ExitCode::from(u8::from(!found.failures.is_empty()))
+    println!("{summary}, {:.1} s", start.elapsed().as_secs_f64());
+    ExitCode::from(u8::from(!summary.failures.is_empty()))
 }

@@ -116,13 +116,13 @@ impl Network {
     /// A new connection with its subscriptions; its number.
     pub fn open(
         &mut self,
-        who: usize,
+        peer: usize,
         incarnation: u64,
         filters: Vec<Filter>,
         will: Option<Will>,
     ) -> usize {
         self.connections.push(Connection {
-            who,
+            who: peer,
             incarnation,
             client_open: true,
             broker_open: true,
@@ -179,14 +179,14 @@ impl Network {
         disturbances: &[(u64, Disturbance)],
     ) -> Vec<Transfer> {
         let link = &mut self.connections[connection];
-        let who = link.who as u64;
+        let peer = link.who as u64;
         let lane = if up { &mut link.up } else { &mut link.down };
         lane.count += 1;
         let draw = |salt: u64, limit: u64| {
             mix(&[
                 self.seed,
                 salt,
-                who,
+                peer,
                 u64::from(up),
                 link.incarnation,
                 lane.count,

@@ -336,7 +336,8 @@ impl Simulation<'_> {
                 }
             }
             Event::Done(index, life, job, took) => {
-                let Some(server) = self.server(index, life).filter(|one| one.jobs == job) else {
+                let Some(server) = self.server(index, life).filter(|server| server.jobs == job)
+                else {
                     return;
                 };
                 server.finish(took, now);
@@ -463,7 +464,7 @@ impl Simulation<'_> {
         call(&mut self.tool, now);
         let actions: Vec<Action> = self.tool.actions().collect();
         // As seldom as the pool's shell asks.
-        let asked = (self.tool_query <= self.now).then(|| self.tool.next_tick());
+        let next_tick = (self.tool_query <= self.now).then(|| self.tool.next_tick());
         self.sums.cpu += began.elapsed();
         let leaving = actions.capacity() * size_of::<Action>()
             + actions.iter().map(payload_bytes).sum::<usize>();
@@ -472,7 +473,7 @@ impl Simulation<'_> {
         for action in actions {
             self.act(action);
         }
-        let at = if let Some(next) = asked {
+        let at = if let Some(next) = next_tick {
             self.tool_query = self.time(now + self.tool.tick_query_interval());
             self.tool_tick = self.time(next);
             self.tool_tick
@@ -534,10 +535,10 @@ impl Simulation<'_> {
         100 + self.draw(&[3, index as u64, sent]) % MILLI
     }
 
-    fn draw(&self, place: &[u64]) -> u64 {
-        place
+    fn draw(&self, address: &[u64]) -> u64 {
+        address
             .iter()
-            .fold(mix(&[self.scale.seed]), |state, one| mix(&[state, *one]))
+            .fold(mix(&[self.scale.seed]), |state, part| mix(&[state, *part]))
     }
 
     fn plan(&mut self, at: Time, event: Event) {

@@ -170,14 +170,14 @@ pub enum What {
     /// Messages from and to a party are lost.
     Lose {
         /// Whose.
-        who: Who,
+        party: Who,
         /// How many of 100.
         percent: u64,
     },
     /// Messages from and to a party come twice.
     Duplicate {
         /// Whose.
-        who: Who,
+        party: Who,
         /// How many of 100.
         percent: u64,
         /// How much later the second one comes, at most.
@@ -186,7 +186,7 @@ pub enum What {
     /// Messages from and to a party overtake each other.
     Reorder {
         /// Whose.
-        who: Who,
+        party: Who,
         /// How many of 100.
         percent: u64,
         /// How much later they come, at most.
@@ -196,7 +196,7 @@ pub enum What {
     /// only.
     Cross {
         /// Whose.
-        who: Who,
+        party: Who,
         /// How many of 100.
         percent: u64,
         /// How much later they come, at most.
@@ -205,7 +205,7 @@ pub enum What {
     /// Messages from and to a party take longer.
     Delay {
         /// Whose.
-        who: Who,
+        party: Who,
         /// How much.
         by: Time,
     },
@@ -269,14 +269,14 @@ impl Disturbance {
     #[must_use]
     pub fn who(&self) -> Option<Who> {
         Some(match self.what {
-            What::Cut(who)
-            | What::Partition(who)
-            | What::Freeze(who)
-            | What::Lose { who, .. }
-            | What::Duplicate { who, .. }
-            | What::Reorder { who, .. }
-            | What::Cross { who, .. }
-            | What::Delay { who, .. } => who,
+            What::Cut(party)
+            | What::Partition(party)
+            | What::Freeze(party)
+            | What::Lose { party, .. }
+            | What::Duplicate { party, .. }
+            | What::Reorder { party, .. }
+            | What::Cross { party, .. }
+            | What::Delay { party, .. } => party,
             What::Crash { server, .. }
             | What::Leave(server)
             | What::Break(server)
@@ -316,13 +316,17 @@ impl Schedule {
             disturbance.incriminates(tool.step_timeout, server)
         };
         // Where one is alone, no other one shows that a candidate with which it is lost again and again is sound.
-        let losses = self.disturbances.iter().filter(|one| one.loses_a_server());
+        let losses = self
+            .disturbances
+            .iter()
+            .filter(|disturbance| disturbance.loses_a_server());
         let first = self.id(0);
         let alone = (0..self.servers.len()).all(|server| self.id(server) == first);
         let single = alone && losses.count() >= MANY_LOSSES;
         // What a server failed while it was broken for a moment counts once, as it succeeds before and afterwards.
-        let breaks =
-            |one: &&Disturbance| matches!(one.what, What::Break(_)) && one.lasts < FOR_GOOD;
+        let breaks = |disturbance: &&Disturbance| {
+            matches!(disturbance.what, What::Break(_)) && disturbance.lasts < FOR_GOOD
+        };
         let moments = self.disturbances.iter().filter(breaks).count();
         single || moments >= FEW_ATTEMPTS || self.disturbances.iter().any(incriminates)
     }
@@ -330,21 +334,21 @@ impl Schedule {
     /// Whether servers may fail whatever they are given.
     #[must_use]
     pub fn may_break(&self) -> bool {
-        let mut what = self.disturbances.iter().map(|disturbance| disturbance.what);
-        what.any(|what| matches!(what, What::Break(_)))
+        let mut events = self.disturbances.iter().map(|disturbance| disturbance.what);
+        events.any(|event| matches!(event, What::Break(_)))
     }
 
     /// Whether work may end without results, to be resumed: where servers are broken, or lost again and again.
     #[must_use]
     pub fn may_end(&self) -> bool {
         let mut works = self.tools.iter().flat_map(|tool| &tool.works);
-        let mut what = self.disturbances.iter().map(|disturbance| disturbance.what);
+        let mut events = self.disturbances.iter().map(|disturbance| disturbance.what);
         // A server that knows only the seven topics cannot say that a candidate failed.
         let plain = self.servers.iter().any(|server| server.plain);
         works.any(|work| !work.deadly.is_empty() || (plain && !work.failing.is_empty()))
-            || what.any(|what| {
+            || events.any(|event| {
                 matches!(
-                    what,
+                    event,
                     What::Break(_)
                         | What::Lose { .. }
                         | What::Reorder { .. }

@@ -14,9 +14,9 @@ pub fn shrink(schedule: &Schedule) -> (Schedule, Report) {
     let mut trials = 0;
     loop {
         let mut smaller = false;
-        let mut place = 0;
+        let mut index = 0;
         // Candidates for a smaller schedule are made anew after each success; the place goes on.
-        while let Some(candidate) = candidates(&best).into_iter().nth(place) {
+        while let Some(candidate) = candidates(&best).into_iter().nth(index) {
             trials += 1;
             if trials > TRIALS {
                 return (best, report);
@@ -25,7 +25,7 @@ pub fn shrink(schedule: &Schedule) -> (Schedule, Report) {
             if outcome.violation.is_some() {
                 (best, report, smaller) = (candidate, outcome, true);
             } else {
-                place += 1;
+                index += 1;
             }
         }
         if !smaller {
@@ -36,51 +36,51 @@ pub fn shrink(schedule: &Schedule) -> (Schedule, Report) {
 
 /// Schedules with a little less in them, the ones with much less first.
 fn candidates(schedule: &Schedule) -> Vec<Schedule> {
-    let mut found = Vec::new();
+    let mut schedules = Vec::new();
     let count = schedule.disturbances.len();
     let mut part = count / 2;
     while part >= 1 {
         for start in (0..count).step_by(part) {
             let mut less = schedule.clone();
             less.disturbances.drain(start..(start + part).min(count));
-            found.push(less);
+            schedules.push(less);
         }
         part /= 2;
     }
-    found.extend(
+    schedules.extend(
         (1..schedule.servers.len())
             .rev()
             .map(|server| without_server(schedule, server)),
     );
-    found.extend(
+    schedules.extend(
         (1..schedule.tools.len())
             .rev()
             .map(|tool| without_tool(schedule, tool)),
     );
     if schedule.servers.len() > 1 {
-        found.push(without_server(schedule, 0));
+        schedules.push(without_server(schedule, 0));
     }
     // A server must be left that offers what the tools need.
-    found.retain(|less| less.servers.iter().any(|server| server.twin.is_none()));
+    schedules.retain(|less| less.servers.iter().any(|server| server.twin.is_none()));
     if schedule.tools.len() > 1 {
-        found.push(without_tool(schedule, 0));
+        schedules.push(without_tool(schedule, 0));
     }
     for tool in 0..schedule.tools.len() {
         for work in 0..schedule.tools[tool].works.len() {
-            found.extend(smaller_works(schedule, tool, work));
+            schedules.extend(smaller_works(schedule, tool, work));
         }
     }
-    found
+    schedules
 }
 
 fn smaller_works(schedule: &Schedule, tool: usize, work: usize) -> Vec<Schedule> {
     let plan = &schedule.tools[tool].works[work];
-    let mut found = Vec::new();
+    let mut schedules = Vec::new();
     let mut change = |changed: bool, change: &dyn Fn(&mut crate::schedule::Work)| {
         if changed {
             let mut less = schedule.clone();
             change(&mut less.tools[tool].works[work]);
-            found.push(less);
+            schedules.push(less);
         }
     };
     change(plan.candidates > 1, &|work| {
@@ -97,9 +97,9 @@ fn smaller_works(schedule: &Schedule, tool: usize, work: usize) -> Vec<Schedule>
     if schedule.tools[tool].works.len() > 1 {
         let mut less = schedule.clone();
         less.tools[tool].works.remove(work);
-        found.push(less);
+        schedules.push(less);
     }
-    found
+    schedules
 }
 
 fn limit(work: &mut crate::schedule::Work, candidates: usize) {
@@ -113,8 +113,8 @@ fn without_server(schedule: &Schedule, server: usize) -> Schedule {
     less.servers.remove(server);
     less.disturbances
         .retain(|disturbance| disturbance.who() != Some(Who::Server(server)));
-    let rename = |who: &mut Who| {
-        if let Who::Server(index) = who {
+    let rename = |party: &mut Who| {
+        if let Who::Server(index) = party {
             lower(index, server);
         }
     };
@@ -129,8 +129,8 @@ fn without_tool(schedule: &Schedule, tool: usize) -> Schedule {
     less.tools.remove(tool);
     less.disturbances
         .retain(|disturbance| disturbance.who() != Some(Who::Tool(tool)));
-    let rename = |who: &mut Who| {
-        if let Who::Tool(index) = who {
+    let rename = |party: &mut Who| {
+        if let Who::Tool(index) = party {
             lower(index, tool);
         }
     };
@@ -154,14 +154,14 @@ fn each(
     tool: impl Fn(&mut usize),
 ) {
     match &mut disturbance.what {
-        What::Cut(who)
-        | What::Partition(who)
-        | What::Freeze(who)
-        | What::Lose { who, .. }
-        | What::Duplicate { who, .. }
-        | What::Reorder { who, .. }
-        | What::Cross { who, .. }
-        | What::Delay { who, .. } => party(who),
+        What::Cut(target)
+        | What::Partition(target)
+        | What::Freeze(target)
+        | What::Lose { party: target, .. }
+        | What::Duplicate { party: target, .. }
+        | What::Reorder { party: target, .. }
+        | What::Cross { party: target, .. }
+        | What::Delay { party: target, .. } => party(target),
         What::Crash { server: index, .. }
         | What::Leave(index)
         | What::Break(index)

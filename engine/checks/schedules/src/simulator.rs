@@ -153,8 +153,8 @@ impl<'a> Simulator<'a> {
     fn prepare(&mut self) {
         let joins = self.schedule.tools.iter().map(|tool| tool.joins);
         let joins = joins.chain(self.schedule.servers.iter().map(|server| server.joins));
-        for (who, at) in joins.enumerate().collect::<Vec<_>>() {
-            self.plan(at, Event::Start { who });
+        for (peer, at) in joins.enumerate().collect::<Vec<_>>() {
+            self.plan(at, Event::Start { who: peer });
         }
         for (number, disturbance) in self.schedule.disturbances.iter().enumerate() {
             self.plan(disturbance.at, Event::Begin(number));
@@ -272,11 +272,14 @@ impl<'a> Simulator<'a> {
                 up,
                 packet,
             } => self.arrive(connection, up, packet),
-            Event::Timer { who, incarnation } => self.timer(who, incarnation),
+            Event::Timer {
+                who: peer,
+                incarnation,
+            } => self.timer(peer, incarnation),
             Event::Done { .. } | Event::Submit { .. } | Event::Connect { .. } => {
                 self.client_event(event)
             }
-            Event::Start { who } => self.start(who),
+            Event::Start { who: peer } => self.start(peer),
             Event::Silence { connection, cause } => self.silence(connection, cause),
             Event::GiveUp { connection, cause } => self.give_up(connection, cause),
             Event::Begin(number) => self.begin(number),
@@ -287,8 +290,8 @@ impl<'a> Simulator<'a> {
     }
 
     /// Whether a client can be reached and reacts.
-    pub(crate) fn is_well(&self, who: usize) -> bool {
-        let client = &self.clients[who];
+    pub(crate) fn is_well(&self, peer: usize) -> bool {
+        let client = &self.clients[peer];
         client.alive && client.ready && client.frozen.is_empty() && client.cut_off.is_empty()
     }
 }

@@ -320,10 +320,10 @@ impl Tool {
         };
         let held = machine.holdings();
         let ended = self.stage != Stage::Working;
-        let most = |what: &str, found: usize, limit: usize| {
-            if found > limit {
+        let most = |noun: &str, count: usize, limit: usize| {
+            if count > limit {
                 Err(format!(
-                    "the tool holds {found} {what}, at most {limit} make sense"
+                    "the tool holds {count} {noun}, at most {limit} make sense"
                 ))
             } else {
                 Ok(())

@@ -71,10 +71,10 @@ impl Together for JointWalks {
         &mut self,
         parameters: &Parameters,
         seeds: &[u64],
-        wanted: &[usize],
+        metrics: &[usize],
     ) -> Result<(), ParameterError> {
         self.many = vec![Walk::default(); seeds.len()];
-        self.wanted = wanted.to_vec();
+        self.wanted = metrics.to_vec();
         let mut parameters = parameters.clone();
         for (walk, seed) in self.many.iter_mut().zip(seeds) {
             parameters.insert("seed".to_owned(), (*seed).into());

@@ -126,7 +126,7 @@ impl Simulation for Line {
         self.places
             .iter()
             .enumerate()
-            .map(|(agent, &place)| f64::from(place) * (agent + 1) as f64)
+            .map(|(agent, &position)| f64::from(position) * (agent + 1) as f64)
             .sum()
     }
 }

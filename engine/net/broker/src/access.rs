@@ -44,14 +44,14 @@ impl Access {
         lines::each(path, "access file", |line| {
             let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
             let rest = rest.trim();
-            let who = match word {
+            let audience = match word {
                 "user" if !rest.is_empty() => {
                     user = Some(rest.into());
                     return Ok(());
                 }
                 "topic" => user.clone().map_or(Who::Anonymous, Who::User),
                 "pattern" => Who::Pattern,
-                _ => return Err("`user NAME`, `topic [read|write|readwrite|deny] FILTER` or `pattern ...` expected".into()),
+                _ => return Err("expected `user NAME`, `topic [read|write|readwrite|deny] FILTER` or `pattern ...`".into()),
             };
             let (right, filter) = match rest.split_once(char::is_whitespace) {
                 Some((right @ ("read" | "write" | "readwrite" | "deny"), filter)) => {
@@ -60,7 +60,8 @@ impl Access {
                 // As Mosquitto: a mistyped right must not become a rule that allows everything.
                 Some((right, _)) => {
                     return Err(format!(
-                        "`{right}` is not a right, expected read, write, readwrite or deny; a filter with blanks needs one before it"
+                        "`{right}` is not a right; expected read, write, readwrite or deny, which must stand before a filter \
+                         with blanks"
                     ));
                 }
                 None => ("readwrite", rest),
@@ -75,7 +76,7 @@ impl Access {
                 _ => (true, true),
             };
             rules.push(Rule {
-                who,
+                who: audience,
                 read,
                 write,
                 filter: filter.into(),

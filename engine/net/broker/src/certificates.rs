@@ -31,7 +31,7 @@ pub struct Certificates {
 /// A host that is not valid in a certificate; the operating system provides no random numbers.
 pub fn certify(hosts: &[String], days: i64) -> Result<Certificates, BrokerError> {
     make(hosts, days).map_err(|error| BrokerError::System {
-        what: "make certificates",
+        action: "make certificates",
         source: io::Error::other(error.to_string()),
     })
 }

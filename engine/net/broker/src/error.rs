@@ -49,20 +49,20 @@ pub enum BrokerError {
         wrong: String,
     },
     /// A file that the configuration names cannot be read.
-    #[error("{what} {}: {source}; check the path and that this user may read it", path.display())]
+    #[error("{purpose} {}: {source}; check the path and that this user may read it", path.display())]
     Unreadable {
         /// What the file is for.
-        what: &'static str,
+        purpose: &'static str,
         /// Its path.
         path: PathBuf,
         /// The operating system's answer.
         source: io::Error,
     },
     /// A file can be read but is not what it should be.
-    #[error("{what} {}{}: {wrong}", path.display(), line.map(|line| format!(", line {line}")).unwrap_or_default())]
+    #[error("{purpose} {}{}: {wrong}", path.display(), line.map(|line| format!(", line {line}")).unwrap_or_default())]
     Invalid {
         /// What the file is for.
-        what: &'static str,
+        purpose: &'static str,
         /// Its path.
         path: PathBuf,
         /// 1-based line, where known.
@@ -83,10 +83,10 @@ pub enum BrokerError {
     #[error("the broker takes either a password file or accounts with random passwords, not both")]
     TwoKindsOfAccounts,
     /// Anything else that the operating system refuses.
-    #[error("the broker could not {what}: {source}")]
+    #[error("the broker could not {action}: {source}")]
     System {
         /// What was tried.
-        what: &'static str,
+        action: &'static str,
         /// The operating system's answer.
         source: io::Error,
     },

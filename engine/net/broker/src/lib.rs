@@ -69,7 +69,7 @@ impl Broker {
         let Renewal { tls, users, access } = read_files(config)?;
         let origins = transport::Origins::new(&config.origins, tls.is_some())?;
         let listening = Listening::new(config)?;
-        let system = |what| move |source| BrokerError::System { what, source };
+        let system = |action| move |source| BrokerError::System { action, source };
         let is_tls = tls.is_some();
         let passwords = users
             .map(Passwords::new)

@@ -7,11 +7,11 @@ use std::path::Path;
 /// What `take` says is wrong is reported with file and line.
 pub fn each(
     path: &Path,
-    what: &'static str,
+    purpose: &'static str,
     mut take: impl FnMut(&str) -> Result<(), String>,
 ) -> Result<(), BrokerError> {
     let text = std::fs::read_to_string(path).map_err(|source| BrokerError::Unreadable {
-        what,
+        purpose,
         path: path.into(),
         source,
     })?;
@@ -20,7 +20,7 @@ pub fn each(
             continue;
         }
         take(line).map_err(|wrong| BrokerError::Invalid {
-            what,
+            purpose,
             path: path.into(),
             line: Some(index + 1),
             wrong,

@@ -79,9 +79,9 @@ impl Outbox {
     }
 
     /// The end of the packet that begins here.
-    fn next(&self, place: usize) -> usize {
-        match frame(&self.bytes[place..], usize::MAX) {
-            Ok(Some((_, head, body))) => (place + head + body).min(self.bytes.len()),
+    fn next(&self, start: usize) -> usize {
+        match frame(&self.bytes[start..], usize::MAX) {
+            Ok(Some((_, head, body))) => (start + head + body).min(self.bytes.len()),
             _ => self.bytes.len(),
         }
     }

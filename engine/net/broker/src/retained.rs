@@ -93,8 +93,8 @@ impl Retained {
         let (fixed, has_wildcards) = fixed_part(&search.filter);
         if !has_wildcards {
             let first = search.after.replace(search.filter.clone()).is_none();
-            let found = first.then(|| self.messages.get(&search.filter)).flatten();
-            return found.filter(fits).map(|entry| Arc::clone(&entry.message));
+            let entry = first.then(|| self.messages.get(&search.filter)).flatten();
+            return entry.filter(fits).map(|entry| Arc::clone(&entry.message));
         }
         let start = match &search.after {
             Some(after) => Bound::Excluded(after.as_ref()),
@@ -136,7 +136,7 @@ impl Retained {
 fn fixed_part(filter: &str) -> (&str, bool) {
     match filter.find(['+', '#']) {
         // `a/#` covers `a` as well.
-        Some(place) => (filter[..place].trim_end_matches('/'), true),
+        Some(index) => (filter[..index].trim_end_matches('/'), true),
         None => (filter, false),
     }
 }

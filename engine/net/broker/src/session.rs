@@ -118,11 +118,11 @@ impl Session {
 
     /// Removes a topic filter; false = there was none.
     pub fn unsubscribe(&mut self, filter: &str) -> bool {
-        let found = self.filters.remove(filter);
-        if found {
+        let existed = self.filters.remove(filter);
+        if existed {
             self.filter_bytes -= filter_size(filter);
         }
-        found
+        existed
     }
 
     /// The topic filters, in no order.
@@ -222,8 +222,8 @@ impl Session {
 
     /// PUBACK, PUBCOMP, or a PUBREC that refuses: the message is done. False = unknown identifier.
     pub fn finish(&mut self, id: u16) -> bool {
-        let found = self.flights.iter().position(|flight| flight.id == id);
-        let Some(flight) = found.and_then(|place| self.flights.remove(place)) else {
+        let index = self.flights.iter().position(|flight| flight.id == id);
+        let Some(flight) = index.and_then(|index| self.flights.remove(index)) else {
             return false;
         };
         self.release(flight.delivery);

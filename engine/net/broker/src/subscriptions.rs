@@ -60,18 +60,18 @@ impl Subscriptions {
 
     /// All subscriptions that cover a topic name, as session and options, sorted by session and subscription identifier.
     pub fn covering(&self, topic: &str) -> Vec<(usize, Options)> {
-        let mut found = Vec::new();
+        let mut subscribers = Vec::new();
         let names: Vec<&str> = topic.split('/').take(DEEPEST + 1).collect();
         // Topics that start with `$` are covered by filters that do so too (MQTT 5.0, 4.7.2).
-        collect(&self.root, &names, topic.starts_with('$'), &mut found);
-        found.sort_by_key(|(session, options)| (*session, options.identifier));
-        found
+        collect(&self.root, &names, topic.starts_with('$'), &mut subscribers);
+        subscribers.sort_by_key(|(session, options)| (*session, options.identifier));
+        subscribers
     }
 }
 
-fn collect(level: &Level, names: &[&str], hidden: bool, found: &mut Vec<(usize, Options)>) {
-    let readers = |level: &Level, found: &mut Vec<_>| {
-        found.extend(
+fn collect(level: &Level, names: &[&str], hidden: bool, subscribers: &mut Vec<(usize, Options)>) {
+    let readers = |level: &Level, subscribers: &mut Vec<_>| {
+        subscribers.extend(
             level
                 .readers
                 .iter()
@@ -80,16 +80,16 @@ fn collect(level: &Level, names: &[&str], hidden: bool, found: &mut Vec<(usize, 
     };
     // `a/#` covers `a` as well.
     if let Some(rest) = level.next.get("#").filter(|_| !hidden) {
-        readers(rest, found);
+        readers(rest, subscribers);
     }
     let Some((name, after)) = names.split_first() else {
-        return readers(level, found);
+        return readers(level, subscribers);
     };
     if let Some(next) = level.next.get(*name) {
-        collect(next, after, false, found);
+        collect(next, after, false, subscribers);
     }
     if let Some(next) = level.next.get("+").filter(|_| !hidden) {
-        collect(next, after, false, found);
+        collect(next, after, false, subscribers);
     }
 }
 

@@ -213,14 +213,14 @@ fn access_rules_decide_who_reads_and_writes() {
 
 /// A certificate for 127.0.0.1 that signs itself, and its key, as files.
 fn certificate(folder: &tempfile::TempDir) -> (PathBuf, PathBuf) {
-    let made =
+    let certificate =
         rcgen::generate_simple_self_signed(["127.0.0.1".into(), "localhost".into()]).unwrap();
     let paths = (
         folder.path().join("certificate.pem"),
         folder.path().join("key.pem"),
     );
-    std::fs::write(&paths.0, made.cert.pem()).unwrap();
-    std::fs::write(&paths.1, made.signing_key.serialize_pem()).unwrap();
+    std::fs::write(&paths.0, certificate.cert.pem()).unwrap();
+    std::fs::write(&paths.1, certificate.signing_key.serialize_pem()).unwrap();
     paths
 }
 
@@ -301,7 +301,7 @@ fn a_key_that_does_not_belong_to_the_certificate_is_named() {
         .expect_err("they do not match")
         .to_string();
     assert!(
-        message.contains(&key.display().to_string()) && message.contains("does not go with"),
+        message.contains(&key.display().to_string()) && message.contains("does not match"),
         "{message}"
     );
 }

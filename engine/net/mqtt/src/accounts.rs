@@ -41,10 +41,10 @@ impl Published {
     /// Publishes the account of a broker that listens at these addresses of this machine, for this process only.
     #[must_use]
     pub fn in_memory(addresses: Vec<SocketAddr>, account: &UserAndPassword) -> Self {
-        let mut known = of_this_process();
-        let known = known.get_or_insert_default();
+        let mut accounts = of_this_process();
+        let accounts = accounts.get_or_insert_default();
         for &address in &addresses {
-            known.insert(address, account.clone());
+            accounts.insert(address, account.clone());
         }
         Self {
             addresses,
@@ -91,9 +91,9 @@ impl Published {
 
 impl Drop for Published {
     fn drop(&mut self) {
-        if let Some(known) = of_this_process().as_mut() {
+        if let Some(accounts) = of_this_process().as_mut() {
             for address in &self.addresses {
-                known.remove(address);
+                accounts.remove(address);
             }
         }
         let _lock = self
@@ -135,10 +135,10 @@ pub(crate) fn find(url: &BrokerUrl) -> Option<UserAndPassword> {
 }
 
 fn known(address: SocketAddr) -> Option<UserAndPassword> {
-    let found = of_this_process()
+    let account = of_this_process()
         .as_ref()
-        .and_then(|known| known.get(&address).cloned());
-    found.or_else(|| read(&folder()?.join(name(address))))
+        .and_then(|accounts| accounts.get(&address).cloned());
+    account.or_else(|| read(&folder()?.join(name(address))))
 }
 
 /// The account in a file, unless the program that wrote it has ended.
@@ -152,7 +152,7 @@ fn read(path: &Path) -> Option<UserAndPassword> {
     let value = |name: &str| {
         text.lines()
             .filter_map(|line| line.strip_prefix("export ")?.split_once('='))
-            .find_map(|(found, value)| (found == name).then(|| value.to_owned()))
+            .find_map(|(key, value)| (key == name).then(|| value.to_owned()))
     };
     Some((
         value("SWARMWRIGHT_USERNAME")?,
@@ -229,7 +229,7 @@ fn is_same(path: &Path, file: &File) -> bool {
     use std::os::unix::fs::MetadataExt;
     let of = |data: fs::Metadata| (data.dev(), data.ino());
     match (fs::symlink_metadata(path), file.metadata()) {
-        (Ok(there), Ok(here)) => of(there) == of(here),
+        (Ok(at_path), Ok(opened)) => of(at_path) == of(opened),
         _ => false,
     }
 }

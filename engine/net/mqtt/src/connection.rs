@@ -221,7 +221,9 @@ impl Connection {
     /// As [`publish_with`](Self::publish_with); a message that is too large is logged.
     pub fn publish_logged(&mut self, topic: &str, payload: &[u8], options: &PublishOptions<'_>) {
         if let Err(TooLarge { bytes, most }) = self.publish_with(topic, payload, options) {
-            log::error!("{topic:?}: {bytes} bytes are more than the {most} that the broker takes");
+            log::error!(
+                "{topic:?}: {bytes} bytes are more than the {most} that the broker accepts"
+            );
         }
     }
 

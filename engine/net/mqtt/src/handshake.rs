@@ -50,9 +50,9 @@ pub(crate) fn connect(
         early.clear();
         out.clear();
         let Failure(error, remedy) = match attempt(caller, dialect, chunk, out, early) {
-            Ok(made) => {
+            Ok(connection) => {
                 dialect.learn(&address);
-                return Ok(made);
+                return Ok(connection);
             }
             Err(failure) => failure,
         };
@@ -118,9 +118,9 @@ fn attempt(
     session
         .connect(settings, caller.client_id, dialect, out)
         .map_err(|error| {
-            let (url, who) = (url.clone(), settings.who());
+            let (url, user) = (url.clone(), settings.who());
             let reason = error.to_string();
-            Failure(ConnectError::Refused { url, who, reason }, Remedy::None)
+            Failure(ConnectError::Refused { url, user, reason }, Remedy::None)
         })?;
     let deadline = Instant::now() + settings.timeout;
     let unusable = |accepted: bool, error: &io::Error| match tls::refused(error, settings) {
@@ -132,8 +132,8 @@ fn attempt(
     loop {
         if let Err(error) = send(&mut transport, out) {
             // What the broker said before it closed the connection is still to be read.
-            let said = transport.read(chunk).err();
-            return Err(unusable(accepted, &said.unwrap_or(error)));
+            let reply_error = transport.read(chunk).err();
+            return Err(unusable(accepted, &reply_error.unwrap_or(error)));
         }
         let late = || broken(accepted, "no answer in time".to_owned());
         if Instant::now() > deadline {
@@ -164,11 +164,11 @@ fn attempt(
                     return Err(Failure(ConnectError::Busy { url, reason }, Remedy::Retry));
                 }
                 Received::Refused(reason, remedy) => {
-                    let who = settings.who();
-                    return Err(Failure(ConnectError::Refused { url, who, reason }, remedy));
+                    let user = settings.who();
+                    return Err(Failure(ConnectError::Refused { url, user, reason }, remedy));
                 }
                 Received::Subscribed(granted) => {
-                    if let Some(index) = granted.iter().position(|one| *one != Granted::Yes) {
+                    if let Some(index) = granted.iter().position(|grant| *grant != Granted::Yes) {
                         return Err(denied(caller, index, &granted[index]));
                     }
                     ready = true;
@@ -205,8 +205,8 @@ fn denied(caller: &Caller<'_>, index: usize, granted: &Granted) -> Failure {
     };
     let error = ConnectError::Denied {
         url: caller.settings.url.to_string(),
-        who: caller.settings.who(),
-        filter: filter.map_or_else(String::new, |one| one.filter.clone()),
+        user: caller.settings.who(),
+        filter: filter.map_or_else(String::new, |subscription| subscription.filter.clone()),
         reason,
     };
     Failure(error, Remedy::None)

@@ -69,14 +69,14 @@ pub enum ConnectError {
     },
     /// The broker refuses the credentials.
     #[error(
-        "the broker at {url} refuses {who} ({reason}); set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD \
+        "the broker at {url} refuses {user} ({reason}); set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD \
          (or SWARMWRIGHT_PASSWORD_FILE) to an account of that broker, such as `swarmwright broker --account FILE` writes"
     )]
     Refused {
         /// Where.
         url: String,
         /// The user, or "a client without a user name".
-        who: String,
+        user: String,
         /// The broker's reason.
         reason: String,
     },
@@ -102,14 +102,14 @@ pub enum ConnectError {
     },
     /// The broker denies this client a subscription.
     #[error(
-        "the broker at {url} does not let {who} subscribe to {filter:?} ({reason}); correct the broker's access rules, or set the \
+        "the broker at {url} does not let {user} subscribe to {filter:?} ({reason}); correct the broker's access rules, or set the \
          topic prefix that this account belongs to (--prefix, SWARMWRIGHT_PREFIX)"
     )]
     Denied {
         /// Where.
         url: String,
         /// The user, or "a client without a user name".
-        who: String,
+        user: String,
         /// The topic filter.
         filter: String,
         /// The broker's reason.
@@ -117,14 +117,14 @@ pub enum ConnectError {
     },
     /// The broker denies this client messages on a topic.
     #[error(
-        "the broker at {url} does not let {who} publish on {topic:?} ({reason}); correct the broker's access rules, or set the topic \
+        "the broker at {url} does not let {user} publish on {topic:?} ({reason}); correct the broker's access rules, or set the topic \
          prefix that this account belongs to (--prefix, SWARMWRIGHT_PREFIX)"
     )]
     Unpublishable {
         /// Where.
         url: String,
         /// The user, or "a client without a user name".
-        who: String,
+        user: String,
         /// The topic.
         topic: String,
         /// The broker's reason.
@@ -143,11 +143,11 @@ pub enum ConnectError {
 impl ConnectError {
     /// The error of several brokers of which none can be used: the first that is there and refuses, if there is one.
     fn all(mut errors: Vec<Self>) -> Self {
-        if let Some(place) = errors
+        if let Some(index) = errors
             .iter()
             .position(|error| !matches!(error, Self::NoBroker { .. }))
         {
-            return errors.swap_remove(place);
+            return errors.swap_remove(index);
         }
         let (urls, reasons): (Vec<_>, Vec<_>) = errors
             .into_iter()

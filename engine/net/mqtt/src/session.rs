@@ -298,8 +298,8 @@ impl Session {
     /// Acknowledges a message, whose topic is the last one from here on.
     fn take(&mut self, message: &Publish<'_>, out: &mut Vec<u8>) -> Result<(), Refusal> {
         if !topic::is_name(message.topic) {
-            let what = "a message on a topic that cannot be published to";
-            return Err(Refusal::protocol(what));
+            let explanation = "a message on a topic that cannot be published to";
+            return Err(Refusal::protocol(explanation));
         }
         if *message.topic != *self.last_topic {
             self.last_topic = message.topic.into();
@@ -344,10 +344,10 @@ impl Session {
 
     /// Asks a broker that has been silent, and gives up one that does not answer.
     fn check(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
-        let asked = std::mem::replace(&mut self.asked, false);
+        let was_asked = std::mem::replace(&mut self.asked, false);
         if std::mem::take(&mut self.heard) {
             self.check_at = now + self.keep_alive / CHECKS;
-        } else if !asked {
+        } else if !was_asked {
             self.asked = true;
             self.ping(now, out);
             self.check_at = now + self.keep_alive / 2;

@@ -108,7 +108,7 @@ impl FromStr for BrokerUrl {
         }
         let authority: http::uri::Authority = authority
             .parse()
-            .map_err(|_| wrong("expected HOST or HOST:PORT behind the scheme"))?;
+            .map_err(|_| wrong("expected HOST or HOST:PORT after the scheme"))?;
         let has_port = authority.as_str().len() > authority.host().len();
         let port = match authority.port_u16() {
             Some(port) if port > 0 => port,
@@ -207,7 +207,7 @@ fn check_socket(path: &str) -> Result<(), String> {
         }
         if path.len() > LONGEST_PATH {
             return Err(format!(
-                "the path has {} bytes, and this system allows Unix sockets {LONGEST_PATH}; use a shorter one",
+                "the path has {} bytes, but this system allows at most {LONGEST_PATH} for Unix sockets; use a shorter path",
                 path.len()
             ));
         }
@@ -332,8 +332,8 @@ impl Settings {
                 key: key.into(),
             }),
             (None, None) => None,
-            (one, _) => {
-                let (set, unset) = match one {
+            (certificate, _) => {
+                let (set, unset) = match certificate {
                     Some(_) => ("SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE"),
                     None => ("SWARMWRIGHT_KEY_FILE", "SWARMWRIGHT_CERTIFICATE_FILE"),
                 };

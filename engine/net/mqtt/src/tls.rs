@@ -61,9 +61,9 @@ fn authorities(settings: &Settings) -> Result<RootCertStore, String> {
         roots.add_parsable_certificates(rustls_native_certs::load_native_certs().certs);
         return Ok(roots);
     };
-    let unusable = |what: &dyn std::fmt::Display| {
+    let unusable = |problem: &dyn std::fmt::Display| {
         format!(
-            "SWARMWRIGHT_CA_FILE {}: {what}; name the PEM file of the authority that signed the broker's certificate",
+            "SWARMWRIGHT_CA_FILE {}: {problem}; name the PEM file of the authority that signed the broker's certificate",
             file.display()
         )
     };
@@ -77,7 +77,7 @@ fn authorities(settings: &Settings) -> Result<RootCertStore, String> {
             .map_err(|error| unusable(&error))?;
     }
     if roots.is_empty() {
-        return Err(unusable(&"there is no certificate in it"));
+        return Err(unusable(&"it contains no certificate"));
     }
     Ok(roots)
 }
@@ -85,13 +85,13 @@ fn authorities(settings: &Settings) -> Result<RootCertStore, String> {
 /// The client's certificate with those of intermediate authorities, and its key.
 fn identity(files: &ClientCertificate) -> Result<CertifiedKey, String> {
     let unusable = |variable: &str, file: &Path, error: pem::Error, expected: &str| {
-        let what = match error {
+        let problem = match error {
             pem::Error::Io(error) => error.to_string(),
-            pem::Error::NoItemsFound => format!("there is no {expected} in it"),
+            pem::Error::NoItemsFound => format!("it contains no {expected}"),
             other => other.to_string(),
         };
         format!(
-            "{variable} {}: {what}; name a PEM file with the client's {expected}",
+            "{variable} {}: {problem}; name a PEM file with the client's {expected}",
             file.display()
         )
     };
@@ -157,8 +157,8 @@ fn told(alert: AlertDescription, settings: &Settings) -> String {
     match (alert, &settings.certificate) {
         // It is sent for want of a certificate in TLS 1.2, and of anything else that both sides have to agree on.
         (A::HandshakeFailure, certificate) => format!(
-            "the broker ends the handshake ({alert:?}): {}, or it has no version of TLS (1.2 and 1.3 are spoken here) or no \
-             cipher in common with this client; its log says which",
+            "the broker ends the handshake ({alert:?}): {}, or it shares no version of TLS (this client speaks 1.2 and 1.3) or \
+             no cipher with this client; see the broker's log",
             if certificate.is_some() {
                 "it refuses the client certificate SWARMWRIGHT_CERTIFICATE_FILE"
             } else {
@@ -185,7 +185,7 @@ fn told(alert: AlertDescription, settings: &Settings) -> String {
              authority that the broker trusts for clients, contain intermediate certificates if there are any, and be valid now",
             files.chain.display()
         ),
-        _ => format!("the broker ends the handshake ({alert:?}); its log says why"),
+        _ => format!("the broker ends the handshake ({alert:?}); see the broker's log"),
     }
 }
 
@@ -203,8 +203,8 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
             // A bad signature: an authority of the same name with another key.
             CertificateError::UnknownIssuer | CertificateError::BadSignature => match &settings.ca_file {
                 Some(file) => format!(
-                    "the broker's certificate is signed by an unknown authority, not by one in {}; \
-                     name the right one with SWARMWRIGHT_CA_FILE",
+                    "the broker's certificate is signed by an authority that is not in {}; name the right file with \
+                     SWARMWRIGHT_CA_FILE",
                     file.display()
                 ),
                 None => "the broker's certificate is signed by an authority that is unknown to this system; name \
@@ -212,8 +212,8 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
                     .to_owned(),
             },
             CertificateError::NotValidForNameContext { presented, .. } => format!(
-                "the broker's certificate is for {}, not for {host:?}; connect by one of these names, or have a \
-                 certificate made for this one",
+                "the broker's certificate is for {}, not for {host:?}; connect with one of these names or create a certificate \
+                 for this one",
                 hosts(presented)
             ),
             CertificateError::ExpiredContext { time, not_after } => format!(
@@ -221,13 +221,13 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
                 days(*time, *not_after)
             ),
             CertificateError::NotValidYetContext { time, not_before } => format!(
-                "the broker's certificate is not valid yet, only in {}; correct the clock of this machine or of the \
-                 one where it was made",
+                "the broker's certificate becomes valid only in {}; correct the clock of this machine or of the one where it was \
+                 made",
                 days(*not_before, *time)
             ),
             CertificateError::Other(OtherError(reason)) if reason.to_string() == "CaUsedAsEndEntity" => {
-                "the broker's certificate is that of an authority (CA:TRUE), as `openssl req -x509` makes it; use one \
-                 that an authority signs: swarmwright broker --init DIR makes both"
+                "the broker's certificate is that of an authority (CA:TRUE), as `openssl req -x509` makes it; use one that is \
+                 signed by an authority: swarmwright broker --init DIR makes both"
                     .to_owned()
             }
             other => format!("the broker's certificate is refused: {other}"),

@@ -20,7 +20,7 @@ pub fn connect(settings: &Settings) -> Result<Socket, ConnectError> {
             ErrorKind::PermissionDenied => {
                 return ConnectError::Forbidden { url };
             }
-            ErrorKind::NotFound => "there is no such file".to_owned(),
+            ErrorKind::NotFound => "the file does not exist".to_owned(),
             ErrorKind::ConnectionRefused
                 if path
                     .metadata()
@@ -32,7 +32,7 @@ pub fn connect(settings: &Settings) -> Result<Socket, ConnectError> {
                 "no process listens at this socket; the one that created it has ended".to_owned()
             }
             // Linux says so when connections have waited for so long to be accepted.
-            ErrorKind::WouldBlock => "it does not accept the connection in time".to_owned(),
+            ErrorKind::WouldBlock => "it did not accept the connection in time".to_owned(),
             _ => error.to_string(),
         };
         ConnectError::NoBroker { url, reason }

@@ -40,7 +40,7 @@ fn listen(
 ) -> (String, Receiver<Connect>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("mqtt://{}", listener.local_addr().unwrap());
-    let (tell, told) = mpsc::channel();
+    let (tell, receiver) = mpsc::channel();
     thread::spawn(move || {
         for (number, socket) in listener.incoming().enumerate() {
             let mut socket = socket.unwrap();
@@ -59,7 +59,7 @@ fn listen(
             serve(&mut socket, &answer(number, connect), connect.level);
         }
     });
-    (url, told)
+    (url, receiver)
 }
 
 fn serve(socket: &mut TcpStream, answer: &Answer, level: u8) {
@@ -107,8 +107,8 @@ fn open(url: &str) -> Result<Connection, ConnectError> {
     Connection::open(settings, subscriptions)
 }
 
-fn levels(told: &Receiver<Connect>) -> Vec<u8> {
-    told.try_iter().map(|connect| connect.level).collect()
+fn levels(receiver: &Receiver<Connect>) -> Vec<u8> {
+    receiver.try_iter().map(|connect| connect.level).collect()
 }
 
 #[test]

@@ -37,8 +37,8 @@ impl Mosquitto {
         // Only root needs the first line; others may not change the user anyway.
         let lines = format!("user root\nlistener {port} 127.0.0.1\n{lines}\n");
         std::fs::write(&configuration, lines).unwrap();
-        let found = ["/usr/sbin/mosquitto", "/usr/local/sbin/mosquitto"];
-        let binary = found.into_iter().find(|path| Path::new(path).exists());
+        let candidates = ["/usr/sbin/mosquitto", "/usr/local/sbin/mosquitto"];
+        let binary = candidates.into_iter().find(|path| Path::new(path).exists());
         let process = Command::new(binary.unwrap_or("mosquitto"))
             .arg("-c")
             .arg(configuration)

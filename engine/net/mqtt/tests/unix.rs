@@ -68,7 +68,7 @@ fn what_is_wrong_with_a_socket_is_named() {
     drop(UnixListener::bind(&stale).unwrap());
     std::fs::write(&file, "").unwrap();
     for (path, why) in [
-        (folder.path().join("missing"), "there is no such file"),
+        (folder.path().join("missing"), "the file does not exist"),
         (stale, "no process listens at this socket"),
         (file, "the file is not a socket"),
     ] {

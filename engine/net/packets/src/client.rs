@@ -102,7 +102,7 @@ pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Re
             let message = read_publish(first, reader, version, Side::Broker)?;
             if message.qos > 1 {
                 return Err(Refusal::protocol(
-                    "a message at QoS 2, which was not asked for",
+                    "a message at QoS 2, which was not requested",
                 ));
             }
             Packet::Publish(message)
@@ -116,7 +116,7 @@ pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Re
         14 if version == Version::Five => disconnect(reader)?,
         5..=7 => {
             return Err(Refusal::protocol(
-                "an answer to a message at QoS 2, of which there was none",
+                "an answer to a message at QoS 2 that was never sent",
             ));
         }
         11 => return Err(Refusal::protocol("UNSUBACK without an UNSUBSCRIBE")),
@@ -155,7 +155,7 @@ pub fn bare(first: u8, body: &[u8], version: Version) -> Option<(&[u8], &[u8])> 
 fn connack<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Connack<'a>, Refusal> {
     let flags = reader.u8()?;
     if flags > 1 {
-        return Err(Refusal::malformed("flags of CONNACK that do not exist"));
+        return Err(Refusal::malformed("unknown flags in CONNACK"));
     }
     let code = reader.u8()?;
     let mut connack = Connack {
@@ -178,17 +178,13 @@ fn connack<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Connack<'a>,
             4 => reason::BAD_PASSWORD,
             5 => reason::NOT_AUTHORIZED,
             _ => {
-                return Err(Refusal::malformed(
-                    "a return code of CONNACK that does not exist",
-                ));
+                return Err(Refusal::malformed("an unknown return code in CONNACK"));
             }
         };
         return Ok(connack);
     }
     if matches!(code, 1..0x80) {
-        return Err(Refusal::malformed(
-            "a reason code of CONNACK that does not exist",
-        ));
+        return Err(Refusal::malformed("an unknown reason code in CONNACK"));
     }
     each(reader, OF_CONNACK, |id, value| {
         match (id, value) {
@@ -213,7 +209,7 @@ fn suback<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>, R
     }
     let codes = reader.take(reader.rest().len())?;
     if codes.iter().any(|code| matches!(code, 3..0x80)) {
-        return Err(Refusal::malformed("a code of SUBACK that does not exist"));
+        return Err(Refusal::malformed("an unknown code in SUBACK"));
     }
     Ok(Packet::Suback { id, codes, text })
 }

@@ -84,7 +84,7 @@ pub fn connect<'a>(reader: &mut Reader<'a>) -> Result<Connect<'a>, Refusal> {
         ("MQTT" | "MQIsdp", _) => {
             return Err(Refusal::new(
                 reason::UNSUPPORTED_VERSION,
-                "MQTT 3.1, 3.1.1 or 5.0 expected",
+                "expected MQTT 3.1, 3.1.1 or 5.0",
             ));
         }
         _ => return Err(Refusal::malformed("the protocol is not MQTT")),

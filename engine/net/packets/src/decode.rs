@@ -106,16 +106,16 @@ pub fn frame(bytes: &[u8], maximum: usize) -> Result<Option<(u8, usize, usize)>,
         return Ok(None);
     };
     let mut length = 0usize;
-    for (place, byte) in rest.iter().take(4).enumerate() {
-        length |= usize::from(byte & 0x7f) << (7 * place);
+    for (index, byte) in rest.iter().take(4).enumerate() {
+        length |= usize::from(byte & 0x7f) << (7 * index);
         if byte & 0x80 == 0 {
-            if length + place + 2 > maximum {
+            if length + index + 2 > maximum {
                 return Err(Refusal::new(
                     reason::PACKET_TOO_LARGE,
-                    "a packet larger than is accepted",
+                    "a packet larger than the maximum",
                 ));
             }
-            return Ok(Some((first, place + 2, length)));
+            return Ok(Some((first, index + 2, length)));
         }
     }
     if rest.len() < 4 {
@@ -262,7 +262,7 @@ fn subscribe<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>
         let (qos, retain_handling) = (options & 3, options >> 4 & 3);
         let reserved = if version == Version::Five { 0xc0 } else { 0xfc };
         if qos == 3 || retain_handling == 3 || options & reserved != 0 {
-            return Err(Refusal::malformed("subscription options that do not exist"));
+            return Err(Refusal::malformed("unknown subscription options"));
         }
         filters.push(Filter {
             filter,

@@ -120,7 +120,13 @@ pub fn connack(version: Version, present: bool, welcome: &Welcome<'_>) -> Vec<u8
 
 /// Appends the CONNACK of a client that is refused, with the reason as text where the client takes packets of that size. MQTT 3
 /// has codes for some reasons; without one the connection is closed without an answer.
-pub fn refuse(out: &mut Vec<u8>, code: u8, what: &str, version: Version, maximum_packet: usize) {
+pub fn refuse(
+    out: &mut Vec<u8>,
+    code: u8,
+    explanation: &str,
+    version: Version,
+    maximum_packet: usize,
+) {
     match version {
         Version::Three => {
             let code = match code {
@@ -134,7 +140,7 @@ pub fn refuse(out: &mut Vec<u8>, code: u8, what: &str, version: Version, maximum
             };
             out.extend([0x20, 2, 0, code]);
         }
-        Version::Five => explained(out, 0x20, &[0, code], what, maximum_packet),
+        Version::Five => explained(out, 0x20, &[0, code], explanation, maximum_packet),
     }
 }
 
@@ -143,15 +149,15 @@ pub const BARE: usize = 5;
 
 /// Appends a packet of MQTT 5 with a reason as text, which is left out where the packet would become too large with it. Nothing is
 /// appended for a client that accepts not even that.
-fn explained(out: &mut Vec<u8>, first: u8, head: &[u8], what: &str, maximum_packet: usize) {
-    let properties = 3 + what.len();
+fn explained(out: &mut Vec<u8>, first: u8, head: &[u8], explanation: &str, maximum_packet: usize) {
+    let properties = 3 + explanation.len();
     let length = head.len() + size_of_variable(properties) + properties;
     let bare = head.len() + 1;
     if 2 + bare > maximum_packet {
         return;
     }
     out.push(first);
-    if what.is_empty() || size_with_header(length) > maximum_packet {
+    if explanation.is_empty() || size_with_header(length) > maximum_packet {
         variable(out, bare);
         out.extend_from_slice(head);
         out.push(0);
@@ -161,7 +167,7 @@ fn explained(out: &mut Vec<u8>, first: u8, head: &[u8], what: &str, maximum_pack
     out.extend_from_slice(head);
     variable(out, properties);
     out.push(p::REASON_STRING);
-    string(out, what);
+    string(out, explanation);
 }
 
 /// Appends PUBACK, PUBREC, PUBREL or PUBCOMP.
@@ -215,12 +221,12 @@ pub fn pingresp(out: &mut Vec<u8>) {
 pub fn disconnect(
     out: &mut Vec<u8>,
     code: u8,
-    what: &str,
+    explanation: &str,
     version: Version,
     maximum_packet: usize,
 ) {
     if version == Version::Five {
-        explained(out, 0xe0, &[code], what, maximum_packet);
+        explained(out, 0xe0, &[code], explanation, maximum_packet);
     }
 }
 

@@ -47,18 +47,21 @@ pub struct Refusal {
 
 impl Refusal {
     /// A refusal with its reason code and words.
-    pub const fn new(reason: u8, what: &'static str) -> Self {
-        Self { reason, what }
+    pub const fn new(reason: u8, explanation: &'static str) -> Self {
+        Self {
+            reason,
+            what: explanation,
+        }
     }
 
     /// Bytes that are not a valid MQTT packet.
-    pub const fn malformed(what: &'static str) -> Self {
-        Self::new(reason::MALFORMED, what)
+    pub const fn malformed(explanation: &'static str) -> Self {
+        Self::new(reason::MALFORMED, explanation)
     }
 
     /// A packet that is not allowed here.
-    pub const fn protocol(what: &'static str) -> Self {
-        Self::new(reason::PROTOCOL_ERROR, what)
+    pub const fn protocol(explanation: &'static str) -> Self {
+        Self::new(reason::PROTOCOL_ERROR, explanation)
     }
 }
 

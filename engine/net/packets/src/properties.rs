@@ -54,7 +54,7 @@ pub fn each<'a>(
     let length = reader.variable()? as usize;
     let all = reader.take(length)?;
     let mut inner = Reader::new(all);
-    let mut seen = 0u64;
+    let mut mask = 0u64;
     while !inner.is_empty() {
         let id = inner.u8()?;
         let value = value(id, &mut inner)?;
@@ -67,10 +67,10 @@ pub fn each<'a>(
         check(id, value)?;
         if !matches!(id, USER_PROPERTY | SUBSCRIPTION_ID) {
             let bit = 1 << (id & 63);
-            if seen & bit != 0 {
+            if mask & bit != 0 {
                 return Err(Refusal::protocol("a property occurs twice"));
             }
-            seen |= bit;
+            mask |= bit;
         }
         take(id, value)?;
     }
@@ -138,13 +138,13 @@ pub fn without_expiry(properties: &[u8]) -> Vec<u8> {
 
 /// The properties less one of them.
 pub fn without(properties: &[u8], unwanted: u8) -> Vec<u8> {
-    let mut kept = Vec::with_capacity(properties.len());
+    let mut rest = Vec::with_capacity(properties.len());
     walk(Reader::new(properties), |id, _, bytes| {
         if id != unwanted {
-            kept.extend_from_slice(bytes);
+            rest.extend_from_slice(bytes);
         }
     });
-    kept
+    rest
 }
 
 fn value<'a>(id: u8, reader: &mut Reader<'a>) -> Result<Value<'a>, Refusal> {

@@ -31,13 +31,13 @@ impl<'a> Reader<'a> {
     }
 
     pub fn take(&mut self, length: usize) -> Result<&'a [u8], Refusal> {
-        let Some((taken, rest)) = self.rest.split_at_checked(length) else {
+        let Some((bytes, rest)) = self.rest.split_at_checked(length) else {
             return Err(Refusal::malformed(
                 "the packet ends in the middle of a field",
             ));
         };
         self.rest = rest;
-        Ok(taken)
+        Ok(bytes)
     }
 
     pub fn u8(&mut self) -> Result<u8, Refusal> {
@@ -57,9 +57,9 @@ impl<'a> Reader<'a> {
     /// Variable byte integer, at most four bytes.
     pub fn variable(&mut self) -> Result<u32, Refusal> {
         let mut value = 0;
-        for place in 0..4 {
+        for index in 0..4 {
             let byte = self.u8()?;
-            value |= u32::from(byte & 0x7f) << (7 * place);
+            value |= u32::from(byte & 0x7f) << (7 * index);
             if byte & 0x80 == 0 {
                 return Ok(value);
             }

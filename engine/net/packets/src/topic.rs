@@ -33,13 +33,13 @@ pub fn matches(filter: &str, topic: &str) -> bool {
         return false;
     }
     let mut levels = topic.split('/');
-    for wanted in filter.split('/') {
+    for pattern in filter.split('/') {
         // `a/#` covers `a` as well.
-        if wanted == "#" {
+        if pattern == "#" {
             return true;
         }
         match levels.next() {
-            Some(level) if wanted == "+" || wanted == level => {}
+            Some(level) if pattern == "+" || pattern == level => {}
             _ => return false,
         }
     }

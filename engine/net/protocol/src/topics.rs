@@ -105,9 +105,7 @@ impl Topics {
         let prefix = prefix.strip_suffix('/').unwrap_or(prefix);
         let wrong = |reason| Err(TopicError(prefix.to_owned(), reason));
         if prefix.contains(['+', '#', '\0']) {
-            return wrong(
-                "+, # and NUL have a meaning of their own in MQTT; use letters, digits, - and /",
-            );
+            return wrong("+, # and NUL are reserved in MQTT; use letters, digits, - and /");
         }
         if prefix.starts_with(['/', '$']) {
             return wrong("must not begin with / or $");

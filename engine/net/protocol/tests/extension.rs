@@ -46,8 +46,8 @@ fn u64s(numbers: &[u64]) -> Vec<String> {
 }
 
 fn failures(failed: &[Failure]) -> Value {
-    let one = |f: &Failure| json!({"candidate": f.candidate, "episode": f.episode, "reason": f.reason, "stack": f.stack});
-    failed.iter().map(one).collect()
+    let object = |f: &Failure| json!({"candidate": f.candidate, "episode": f.episode, "reason": f.reason, "stack": f.stack});
+    failed.iter().map(object).collect()
 }
 
 fn refusal(error: Option<&Refusal>) -> Value {

@@ -36,7 +36,7 @@ fn of_two_with_one_name_the_code_counts() {
         None
     );
     let reason = missing_module(&[old], &needed).unwrap_or_default();
-    let expected = "has other code of behaviour 'parts.py:Spiral' (SHA-256 0123456789abcdef.., expected aa11..); ";
+    let expected = "has different code for behaviour 'parts.py:Spiral' (SHA-256 0123456789abcdef.., expected aa11..); ";
     assert!(reason.starts_with(expected), "{reason}");
 }
 

@@ -51,13 +51,13 @@ fn capabilities(capabilities: &Capabilities) -> Value {
 
 /// A status as the vectors write it: what is absent is null.
 fn status(message: &Status) -> Value {
-    let waiting = |one: &Waiting| {
-        json!({"server": one.server, "kind": one.kind, "missing": one.missing, "evaluations": one.evaluations,
-            "agent": one.agent, "step": one.step, "silent": one.silent, "words": one.to_string()})
+    let waiting = |entry: &Waiting| {
+        json!({"server": entry.server, "kind": entry.kind, "missing": entry.missing, "evaluations": entry.evaluations,
+            "agent": entry.agent, "step": entry.step, "silent": entry.silent, "words": entry.to_string()})
     };
-    let used = |one: &Used| {
-        json!({"server": one.server, "mode": one.mode, "speed": one.speed, "failures": one.failures,
-            "reason": one.reason, "benched": one.benched})
+    let used = |entry: &Used| {
+        json!({"server": entry.server, "mode": entry.mode, "speed": entry.speed, "failures": entry.failures,
+            "reason": entry.reason, "benched": entry.benched})
     };
     json!({
         "tool": message.tool, "state": message.state, "simulation": message.simulation, "run": message.run,

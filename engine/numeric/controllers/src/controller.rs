@@ -12,17 +12,17 @@ use std::sync::Arc;
 pub enum ControllerError {
     /// A parameter set was asked to steer.
     #[error(
-        "an agent is to be steered, but a parameter set steers no agents: the simulation must do that itself \
-         (Minisim does with the parameter steering: rule), or the controller must be of another kind, such as layered"
+        "a parameter set steers no agents; use a controller of another kind, such as layered, or a simulation that steers its \
+         agents (Minisim does with the parameter steering: rule)"
     )]
     SteersNoAgents,
     /// A team was asked to steer instead of one of its controllers.
-    #[error("a team has a controller for each agent; take that of one agent")]
+    #[error("a team has a controller for each agent; use the controller of an agent")]
     NoAgent,
     /// A machine with modules in Python was asked to steer.
     #[error(
-        "a machine with modules in Python is computed by Python alone: evaluate it in the process of the tool, or on a \
-         server that has these modules"
+        "a machine with modules in Python can only be computed in Python; evaluate it in the process of the tool or on a server \
+         with these modules"
     )]
     InPython,
     /// An agent that belongs to no group of a team.
@@ -37,12 +37,12 @@ pub enum ControllerError {
         agents: u32,
     },
     /// A sensor reading of the wrong length.
-    #[error("sensors: {found} numbers, but this controller takes {expected}")]
+    #[error("sensors: {actual} numbers, but this controller takes {expected}")]
     SensorCount {
         /// Length that the specification asks for.
         expected: usize,
         /// Length that was given.
-        found: usize,
+        actual: usize,
     },
     /// A sensor that is NaN or infinite.
     #[error("sensors[{index}] is NaN or infinite, but every sensor must be a finite number")]
@@ -51,20 +51,20 @@ pub enum ControllerError {
         index: usize,
     },
     /// A slice for the wrong number of actuators.
-    #[error("actuators: a slice of {found} numbers, but this controller gives {expected}")]
+    #[error("actuators: a slice of {actual} numbers, but this controller gives {expected}")]
     ActuatorCount {
         /// Length that the specification gives.
         expected: usize,
         /// Length that was offered.
-        found: usize,
+        actual: usize,
     },
     /// A number of weights other than the architecture needs.
-    #[error("weights: {found} numbers, but this controller needs {expected}")]
+    #[error("weights: {actual} numbers, but this controller needs {expected}")]
     WeightCount {
         /// Weights that the architecture needs.
         expected: usize,
         /// Weights that were given.
-        found: usize,
+        actual: usize,
     },
     /// A weight that is NaN or infinite.
     #[error("weights[{index}] is NaN or infinite, but every weight must be a finite number")]
@@ -109,7 +109,7 @@ impl Controller {
         if weights.len() != expected {
             return Err(ControllerError::WeightCount {
                 expected,
-                found: weights.len(),
+                actual: weights.len(),
             });
         }
         if let Some(index) = weights.iter().position(|w| !w.is_finite()) {
@@ -243,13 +243,13 @@ impl Controller {
         if sensors.len() != own_sensors {
             return Err(ControllerError::SensorCount {
                 expected: own_sensors,
-                found: sensors.len(),
+                actual: sensors.len(),
             });
         }
         if actuators.len() != own_actuators {
             return Err(ControllerError::ActuatorCount {
                 expected: own_actuators,
-                found: actuators.len(),
+                actual: actuators.len(),
             });
         }
         // All at once, as none is wrong as a rule.

@@ -93,9 +93,9 @@ impl<'a> Reader<'a> {
             self.known.push(field.to_owned());
             return Ok(0);
         }
-        let found: String = self.read(field, &expected)?;
-        let place = allowed.iter().position(|one| *one == found);
-        place.ok_or_else(|| wrong(field, format!("{found:?} found, expected {expected}")))
+        let text: String = self.read(field, &expected)?;
+        let index = allowed.iter().position(|name| *name == text);
+        index.ok_or_else(|| wrong(field, format!("{text:?} found, expected {expected}")))
     }
 
     /// A whole number in `low..=high`; 8.0 counts as 8.
@@ -186,9 +186,9 @@ impl<'a> Reader<'a> {
     ) -> Result<Activation, SpecificationError> {
         let names: Vec<_> = allowed.iter().map(|a| a.name()).collect();
         let expected = format!("one of {}", names.join(", "));
-        let found: String = self.read(field, &expected)?;
-        let known = allowed.iter().copied().find(|a| a.name() == found);
-        known.ok_or_else(|| wrong(field, format!("{found:?} found, expected {expected}")))
+        let text: String = self.read(field, &expected)?;
+        let function = allowed.iter().copied().find(|a| a.name() == text);
+        function.ok_or_else(|| wrong(field, format!("{text:?} found, expected {expected}")))
     }
 
     pub(crate) fn output_range(&mut self) -> Result<OutputRange, SpecificationError> {
@@ -240,7 +240,7 @@ impl<'a> Reader<'a> {
             None => Ok(()),
             Some(field) => Err(wrong(
                 &field,
-                format!("is not known here; known are {}", self.known.join(", ")),
+                format!("is unknown; expected one of {}", self.known.join(", ")),
             )),
         }
     }

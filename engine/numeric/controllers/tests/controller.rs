@@ -108,7 +108,7 @@ fn refusals_leave_the_state_alone() {
         controller.step(&[0.1], &mut one),
         Err(ControllerError::SensorCount {
             expected: 2,
-            found: 1
+            actual: 1
         })
     );
     assert_eq!(
@@ -123,7 +123,7 @@ fn refusals_leave_the_state_alone() {
         controller.step(&[0.1, 0.2], &mut [0.0; 2]),
         Err(ControllerError::ActuatorCount {
             expected: 1,
-            found: 2
+            actual: 2
         })
     );
     found.extend(run(&mut controller, &[[0.3, 0.4]]));
@@ -145,7 +145,7 @@ fn weights_from_elsewhere_are_checked() {
         count,
         ControllerError::WeightCount {
             expected: 18,
-            found: 17
+            actual: 17
         }
     );
     let mut bad = [0.5; 18];

@@ -19,25 +19,27 @@ const BYTES_AT_LEAST: usize = 1 << 16;
 
 /// All specifications in the golden vectors.
 fn golden() -> Vec<Vec<u8>> {
-    fn look(value: &Value, found: &mut Vec<Vec<u8>>) {
+    fn look(value: &Value, specifications: &mut Vec<Vec<u8>>) {
         match value {
             Value::Object(fields) => {
                 if fields.contains_key("version") && fields.contains_key("kind") {
-                    found.push(value.to_string().into_bytes());
+                    specifications.push(value.to_string().into_bytes());
                 }
-                fields.values().for_each(|inner| look(inner, found));
+                fields
+                    .values()
+                    .for_each(|inner| look(inner, specifications));
             }
-            Value::Array(items) => items.iter().for_each(|inner| look(inner, found)),
+            Value::Array(items) => items.iter().for_each(|inner| look(inner, specifications)),
             _ => {}
         }
     }
     let path = "../../../protocol/vectors/controllers.json";
     let text = fs::read_to_string(PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(path)).unwrap();
-    let mut found = Vec::new();
-    look(&serde_json::from_str(&text).unwrap(), &mut found);
-    found.retain(|text| text.len() < 4000);
-    assert!(found.len() > 20, "{}", found.len());
-    found
+    let mut specifications = Vec::new();
+    look(&serde_json::from_str(&text).unwrap(), &mut specifications);
+    specifications.retain(|text| text.len() < 4000);
+    assert!(specifications.len() > 20, "{}", specifications.len());
+    specifications
 }
 
 fn check(payload: &[u8]) {

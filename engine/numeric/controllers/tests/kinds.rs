@@ -74,7 +74,7 @@ fn missing_and_unknown_fields_are_named_for_every_kind() {
             .unwrap_err()
             .to_string();
         assert!(
-            message.starts_with("controller.spikes: is not known here; known are version, kind, "),
+            message.starts_with("controller.spikes: is unknown; expected one of version, kind, "),
             "{message}"
         );
         for field in document.as_object().unwrap().keys() {

@@ -52,8 +52,8 @@ impl<const S: usize, const B: usize> Kernel for Steps<'_, S, B> {
                 } else {
                     controllers.step_with_bits(&mut state, numbers, (bits, order), &mut actuators);
                     for actuator in &mut actuators {
-                        let known = L::splat(0.0).select(*actuator, actuator.is_nan());
-                        *actuator = known.at_most(L::splat(1.0)).at_least(L::splat(-1.0));
+                        let number = L::splat(0.0).select(*actuator, actuator.is_nan());
+                        *actuator = number.at_most(L::splat(1.0)).at_least(L::splat(-1.0));
                     }
                 }
                 for actuator in &actuators {
@@ -194,11 +194,11 @@ fn agree(
         .collect();
     for level in Level::available() {
         for sliced in [false, true] {
-            let found: Vec<Vec<u32>> = outputs(split, sliced, level, specifications, sensors)
+            let actual: Vec<Vec<u32>> = outputs(split, sliced, level, specifications, sensors)
                 .into_iter()
                 .map(|lane| lane.into_iter().map(f32::to_bits).collect())
                 .collect();
-            prop_assert_eq!(&found, &expected, "{}, sliced: {}", level.name(), sliced);
+            prop_assert_eq!(&actual, &expected, "{}, sliced: {}", level.name(), sliced);
         }
     }
     Ok(())

@@ -12,7 +12,7 @@ const STRAIGHT: [f32; 2] = [1.0, 1.0];
 type State<'a> = (&'a str, f32, f32, &'a [(usize, &'a str, f32, f32, f32)]);
 
 fn number(names: &[&str], name: &str) -> f32 {
-    names.iter().position(|one| *one == name).unwrap() as f32
+    names.iter().position(|other| *other == name).unwrap() as f32
 }
 
 fn machine(states: &[State<'_>]) -> Controller {
@@ -58,13 +58,13 @@ impl Sensed {
     }
 }
 
-fn close(found: f64, expected: f64, count: usize) {
+fn close(actual: f64, expected: f64, count: usize) {
     let deviation = (expected * (1.0 - expected) / count as f64)
         .sqrt()
         .max(1e-9);
     assert!(
-        (found - expected).abs() < 4.5 * deviation,
-        "{found} instead of {expected}"
+        (actual - expected).abs() < 4.5 * deviation,
+        "{actual} instead of {expected}"
     );
 }
 
@@ -86,11 +86,11 @@ fn share(
     ]);
     let mut sensed = Sensed::new();
     sense(&mut sensed);
-    let (mut asked, mut left, mut entered) = (0, 0, true);
+    let (mut chances, mut left, mut entered) = (0, 0, true);
     for _ in 0..60_000 {
         let stops = sensed.step(&mut controller) == [0.0, 0.0];
         if stops && !entered {
-            asked += 1;
+            chances += 1;
         }
         entered = !stops;
     }
@@ -102,10 +102,10 @@ fn share(
         left += usize::from(before && !stops);
         before = stops;
     }
-    if asked == 0 {
+    if chances == 0 {
         0.0
     } else {
-        left as f64 / asked as f64
+        left as f64 / chances as f64
     }
 }
 

@@ -94,7 +94,7 @@ fn refuses_with_the_parameter_and_the_cure() {
         ),
         (
             json!([{"name": "a", "type": "real", "choices": ["b"]}]),
-            &["controller.parameters[0]: choices: only for categorical"],
+            &["controller.parameters[0]: choices: only allowed for the type categorical"],
         ),
         (
             json!([{"name": "seed", "type": "real"}]),

@@ -270,7 +270,7 @@ fn refuses_with_the_field_and_the_cure() {
             layered(),
             "iterations",
             json!(2),
-            &["controller.iterations", "is not known", "output_range"],
+            &["controller.iterations", "is unknown", "output_range"],
         ),
         (
             meshed(),

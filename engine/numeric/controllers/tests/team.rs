@@ -137,7 +137,7 @@ fn what_is_wrong_is_said_with_its_place() {
         ),
         (
             &|d| d["groups"][0]["count"] = json!(1),
-            "controller.groups[0].count: is not known here",
+            "controller.groups[0].count: is unknown",
         ),
         (
             &|d| d["groups"][0]["controller"]["hidden"] = json!([0]),

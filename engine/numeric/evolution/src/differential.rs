@@ -65,15 +65,15 @@ impl Differential {
         let count = members.len() / genes.max(1);
         assert!(genes == 0 || (count >= 4 && members.len() == count * genes));
         let member = |index: usize| &members[index * genes..(index + 1) * genes];
-        let [one, other, third] = distinct(stream, count, target);
+        let [first, other, third] = distinct(stream, count, target);
         let base = match self.base {
             Base::Best => member(best),
             Base::Random => member(third),
             Base::TargetToBest => member(target),
         };
         let (plus, minus) = match self.base {
-            Base::TargetToBest => (member(best), member(one)),
-            Base::Best | Base::Random => (member(one), member(other)),
+            Base::TargetToBest => (member(best), member(first)),
+            Base::Best | Base::Random => (member(first), member(other)),
         };
         for gene in 0..genes {
             let from = f64::from(base[gene]);
@@ -94,10 +94,10 @@ impl Differential {
         }
         match self.crossover {
             Crossover::Binomial => {
-                let kept = index(stream, genes);
-                for (gene, place) in mutant.iter_mut().enumerate() {
-                    if stream.unit() >= self.rate && gene != kept {
-                        *place = f64::from(member[gene]);
+                let fixed = index(stream, genes);
+                for (gene, value) in mutant.iter_mut().enumerate() {
+                    if stream.unit() >= self.rate && gene != fixed {
+                        *value = f64::from(member[gene]);
                     }
                 }
             }
@@ -107,22 +107,22 @@ impl Differential {
                 while length < genes && stream.unit() < self.rate {
                     length += 1;
                 }
-                for (gene, place) in mutant.iter_mut().enumerate() {
+                for (gene, value) in mutant.iter_mut().enumerate() {
                     if (gene + genes - first) % genes >= length {
-                        *place = f64::from(member[gene]);
+                        *value = f64::from(member[gene]);
                     }
                 }
             }
             Crossover::Hypercube => {
-                for (place, from) in mutant.iter_mut().zip(member) {
+                for (value, from) in mutant.iter_mut().zip(member) {
                     let share = stream.unit() * self.rate;
-                    *place = between(f64::from(*from), *place, share);
+                    *value = between(f64::from(*from), *value, share);
                 }
             }
             Crossover::Line => {
                 let share = stream.unit() * self.rate;
-                for (place, from) in mutant.iter_mut().zip(member) {
-                    *place = between(f64::from(*from), *place, share);
+                for (value, from) in mutant.iter_mut().zip(member) {
+                    *value = between(f64::from(*from), *value, share);
                 }
             }
         }
@@ -150,17 +150,17 @@ pub(crate) fn within(stream: &mut Stream, value: f64, from: f64, lower: f64, upp
 
 /// Three members, different from each other and from the target.
 fn distinct(stream: &mut Stream, count: usize, target: usize) -> [usize; 3] {
-    let mut taken = [target; 4];
+    let mut indices = [target; 4];
     let mut drawn = [0; 3];
     for round in 0..3 {
-        let mut found = index(stream, count - 1 - round);
-        let mut sorted = taken;
+        let mut candidate = index(stream, count - 1 - round);
+        let mut sorted = indices;
         sorted[..=round].sort_unstable();
         for used in &sorted[..=round] {
-            found += usize::from(found >= *used);
+            candidate += usize::from(candidate >= *used);
         }
-        drawn[round] = found;
-        taken[round + 1] = found;
+        drawn[round] = candidate;
+        indices[round + 1] = candidate;
     }
     drawn
 }

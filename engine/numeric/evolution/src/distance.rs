@@ -9,25 +9,25 @@ const LANES: usize = 16;
 
 /// The sum of absolute differences, added in the genome's order.
 #[must_use]
-pub fn distance(one: &[f32], other: &[f32]) -> f64 {
-    one.iter()
+pub fn distance(left: &[f32], other: &[f32]) -> f64 {
+    left.iter()
         .zip(other)
-        .fold(0.0, |sum, (one, other)| sum + difference(*one, *other))
+        .fold(0.0, |sum, (left, other)| sum + difference(*left, *other))
 }
 
 /// The distance of one genome to each of several, see [`distance`].
 ///
 /// # Panics
 ///
-/// When there are fewer places in `distances` than `others`, or a genome is shorter than `one`.
-pub fn distances(one: &[f32], others: &[&[f32]], distances: &mut [f64]) {
+/// When there are fewer places in `distances` than `others`, or a genome is shorter than `genome`.
+pub fn distances(genome: &[f32], others: &[&[f32]], distances: &mut [f64]) {
     assert!(others.len() <= distances.len());
     let mut places = distances.chunks_exact_mut(AT_ONCE);
     let mut groups = others.chunks_exact(AT_ONCE);
     for (group, places) in (&mut groups).zip(&mut places) {
-        let rows: [&[f32]; AT_ONCE] = std::array::from_fn(|row| &group[row][..one.len()]);
+        let rows: [&[f32]; AT_ONCE] = std::array::from_fn(|row| &group[row][..genome.len()]);
         let mut sums = [0.0; AT_ONCE];
-        for (gene, value) in one.iter().enumerate() {
+        for (gene, value) in genome.iter().enumerate() {
             for (sum, row) in sums.iter_mut().zip(rows) {
                 *sum += difference(*value, row[gene]);
             }
@@ -35,8 +35,8 @@ pub fn distances(one: &[f32], others: &[&[f32]], distances: &mut [f64]) {
         places.copy_from_slice(&sums);
     }
     let done = others.len() - groups.remainder().len();
-    for (other, place) in groups.remainder().iter().zip(&mut distances[done..]) {
-        *place = distance(one, other);
+    for (other, slot) in groups.remainder().iter().zip(&mut distances[done..]) {
+        *slot = distance(genome, other);
     }
 }
 
@@ -45,23 +45,23 @@ pub fn distances(one: &[f32], others: &[&[f32]], distances: &mut [f64]) {
 pub struct Farthest(Vec<f32>);
 
 impl Farthest {
-    /// The first of several genomes whose [`distance`] from `one` is the largest; None without any.
+    /// The first of several genomes whose [`distance`] from `genome` is the largest; None without any.
     ///
     /// # Panics
     ///
-    /// When a genome is shorter than `one`.
+    /// When a genome is shorter than `genome`.
     pub fn find<'a>(
         &mut self,
-        one: &[f32],
+        genome: &[f32],
         others: impl ExactSizeIterator<Item = &'a [f32]> + Clone,
     ) -> Option<usize> {
         // Sums in binary32 are several times as fast and seldom leave a doubt: each operation is wrong by 2^-24 at most. Where they
         // leave one, or are too large for binary32, those that may be the largest are computed in binary64.
         #[expect(clippy::cast_precision_loss, reason = "a bound is meant")]
-        let doubt = 2.0 * (one.len() + LANES) as f32 * f32::EPSILON;
+        let doubt = 2.0 * (genome.len() + LANES) as f32 * f32::EPSILON;
         self.0.clear();
         Level::best().run(Nearly {
-            one,
+            one: genome,
             others: others.clone(),
             distances: &mut self.0,
         });
@@ -72,26 +72,26 @@ impl Farthest {
         } else {
             0.0
         };
-        let mut found: Option<(usize, &[f32], Option<f64>)> = None;
+        let mut farthest: Option<(usize, &[f32], Option<f64>)> = None;
         for (index, other) in others.enumerate() {
             if self.0[index] < least {
                 continue;
             }
-            let Some((_, first, most)) = found else {
-                found = Some((index, other, None));
+            let Some((_, first, most)) = farthest else {
+                farthest = Some((index, other, None));
                 continue;
             };
             let (most, its) = (
-                most.unwrap_or_else(|| distance(one, first)),
-                distance(one, other),
+                most.unwrap_or_else(|| distance(genome, first)),
+                distance(genome, other),
             );
-            found = if its > most {
+            farthest = if its > most {
                 Some((index, other, Some(its)))
             } else {
-                found.map(|(index, first, _)| (index, first, Some(most)))
+                farthest.map(|(index, first, _)| (index, first, Some(most)))
             };
         }
-        found.map(|(index, ..)| index)
+        farthest.map(|(index, ..)| index)
     }
 }
 
@@ -115,9 +115,9 @@ impl<'a, I: Iterator<Item = &'a [f32]>> Kernel for Nearly<'_, I> {
 
 /// The distance in binary32, in sums of their own.
 #[inline(always)]
-fn nearly(one: &[f32], other: &[f32]) -> f32 {
-    let (ones, rest) = one.as_chunks::<LANES>();
-    let (others, other_rest) = other[..one.len()].as_chunks::<LANES>();
+fn nearly(left: &[f32], other: &[f32]) -> f32 {
+    let (ones, rest) = left.as_chunks::<LANES>();
+    let (others, other_rest) = other[..left.len()].as_chunks::<LANES>();
     let mut sums = [0.0; LANES];
     for (ones, others) in ones.iter().zip(others) {
         for lane in 0..LANES {
@@ -132,13 +132,13 @@ fn nearly(one: &[f32], other: &[f32]) -> f32 {
         width /= 2;
     }
     let mut sum = sums[0];
-    for (one, other) in rest.iter().zip(other_rest) {
-        sum += (one - other).abs();
+    for (left, other) in rest.iter().zip(other_rest) {
+        sum += (left - other).abs();
     }
     sum
 }
 
 #[inline]
-fn difference(one: f32, other: f32) -> f64 {
-    (f64::from(one) - f64::from(other)).abs()
+fn difference(left: f32, other: f32) -> f64 {
+    (f64::from(left) - f64::from(other)).abs()
 }

@@ -8,26 +8,26 @@ const FREE: u32 = u32::MAX;
 
 /// The indices of those genomes that are, to the bit, the same as no earlier one and as none of those known.
 ///
-/// `known`, `genomes`: rows of `genes` numbers.
+/// `existing`, `genomes`: rows of `genes` numbers.
 ///
 /// # Panics
 ///
 /// Without genes, or with 2^32 - 1 genomes or more.
 #[must_use]
-pub fn distinct(known: &[&[f32]], genomes: &[f32], genes: usize) -> Vec<usize> {
-    let rows = known.iter().flat_map(|rows| rows.chunks_exact(genes));
+pub fn distinct(existing: &[&[f32]], genomes: &[f32], genes: usize) -> Vec<usize> {
+    let rows = existing.iter().flat_map(|rows| rows.chunks_exact(genes));
     let new = genomes.len() / genes;
     let all: Vec<&[f32]> = rows.chain(genomes.chunks_exact(genes)).collect();
     assert!(all.len() < FREE as usize, "there are too many genomes");
     let mut table = Table::of(&all);
     let first_new = all.len() - new;
-    let mut found = Vec::with_capacity(new);
+    let mut indices = Vec::with_capacity(new);
     for index in 0..all.len() {
         if table.insert(index) && index >= first_new {
-            found.push(index - first_new);
+            indices.push(index - first_new);
         }
     }
-    found
+    indices
 }
 
 /// A hash table of rows, by index, with open addressing.
@@ -58,17 +58,17 @@ impl<'a> Table<'a> {
         let row = self.rows[index];
         let hash = hash(row);
         // Places are found by the upper bits, which depend on all others; the lower half tells most others apart.
-        let mut place = (hash >> self.shift) as usize;
+        let mut slot = (hash >> self.shift) as usize;
         loop {
-            match self.places[place] {
+            match self.places[slot] {
                 (FREE, _) => break,
                 (other, low) if low == hash as u32 && same(self.rows[other as usize], row) => {
                     return false;
                 }
-                _ => place = (place + 1) % self.places.len(),
+                _ => slot = (slot + 1) % self.places.len(),
             }
         }
-        self.places[place] = (index as u32, hash as u32);
+        self.places[slot] = (index as u32, hash as u32);
         true
     }
 }
@@ -92,8 +92,8 @@ fn hash(genome: &[f32]) -> u64 {
 }
 
 #[inline]
-fn bits([one, other]: [f32; 2]) -> u64 {
-    u64::from(one.to_bits()) | u64::from(other.to_bits()) << 32
+fn bits([low, other]: [f32; 2]) -> u64 {
+    u64::from(low.to_bits()) | u64::from(other.to_bits()) << 32
 }
 
 #[inline]
@@ -101,6 +101,6 @@ fn mixed(sum: u64, word: u64) -> u64 {
     (sum.rotate_left(29) ^ word).wrapping_mul(FACTOR)
 }
 
-fn same(one: &[f32], other: &[f32]) -> bool {
-    (0..one.len()).all(|gene| one[gene].to_bits() == other[gene].to_bits())
+fn same(left: &[f32], other: &[f32]) -> bool {
+    (0..left.len()).all(|gene| left[gene].to_bits() == other[gene].to_bits())
 }

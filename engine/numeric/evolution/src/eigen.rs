@@ -106,9 +106,9 @@ impl Kernel for Small {
             |index, [cosine, sine]| {
                 let (upper, lower) = rows[index * size..(index + 2) * size].split_at_mut(size);
                 for (above, below) in upper.iter_mut().zip(lower) {
-                    let (one, other) = (*above, *below);
-                    *below = sine * one + cosine * other;
-                    *above = cosine * one - sine * other;
+                    let (first, other) = (*above, *below);
+                    *below = sine * first + cosine * other;
+                    *above = cosine * first - sine * other;
                 }
             },
             |_| (),
@@ -187,7 +187,7 @@ impl Tridiagonal {
     /// Makes a matrix tridiagonal, row by row from the first.
     #[inline(always)]
     fn of(matrix: &mut [f64], size: usize) -> Self {
-        let mut found = Self {
+        let mut tridiagonal = Self {
             diagonal: vec![0.0; size],
             beside: vec![0.0; size],
             factors: vec![0.0; size],
@@ -196,13 +196,13 @@ impl Tridiagonal {
         for step in 0..size {
             let (above, below) = matrix.split_at_mut((step + 1) * size);
             let row = &mut above[step * size..];
-            found.diagonal[step] = row[step];
+            tridiagonal.diagonal[step] = row[step];
             let vector = &mut row[step + 1..];
             if vector.is_empty() {
                 break;
             }
             let (beside, factor) = reflection(vector);
-            (found.beside[step], found.factors[step]) = (beside, factor);
+            (tridiagonal.beside[step], tridiagonal.factors[step]) = (beside, factor);
             if factor == 0.0 {
                 continue;
             }
@@ -225,7 +225,7 @@ impl Tridiagonal {
                 }
             }
         }
-        found
+        tridiagonal
     }
 
     /// The orthogonal matrix of all reflections.
@@ -290,8 +290,8 @@ impl Tridiagonal {
         let size = self.diagonal.len();
         let mut last = first;
         while last + 1 < size {
-            let near = self.diagonal[last].abs() + self.diagonal[last + 1].abs();
-            if self.beside[last].abs() <= f64::EPSILON * near {
+            let scale = self.diagonal[last].abs() + self.diagonal[last + 1].abs();
+            if self.beside[last].abs() <= f64::EPSILON * scale {
                 break;
             }
             last += 1;
@@ -315,7 +315,7 @@ impl Tridiagonal {
         let (mut cosine, mut sine, mut moved) = (1.0, 1.0, 0.0);
         for index in (first..last).rev() {
             let across = sine * beside[index];
-            let kept = cosine * beside[index];
+            let straight = cosine * beside[index];
             let length = (across * across + along * along).sqrt();
             beside[index + 1] = length;
             if length == 0.0 {
@@ -327,10 +327,10 @@ impl Tridiagonal {
             sine = across / length;
             cosine = along / length;
             let upper = diagonal[index + 1] - moved;
-            let mixed = (diagonal[index] - upper) * sine + 2.0 * cosine * kept;
+            let mixed = (diagonal[index] - upper) * sine + 2.0 * cosine * straight;
             moved = sine * mixed;
             diagonal[index + 1] = upper + moved;
-            along = cosine * mixed - kept;
+            along = cosine * mixed - straight;
             rotate(index, [cosine, sine]);
         }
         diagonal[first] -= moved;
@@ -418,16 +418,16 @@ fn turn(rotations: &[Rotation], panel: &mut [[f64; WIDE]]) {
         return;
     };
     let mut lower = *last;
-    let mut place = last;
+    let mut target = last;
     for (upper, [cosine, sine]) in rows.iter_mut().rev().zip(rotations) {
         let before = *upper;
         for lane in 0..WIDE {
-            place[lane] = sine * before[lane] + cosine * lower[lane];
+            target[lane] = sine * before[lane] + cosine * lower[lane];
         }
         for lane in 0..WIDE {
             lower[lane] = cosine * before[lane] - sine * lower[lane];
         }
-        place = upper;
+        target = upper;
     }
-    *place = lower;
+    *target = lower;
 }

@@ -10,16 +10,16 @@ pub fn exact_sum(numbers: impl IntoIterator<Item = f64>) -> Option<f64> {
     // Numbers that do not overlap, ascending, with the same sum.
     let mut parts: Vec<f64> = Vec::new();
     for number in numbers {
-        let (mut sum, mut kept) = (number, 0);
+        let (mut sum, mut filled) = (number, 0);
         for index in 0..parts.len() {
             let (high, low) = two_sum(sum, parts[index]);
             if low != 0.0 {
-                parts[kept] = low;
-                kept += 1;
+                parts[filled] = low;
+                filled += 1;
             }
             sum = high;
         }
-        parts.truncate(kept);
+        parts.truncate(filled);
         if !sum.is_finite() {
             return None;
         }
@@ -128,11 +128,11 @@ fn power_above(number: f64) -> f64 {
 }
 
 /// A sum, rounded, and its rounding error.
-fn two_sum(one: f64, other: f64) -> (f64, f64) {
-    let (large, small) = if one.abs() < other.abs() {
-        (other, one)
+fn two_sum(left: f64, other: f64) -> (f64, f64) {
+    let (large, small) = if left.abs() < other.abs() {
+        (other, left)
     } else {
-        (one, other)
+        (left, other)
     };
     let sum = large + small;
     (sum, small - (sum - large))
@@ -164,7 +164,7 @@ impl Aggregate {
         }
         let number = match (self, results) {
             // Whatever the aggregate of one number, it is the number.
-            (_, [one]) if !matches!(self, Self::WorstShare(_)) => *one,
+            (_, [single]) if !matches!(self, Self::WorstShare(_)) => *single,
             (Self::Mean, _) => mean(results),
             (Self::Sum, _) => sum(results),
             (Self::Median, _) => {
@@ -310,15 +310,15 @@ fn put_quartiles(numbers: &mut [f64]) {
     let mut placed: Vec<usize> = Vec::with_capacity(6);
     for share in [0.5, 0.25, 0.75] {
         let low = floor(share * count(last));
-        for place in [low, (low + 1).min(last)] {
-            let at = placed.partition_point(|other| *other < place);
-            if placed.get(at) == Some(&place) {
+        for rank in [low, (low + 1).min(last)] {
+            let at = placed.partition_point(|other| *other < rank);
+            if placed.get(at) == Some(&rank) {
                 continue;
             }
             let start = if at == 0 { 0 } else { placed[at - 1] + 1 };
             let end = placed.get(at).copied().unwrap_or(numbers.len());
-            numbers[start..end].select_nth_unstable_by(place - start, f64::total_cmp);
-            placed.insert(at, place);
+            numbers[start..end].select_nth_unstable_by(rank - start, f64::total_cmp);
+            placed.insert(at, rank);
         }
     }
 }

@@ -11,13 +11,13 @@ pub(crate) fn dot(left: &[f64], right: &[f64]) -> f64 {
     let mut sums = [0.0; PARTS];
     let (lefts, rights) = (left.chunks_exact(PARTS), right.chunks_exact(PARTS));
     let rest = lefts.remainder().iter().zip(rights.remainder());
-    for (one, other) in lefts.zip(rights) {
+    for (chunk, other) in lefts.zip(rights) {
         for part in 0..PARTS {
-            sums[part] += one[part] * other[part];
+            sums[part] += chunk[part] * other[part];
         }
     }
-    for (sum, (one, other)) in sums.iter_mut().zip(rest) {
-        *sum += one * other;
+    for (sum, (factor, other)) in sums.iter_mut().zip(rest) {
+        *sum += factor * other;
     }
     let [a, b, c, d, e, f, g, h] = sums;
     ((a + e) + (c + g)) + ((b + f) + (d + h))

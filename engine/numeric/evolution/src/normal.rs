@@ -48,8 +48,8 @@ fn of_vector<L: Lanes>(words: &[u64; VECTOR], numbers: &mut [f32; 2 * VECTOR]) {
         let length = L::from_int(L::Int::load(&lengths[lane..]));
         let length = length.add(L::splat(0.5)).mul(L::splat(UNIT));
         let turn = L::from_int(L::Int::load(&turns[lane..])).mul(L::splat(UNIT));
-        let [one, other] = normal_pair(length, turn);
-        one.store(&mut ones[lane..]);
+        let [first, other] = normal_pair(length, turn);
+        first.store(&mut ones[lane..]);
         other.store(&mut others[lane..]);
     }
     for lane in 0..VECTOR {

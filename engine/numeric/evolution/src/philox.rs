@@ -70,13 +70,13 @@ impl Kernel for Blocks<'_> {
                     *counter = counter.wrapping_add(lane as u64);
                 }
                 let rest = [second, third, fourth].map(|counter| [counter; SIDE]);
-                let found = side_by_side(counters, rest, key);
+                let words = side_by_side(counters, rest, key);
                 for (lane, block) in part.iter_mut().enumerate() {
                     *block = [
-                        found[0][lane],
-                        found[1][lane],
-                        found[2][lane],
-                        found[3][lane],
+                        words[0][lane],
+                        words[1][lane],
+                        words[2][lane],
+                        words[3][lane],
                     ];
                 }
                 next = next.wrapping_add(SIDE as u64);
@@ -113,8 +113,8 @@ pub(crate) fn side_by_side(
 
 /// As [`halves`], of products of 32 bits, which vectors have.
 #[inline(always)]
-fn halves_of_32(one: u64, other: u64) -> (u64, u64) {
-    let (one_low, one_high) = (one & LOWER, one >> 32);
+fn halves_of_32(left: u64, other: u64) -> (u64, u64) {
+    let (one_low, one_high) = (left & LOWER, left >> 32);
     let (other_low, other_high) = (other & LOWER, other >> 32);
     let low = one_low * other_low;
     let middle = one_high * other_low + (low >> 32);
@@ -129,8 +129,8 @@ fn halves_of_32(one: u64, other: u64) -> (u64, u64) {
     reason = "the lower half is what is meant"
 )]
 #[inline(always)]
-fn halves(one: u64, other: u64) -> (u64, u64) {
-    let product = u128::from(one) * u128::from(other);
+fn halves(left: u64, other: u64) -> (u64, u64) {
+    let product = u128::from(left) * u128::from(other);
     (product as u64, (product >> 64) as u64)
 }
 

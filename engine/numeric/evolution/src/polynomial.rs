@@ -23,9 +23,9 @@ pub(crate) fn mutate(
     if !changed.contains(&true) {
         changed[index(stream, genome.len())] = true;
     }
-    for (gene, place) in genome.iter_mut().enumerate() {
+    for (gene, value) in genome.iter_mut().enumerate() {
         if changed[gene] {
-            *place = mutated(stream.unit(), *place, lower[gene], upper[gene], precision);
+            *value = mutated(stream.unit(), *value, lower[gene], upper[gene], precision);
         }
     }
 }

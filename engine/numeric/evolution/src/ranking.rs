@@ -30,8 +30,8 @@ pub fn survivors(fitness: &[f64], best: usize, random: usize, stream: &mut Strea
     let mut remaining = Remaining::new(others.len());
     for left in (1..=others.len()).rev().take(random) {
         let left = left as u64;
-        let place = triangular(stream.integer(tickets(left)), left);
-        staying.push(others[remaining.take(place)] as usize);
+        let rank = triangular(stream.integer(tickets(left)), left);
+        staying.push(others[remaining.take(rank)] as usize);
     }
     staying
 }
@@ -59,7 +59,7 @@ pub(crate) fn ordered(keys: &[u64]) -> Vec<u32> {
         clippy::cast_possible_truncation,
         reason = "members are counted in u32"
     )]
-    let mut order: Vec<u32> = sorted.iter().map(|one| (one & low) as u32).collect();
+    let mut order: Vec<u32> = sorted.iter().map(|entry| (entry & low) as u32).collect();
     order.sort_by_key(|member| keys[*member as usize]);
     order
 }
@@ -88,26 +88,26 @@ struct Remaining(Vec<u32>);
 
 impl Remaining {
     fn new(places: usize) -> Self {
-        let counts = (1..=places).map(|place| 1 << place.trailing_zeros());
+        let counts = (1..=places).map(|index| 1 << index.trailing_zeros());
         Self(counts.collect())
     }
 
     /// Takes the one of the remaining places that so many remain before.
     fn take(&mut self, before: u64) -> usize {
-        let (mut place, mut before) = (0, before);
+        let (mut index, mut before) = (0, before);
         let mut step = (self.0.len() + 1).next_power_of_two();
         while step > 0 {
-            if let Some(count) = self.0.get_mut(place + step - 1) {
+            if let Some(count) = self.0.get_mut(index + step - 1) {
                 if u64::from(*count) <= before {
                     before -= u64::from(*count);
-                    place += step;
+                    index += step;
                 } else {
                     *count -= 1;
                 }
             }
             step /= 2;
         }
-        place
+        index
     }
 }
 
@@ -151,9 +151,9 @@ impl Ranks {
     /// # Panics
     ///
     /// When there is no such member.
-    pub fn set(&mut self, place: u32, fitness: f64) {
-        let key = &mut self.keys[place as usize];
-        let (before, after) = ((*key, place), rank((place, &fitness)));
+    pub fn set(&mut self, index: u32, fitness: f64) {
+        let key = &mut self.keys[index as usize];
+        let (before, after) = ((*key, index), rank((index, &fitness)));
         *key = after.0;
         let from = self.order.partition_point(|rank| *rank < before);
         let to = self.order.partition_point(|rank| *rank < after);
@@ -175,8 +175,8 @@ impl Ranks {
     pub fn draw(&self, stream: &mut Stream) -> usize {
         let worked = self.worked() as u64;
         assert!(worked > 0, "all members have failed");
-        let place = triangular(stream.integer(tickets(worked)), worked);
+        let rank = triangular(stream.integer(tickets(worked)), worked);
         #[expect(clippy::cast_possible_truncation, reason = "it is a rank")]
-        member(self.order[place as usize])
+        member(self.order[rank as usize])
     }
 }

@@ -101,10 +101,10 @@ impl GaussianSample<'_> {
     }
 
     /// One genome of a pair: the first or the second.
-    fn half(&self, row: u64, which: usize, genome: &mut [f32]) {
+    fn half(&self, row: u64, side: usize, genome: &mut [f32]) {
         let genes = self.center.len();
         let mut pair = vec![0.0; 2 * genes];
         self.rows(row, &mut pair);
-        genome.copy_from_slice(&pair[which * genes..][..genes]);
+        genome.copy_from_slice(&pair[side * genes..][..genes]);
     }
 }

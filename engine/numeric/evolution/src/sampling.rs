@@ -233,8 +233,8 @@ pub fn add_weighted_products(rows: &[f32], weights: &[f64], sum: &mut [f64]) {
     let mut wide = vec![0.0; size];
     for (row, weight) in rows.chunks_exact(size).zip(weights) {
         if *weight != 0.0 {
-            for (place, value) in wide.iter_mut().zip(row) {
-                *place = f64::from(*value);
+            for (slot, value) in wide.iter_mut().zip(row) {
+                *slot = f64::from(*value);
             }
             for (line, left) in sum.chunks_exact_mut(size).zip(&wide) {
                 for (total, right) in line.iter_mut().zip(&wide) {

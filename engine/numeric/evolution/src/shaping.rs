@@ -17,14 +17,14 @@ impl Groups {
         let keys: Vec<u64> = fitness.iter().map(|fitness| key(*fitness)).collect();
         let (mut group, mut ends) = (vec![0; keys.len()], Vec::with_capacity(keys.len()));
         let mut before = None;
-        for (place, index) in ordered(&keys).iter().rev().enumerate() {
+        for (rank, index) in ordered(&keys).iter().rev().enumerate() {
             let index = *index as usize;
             let key = Some(keys[index]);
             if std::mem::replace(&mut before, key) == key {
                 ends.pop();
             }
             group[index] = ends.len();
-            ends.push(place + 1);
+            ends.push(rank + 1);
         }
         Self { group, ends }
     }
@@ -60,8 +60,8 @@ pub fn utilities(fitness: &[f64]) -> Vec<f64> {
     let most = log(size / 2.0 + 1.0);
     // From the worst to the best, added one after another.
     let mut sums = vec![0.0];
-    for place in (1..=fitness.len()).rev() {
-        let weight = (most - log(number(place))).max(0.0);
+    for rank in (1..=fitness.len()).rev() {
+        let weight = (most - log(number(rank))).max(0.0);
         sums.push(sums.last().copied().unwrap_or_default() + weight);
     }
     let sum = sums.last().copied().unwrap_or_default();

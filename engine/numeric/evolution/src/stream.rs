@@ -103,12 +103,12 @@ impl Stream {
             let count = (self.passed + body.len()).div_ceil(WORDS).min(SIDE);
             self.draw_blocks(&mut blocks[..count]);
             let drawn = &blocks[..count].as_flattened()[self.passed..];
-            let taken = drawn.len().min(body.len());
-            let (places, others) = body.split_at_mut(taken);
-            places.copy_from_slice(&drawn[..taken]);
-            if taken < drawn.len() {
+            let amount = drawn.len().min(body.len());
+            let (places, others) = body.split_at_mut(amount);
+            places.copy_from_slice(&drawn[..amount]);
+            if amount < drawn.len() {
                 self.block = blocks[count - 1];
-                self.used = WORDS - (drawn.len() - taken);
+                self.used = WORDS - (drawn.len() - amount);
             }
             self.passed = 0;
             body = others;
@@ -157,8 +157,8 @@ impl Stream {
         self.fill(&mut words);
         let mut pairs = vec![0.0; 2 * words.len()];
         normals(&words, &mut pairs);
-        for (place, number) in numbers.iter_mut().zip(pairs) {
-            *place = T::from(number);
+        for (slot, number) in numbers.iter_mut().zip(pairs) {
+            *slot = T::from(number);
         }
     }
 
@@ -192,8 +192,8 @@ impl Stream {
         }
         // 2^64 mod below: so many words at the upper end favour the small integers.
         let excess = below.wrapping_neg() % below;
-        for place in integers {
-            *place = loop {
+        for slot in integers {
+            *slot = loop {
                 let word = self.word();
                 if word <= u64::MAX - excess {
                     break word % below;
@@ -342,8 +342,8 @@ impl<T: From<f32>> Kernel for NormalRows<'_, T> {
             of_words::<L>(words, pairs);
             let rows = numbers.chunks_mut(length);
             for (row, pairs) in rows.zip(pairs.chunks_exact(2 * width)) {
-                for (place, number) in row.iter_mut().zip(pairs) {
-                    *place = T::from(*number);
+                for (slot, number) in row.iter_mut().zip(pairs) {
+                    *slot = T::from(*number);
                 }
             }
         }
@@ -398,14 +398,14 @@ impl Streams {
         let rest = [candidates, [self.generation; SIDE], [0; SIDE]];
         for start in (0..length).step_by(WORDS) {
             let counter = [1 + (start / WORDS) as u64; SIDE];
-            let found = side_by_side(counter, rest, [self.seed, self.purpose]);
+            let block = side_by_side(counter, rest, [self.seed, self.purpose]);
             if start + WORDS <= length {
-                L::words_of_rows(&found, &mut words[start..], length);
+                L::words_of_rows(&block, &mut words[start..], length);
                 continue;
             }
             for (row, words) in words.chunks_exact_mut(length).enumerate() {
-                for (place, found) in words[start..].iter_mut().zip(&found) {
-                    *place = found[row];
+                for (slot, column) in words[start..].iter_mut().zip(&block) {
+                    *slot = column[row];
                 }
             }
         }
@@ -433,8 +433,8 @@ fn blocks_side_by_side(streams: Streams, length: usize, words: &mut [u64]) {
         let rest = [candidates, [streams.generation; SIDE], [0; SIDE]];
         let drawn = side_by_side(counters, rest, [streams.seed, streams.purpose]);
         for (lane, (start, end)) in places.into_iter().enumerate() {
-            for (place, drawn) in words[start..end].iter_mut().zip(&drawn) {
-                *place = drawn[lane];
+            for (slot, drawn) in words[start..end].iter_mut().zip(&drawn) {
+                *slot = drawn[lane];
             }
         }
     }
@@ -487,8 +487,8 @@ pub(crate) fn rows_of_two<T: Send, U: Send, R>(
         let both = ones
             .chunks_exact_mut(length)
             .zip(others.chunks_exact_mut(length));
-        for (index, (stream, (one, other))) in streams.iter_mut().zip(both).enumerate() {
-            make(&mut scratch, index, stream, one, other);
+        for (index, (stream, (left, other))) in streams.iter_mut().zip(both).enumerate() {
+            make(&mut scratch, index, stream, left, other);
         }
         return;
     }
@@ -498,8 +498,8 @@ pub(crate) fn rows_of_two<T: Send, U: Send, R>(
         .zip(others.par_chunks_exact_mut(length))
         .with_min_len(few.div_ceil(length))
         .enumerate()
-        .for_each_init(scratch, |scratch, (index, ((stream, one), other))| {
-            make(scratch, index, stream, one, other);
+        .for_each_init(scratch, |scratch, (index, ((stream, left), other))| {
+            make(scratch, index, stream, left, other);
         });
 }
 

@@ -148,8 +148,8 @@ impl Swarm<'_> {
 
     /// Returns in `to` a place near the best one, by polynomial mutation, instead of a flight.
     pub fn perturb(&self, best: &[f32], stream: &mut Stream, to: &mut [f64]) {
-        for (place, value) in to.iter_mut().zip(best) {
-            *place = f64::from(*value);
+        for (slot, value) in to.iter_mut().zip(best) {
+            *slot = f64::from(*value);
         }
         let precision = 5.0 + 25.0 * stream.unit();
         mutate(stream, to, self.lower, self.upper, precision);
@@ -257,9 +257,9 @@ impl Kernel for Attempt<'_, '_> {
             let speed = if speed < -most { -most } else { speed };
             let speed = if speed > most { most } else { speed };
             velocity[gene] = speed;
-            let place = at + speed;
-            to[gene] = place;
-            outside |= u64::from(!(place >= lower[gene] && place <= upper[gene]));
+            let position = at + speed;
+            to[gene] = position;
+            outside |= u64::from(!(position >= lower[gene] && position <= upper[gene]));
         }
         outside == 0
     }
@@ -270,9 +270,9 @@ impl Kernel for Attempt<'_, '_> {
 #[inline(always)]
 pub(crate) fn rounded(values: &[f64], lower: &[f64], upper: &[f64], genome: &mut [f32]) {
     let bounds = lower.iter().zip(upper);
-    for (place, (value, (lower, upper))) in genome.iter_mut().zip(values.iter().zip(bounds)) {
+    for (slot, (value, (lower, upper))) in genome.iter_mut().zip(values.iter().zip(bounds)) {
         let value = if value >= lower { value } else { lower };
-        *place = *(if value > upper { upper } else { value }) as f32;
+        *slot = *(if value > upper { upper } else { value }) as f32;
     }
 }
 
@@ -291,9 +291,9 @@ pub fn spread(places: &[f32], best: &[f32], width: &[f64]) -> f64 {
     assert_eq!(places.len(), count * genes);
     // A row for each gene, so that what is computed for all places side by side lies side by side.
     let mut columns = vec![0.0; places.len()];
-    for (place, row) in places.chunks_exact(genes.max(1)).enumerate() {
+    for (index, row) in places.chunks_exact(genes.max(1)).enumerate() {
         for (gene, value) in scaled(row, width).enumerate() {
-            columns[gene * count + place] = value;
+            columns[gene * count + index] = value;
         }
     }
     let mut distances = vec![0.0; count];
@@ -308,14 +308,14 @@ pub fn spread(places: &[f32], best: &[f32], width: &[f64]) -> f64 {
         });
     };
     // Each pair once. A sum has its distances in the order of the places: those before a place are in it when its turn comes.
-    for (place, row) in places.chunks_exact(genes.max(1)).enumerate() {
-        let distances = &mut distances[place + 1..];
-        distances_to(row, place + 1, distances);
-        let (before, after) = sums.split_at_mut(place + 1);
+    for (index, row) in places.chunks_exact(genes.max(1)).enumerate() {
+        let distances = &mut distances[index + 1..];
+        distances_to(row, index + 1, distances);
+        let (before, after) = sums.split_at_mut(index + 1);
         for (sum, distance) in after.iter_mut().zip(&*distances) {
             *sum += distance;
         }
-        before[place] = distances.iter().fold(before[place], |sum, next| sum + next);
+        before[index] = distances.iter().fold(before[index], |sum, next| sum + next);
     }
     #[expect(clippy::cast_precision_loss, reason = "numbers of particles are small")]
     let others = count as f64 - 1.0;
@@ -354,8 +354,8 @@ impl Kernel for Distances<'_> {
         let count = self.first + self.distances.len();
         let columns = self.columns.chunks_exact(count.max(1));
         for (from, column) in self.from.iter().zip(columns) {
-            for (square, place) in self.distances.iter_mut().zip(&column[self.first..]) {
-                let difference = from - place;
+            for (square, to) in self.distances.iter_mut().zip(&column[self.first..]) {
+                let difference = from - to;
                 *square += difference * difference;
             }
         }

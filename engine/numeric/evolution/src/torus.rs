@@ -59,16 +59,16 @@ impl Worked {
         let mut members = self.members;
         let mut left = &mut members[..self.count];
         loop {
-            let (mut place, mut best) = (0, left[0]);
+            let (mut position, mut best) = (0, left[0]);
             for (index, member) in left.iter().enumerate() {
                 let better = is_ahead(*member, best);
-                place = if better { index } else { place };
+                position = if better { index } else { position };
                 best = if better { *member } else { best };
             }
             if left.len() + ahead == self.count {
                 return best.0 as usize;
             }
-            left.swap(0, place);
+            left.swap(0, position);
             left = &mut left[1..];
         }
     }
@@ -85,7 +85,7 @@ impl Torus {
     #[must_use]
     pub fn grid(width: usize, height: usize, obstacles: usize, seed: u64, elite: f64) -> Self {
         let members = numbered(width * height, obstacles, seed);
-        let mut made = Self::empty(elite);
+        let mut torus = Self::empty(elite);
         for (cell, member) in members.iter().enumerate() {
             let Some(member) = member else { continue };
             let (x, y) = (cell / height, cell % height);
@@ -94,9 +94,9 @@ impl Torus {
             let around = columns
                 .into_iter()
                 .flat_map(|x| rows.map(|y| x * height + y));
-            made.push(*member, around.filter_map(|cell| members[cell]));
+            torus.push(*member, around.filter_map(|cell| members[cell]));
         }
-        made
+        torus
     }
 
     /// Up to eight members for each, drawn once from all.
@@ -107,13 +107,13 @@ impl Torus {
     #[must_use]
     pub fn random(members: usize, seed: u64, elite: f64) -> Self {
         let key = purpose_key("cea2d.neighbours");
-        let mut made = Self::empty(elite);
+        let mut torus = Self::empty(elite);
         for member in 0..members {
             let mut drawn = [0; NEAR];
             Stream::new(seed, key, 0, member as u64).integers(members as u64, &mut drawn);
-            made.push(index(member as u64), drawn.into_iter().map(index));
+            torus.push(index(member as u64), drawn.into_iter().map(index));
         }
-        made
+        torus
     }
 
     const fn empty(elite: f64) -> Self {
@@ -224,9 +224,9 @@ impl Torus {
 
 /// Whether one member is better than another; those that failed are not.
 #[inline]
-fn is_ahead(one: Member, other: Member) -> bool {
+fn is_ahead(left: Member, other: Member) -> bool {
     // Without jumps, which would be guessed wrong half of the time.
-    (one.1 > other.1) | ((one.1 == other.1) & (one.0 > other.0))
+    (left.1 > other.1) | ((left.1 == other.1) & (left.0 > other.0))
 }
 
 /// In which of so many equal parts of 0 .. 1 a number lies.
@@ -251,14 +251,14 @@ fn numbered(cells: usize, obstacles: usize, seed: u64) -> Vec<Option<u32>> {
     let mut row: Vec<usize> = (0..cells).collect();
     let mut stream = Stream::new(seed, purpose_key("cea2d.obstacles"), 0, 0);
     let mut members = vec![Some(0); cells];
-    for place in 0..obstacles {
+    for cell in 0..obstacles {
         #[expect(
             clippy::cast_possible_truncation,
             reason = "it is below the number of cells"
         )]
-        let other = place + stream.integer((cells - place) as u64) as usize;
-        row.swap(place, other);
-        members[row[place]] = None;
+        let other = cell + stream.integer((cells - cell) as u64) as usize;
+        row.swap(cell, other);
+        members[row[cell]] = None;
     }
     for (number, member) in (0..).zip(members.iter_mut().flatten()) {
         *member = index(number);

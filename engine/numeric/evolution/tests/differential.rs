@@ -35,9 +35,9 @@ fn trial_in(
     candidate: u64,
 ) -> Vec<f64> {
     let mut stream = Stream::new(1, purpose_key("trial"), 0, candidate);
-    let mut made = vec![0.0; GENES];
-    settings.trial(members, 3, target, bounds, &mut stream, &mut made);
-    made
+    let mut trial_vector = vec![0.0; GENES];
+    settings.trial(members, 3, target, bounds, &mut stream, &mut trial_vector);
+    trial_vector
 }
 
 #[test]
@@ -121,8 +121,11 @@ fn shares(crossover: Crossover, rate: f64) -> Vec<Vec<f64>> {
     let members = members(6);
     (0..2000)
         .map(|candidate| {
-            let made = trial(settings, &members, 0, candidate);
-            made.iter().map(|gene| gene / (3.0 / 16.0)).collect()
+            let trial_vector = trial(settings, &members, 0, candidate);
+            trial_vector
+                .iter()
+                .map(|gene| gene / (3.0 / 16.0))
+                .collect()
         })
         .collect()
 }

@@ -5,10 +5,10 @@ use swarmwright_evolution::{Stream, eigen, purpose_key};
 
 /// A matrix is the sum of its parts, and these are orthogonal, within a few roundings.
 fn check(matrix: &[f64], size: usize) -> Vec<f64> {
-    let found = eigen(matrix, size);
-    assert!(found.is_some(), "no eigenvalues of {matrix:?}");
-    let (values, vectors) = found
-        .map(|found| (found.values, found.vectors))
+    let decomposition = eigen(matrix, size);
+    assert!(decomposition.is_some(), "no eigenvalues of {matrix:?}");
+    let (values, vectors) = decomposition
+        .map(|parts| (parts.values, parts.vectors))
         .unwrap_or_default();
     assert_eq!(values.len(), size);
     let vector = |index: usize| &vectors[index * size..(index + 1) * size];
@@ -21,16 +21,16 @@ fn check(matrix: &[f64], size: usize) -> Vec<f64> {
             let sum: f64 = (0..size)
                 .map(|index| values[index] * vector(index)[row] * vector(index)[column])
                 .sum();
-            let wanted = matrix[row * size + column];
-            assert!((sum - wanted).abs() <= within * norm, "{sum} {wanted}");
+            let expected = matrix[row * size + column];
+            assert!((sum - expected).abs() <= within * norm, "{sum} {expected}");
             let product: f64 = vector(row)
                 .iter()
                 .zip(vector(column))
-                .map(|(one, other)| one * other)
+                .map(|(left, other)| left * other)
                 .sum();
-            let wanted = f64::from(u8::from(row == column));
+            let expected = f64::from(u8::from(row == column));
             assert!(
-                (product - wanted).abs() <= within,
+                (product - expected).abs() <= within,
                 "{row} {column} {product}"
             );
         }
@@ -40,15 +40,15 @@ fn check(matrix: &[f64], size: usize) -> Vec<f64> {
     values
 }
 
-fn close(found: &[f64], expected: &[f64]) {
-    assert_eq!(found.len(), expected.len());
+fn close(actual: &[f64], expected: &[f64]) {
+    assert_eq!(actual.len(), expected.len());
     let most = expected
         .iter()
         .fold(0.0, |most: f64, value| most.max(value.abs()));
-    for (one, other) in found.iter().zip(expected) {
+    for (left, other) in actual.iter().zip(expected) {
         assert!(
-            (one - other).abs() <= 1e-14 * most,
-            "{found:?} {expected:?}"
+            (left - other).abs() <= 1e-14 * most,
+            "{actual:?} {expected:?}"
         );
     }
 }

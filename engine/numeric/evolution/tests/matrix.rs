@@ -7,8 +7,8 @@ fn close(left: &[f64], right: &[f64], within: f64) {
     let size = right
         .iter()
         .fold(1.0, |most: f64, value| most.max(value.abs()));
-    for (one, other) in left.iter().zip(right) {
-        assert!((one - other).abs() <= within * size, "{one} {other}");
+    for (number, other) in left.iter().zip(right) {
+        assert!((number - other).abs() <= within * size, "{number} {other}");
     }
 }
 

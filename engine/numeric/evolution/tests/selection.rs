@@ -29,10 +29,10 @@ fn fitness(most: usize) -> impl Strategy<Value = Vec<f64>> {
 
 fn ranked(fitness: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..fitness.len())
-        .filter(|one| !fitness[*one].is_nan())
+        .filter(|index| !fitness[*index].is_nan())
         .collect();
     // Adding 0.0 turns -0.0 into 0.0, which is its equal.
-    order.sort_by(|one, other| (fitness[*other] + 0.0).total_cmp(&(fitness[*one] + 0.0)));
+    order.sort_by(|left, other| (fitness[*other] + 0.0).total_cmp(&(fitness[*left] + 0.0)));
     order
 }
 
@@ -48,19 +48,19 @@ fn genomes(count: usize, genes: usize) -> impl Strategy<Value = Vec<f32>> {
     prop::collection::vec(gene, count * genes)
 }
 
-fn farthest(one: &[f32], others: &[&[f32]]) -> Option<usize> {
-    Farthest::default().find(one, others.iter().copied())
+fn farthest(genome: &[f32], others: &[&[f32]]) -> Option<usize> {
+    Farthest::default().find(genome, others.iter().copied())
 }
 
-fn the_first_of_largest_distance(one: &[f32], others: &[&[f32]]) -> Option<usize> {
-    let mut found = None;
+fn the_first_of_largest_distance(genome: &[f32], others: &[&[f32]]) -> Option<usize> {
+    let mut farthest = None;
     for (index, other) in others.iter().enumerate() {
-        let its = distance(one, other);
-        if found.is_none_or(|(_, most)| its > most) {
-            found = Some((index, its));
+        let its = distance(genome, other);
+        if farthest.is_none_or(|(_, most)| its > most) {
+            farthest = Some((index, its));
         }
     }
-    found.map(|(index, _)| index)
+    farthest.map(|(index, _)| index)
 }
 
 proptest! {

@@ -63,8 +63,8 @@ impl Level {
             return Ok(None);
         };
         let available = Self::available();
-        let found = available.iter().find(|level| value == level.name());
-        found.copied().map(Some).ok_or_else(|| {
+        let level = available.iter().find(|level| value == level.name());
+        level.copied().map(Some).ok_or_else(|| {
             let names: Vec<_> = available.iter().map(|level| level.name()).collect();
             format!(
                 "{INSTRUCTIONS}={}: expected {}, the instruction sets of this processor that the library was compiled for",

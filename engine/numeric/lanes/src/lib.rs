@@ -128,8 +128,8 @@ pub trait Lanes: Copy {
     fn words_of_rows(columns: &[[u64; 16]; 4], rows: &mut [u64], stride: usize) {
         for row in 0..16 {
             let to = &mut rows[row * stride..][..4];
-            for (place, column) in to.iter_mut().zip(columns) {
-                *place = column[row];
+            for (slot, column) in to.iter_mut().zip(columns) {
+                *slot = column[row];
             }
         }
     }

@@ -294,13 +294,13 @@ impl Kernel for Outside {
     fn run<L: Lanes>(self) {
         let mut out = vec![0; L::WIDTH];
         let index = L::Int::splat(4);
-        let found = match self.0 {
+        let result = match self.0 {
             Lookup::Everywhere => index.lookup(&[1, 2, 3, 4]),
             Lookup::Nowhere => index.lookup_where(&[1, 2, 3, 4], index, index.lt(index)),
             Lookup::Bytes => index.lookup_bytes(&BYTES),
             Lookup::NoBytes => index.lookup_bytes_where(&BYTES, index, index.lt(index)),
         };
-        found.store(&mut out);
+        result.store(&mut out);
     }
 }
 

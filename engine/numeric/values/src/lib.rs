@@ -24,12 +24,12 @@ pub struct Mismatch {
 impl Mismatch {
     /// The path of the field where the value as a whole is at a path.
     #[must_use]
-    pub fn path_in(&self, place: &str) -> String {
-        match (place, self.path.as_str()) {
-            (place, "") => place.to_owned(),
+    pub fn path_in(&self, location: &str) -> String {
+        match (location, self.path.as_str()) {
+            (location, "") => location.to_owned(),
             ("", path) => path.to_owned(),
-            (place, path) if path.starts_with('[') => format!("{place}{path}"),
-            (place, path) => format!("{place}.{path}"),
+            (location, path) if path.starts_with('[') => format!("{location}{path}"),
+            (location, path) => format!("{location}.{path}"),
         }
     }
 }
@@ -45,13 +45,13 @@ pub fn read<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
 fn mismatch(value: &Value, error: strict::Error) -> Mismatch {
     let path = || error.path.iter().rev();
     // What was found is not in the words of types with a choice of forms, of which an object may be one.
-    let found = at(value, path()).filter(|found| !found.is_object());
-    let found = found.map(words::found);
+    let part = at(value, path()).filter(|part| !part.is_object());
+    let phrase = part.map(words::found);
     let reason = plain(&error.reason);
     Mismatch {
         path: path_in_words(path()),
-        reason: match found {
-            Some(found) if reason.starts_with("expected ") => format!("{found}, {reason}"),
+        reason: match phrase {
+            Some(phrase) if reason.starts_with("expected ") => format!("{phrase}, {reason}"),
             _ => reason,
         },
     }
@@ -93,18 +93,18 @@ pub fn read_kind<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
         reason,
     };
     let Value::Object(fields) = value else {
-        let found = words::found(value);
+        let phrase = words::found(value);
         return Err(wrong(
             "",
-            format!("{found}, expected an object with a kind"),
+            format!("{phrase}, expected an object with a kind"),
         ));
     };
     let mut fields = fields.clone();
     let kind = match fields.remove("kind") {
         Some(Value::String(kind)) => kind,
         Some(other) => {
-            let found = words::found(&other);
-            return Err(wrong("kind", format!("{found}, expected a string")));
+            let phrase = words::found(&other);
+            return Err(wrong("kind", format!("{phrase}, expected a string")));
         }
         None => return Err(wrong("", "missing field `kind`".to_owned())),
     };

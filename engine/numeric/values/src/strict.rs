@@ -75,14 +75,14 @@ impl de::Error for Error {
         }
     }
 
-    fn invalid_type(found: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        let found = Found(found);
-        Self::custom(format_args!("invalid type: {found}, expected {expected}"))
+    fn invalid_type(actual: Unexpected<'_>, expected: &dyn Expected) -> Self {
+        let actual = Found(actual);
+        Self::custom(format_args!("invalid type: {actual}, expected {expected}"))
     }
 
-    fn invalid_value(found: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        let found = Found(found);
-        Self::custom(format_args!("invalid value: {found}, expected {expected}"))
+    fn invalid_value(actual: Unexpected<'_>, expected: &dyn Expected) -> Self {
+        let actual = Found(actual);
+        Self::custom(format_args!("invalid value: {actual}, expected {expected}"))
     }
 }
 
@@ -196,9 +196,9 @@ impl<'de> Deserializer<'de> for Strict<'de> {
 
 fn visit_items<'de, V: Visitor<'de>>(items: &'de [Value], visitor: V) -> Result<V::Value, Error> {
     let mut left = Items(items.iter().enumerate());
-    let found = visitor.visit_seq(&mut left)?;
-    let taken = items.len() - left.0.len();
-    complete(items.len(), taken, "sequence").map(|()| found)
+    let result = visitor.visit_seq(&mut left)?;
+    let count = items.len() - left.0.len();
+    complete(items.len(), count, "sequence").map(|()| result)
 }
 
 fn visit_fields<'de, V: Visitor<'de>>(
@@ -206,9 +206,9 @@ fn visit_fields<'de, V: Visitor<'de>>(
     visitor: V,
 ) -> Result<V::Value, Error> {
     let mut left = Entries::of(fields);
-    let found = visitor.visit_map(&mut left)?;
-    let taken = fields.len() - left.fields.len();
-    complete(fields.len(), taken, "map").map(|()| found)
+    let result = visitor.visit_map(&mut left)?;
+    let count = fields.len() - left.fields.len();
+    complete(fields.len(), count, "map").map(|()| result)
 }
 
 /// A value that is no list and no object, or the error that it is one.
@@ -248,13 +248,13 @@ fn unexpected(value: &Value) -> Unexpected<'_> {
 }
 
 /// Whether a type has taken all that there is.
-fn complete(there: usize, taken: usize, what: &str) -> Result<(), Error> {
-    if there == taken {
+fn complete(length: usize, count: usize, noun: &str) -> Result<(), Error> {
+    if length == count {
         return Ok(());
     }
-    let elements = if taken == 1 { "element" } else { "elements" };
-    let expected = format!("{taken} {elements} in {what}");
-    Err(Error::invalid_length(there, &expected.as_str()))
+    let elements = if count == 1 { "element" } else { "elements" };
+    let expected = format!("{count} {elements} in {noun}");
+    Err(Error::invalid_length(length, &expected.as_str()))
 }
 
 /// Items of a list.
@@ -306,16 +306,16 @@ impl<'de> MapAccess<'de> for Entries<'de> {
             return Ok(None);
         };
         self.entry = Some((key, value));
-        let found = seed.deserialize(BorrowedStrDeserializer::new(key));
-        found.map(Some).map_err(|error: Error| error.in_field(key))
+        let result = seed.deserialize(BorrowedStrDeserializer::new(key));
+        result.map(Some).map_err(|error: Error| error.in_field(key))
     }
 
     fn next_value_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<T::Value, Error> {
         let Some((key, value)) = self.entry.take() else {
             return Err(Error::custom("a value was read before its key"));
         };
-        let found = seed.deserialize(Strict(value));
-        found.map_err(|error| error.in_field(key))
+        let result = seed.deserialize(Strict(value));
+        result.map_err(|error| error.in_field(key))
     }
 
     fn size_hint(&self) -> Option<usize> {

@@ -28,11 +28,11 @@ fn cut(text: &str) -> String {
 #[must_use]
 pub fn plain(words: &str) -> String {
     // Where it is read from a text.
-    if let Some((inner, place)) = words.rsplit_once(" at line ") {
-        let numbers = place.split_once(" column ");
+    if let Some((inner, position)) = words.rsplit_once(" at line ") {
+        let numbers = position.split_once(" column ");
         let is_number = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
         if numbers.is_some_and(|(line, column)| is_number(line) && is_number(column)) {
-            return format!("{}, at line {place}", translated(inner));
+            return format!("{}, at line {position}", translated(inner));
         }
     }
     translated(words)
@@ -40,8 +40,8 @@ pub fn plain(words: &str) -> String {
 
 fn translated(words: &str) -> String {
     let translated = || {
-        let (what, rest) = words.split_once(' ')?;
-        match what {
+        let (first, rest) = words.split_once(' ')?;
+        match first {
             "invalid" => invalid(rest),
             // unknown variant `a`, expected one of `b`, `c`
             "unknown" => {

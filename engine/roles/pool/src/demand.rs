@@ -51,20 +51,20 @@ impl Demand {
             ));
         }
         let announced = capabilities.swarmwright.as_ref();
-        for (what, found) in [
+        for (noun, count) in [
             ("sensors", announced.and_then(|a| a.sensors)),
             ("actuators", announced.and_then(|a| a.actuators)),
         ] {
-            if let Some(found) = found.filter(|found| !(1..=MOST_NUMBERS).contains(found)) {
+            if let Some(count) = count.filter(|count| !(1..=MOST_NUMBERS).contains(count)) {
                 return Some(format!(
-                    "announces {found} {what}, expected 1 to {MOST_NUMBERS}"
+                    "announces {count} {noun}, expected 1 to {MOST_NUMBERS}"
                 ));
             }
         }
         let differs =
-            |what: &str, wanted: Option<usize>, found: Option<usize>| match (wanted, found) {
-                (Some(wanted), Some(found)) if wanted != found => Some(format!(
-                    "announces {found} {what}, but the experiment says {wanted}"
+            |noun: &str, expected: Option<usize>, actual: Option<usize>| match (expected, actual) {
+                (Some(expected), Some(actual)) if expected != actual => Some(format!(
+                    "announces {actual} {noun}, but the experiment says {expected}"
                 )),
                 _ => None,
             };
@@ -79,8 +79,10 @@ impl Demand {
             .or_else(|| {
                 let names = announced.map_or(&[][..], |announced| &announced.metrics);
                 // Where sensors depend on parameters metrics may, too: the server says what is wrong.
-                let known = announced.is_none_or(|a| a.sensors.is_some() || !names.is_empty());
-                known.then(|| unannounced(&self.metrics, names)).flatten()
+                let is_certain = announced.is_none_or(|a| a.sensors.is_some() || !names.is_empty());
+                is_certain
+                    .then(|| unannounced(&self.metrics, names))
+                    .flatten()
             })
             .or_else(|| self.way(capabilities).err())
     }
@@ -91,11 +93,11 @@ impl Demand {
         let needed = architecture.in_python().into_iter();
         self.modules = needed
             .flat_map(|machine| machine.needed())
-            .map(|one| ModuleCode {
-                role: one.role.to_owned(),
-                name: one.name.to_owned(),
-                file: one.file.map(str::to_owned),
-                sha256: one.sha256.map(str::to_owned),
+            .map(|module| ModuleCode {
+                role: module.role.to_owned(),
+                name: module.name.to_owned(),
+                file: module.file.map(str::to_owned),
+                sha256: module.sha256.map(str::to_owned),
             })
             .collect();
     }

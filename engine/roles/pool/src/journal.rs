@@ -111,9 +111,9 @@ impl Journal {
         self.attempts.len()
     }
 
-    /// All but the first `known` attempts.
-    pub fn after(&self, known: usize) -> &[(Attempt, Instant)] {
-        self.attempts.get(known..).unwrap_or_default()
+    /// All but the first `count` attempts.
+    pub fn after(&self, count: usize) -> &[(Attempt, Instant)] {
+        self.attempts.get(count..).unwrap_or_default()
     }
 
     /// The attempts since the last call.

@@ -8,12 +8,12 @@ pub(crate) fn needed(
     names: &[String],
     value: impl Fn(&str) -> Option<f64>,
 ) -> Result<Vec<f64>, String> {
-    let one = |name: &String| match value(name) {
+    let read = |name: &String| match value(name) {
         Some(value) if value.is_finite() => Ok(value),
         Some(value) => Err(format!("the metric {name} is {value}, not a finite number")),
         None => Err(format!("the metric {name} is missing from the result")),
     };
-    names.iter().map(one).collect()
+    names.iter().map(read).collect()
 }
 
 /// Why a server that announces these metrics cannot be used where those are needed; none if it can.
@@ -25,13 +25,13 @@ pub(crate) fn unannounced(needed: &[String], announced: &[String]) -> Option<Str
         _ => "s",
     };
     let missing = missing().map(String::as_str).collect::<Vec<_>>().join(", ");
-    let there = if announced.is_empty() {
+    let offer = if announced.is_empty() {
         "announces none".to_owned()
     } else {
         format!("announces {}", announced.join(", "))
     };
     Some(format!(
-        "does not announce the metric{plural} {missing}, which the fitness needs (it {there})"
+        "does not announce the metric{plural} {missing}, which the fitness needs (it {offer})"
     ))
 }
 

@@ -104,7 +104,7 @@ mod seconds_or_zero {
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Duration, D::Error> {
         let value = f64::deserialize(deserializer)?;
         Duration::try_from_secs_f64(value)
-            .map_err(|_| D::Error::custom(format!("{value} is not a duration in seconds")))
+            .map_err(|_| D::Error::custom(format!("must be a duration in seconds, not {value}")))
     }
 }
 
@@ -138,7 +138,7 @@ fn share<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f64, D::Er
         Ok(value)
     } else {
         Err(serde::de::Error::custom(format!(
-            "{value} is not a share from 0 to 1"
+            "must be a share from 0 to 1, not {value}"
         )))
     }
 }

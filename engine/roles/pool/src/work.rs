@@ -72,10 +72,10 @@ pub enum WorkError {
     #[error("the servers do not announce their number of {0}; add `{0}:` to the experiment")]
     Unannounced(&'static str),
     /// No episode at all.
-    #[error("seeds: must hold the seed of at least one episode")]
+    #[error("seeds: expected at least one")]
     NoEpisode,
     /// An evaluation of a candidate or an episode that is not part of the work.
-    #[error("only[{index}]: there is no candidate {candidate} or no episode {episode}")]
+    #[error("only[{index}]: candidate {candidate} or episode {episode} does not exist")]
     NoSuchEvaluation {
         /// Which of the evaluations.
         index: usize,
@@ -192,12 +192,12 @@ impl Work {
     /// An evaluation of a candidate or an episode that is not part of the work.
     pub fn only(mut self, evaluations: Vec<Repetition>) -> Result<Self, WorkError> {
         let (candidates, episodes) = (self.candidates(), self.episodes());
-        for (index, one) in evaluations.iter().enumerate() {
-            if one.candidate >= candidates || one.episode >= episodes {
+        for (index, repetition) in evaluations.iter().enumerate() {
+            if repetition.candidate >= candidates || repetition.episode >= episodes {
                 return Err(WorkError::NoSuchEvaluation {
                     index,
-                    candidate: one.candidate,
-                    episode: one.episode,
+                    candidate: repetition.candidate,
+                    episode: repetition.episode,
                 });
             }
         }

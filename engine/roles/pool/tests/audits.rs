@@ -192,6 +192,6 @@ fn evaluations_of_other_work_are_not_repeated() {
             before: None,
         };
         let error = work(CANDIDATES, &SEEDS).only(vec![repetition]).unwrap_err();
-        assert!(error.to_string().starts_with("only[0]: there is no"));
+        assert!(error.to_string().starts_with("only[0]: candidate"));
     }
 }

@@ -51,7 +51,8 @@ fn servers_that_fail_everything_cost_no_candidate_and_are_named_once() {
         assert_eq!(net.finish(index), undisturbed(), "{:?}", net.warnings);
         assert_eq!(net.tool(index).counts().failed, 0);
         let told = |id: u64| {
-            let words = format!("server {id} is broken: it fails what succeeded before");
+            let words =
+                format!("server {id} is broken: it fails evaluations that succeeded before");
             let found = net.warnings.iter().filter(|text| text.contains(&words));
             found.count()
         };
@@ -89,7 +90,7 @@ fn servers_that_all_break_end_the_work_with_the_reason_and_no_results() {
         assert!(!net.tool(index).finished());
     };
     assert!(
-        reason.contains("all servers fail what was evaluated before")
+        reason.contains("all servers fail evaluations that succeeded before")
             && reason.contains("a wheel came off"),
         "{reason}"
     );
@@ -124,7 +125,7 @@ fn servers_that_refuse_everything_end_the_work() {
         assert!(now - start < Duration::from_secs(120), "{:?}", net.warnings);
     };
     assert!(
-        reason.contains("no server has succeeded with anything for a long time")
+        reason.contains("no server has completed an evaluation for a long time")
             && reason.contains("my disk is full"),
         "{reason}"
     );
@@ -184,7 +185,7 @@ fn silence_that_ends_with_the_connection_is_not_held_against_servers() {
         assert!(tool.now < end, "{:?}", tool.warnings);
     };
     assert!(
-        reason.contains("no server has succeeded with anything"),
+        reason.contains("no server has completed an evaluation"),
         "{reason}"
     );
 }
@@ -192,14 +193,14 @@ fn silence_that_ends_with_the_connection_is_not_held_against_servers() {
 /// Waits for an episode of a server that answers each discovery once.
 fn given(tool: &mut Alone) -> serde_json::Value {
     let before = tool.on("parameters").count();
-    let mut asked = 0;
+    let mut last = 0;
     for _ in 0..3000 {
         if tool.on("parameters").count() > before {
             return tool.last("parameters");
         }
         let now = tool.on("discovery").count();
-        if now > asked {
-            asked = now;
+        if now > last {
+            last = now;
             tool.answer(1, None);
         }
         tool.pass(100);

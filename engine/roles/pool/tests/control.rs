@@ -45,10 +45,10 @@ fn announced(instance: &str, control: bool) -> Value {
     json!({"version": 1, "modes": ["stepwise"], "instance": instance, "control": control})
 }
 
-/// The topics of the control messages so far, each with `run`, the last ones after `known`.
-fn controls(tool: &Alone, known: usize) -> Vec<(&str, bool)> {
-    let said = tool.said.iter().skip(known);
-    let controls = said.filter(|(_, message)| message["run"].is_boolean());
+/// The topics of the control messages so far, each with `run`, the last ones after `count`.
+fn controls(tool: &Alone, count: usize) -> Vec<(&str, bool)> {
+    let messages = tool.said.iter().skip(count);
+    let controls = messages.filter(|(_, message)| message["run"].is_boolean());
     controls
         .map(|(topic, message)| (topic.as_str(), message["run"] == true))
         .collect()

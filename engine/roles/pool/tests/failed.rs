@@ -260,15 +260,11 @@ fn sensors_that_are_larger_than_a_message_may_be_end_the_work_at_once_with_their
 #[test]
 fn parameters_that_are_larger_than_a_message_may_be_end_the_work_with_their_size() {
     for (note, packet, told) in [
-        (
-            1 << 20,
-            usize::MAX,
-            "larger than the 1048576 that one may have",
-        ),
+        (1 << 20, usize::MAX, "larger than the 1048576 allowed"),
         (
             30_000,
             20_000,
-            "larger than the 19974 that the broker takes",
+            "larger than the 19974 that the broker accepts",
         ),
     ] {
         let mut net = Net::new(3);
@@ -302,7 +298,7 @@ fn a_server_that_answers_with_a_hash_of_its_own_is_named() {
     }
     let found = net.tool(index).describe();
     assert!(
-        found.contains(r#"server 7: answers with simulation_hash "mine", which is none of"#),
+        found.contains(r#"server 7 answers with simulation_hash "mine", which belongs to no"#),
         "{found}"
     );
 }

@@ -9,12 +9,12 @@ use common::{Net, Party, tool, work};
 const URL: &str = "mqtt://broker:1883";
 
 /// What is told in a run whose steps take so many milliseconds, after the broker has been asked; and how often it was.
-fn told(step: f64, found: Result<bool, String>) -> (Vec<String>, usize) {
+fn told(step: f64, answer: Result<bool, String>) -> (Vec<String>, usize) {
     let mut net = Net::new(3);
     let server = net.add_seed_only(7);
     let tool = net.add(Party::Tool(Box::new(tool("a", 0, net.now))));
     net.submit(tool, work(20, &[3]));
-    let mut asked = 0;
+    let mut count = 0;
     while !net.tool(tool).finished() {
         let idle = net.idle(server);
         net.turn();
@@ -22,9 +22,9 @@ fn told(step: f64, found: Result<bool, String>) -> (Vec<String>, usize) {
         if idle && !net.idle(server) && matches!(last, Some("control" | "actuator")) {
             net.now += Duration::from_secs_f64(step / 1e3);
         }
-        if net.asked > asked {
-            asked = net.asked;
-            net.tool(tool).broker_holds_back(found.clone(), URL);
+        if net.asked > count {
+            count = net.asked;
+            net.tool(tool).broker_holds_back(answer.clone(), URL);
             net.collect(tool);
         }
     }
@@ -57,7 +57,7 @@ fn it_is_said_where_it_cannot_be_found_out() {
     let (warnings, _) = told(44.0, Err("no more clients".into()));
     assert_eq!(warnings.len(), 1);
     assert!(
-        warnings[0].contains("could not be found out: no more clients"),
+        warnings[0].contains("could not be determined: no more clients"),
         "{warnings:?}"
     );
 }

@@ -25,7 +25,7 @@ const PARTS: [&str; 14] = [
 /// By module: the modules that it imports.
 type Imports = BTreeMap<String, BTreeSet<String>>;
 
-fn sources(folder: &Path, module: &str, found: &mut BTreeMap<String, String>) {
+fn sources(folder: &Path, module: &str, files: &mut BTreeMap<String, String>) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let stem = path.file_stem().unwrap().to_str().unwrap().to_owned();
@@ -34,13 +34,13 @@ fn sources(folder: &Path, module: &str, found: &mut BTreeMap<String, String>) {
             _ => format!("{module}::{name}"),
         };
         match (&*stem, path.is_dir()) {
-            (_, true) => sources(&path, &inner(&stem), found),
+            (_, true) => sources(&path, &inner(&stem), files),
             ("lib" | "tests", false) => {}
             ("mod", false) => {
-                found.insert(module.to_owned(), std::fs::read_to_string(path).unwrap());
+                files.insert(module.to_owned(), std::fs::read_to_string(path).unwrap());
             }
             (_, false) => {
-                found.insert(inner(&stem), std::fs::read_to_string(path).unwrap());
+                files.insert(inner(&stem), std::fs::read_to_string(path).unwrap());
             }
         }
     }
@@ -56,16 +56,16 @@ fn resolved(path: &str, module: &str, sources: &BTreeMap<String, String>) -> Opt
     };
     loop {
         if sources.contains_key(&path) {
-            return Some(path).filter(|found| found != module);
+            return Some(path).filter(|name| name != module);
         }
         path = path.rsplit_once("::")?.0.to_owned();
     }
 }
 
 fn imports() -> Imports {
-    let mut found = BTreeMap::new();
+    let mut files = BTreeMap::new();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    sources(&folder, "", &mut found);
+    sources(&folder, "", &mut files);
     let of = |(module, text): (&String, &String)| {
         let text = text.split("#[cfg(test)]").next().unwrap();
         let statements = text.split("\nuse ").skip(1);
@@ -79,10 +79,10 @@ fn imports() -> Imports {
             );
             format!("{path}::_")
         });
-        let found = paths.filter_map(|path| resolved(&path, module, &found));
-        (module.clone(), found.collect())
+        let imports = paths.filter_map(|path| resolved(&path, module, &files));
+        (module.clone(), imports.collect())
     };
-    found.iter().map(of).collect()
+    files.iter().map(of).collect()
 }
 
 #[test]

@@ -126,7 +126,7 @@ fn a_step_of_one_episode_that_is_larger_than_the_broker_takes_is_hopeless() {
     let reason = until_hopeless(&mut net, index);
     assert!(net.cuts <= 12, "{}", net.cuts);
     assert!(
-        reason.contains("servers' connections on every message of some 1600 bytes"),
+        reason.contains("servers' connections on every message of about 1600 bytes"),
         "{reason}"
     );
     assert_eq!(net.tool(index).counts().quarantined, 0);

@@ -75,7 +75,7 @@ fn servers_without_it_are_not_used_stepwise_either() {
     );
     let other = misfit(&announced(&["modules", "python_modules"], &["bb22"])).unwrap();
     assert!(
-        other.starts_with("has other code of behaviour 'parts.py:Spiral'"),
+        other.starts_with("has different code for behaviour 'parts.py:Spiral'"),
         "{other}"
     );
     // It has the code, but does not say that it computes such machines.

@@ -8,10 +8,10 @@ use std::time::Duration;
 use common::{Alone, Line, Net, Party, SEEDS, server, tool, undisturbed, work};
 use serde_json::{Value, json};
 
-/// The hashes of the messages that end an episode, those after `known`, in their order.
-fn ends(tool: &Alone, known: usize) -> Vec<Value> {
-    let said = tool.said.iter().skip(known);
-    let ends = said.filter(|(_, message)| message["run"] == false);
+/// The hashes of the messages that end an episode, those after `count`, in their order.
+fn ends(tool: &Alone, count: usize) -> Vec<Value> {
+    let messages = tool.said.iter().skip(count);
+    let ends = messages.filter(|(_, message)| message["run"] == false);
     ends.map(|(_, message)| message["simulation_hash"].clone())
         .collect()
 }

@@ -21,8 +21,8 @@ fn alone(machine: Scheduler, now: Instant) -> Alone {
 }
 
 fn told(tool: &Alone, words: &str) -> usize {
-    let found = tool.warnings.iter().filter(|text| text.contains(words));
-    found.count()
+    let warnings = tool.warnings.iter().filter(|text| text.contains(words));
+    warnings.count()
 }
 
 #[test]

@@ -47,8 +47,9 @@ fn an_answer_that_comes_after_its_lease_is_not_heard() {
 
 /// Attempts on a server that were not lost.
 fn ended_by(journal: &[swarmwright_pool::Attempt], server: u64) -> usize {
-    let of = journal.iter().filter(|one| one.server == server);
-    of.filter(|one| one.outcome != Outcome::Lost).count()
+    let of = journal.iter().filter(|attempt| attempt.server == server);
+    of.filter(|attempt| attempt.outcome != Outcome::Lost)
+        .count()
 }
 
 #[test]

@@ -46,33 +46,36 @@ fn undisturbed() -> &'static [f64] {
 
 /// What was said in runs of each mode, by topic: with the hashes and numbers that the next run has as well.
 fn said() -> BTreeMap<String, Vec<Vec<u8>>> {
-    let mut said: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
+    let mut samples: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
     for mode in MODES {
         let (mut net, tool) = begin(mode, 0);
         net.finish(tool);
         net.tool(tool).release();
         net.collect(tool);
         for Message { topic, payload, .. } in net.log {
-            let known = said.entry(topic).or_default();
-            if known.len() < OF_TOPIC && !known.contains(&payload) {
-                known.push(payload);
+            let payloads = samples.entry(topic).or_default();
+            if payloads.len() < OF_TOPIC && !payloads.contains(&payload) {
+                payloads.push(payload);
             }
         }
     }
     let control = r#"{"server":1,"simulation_hash":"00","run":true,"tool":"b"}"#;
     let parameters = r#"{"server":1,"simulation_hash":"00","numAgents":3,"seed":1}"#;
     for (topic, text) in [("control", control), ("parameters", parameters)] {
-        said.entry(topic.to_owned()).or_default().push(text.into());
+        samples
+            .entry(topic.to_owned())
+            .or_default()
+            .push(text.into());
     }
-    said
+    samples
 }
 
 /// A message of a stranger, and how many turns pass after it.
 fn message() -> impl Strategy<Value = (String, Vec<u8>, usize)> {
-    let said = said();
-    let names: Vec<String> = said.keys().cloned().collect();
+    let samples = said();
+    let names: Vec<String> = samples.keys().cloned().collect();
     let presence = Topics::default().presence(2);
-    let all: Vec<_> = said
+    let all: Vec<_> = samples
         .into_iter()
         .map(|(topic, payloads)| {
             let exact = prop::sample::select(payloads.clone());

@@ -33,13 +33,13 @@ fn open(url: &str, filters: &[&str]) -> Connection {
 
 /// Waits for `count` messages; the last one.
 fn wait(connection: &mut Connection, count: usize) -> Vec<u8> {
-    let (mut seen, mut last) = (0, Vec::new());
+    let (mut received, mut last) = (0, Vec::new());
     let mut events = Vec::new();
-    while seen < count {
+    while received < count {
         connection.poll(Instant::now() + Duration::from_secs(10), &mut events);
         for event in events.drain(..) {
             if let Event::Message(message) = event {
-                seen += 1;
+                received += 1;
                 last = message.payload().to_vec();
             }
         }

@@ -118,7 +118,9 @@ fn start(
     {
         Ok(_) => Some((jobs, done)),
         Err(error) => {
-            log::warn!("no thread for evaluations, the server answers late: {error}");
+            log::warn!(
+                "could not start a thread for evaluations, so the server answers late: {error}"
+            );
             None
         }
     }

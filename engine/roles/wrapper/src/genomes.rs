@@ -58,13 +58,13 @@ impl Genomes {
         }
     }
 
-    /// The genomes of some of the candidates, in `made` where they have to be made: in this thread alone if `threads` is 1.
+    /// The genomes of some of the candidates, in `buffer` where they have to be made: in this thread alone if `threads` is 1.
     pub fn of<'a>(
         &'a self,
         candidates: Range<usize>,
         weights: usize,
         threads: usize,
-        made: &'a mut Vec<f32>,
+        buffer: &'a mut Vec<f32>,
     ) -> &'a [f32] {
         let sample = match self {
             Self::Sent(numbers) => {
@@ -73,14 +73,14 @@ impl Genomes {
             Self::Sample(sample) => sample,
         };
         let gaussian = gaussian(sample);
-        made.resize(candidates.len() * weights, 0.0);
+        buffer.resize(candidates.len() * weights, 0.0);
         let first = sample.first + candidates.start as u64;
         if threads == 1 {
-            gaussian.genomes(first, made);
+            gaussian.genomes(first, buffer);
         } else {
-            gaussian.genomes_parallel(first, made);
+            gaussian.genomes_parallel(first, buffer);
         }
-        made
+        buffer
     }
 }
 

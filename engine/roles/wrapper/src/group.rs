@@ -35,13 +35,13 @@ impl Group {
         }
     }
 
-    /// Resets all episodes; whether the parameters are taken. `wanted`: indices of metrics.
+    /// Resets all episodes; whether the parameters are taken. `metrics`: their indices.
     ///
     /// # Errors
     /// What the code says when it fails: then [`apart`](Self::apart) is called for.
-    pub fn start(&mut self, wanted: &[usize]) -> Result<Result<(), ParameterError>, Cause> {
+    pub fn start(&mut self, metrics: &[usize]) -> Result<Result<(), ParameterError>, Cause> {
         guarded(|| match self.simulation.together() {
-            Some(episodes) => episodes.start(&self.parameters, &self.seeds, wanted),
+            Some(episodes) => episodes.start(&self.parameters, &self.seeds, metrics),
             None => Ok(()),
         })
     }

@@ -171,7 +171,7 @@ fn evaluate(
         ..Evaluation::default()
     };
     let all = request.candidates();
-    let mut made = Vec::new();
+    let mut buffer = Vec::new();
     // Fewer would take as long.
     let least = simulation
         .lanes()
@@ -182,10 +182,12 @@ fn evaluate(
     while first < all && !abort.load(Ordering::Relaxed) {
         let start = Instant::now();
         let candidates = part.min(all - first);
-        let genomes =
-            request
-                .genomes
-                .of(first..first + candidates, weights, means.threads, &mut made);
+        let genomes = request.genomes.of(
+            first..first + candidates,
+            weights,
+            means.threads,
+            &mut buffer,
+        );
         let block = Block {
             architecture: &setup.architecture,
             genomes,
@@ -351,10 +353,10 @@ impl Part<'_> {
 impl Evaluation {
     /// `index`: of the evaluation within the part.
     fn push(&mut self, part: &Part<'_>, index: usize, result: Result<&[f64], Cause>) {
-        let number = |place: usize| result.as_ref().map_or(f64::NAN, |results| results[place]);
+        let number = |column: usize| result.as_ref().map_or(f64::NAN, |results| results[column]);
         self.fitness.push(number(0));
-        for (place, values) in self.metrics.iter_mut().enumerate() {
-            values.push(number(1 + place));
+        for (column, values) in self.metrics.iter_mut().enumerate() {
+            values.push(number(1 + column));
         }
         if let Err(cause) = result {
             let episodes = part.block.seeds.len();
@@ -373,8 +375,8 @@ const STACKS: usize = 16;
 pub(crate) fn add_failure(failed: &mut Vec<Failure>, candidate: u64, episode: u64, cause: Cause) {
     let is_news = |_: &String| {
         let others = failed.iter().filter(|other| other.stack.is_some());
-        let known: Vec<&String> = others.map(|other| &other.reason).take(STACKS).collect();
-        known.len() < STACKS && !known.contains(&&cause.reason)
+        let reasons: Vec<&String> = others.map(|other| &other.reason).take(STACKS).collect();
+        reasons.len() < STACKS && !reasons.contains(&&cause.reason)
     };
     let stack = cause.stack.filter(is_news);
     failed.push(Failure {
@@ -408,8 +410,8 @@ pub(crate) fn metrics_wanted(
     if let Some((_, name)) = names.iter().enumerate().find(again) {
         return Err(invalid(format!("metrics: {name:?} is named twice")));
     }
-    let found = description.metrics_named(names);
-    found.map_err(|error| invalid(error.to_string()))
+    let indices = description.metrics_named(names);
+    indices.map_err(|error| invalid(error.to_string()))
 }
 
 /// A request that this server cannot serve.

@@ -80,8 +80,8 @@ impl Progress {
         let ended = self.ended.load(Ordering::Relaxed);
         let mut bytes = [0; 48];
         let numbers = [request, first, candidates, episode, ended, beats];
-        for (place, number) in bytes.chunks_exact_mut(8).zip(numbers) {
-            place.copy_from_slice(&number.to_le_bytes());
+        for (slot, number) in bytes.chunks_exact_mut(8).zip(numbers) {
+            slot.copy_from_slice(&number.to_le_bytes());
         }
         let _ = self.file.write_all_at(&bytes, 0);
     }

@@ -155,14 +155,14 @@ impl Run {
     }
 
     /// Whether an actuator message of an agent has as many numbers as it may have; if not, how many it may have.
-    fn check_actuators(&self, agent: u32, found: usize) -> Result<(), usize> {
+    fn check_actuators(&self, agent: u32, count: usize) -> Result<(), usize> {
         let Some(group) = self.group_of(agent) else {
-            return (found == self.per_agent)
+            return (count == self.per_agent)
                 .then_some(())
                 .ok_or(self.per_agent);
         };
-        let padded = group.padded && found == self.per_agent;
-        (padded || found == group.actuators)
+        let padded = group.padded && count == self.per_agent;
+        (padded || count == group.actuators)
             .then_some(())
             .ok_or(group.actuators)
     }
@@ -305,14 +305,14 @@ impl Run {
                 "agent {agent} is not among those asked for actuators"
             ));
         };
-        let given = message.actuator.len();
-        if let Err(expected) = self.check_actuators(self.acting[slot], given) {
+        let count = message.actuator.len();
+        if let Err(expected) = self.check_actuators(self.acting[slot], count) {
             return Err(format!(
-                "{given} actuators for agent {agent}, expected {expected}"
+                "{count} actuators for agent {agent}, expected {expected}"
             ));
         }
         if self.resume_at.is_some() || std::mem::replace(&mut self.arrived[slot], true) {
-            return Err(format!("the actuators of agent {agent} came a second time"));
+            return Err(format!("the actuators of agent {agent} arrived twice"));
         }
         for (to, from) in self.actuators[slot * self.per_agent..]
             .iter_mut()

@@ -33,7 +33,7 @@ pub(crate) fn sending<T>(call: impl FnOnce() -> T) -> T {
 /// is measured in it is left out.
 #[must_use]
 pub fn to_message(scene: &Scene, parts: &[String]) -> SceneMessage {
-    let wanted = |part: &str| parts.iter().any(|wanted| wanted == part);
+    let is_wanted = |part: &str| parts.iter().any(|name| name == part);
     SceneMessage {
         version: EXTENSION_VERSION,
         step: scene.step.into(),
@@ -43,8 +43,8 @@ pub fn to_message(scene: &Scene, parts: &[String]) -> SceneMessage {
         grid: scene.grid,
         message: scene.message.clone(),
         bodies: bodies(&scene.bodies),
-        rays: (wanted("rays") && !scene.rays.is_empty()).then(|| rays(&scene.rays)),
-        links: (wanted("links") && !scene.links.is_empty())
+        rays: (is_wanted("rays") && !scene.rays.is_empty()).then(|| rays(&scene.rays)),
+        links: (is_wanted("links") && !scene.links.is_empty())
             .then(|| U32s(scene.links.as_flattened().to_vec())),
         floor: scene.floor.as_ref().map(patch),
         patches: scene.patches.iter().map(patch).collect(),
@@ -57,10 +57,10 @@ pub fn to_message(scene: &Scene, parts: &[String]) -> SceneMessage {
 }
 
 fn bodies(bodies: &[Body]) -> Bodies {
-    let mut known: HashMap<(&str, &str), u32> = HashMap::new();
+    let mut indices: HashMap<(&str, &str), u32> = HashMap::new();
     let mut looks = Vec::new();
     let look = bodies.iter().map(|body| {
-        *known.entry((&body.kind, &body.state)).or_insert_with(|| {
+        *indices.entry((&body.kind, &body.state)).or_insert_with(|| {
             looks.push([body.kind.to_string(), body.state.to_string()]);
             looks.len() as u32 - 1
         })
@@ -218,10 +218,10 @@ fn read_bodies(bodies: Bodies) -> Vec<Body> {
     let single = radius.as_ref().is_some_and(|radius| radius.0.len() == 1);
     let looks: Vec<[String; 2]> = looks.into_iter().map(|look| look.map(plain)).collect();
     let mut labels = labels.into_iter();
-    let place = |index: usize| look.as_ref().map_or(0, |look| look.0[index] as usize);
+    let look_of = |index: usize| look.as_ref().map_or(0, |look| look.0[index] as usize);
     (0..x.0.len())
         .map(|index| {
-            let [kind, state] = looks.get(place(index)).cloned().unwrap_or_default();
+            let [kind, state] = looks.get(look_of(index)).cloned().unwrap_or_default();
             Body {
                 kind: kind.into(),
                 state: state.into(),

@@ -42,7 +42,7 @@ fn play(server: &mut Server, message: BatchStart) -> (Vec<Option<f64>>, Vec<u64>
 
 /// The same, one episode at a time, without a server.
 fn expected(message: &BatchStart) -> Vec<Option<f64>> {
-    let one = |seed: &u64| {
+    let evaluate = |seed: &u64| {
         let mut walk = Walk::default();
         let mut parameters = message.parameters.clone();
         parameters.insert("seed".to_owned(), (*seed).into());
@@ -61,7 +61,7 @@ fn expected(message: &BatchStart) -> Vec<Option<f64>> {
         }
         Some(walk.fitness())
     };
-    message.seeds.0.iter().map(one).collect()
+    message.seeds.0.iter().map(evaluate).collect()
 }
 
 #[test]
@@ -125,9 +125,9 @@ fn an_episode_that_fails_amid_others_that_are_stepped_with_it_fails_alone() {
     fails_alone(|| Server::new(vec![Box::<JointWalks>::default()]));
 }
 
-fn fails_alone(made: fn() -> Server) {
+fn fails_alone(make: fn() -> Server) {
     for trouble in ["panic", "fail", "reset", "sensor", "fitness"] {
-        let mut server = made();
+        let mut server = make();
         let mut message = batch(1);
         message.seeds = U64s(vec![1, 3, 4, 6, 7]);
         let healthy = expected(&message);

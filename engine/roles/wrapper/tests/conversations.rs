@@ -15,18 +15,18 @@ fn vectors() -> PathBuf {
 }
 
 /// Whether a message has every key of the expected one, with this value; numbers of sensors as binary32.
-fn fits(expected: &Value, found: &Value, binary32: bool) -> bool {
-    match (expected, found) {
-        (Value::Object(expected), Value::Object(found)) => expected.iter().all(|(key, value)| {
-            found
+fn fits(expected: &Value, actual: &Value, binary32: bool) -> bool {
+    match (expected, actual) {
+        (Value::Object(expected), Value::Object(actual)) => expected.iter().all(|(key, value)| {
+            actual
                 .get(key)
                 .is_some_and(|other| fits(value, other, key == "sensor"))
         }),
-        (Value::Array(expected), Value::Array(found)) => {
-            expected.len() == found.len()
+        (Value::Array(expected), Value::Array(actual)) => {
+            expected.len() == actual.len()
                 && expected
                     .iter()
-                    .zip(found)
+                    .zip(actual)
                     .all(|(a, b)| fits(a, b, binary32))
         }
         (Value::Number(a), Value::Number(b)) => {
@@ -38,7 +38,7 @@ fn fits(expected: &Value, found: &Value, binary32: bool) -> bool {
                 a == b
             }
         }
-        _ => expected == found,
+        _ => expected == actual,
     }
 }
 
@@ -83,19 +83,22 @@ fn replay(name: &str, conversation: &Value) {
         .iter()
         .enumerate()
     {
-        let place = format!("{name}, entry {index}: {entry}");
+        let location = format!("{name}, entry {index}: {entry}");
         now += Duration::from_millis(1);
         if entry.get("silence").is_some() {
-            assert!(pending.is_empty(), "{place}: {pending:?}");
+            assert!(pending.is_empty(), "{location}: {pending:?}");
         } else if entry["from"] == "server" {
-            assert!(!pending.is_empty(), "{place}: the server says nothing");
-            let (topic, found) = pending.remove(0);
+            assert!(!pending.is_empty(), "{location}: the server says nothing");
+            let (topic, message) = pending.remove(0);
             let expected = match entry["token"].as_str() {
                 Some(token) => Topics::default().to_tool(token),
                 None => entry["topic"].as_str().unwrap().to_owned(),
             };
-            assert_eq!(topic, expected, "{place}: {found}");
-            assert!(fits(&entry["payload"], &found, false), "{place}: {found}");
+            assert_eq!(topic, expected, "{location}: {message}");
+            assert!(
+                fits(&entry["payload"], &message, false),
+                "{location}: {message}"
+            );
         } else {
             let payload = match (&entry["payload"], &entry["text"], &entry["file"]) {
                 (_, Value::String(text), _) => text.clone().into_bytes(),

@@ -25,8 +25,8 @@ fn sound() -> Vec<Vec<u8>> {
 fn junk() -> impl Strategy<Value = Vec<u8>> {
     let edits = prop::collection::vec((any::<prop::sample::Index>(), 0u8..4, any::<u8>()), 0..6);
     let damaged = (prop::sample::select(sound()), edits).prop_map(|(mut bytes, edits)| {
-        for (place, kind, byte) in edits {
-            let at = place
+        for (index, kind, byte) in edits {
+            let at = index
                 .index(bytes.len().max(1))
                 .min(bytes.len().saturating_sub(1));
             match kind {

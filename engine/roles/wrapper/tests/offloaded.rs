@@ -529,7 +529,7 @@ fn a_sample_that_cannot_be_made_is_refused() {
     let changes: [(Change, &str); 8] = [
         (
             |sample| sample.distribution = "cauchy".to_owned(),
-            "sample.distribution: \"cauchy\" is unknown here, only normal",
+            "sample.distribution: \"cauchy\" is unknown; expected normal",
         ),
         (
             |sample| {
@@ -586,7 +586,7 @@ fn a_sample_that_cannot_be_made_is_refused() {
     let results = server.results();
     let error = results[0].error.as_ref().unwrap();
     assert!(
-        error.reason.contains("there is a \"sample\""),
+        error.reason.contains("where there is a \"sample\""),
         "{}",
         error.reason
     );

@@ -25,7 +25,7 @@ fn played(title: &str, parameters: &Value, control: Value) -> (Vec<SceneMessage>
     message["server"] = common::ID.into();
     message["simulation_hash"] = "h".into();
     server.say(Topic::Control, &message);
-    let mut said = Vec::new();
+    let mut messages = Vec::new();
     for turn in 0.. {
         assert!(turn < 10_000, "the episode does not end");
         let came: Vec<(Topic, Value)> = (server.published.drain(..))
@@ -38,7 +38,7 @@ fn played(title: &str, parameters: &Value, control: Value) -> (Vec<SceneMessage>
                 server.receive(Topic::Actuator.name(), actuator.to_string().as_bytes());
             }
             over |= topic == Topic::Fitness;
-            said.push(message);
+            messages.push(message);
         }
         if over {
             break;
@@ -51,7 +51,7 @@ fn played(title: &str, parameters: &Value, control: Value) -> (Vec<SceneMessage>
             other => panic!("{topic}: {other:?}"),
         })
         .collect();
-    (scenes, said)
+    (scenes, messages)
 }
 
 fn wanted(scenes: Value) -> Value {

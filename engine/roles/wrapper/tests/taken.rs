@@ -62,7 +62,10 @@ impl Server {
             self.pass(Duration::from_millis(20));
             self.compute();
             let results = self.results();
-            served += results.iter().filter(|one| one.error.is_none()).count();
+            served += results
+                .iter()
+                .filter(|result| result.error.is_none())
+                .count();
         }
         served
     }
@@ -173,7 +176,7 @@ fn a_control_message_whose_parameters_do_not_come_is_refused_and_one_that_was_en
     assert!(tick <= server.now + SECOND);
     server.pass(SECOND);
     assert!(
-        server.warnings[0].contains("no parameters came for its hash"),
+        server.warnings[0].contains("no parameters arrived for its hash"),
         "{:?}",
         server.warnings
     );
@@ -219,7 +222,7 @@ fn what_the_broker_does_not_take_ends_the_run_and_its_tool_is_told() {
     assert!(failed.invalid);
     assert_eq!(
         failed.reason,
-        "a sensor message of 1900000 bytes is larger than the 20000 that the broker takes"
+        "a sensor message of 1900000 bytes is larger than the 20000 that the broker accepts"
     );
 }
 

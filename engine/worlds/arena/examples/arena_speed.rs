@@ -56,7 +56,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let level = Level::available()
         .into_iter()
-        .find(|known| known.name() == level);
+        .find(|candidate| candidate.name() == level);
     let mut arena = Arena::default();
     let start = std::time::Instant::now();
     let fitness = arena.evaluate(&block, Means { level, threads: 1 });

@@ -27,8 +27,8 @@ pub struct Arena {
 
 impl Arena {
     fn new(settings: Settings) -> Result<Self, ParameterError> {
-        let place = &settings.mission.place;
-        let swarm = Swarm::new(&settings.team, &place.objects);
+        let layout = &settings.mission.place;
+        let swarm = Swarm::new(&settings.team, &layout.objects);
         let mut arena = Self {
             settings,
             swarm,

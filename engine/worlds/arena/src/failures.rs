@@ -190,21 +190,21 @@ impl Failure {
     }
 }
 
-/// Reads a list of failures; `place` is what it is called in complaints.
+/// Reads a list of failures; `path` is what it is called in complaints.
 ///
 /// # Errors
 /// All that is wrong with them.
-pub(crate) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Mistakes> {
+pub(crate) fn read(value: &Value, path: &str) -> Result<Vec<Failure>, Mistakes> {
     let Some(items) = value.as_array() else {
         return Err(wrong(
-            place,
+            path,
             format!("{value} found, expected a list such as [{{kind: stop, share: 0.2, at: 30}}]"),
         )
         .into());
     };
     if items.len() > MOST_FAILURES {
         return Err(wrong(
-            place,
+            path,
             format!(
                 "{} found, at most {MOST_FAILURES} are possible",
                 items.len()
@@ -212,8 +212,8 @@ pub(crate) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Mistakes>
         )
         .into());
     }
-    let one = |index: usize, item: &Value| -> Result<Failure, ParameterError> {
-        let at = format!("{place}[{index}]");
+    let read_one = |index: usize, item: &Value| -> Result<Failure, ParameterError> {
+        let at = format!("{path}[{index}]");
         let failure: Failure =
             swarmwright_values::read_kind(item).map_err(|mismatch| mismatch_at(&at, mismatch))?;
         failure
@@ -224,7 +224,7 @@ pub(crate) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Mistakes>
     let mut mistakes = Mistakes::default();
     let mut failures = Vec::new();
     for (index, item) in items.iter().enumerate() {
-        failures.extend(mistakes.take(one(index, item)));
+        failures.extend(mistakes.take(read_one(index, item)));
     }
     mistakes.or(Some(failures))
 }
@@ -268,7 +268,13 @@ impl<L: Lanes> Failing<L> {
 
     /// Writes what robots are told in a tick, if some do not hear what their controllers say.
     #[inline(always)]
-    pub(crate) fn tell(&self, tick: u32, actuators: &[L], team: &Team, told: &mut Vec<L>) -> bool {
+    pub(crate) fn tell(
+        &self,
+        tick: u32,
+        actuators: &[L],
+        team: &Team,
+        commands: &mut Vec<L>,
+    ) -> bool {
         let slowed = |failure: &Failure| match failure {
             Failure::Stop { .. } if failure.active(tick) => Some(0.0),
             Failure::Slow { factor, .. } if failure.active(tick) => Some(*factor),
@@ -281,16 +287,18 @@ impl<L: Lanes> Failing<L> {
         {
             return false;
         }
-        told.clear();
-        told.extend_from_slice(actuators);
+        commands.clear();
+        commands.extend_from_slice(actuators);
         for (failure, masks) in &self.befallen {
             let Some(factor) = slowed(failure) else {
                 continue;
             };
-            let rows = told.chunks_exact_mut(team.actuators()).zip(masks);
+            let rows = commands.chunks_exact_mut(team.actuators()).zip(masks);
             for (index, (row, mask)) in rows.enumerate() {
-                for told in &mut row[team.drive(index)] {
-                    *told = (Number(*told) * factor).select(Number(*told), *mask).0;
+                for command in &mut row[team.drive(index)] {
+                    *command = (Number(*command) * factor)
+                        .select(Number(*command), *mask)
+                        .0;
                 }
             }
         }

@@ -87,9 +87,9 @@ impl LaneWorld for ArenaLanes {
             starts.push((*seed, settings.starts()?));
         }
         let counted = settings.mission.counted;
-        let wanted = block.metrics.iter().copied();
+        let indices = block.metrics.iter().copied();
         Ok(Some(Self {
-            wanted: wanted.filter(|index| *index >= counted).collect(),
+            wanted: indices.filter(|index| *index >= counted).collect(),
             settings,
             starts,
         }))
@@ -119,7 +119,7 @@ impl LaneWorld for ArenaLanes {
         fitness: &mut [f64],
     ) {
         let Settings { mission, team, .. } = &self.settings;
-        let place = &mission.place;
+        let layout = &mission.place;
         workspace.states.fill(L::splat(0.0));
         workspace.tallies.clear();
         workspace
@@ -131,7 +131,7 @@ impl LaneWorld for ArenaLanes {
             || {
                 workspace.swarm.start(
                     team,
-                    place,
+                    layout,
                     &self.settings.failures,
                     |lane| starts(lane).0,
                     |lane, index| starts(lane).1.robots[index],
@@ -142,13 +142,13 @@ impl LaneWorld for ArenaLanes {
         loop {
             let last = workspace.swarm.tick >= self.settings.ticks;
             let (bodies, colors) = (&workspace.swarm.bodies, &workspace.swarm.colors);
-            let wanted: &[usize] = if last { &self.wanted } else { &[] };
+            let metrics: &[usize] = if last { &self.wanted } else { &[] };
             L::apart(
                 #[inline(always)]
                 || {
-                    for index in (0..mission.counted).chain(wanted.iter().copied()) {
+                    for index in (0..mission.counted).chain(metrics.iter().copied()) {
                         let metric = &mission.metrics[index].1;
-                        workspace.tallies[index].update(metric, bodies, place, colors, last);
+                        workspace.tallies[index].update(metric, bodies, layout, colors, last);
                     }
                 },
             );
@@ -164,7 +164,7 @@ impl LaneWorld for ArenaLanes {
                     &mut workspace.actuators[index * actuators..][..actuators],
                 );
             }
-            workspace.swarm.step(team, place, &workspace.actuators);
+            workspace.swarm.step(team, layout, &workspace.actuators);
         }
         for (lane, fitness) in fitness.iter_mut().enumerate() {
             *fitness = mission.fitness(|metric| workspace.tallies[metric].values[lane]);

@@ -81,16 +81,16 @@ pub(crate) fn items<T: DeserializeOwned>(
     values.iter().enumerate().filter_map(item).collect()
 }
 
-/// A complaint about a part of what is called `place`.
-pub(crate) fn with_place(place: &str, error: ParameterError) -> ParameterError {
+/// A complaint about a part of what is called `path`.
+pub(crate) fn with_place(path: &str, error: ParameterError) -> ParameterError {
     let name = match error.name.as_str() {
-        "" => place.to_owned(),
-        inner => format!("{place}.{inner}"),
+        "" => path.to_owned(),
+        inner => format!("{path}.{inner}"),
     };
     wrong(&name, error.reason)
 }
 
 /// The same of what does not fit its type.
-pub(crate) fn mismatch_at(place: &str, mismatch: Mismatch) -> ParameterError {
-    wrong(&mismatch.path_in(place), mismatch.reason)
+pub(crate) fn mismatch_at(path: &str, mismatch: Mismatch) -> ParameterError {
+    wrong(&mismatch.path_in(path), mismatch.reason)
 }

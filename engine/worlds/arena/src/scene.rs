@@ -31,14 +31,14 @@ const SAME: f32 = 1e-4;
 
 /// The scene of an episode in the only lane.
 pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
-    let (place, team) = (&settings.mission.place, &settings.team);
-    let [low, high] = shown(place);
+    let (layout, team) = (&settings.mission.place, &settings.team);
+    let [low, high] = shown(layout);
     let shifted = |points: Vec<[f32; 2]>| -> Vec<[f32; 2]> {
         let shift = |[x, y]: [f32; 2]| [x - low[0], y - low[1]];
         points.into_iter().map(shift).collect()
     };
     // The walls around come first.
-    let chains = chains(&place.faces);
+    let chains = chains(&layout.faces);
     let outline = chains.first().filter(|chain| chain.closed);
     let bodies = (0..swarm.bodies.len()).map(|index| Body {
         kind: "agent".into(),
@@ -62,7 +62,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
                     .map(|chain| chain.points.clone())
                     .unwrap_or_default(),
             ),
-            grey: place.grey,
+            grey: layout.grey,
             ..Patch::default()
         }),
         ..Scene::default()
@@ -81,7 +81,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     if !scene.styles.is_empty() {
         scene.styles.push(style("", DARK));
     }
-    for (patch, color) in place.patches.iter().zip(&swarm.colors) {
+    for (patch, color) in layout.patches.iter().zip(&swarm.colors) {
         let (points, radius) = outline_of(&patch.shape, low, high);
         scene.patches.push(Patch {
             points: shifted(points),
@@ -98,7 +98,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         }
         scene.walls.push(Wall { points, solid });
     }
-    for (pose, form, name, color) in objects(place, swarm) {
+    for (pose, form, name, color) in objects(layout, swarm) {
         // An outline tells it from obstacles, which are filled.
         let mut points = shifted(rim(form, pose));
         points.extend(points.first().copied());
@@ -115,7 +115,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
             ..Body::default()
         });
     }
-    let lamps = place.lights.iter().filter_map(|light| {
+    let lamps = layout.lights.iter().filter_map(|light| {
         let [x, y, _] = light.at;
         light.color.map(|color| ([x, y], color))
     });
@@ -131,7 +131,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
             ..Body::default()
         }));
     // Each is a line: so far to both sides of its middle.
-    scene.bodies.extend(place.spots.iter().map(|spot| Body {
+    scene.bodies.extend(layout.spots.iter().map(|spot| Body {
         kind: "wall".into(),
         x: spot.at[0] - low[0],
         y: spot.at[1] - low[1],
@@ -143,14 +143,14 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     scene.bodies.extend(led_bodies(team, swarm, low));
     for color in LedColor::ALL {
         let lit = lamps.iter().any(|(_, of_lamp)| *of_lamp == color);
-        let covered = place.spots.iter().any(|spot| spot.color == color);
-        let painted = place.objects.iter().any(|kind| kind.color == Some(color));
-        for (there, kind, shape) in [
+        let covered = layout.spots.iter().any(|spot| spot.color == color);
+        let painted = layout.objects.iter().any(|kind| kind.color == Some(color));
+        for (present, kind, shape) in [
             (lit, "lamp", "circle"),
             (covered, "wall", "square"),
             (painted, "object", "diamond"),
         ] {
-            if there {
+            if present {
                 scene.styles.push(Style {
                     kind: kind.to_owned(),
                     state: color.name().to_owned(),
@@ -160,7 +160,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
             }
         }
     }
-    if !place.objects.is_empty() {
+    if !layout.objects.is_empty() {
         scene.styles.push(Style {
             kind: "object".to_owned(),
             color: COLOR.to_owned(),
@@ -169,14 +169,14 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         });
     }
     // One of intensity 0 sheds no light: cameras alone see its colour.
-    let shining = place.lights.iter().filter(|light| light.intensity > 0.0);
+    let shining = layout.lights.iter().filter(|light| light.intensity > 0.0);
     scene.lights.extend(shining.map(|light| Light {
         x: light.at[0] - low[0],
         y: light.at[1] - low[1],
         intensity: light.intensity,
     }));
     if swarm.bodies.len() <= MOST_IN_DETAIL {
-        look(&mut scene, team, place, swarm);
+        look(&mut scene, team, layout, swarm);
     }
     scene
 }
@@ -223,10 +223,10 @@ fn led(swarm: &Swarm<f32>, index: usize) -> &'static str {
 }
 
 /// Lower left and upper right corner: the walls with a margin, and lamps beside them that are not far away.
-fn shown(place: &Place) -> [[f32; 2]; 2] {
-    let [mut low, mut high] = place.extent();
+fn shown(layout: &Place) -> [[f32; 2]; 2] {
+    let [mut low, mut high] = layout.extent();
     let size = [high[0] - low[0], high[1] - low[1]];
-    for light in &place.lights {
+    for light in &layout.lights {
         for axis in 0..2 {
             let at = light.at[axis];
             if at > low[axis] - size[axis] / 2.0 && at < high[axis] + size[axis] / 2.0 {
@@ -240,14 +240,14 @@ fn shown(place: &Place) -> [[f32; 2]; 2] {
 
 /// Where objects are, what they are called, and what cameras see of them.
 fn objects<'a>(
-    place: &'a Place,
+    layout: &'a Place,
     swarm: &'a Swarm<f32>,
 ) -> impl Iterator<Item = (Pose, Form, &'a str, Option<LedColor>)> {
     let objects = &swarm.bodies.objects;
     let all = objects.things.iter().zip(objects.poses());
-    all.map(|(thing, pose)| {
-        let name = place.objects[thing.kind].name.as_str();
-        (pose, thing.form, name, thing.color)
+    all.map(|(item, pose)| {
+        let name = layout.objects[item.kind].name.as_str();
+        (pose, item.form, name, item.color)
     })
 }
 
@@ -272,7 +272,7 @@ fn silent(swarm: &Swarm<f32>, sender: usize) -> bool {
 /// Adds what each robot sees with its proximity sensors, without noise, and whom it can hear.
 ///
 /// This is for pictures alone, one robot after the other; what controllers get is computed in lanes elsewhere.
-fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
+fn look(scene: &mut Scene, team: &Team, layout: &Place, swarm: &Swarm<f32>) {
     let bodies = &swarm.bodies;
     let at = |index: usize| [bodies.x[index].0, bodies.y[index].0];
     for index in 0..bodies.len() {
@@ -293,17 +293,17 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
                 let [x, y] = ray.along;
                 let along = [x * cos - y * sin, x * sin + y * cos];
                 let from = at(index);
-                let robots = others.iter().filter_map(|(other, which)| {
-                    to_disc(from, along, *other, team.robot(*which).radius)
+                let robots = others.iter().filter_map(|(other, robot)| {
+                    to_disc(from, along, *other, team.robot(*robot).radius)
                 });
-                let walls = place.faces.iter();
+                let walls = layout.faces.iter();
                 let walls = walls.filter_map(|face| to_wall(from, along, face));
-                let pushed = objects(place, swarm)
+                let pushed = objects(layout, swarm)
                     .filter_map(|(pose, form, ..)| to_form(from, along, form, pose));
-                let seen = robots.chain(walls).chain(pushed);
-                let seen = seen.map(|far| far - sensors.start);
-                let seen = seen.filter(|far| *far >= sensors.least());
-                let free = seen.fold(sensors.range, f32::min).max(0.0);
+                let distances = robots.chain(walls).chain(pushed);
+                let distances = distances.map(|far| far - sensors.start);
+                let distances = distances.filter(|far| *far >= sensors.least());
+                let free = distances.fold(sensors.range, f32::min).max(0.0);
                 let [c0, c1, c2] = sensors.response;
                 let reading = ((free * c2 + c1) * free + c0).clamp(0.0, 1.0);
                 scene.rays.push(Ray {
@@ -323,7 +323,7 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
             let range = heard.map_or(0.0, |links| both(links, team.robot(*sender)).sqrt());
             let away = distance(at(index), *other);
             let along = [0, 1].map(|axis| (other[axis] - at(index)[axis]) / away);
-            let nearer = |found: Option<f32>| found.is_some_and(|found| found < away);
+            let nearer = |hit: Option<f32>| hit.is_some_and(|hit| hit < away);
             let hidden = others.iter().any(|(third, number)| {
                 number != sender
                     && nearer(to_disc(
@@ -333,10 +333,10 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
                         team.robot(*number).radius,
                     ))
             });
-            let inner = place.faces.iter().filter(|face| !face.outer);
+            let inner = layout.faces.iter().filter(|face| !face.outer);
             let walls = inner.map(|face| to_wall(at(index), along, face));
-            let pushed =
-                objects(place, swarm).map(|(pose, form, ..)| to_form(at(index), along, form, pose));
+            let pushed = objects(layout, swarm)
+                .map(|(pose, form, ..)| to_form(at(index), along, form, pose));
             let through = heard.is_some_and(|links| !links.line_of_sight());
             if away < range && (through || !hidden && !walls.chain(pushed).any(nearer)) {
                 scene.links.push([*sender as u32, index as u32]);
@@ -367,9 +367,9 @@ fn to_wall(from: [f32; 2], along: [f32; 2], face: &Face) -> Option<f32> {
     let [dx, dy] = [face.middle[0] - from[0], face.middle[1] - from[1]];
     let across = along[0] * face.along[1] - along[1] * face.along[0];
     let far = (dx * face.along[1] - dy * face.along[0]) / across;
-    let place = (dx * along[1] - dy * along[0]) / across;
+    let offset = (dx * along[1] - dy * along[0]) / across;
     // Of parallel lines neither is a finite number.
-    (far >= 0.0 && far.is_finite() && place.abs() <= face.half).then_some(far)
+    (far >= 0.0 && far.is_finite() && offset.abs() <= face.half).then_some(far)
 }
 
 /// How far an object is along a ray; nothing where the ray begins inside of it.
@@ -413,30 +413,31 @@ struct Chain {
 
 /// Joins neighbouring faces: those of walls around follow each other, those of obstacles come before each other.
 fn chains(faces: &[Face]) -> Vec<Chain> {
-    let near = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < SAME && (a[1] - b[1]).abs() < SAME;
-    let mut found: Vec<Chain> = Vec::new();
+    let are_close =
+        |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < SAME && (a[1] - b[1]).abs() < SAME;
+    let mut chains: Vec<Chain> = Vec::new();
     for face in faces {
         let [from, to] = face.ends();
-        if let Some(chain) = found.last_mut().filter(|chain| !chain.closed) {
+        if let Some(chain) = chains.last_mut().filter(|chain| !chain.closed) {
             let first = chain.points[0];
             let last = chain.points[chain.points.len() - 1];
-            if near(last, from) && near(first, to) {
+            if are_close(last, from) && are_close(first, to) {
                 chain.closed = true;
                 continue;
             }
-            if near(last, from) {
+            if are_close(last, from) {
                 chain.points.push(to);
                 continue;
             }
-            if near(first, to) {
+            if are_close(first, to) {
                 chain.points.insert(0, from);
                 continue;
             }
         }
-        found.push(Chain {
+        chains.push(Chain {
             points: vec![from, to],
             closed: false,
         });
     }
-    found
+    chains
 }

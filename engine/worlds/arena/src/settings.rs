@@ -46,9 +46,9 @@ impl Settings {
         let seed = mistakes.take(read.seed("seed"));
         let step_size = mistakes.take(read.integer("stepSize", 0, 3_600_000));
         let (robots, robot) = (parameters.get("robots"), parameters.get("robot"));
-        let given = parameters.get("failures");
-        let given = given.map(|value| failures::read(value, "failures"));
-        let given = mistakes.take(given.transpose());
+        let failures = parameters.get("failures");
+        let failures = failures.map(|value| failures::read(value, "failures"));
+        let failures = mistakes.take(failures.transpose());
         let Some(mission) = mission else {
             // Those of any mission, so that what is wrong with the robots themselves is told.
             let any = Team::of_mission(None, None)?;
@@ -56,14 +56,14 @@ impl Settings {
             return Err(mistakes);
         };
         let team = mistakes.take(Self::team(&mission, robots, robot));
-        let (Some(duration), Some(given), Some(team)) = (duration, given, team) else {
+        let (Some(duration), Some(failures), Some(team)) = (duration, failures, team) else {
             return Err(mistakes);
         };
         let ticks = (duration.unwrap_or(mission.duration) * 10.0).round() as u32;
-        let place = given.as_ref().map_or("mission.failures", |_| "failures");
-        let failures = given.unwrap_or_else(|| mission.failures.clone());
+        let path = failures.as_ref().map_or("mission.failures", |_| "failures");
+        let failures = failures.unwrap_or_else(|| mission.failures.clone());
         for (index, failure) in failures.iter().enumerate() {
-            let at = format!("{place}[{index}]");
+            let at = format!("{path}[{index}]");
             mistakes.take(Self::check_failure(failure, &at, &team, ticks));
         }
         for (metric, kind) in &mission.metrics {
@@ -125,30 +125,30 @@ impl Settings {
     /// Where robots and objects are at the start.
     pub(crate) fn starts(&self) -> Result<Starts, ParameterError> {
         let (mission, robots) = (&self.mission, self.team.len());
-        let place = &mission.place;
-        let objects = objects::draw(&place.objects, place, self.seed).map_err(|(kind, found)| {
+        let layout = &mission.place;
+        let objects = objects::draw(&layout.objects, layout, self.seed).map_err(|(kind, count)| {
             wrong(
                 &format!("mission.objects[{kind}]"),
                 format!(
-                    "{} objects do not fit where they are to start: {found} found a free place at random; take fewer, or a \
-                     larger start or arena",
-                    place.objects[kind].count()
+                    "{} objects do not fit into their start region: only {count} found a free position at random; use fewer, or \
+                     a larger start or arena",
+                    layout.objects[kind].count()
                 ),
             )
         })?;
-        let forms = place.forms().zip(objects.iter().copied());
+        let forms = layout.forms().zip(objects.iter().copied());
         let poses = start::draw(
             &mission.start,
             &self.team,
-            (place, &forms.collect::<Vec<_>>()),
+            (layout, &forms.collect::<Vec<_>>()),
             self.seed,
         );
-        let robots = poses.map_err(|found| {
+        let robots = poses.map_err(|count| {
             wrong(
                 self.counted,
                 format!(
-                    "{robots} robots do not fit where they are to start: {found} found a free place at random; \
-                     take fewer, or a larger start or arena"
+                    "{robots} robots do not fit into their start region: only {count} found a free position at random; use \
+                     fewer, or a larger start or arena"
                 ),
             )
         })?;

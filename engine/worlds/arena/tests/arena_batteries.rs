@@ -187,7 +187,7 @@ fn mistakes_name_the_place() {
         ),
         (
             refusal(json!({"standing": 10, "driving": 20})),
-            "robot.battery.driving: 20 found, expected seconds, at most 10 as while standing",
+            "robot.battery.driving: 20 found, expected seconds, at most the 10 while standing",
         ),
         (
             refusal(json!({"standing": 0, "driving": 0})),
@@ -207,7 +207,7 @@ fn mistakes_name_the_place() {
             refusal(
                 json!({"standing": 10, "driving": 5, "charging": {"patch": "nest", "duration": 5}}),
             ),
-            "robot.battery.charging.patch: no patch of the mission's floor is named \"nest\"; there is east",
+            "robot.battery.charging.patch: no patch of the mission's floor is named \"nest\"; available: east",
         ),
     ];
     for (message, expected) in cases {

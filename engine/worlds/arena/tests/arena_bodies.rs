@@ -48,8 +48,8 @@ fn worst_overlap(
             state ^= state >> 17;
             state ^= state << 5;
             let turn = if target {
-                let wanted = (most[1] - body.y).atan2(most[0] - body.x);
-                let off = wanted - body.heading.unwrap();
+                let heading = (most[1] - body.y).atan2(most[0] - body.x);
+                let off = heading - body.heading.unwrap();
                 (off.sin()).clamp(-0.5, 0.5)
             } else {
                 (state % 2001) as f32 / 1000.0 - 1.0

@@ -88,10 +88,10 @@ fn hidden(at: &[[f64; 2]], viewer: usize, to: [f64; 2]) -> bool {
 }
 
 /// What a robot sees of things of a colour: count, seen, attraction and direction, in its frame.
-fn expected(things: &[[f64; 2]], [cos, sin]: [f64; 2], from: [f64; 2], rims: f64) -> [f64; 6] {
+fn expected(targets: &[[f64; 2]], [cos, sin]: [f64; 2], from: [f64; 2], rims: f64) -> [f64; 6] {
     let mut sum = [0.0; 2];
-    for thing in things {
-        let [x, y] = [thing[0] - from[0], thing[1] - from[1]];
+    for target in targets {
+        let [x, y] = [target[0] - from[0], target[1] - from[1]];
         let far = x.hypot(y);
         let weight = 1.0 / (1.0 + (100.0 * (far - rims)).max(0.0)) / far;
         sum[0] += (x * cos + y * sin) * weight;
@@ -99,15 +99,15 @@ fn expected(things: &[[f64; 2]], [cos, sin]: [f64; 2], from: [f64; 2], rims: f64
     }
     let length = sum[0].hypot(sum[1]);
     let [x, y] = sum.map(|part| if length > 0.0 { part / length } else { 0.0 });
-    let count = things.len() as f64;
+    let count = targets.len() as f64;
     [count, count.min(1.0), sum[0], sum[1], x, y]
 }
 
 #[track_caller]
 fn all_close(a: &[f64], b: &[f64], within: f64) {
     assert_eq!(a.len(), b.len());
-    for (one, other) in a.iter().zip(b) {
-        assert!((one - other).abs() <= within, "{a:?}, {b:?}");
+    for (left, other) in a.iter().zip(b) {
+        assert!((left - other).abs() <= within, "{a:?}, {b:?}");
     }
 }
 
@@ -316,11 +316,11 @@ fn mistakes_name_the_place() {
         ),
         (
             with("gives", json!(["seen", "seen"])),
-            "robot.sensors[1].gives[1]: it is there already",
+            "robot.sensors[1].gives[1]: occurs twice",
         ),
         (
             refusal(camera(&["count"]), json!(["red", "blue", "red"])),
-            "robot.actuators[0].colors[2]: it is there already",
+            "robot.actuators[0].colors[2]: occurs twice",
         ),
         (
             refusal(camera(&["count"]), json!([])),

@@ -31,10 +31,10 @@ fn digest(parameters: &Value) -> u64 {
                 .iter()
                 .for_each(|number| add(number.to_bits().into()));
         }
-        let told: Vec<f32> = (0..robots.len() * description.actuators)
+        let actuators: Vec<f32> = (0..robots.len() * description.actuators)
             .map(|index| ((index * 7 + tick * 3) % 11) as f32 / 5.0 - 1.0)
             .collect();
-        arena.step(&told);
+        arena.step(&actuators);
         tick += 1;
     }
     arena
@@ -397,7 +397,7 @@ fn some_kind(
         };
         sensors.push(json!({"kind": "range_and_bearing", "range": 0.4 + 0.1 * index as f64, "loss": 0.2, "gives": gives}));
     }
-    for (some, sensor) in [
+    for (present, sensor) in [
         (encoders, json!({"kind": "encoders", "noise": 0.1})),
         (battery, json!({"kind": "battery", "noise": 0.05})),
         (light, json!({"kind": "light", "count": 3, "noise": 0.1})),
@@ -406,14 +406,14 @@ fn some_kind(
             json!({"kind": "proximity", "count": 4, "range": 0.2, "noise": 0.1}),
         ),
     ] {
-        sensors.extend(some.then_some(sensor));
+        sensors.extend(present.then_some(sensor));
     }
-    for (some, actuator) in [
+    for (present, actuator) in [
         (numbers > 0, json!({"kind": "message", "numbers": numbers})),
         (led, json!({"kind": "led", "colors": ["red", "blue"]})),
         (gripper, json!({"kind": "gripper"})),
     ] {
-        actuators.extend(some.then_some(actuator));
+        actuators.extend(present.then_some(actuator));
     }
     let mut more = json!({"sensors": sensors, "actuators": actuators});
     if battery {

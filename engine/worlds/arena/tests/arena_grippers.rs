@@ -227,11 +227,11 @@ fn mistakes_are_told() {
         ),
         (
             with(json!([gripper, gripper]), json!([gripper])),
-            "there is a sensor gripper already",
+            "a sensor gripper already exists",
         ),
         (
             with(json!([gripper]), json!([gripper, gripper])),
-            "robot.actuators[1]: there is a gripper already",
+            "robot.actuators[1]: a gripper already exists",
         ),
         (
             with(json!([gripper]), json!([{"kind": "gripper", "reach": 0.1}])),
@@ -245,7 +245,7 @@ fn mistakes_are_told() {
     mission["metrics"]["held"]["object"] = json!("lod");
     let message = refusal(&json!({"mission": mission}));
     assert!(
-        message.contains("no object is named \"lod\"; there is load"),
+        message.contains("no object is named \"lod\"; available: load"),
         "{message}"
     );
 }

@@ -272,7 +272,7 @@ fn mistakes_name_the_kind() {
         ),
         (
             json!({"robots": [e_puck(3), e_puck(4)]}),
-            "robots[1].name: another kind is named \"e-puck-rm1.1\"; give each a name of its own",
+            "robots[1].name: another kind is already named \"e-puck-rm1.1\"; choose another name",
         ),
         (
             json!({"robots": [e_puck(3), {"robot": "r2d2", "count": 1}]}),
@@ -360,8 +360,9 @@ fn metrics_and_failures_know_the_kinds() {
     wrong["metrics"]["a"]["robots"] = json!("c");
     let message = refusal(&json!({"mission": wrong}));
     assert!(
-        message
-            .contains("mission.metrics.a.robots: no kind of robots is named \"c\"; there is a, b"),
+        message.contains(
+            "mission.metrics.a.robots: no kind of robots is named \"c\"; available: a, b"
+        ),
         "{message}"
     );
     let failures = json!([{"kind": "blind", "share": 1, "robots": "d"}]);
@@ -372,17 +373,17 @@ fn metrics_and_failures_know_the_kinds() {
     );
     // Without a list there are no kinds to name.
     let message = refusal(&json!({"mission": mission, "robot": "e-puck-rm1.1"}));
-    assert!(message.contains("there is none"), "{message}");
+    assert!(message.contains("available: none"), "{message}");
 }
 
 /// A robot on wheels with these sensors, and LEDs of these colours.
 fn on_wheels(radius: f64, sensors: &Value, colors: &Value) -> Value {
-    let mut made = json!({"radius": radius, "sensors": sensors,
+    let mut robot = json!({"radius": radius, "sensors": sensors,
         "drive": {"kind": "differential", "wheel_base": 0.05, "max_speed": 0.2, "noise": 0.1}});
     if !colors.is_null() {
-        made["actuators"] = json!([{"kind": "led", "colors": colors}]);
+        robot["actuators"] = json!([{"kind": "led", "colors": colors}]);
     }
-    made
+    robot
 }
 
 fn sensed(arena: &Arena, agent: u32) -> Vec<f32> {

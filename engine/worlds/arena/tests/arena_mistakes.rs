@@ -14,11 +14,11 @@ fn refusal(parameters: &Value) -> String {
 fn with(path: &[&str], value: Value) -> String {
     let mut mission = json!({"walls": {"rectangle": [20, 20]}, "start": {"rectangle": {"x": [-1, 1], "y": [-1, 1]}},
         "metrics": {}, "fitness": {"factors": {}}});
-    let mut place = &mut mission;
+    let mut target = &mut mission;
     for key in path {
-        place = &mut place[*key];
+        target = &mut target[*key];
     }
-    *place = value;
+    *target = value;
     refusal(&json!({"mission": mission}))
 }
 
@@ -28,16 +28,16 @@ fn patch(patch: Value) -> String {
 
 /// What objects are refused for: these fields of one beside what it has.
 fn object(fields: Value) -> String {
-    let mut one = json!({"name": "a", "mass": 1, "center": [0, 0], "radius": 0.2});
+    let mut object = json!({"name": "a", "mass": 1, "center": [0, 0], "radius": 0.2});
     for (key, value) in fields.as_object().unwrap() {
         if value.is_null() {
-            one.as_object_mut().unwrap().remove(key);
+            object.as_object_mut().unwrap().remove(key);
         } else {
-            one[key] = value.clone();
+            object[key] = value.clone();
         }
     }
     let other = json!({"name": "b", "mass": 1, "center": [5, 0], "size": [1, 1], "angle": 45});
-    with(&["objects"], json!([other, one]))
+    with(&["objects"], json!([other, object]))
 }
 
 fn metric(metric: Value) -> String {
@@ -73,7 +73,7 @@ fn mistakes_name_the_place() {
         ),
         (
             with(&["obstacles"], json!([{"center": [30, 0], "size": [1, 1]}])),
-            "mission.obstacles[0]: the box lies outside of the walls",
+            "mission.obstacles[0]: the box lies outside the walls",
         ),
         (
             patch(json!({"name": "a", "color": "black"})),
@@ -89,7 +89,7 @@ fn mistakes_name_the_place() {
         ),
         (
             patch(json!({"name": "a", "color": 1, "circle": {"center": [12, 0], "radius": 1}})),
-            "mission.floor.patches[0]: the patch \"a\" lies outside of the walls",
+            "mission.floor.patches[0]: the patch \"a\" lies outside the walls",
         ),
         (
             patch(json!({"name": "a", "color": 1, "rectangle": {"x": [1, 0], "y": [0, 1]}})),
@@ -122,7 +122,7 @@ fn mistakes_name_the_place() {
                 &["start"],
                 json!({"disc": {"center": [50, 0], "radius": 1}}),
             ),
-            "mission.start: it lies outside",
+            "mission.start: lies outside",
         ),
         (
             object(json!({"radius": null})),
@@ -154,11 +154,11 @@ fn mistakes_name_the_place() {
         ),
         (
             object(json!({"name": "b"})),
-            "mission.objects[1].name: other objects are named \"b\", too",
+            "mission.objects[1].name: other objects are already named \"b\"; choose another name",
         ),
         (
             object(json!({"center": [9.9, 0]})),
-            "mission.objects[1]: it does not stand inside of the walls",
+            "mission.objects[1]: must be inside the walls",
         ),
         (
             object(json!({"center": [4.2, 0]})),
@@ -170,11 +170,11 @@ fn mistakes_name_the_place() {
         ),
         (
             object(json!({"count": 3})),
-            "mission.objects[1].count: 3 found, but there is one at a center",
+            "mission.objects[1].count: 3 found, but only one object has room at a center",
         ),
         (
             object(json!({"center": null, "start": {"disc": {"radius": 1}}, "angle": 3})),
-            "mission.objects[1].angle: with a start the angle is drawn",
+            "mission.objects[1].angle: with start the angle is random",
         ),
         (
             object(json!({"center": null, "start": {"disc": {"radius": -1}}})),
@@ -186,7 +186,7 @@ fn mistakes_name_the_place() {
         ),
         (
             object(json!({"center": null, "start": {"disc": {"radius": 0.5}}, "count": 30})),
-            "mission.objects[1]: 30 objects do not fit where they are to start: ",
+            "mission.objects[1]: 30 objects do not fit into their start region: ",
         ),
         (
             metric(json!({"kind": "objects_on", "patch": "black"})),
@@ -216,7 +216,7 @@ fn mistakes_name_the_place() {
         ),
         (
             metric(json!({"kind": "chain_reach", "from": "a", "to": "b", "link": 1})),
-            "mission.metrics.m.from: no patch of the floor is named \"a\"; there is none",
+            "mission.metrics.m.from: no patch of the floor is named \"a\"; available: none",
         ),
         (
             metric(json!({"patch": "a"})),
@@ -248,11 +248,11 @@ fn mistakes_name_the_place() {
         ),
         (
             with(&["fitness"], json!("n")),
-            "mission.fitness: no metric is named \"n\"; there is distance_to_center, ",
+            "mission.fitness: no metric is named \"n\"; available: distance_to_center, ",
         ),
         (
             with(&["fitness"], json!("order + speed")),
-            ", speed; expressions of metrics are for the experiment's own fitness",
+            ", speed; only the experiment's own fitness may be an expression of metrics",
         ),
         (
             with(&["fitness"], json!([1])),
@@ -280,7 +280,7 @@ fn metrics_of_objects_name_the_object() {
         "metrics": {"m": {"kind": "object_distance", "patch": "west", "object": "lod"}}, "fitness": "m"});
     let message = refusal(&json!({"mission": mission}));
     assert!(
-        message.contains("mission.metrics.m.object: no object is named \"lod\"; there is load"),
+        message.contains("mission.metrics.m.object: no object is named \"lod\"; available: load"),
         "{message}"
     );
     let mut without = mission;
@@ -403,10 +403,7 @@ fn patches_lie_within_the_walls_however_narrow_they_are() {
         circle(1.2, 0.199),
     ] {
         let refused = read(patch.clone()).unwrap_err().to_string();
-        assert!(
-            refused.contains("outside of the walls"),
-            "{patch}: {refused}"
-        );
+        assert!(refused.contains("outside the walls"), "{patch}: {refused}");
     }
 }
 

@@ -323,7 +323,7 @@ fn grippers_are_not_there() {
     let parameters = parameters.as_object().unwrap();
     let refused = simulation.reset(parameters).unwrap_err().to_string();
     assert!(
-        refused.contains("has no grippers; take simulation: arena, or robots without"),
+        refused.contains("has no grippers; use simulation: arena, or robots without"),
         "{refused}"
     );
     let described = simulation.describer().unwrap()(parameters)

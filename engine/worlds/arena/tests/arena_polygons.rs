@@ -38,7 +38,7 @@ fn what_is_no_polygon_is_refused() {
         (&[[0.0, 0.0], [1.0, f32::NAN], [1.0, 0.0]], "finite"),
         (
             &[[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
-            "[1, 0] is there twice in a row",
+            "[1, 0] occurs twice in a row",
         ),
         // A bow tie.
         (

@@ -186,7 +186,7 @@ fn mistakes_name_the_place() {
         ),
         (
             json!({"exponent": 3}),
-            "exponent: without fading the range alone counts",
+            "exponent: has no effect without fading",
         ),
         (
             json!({"fading": 1, "exponent": 0.5}),

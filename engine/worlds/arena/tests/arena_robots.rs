@@ -366,15 +366,15 @@ fn mistakes_name_the_place() {
         ),
         (
             sensor(json!({"kind": "range_and_bearing", "range": 1, "gives": ["count", "count"]})),
-            "robot.sensors[0].gives[1]: it is there already",
+            "robot.sensors[0].gives[1]: occurs twice",
         ),
         (
             of(wheels(), json!([{"kind": "compass"}, {"kind": "compass"}])),
-            "robot.sensors[1]: there is a sensor compass already",
+            "robot.sensors[1]: a sensor compass already exists",
         ),
         (
             of(wheels(), json!([{"kind": "random"}, {"kind": "random"}])),
-            "robot.sensors[1]: there is a sensor random already",
+            "robot.sensors[1]: a sensor random already exists",
         ),
         (
             sensor(json!({"kind": "proximity", "range": 1})),
@@ -405,7 +405,7 @@ fn mistakes_name_the_place() {
                 wheels(),
                 json!([{"kind": "compass"}, {"kind": "light", "count": 1}, {"kind": "light", "count": 2}]),
             ),
-            "robot.sensors[2]: there is a sensor light already",
+            "robot.sensors[2]: a sensor light already exists",
         ),
         (
             refusal(

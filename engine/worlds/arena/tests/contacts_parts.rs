@@ -191,7 +191,7 @@ fn driven<L: Lanes>(runs: &[Run]) -> Vec<[f32; 2]> {
         height: 1.0,
         outer: false,
     };
-    let place = place::Place { faces: vec![wall] };
+    let layout = place::Place { faces: vec![wall] };
     let all = |of: fn(&Run) -> f32| runs.iter().map(|run| number::<L>(of(run))).collect();
     let mut bodies = bodies::Bodies {
         x: all(|run| run.0[0]),
@@ -213,7 +213,7 @@ fn driven<L: Lanes>(runs: &[Run]) -> Vec<[f32; 2]> {
         *aim = [number(speed * cos), number(speed * sin)];
     }
     for _ in 0..TICKS {
-        contacts.resolve(&mut bodies, &close, &team, &place);
+        contacts.resolve(&mut bodies, &close, &team, &layout);
     }
     let of = |number: swarmwright_lanes::Number<L>| {
         let mut lanes = [0.0; swarmwright_lanes::MOST_LANES];

@@ -80,9 +80,9 @@ impl<'a> Block<'a> {
 
     /// The first weight that is not a finite number.
     fn not_finite(&self) -> Option<RolloutError> {
-        let place = self.genomes.iter().position(|weight| !weight.is_finite())?;
+        let position = self.genomes.iter().position(|weight| !weight.is_finite())?;
         let length = self.architecture.weight_count();
-        let (candidate, index) = (place / length, place % length);
+        let (candidate, index) = (position / length, position % length);
         let source = ControllerError::WeightValue { index };
         Some(RolloutError::Weights { candidate, source })
     }
@@ -257,9 +257,9 @@ fn groups<L: Lanes, W: LaneWorld>(
             &mut lanes[..L::WIDTH],
         );
         spread(&lanes[..count], results, numbers);
-        for (place, metric) in block.metrics.iter().enumerate() {
+        for (index, metric) in block.metrics.iter().enumerate() {
             world.metric(&workspace, *metric, &mut lanes[..L::WIDTH]);
-            spread(&lanes[..count], &mut results[1 + place..], numbers);
+            spread(&lanes[..count], &mut results[1 + index..], numbers);
         }
     }
     true

@@ -13,7 +13,7 @@ pub enum RolloutError {
     Parameter(#[from] ParameterError),
     /// The controller does not fit the simulation.
     #[error(
-        "controller.{field}: {found}, but simulation {simulation} has {expected}; \
+        "controller.{field}: {actual}, but simulation {simulation} has {expected}; \
          use a controller that was made for it"
     )]
     Mismatch {
@@ -24,7 +24,7 @@ pub enum RolloutError {
         /// Numbers that the simulation has.
         expected: usize,
         /// Numbers that the controller has.
-        found: usize,
+        actual: usize,
     },
     /// The groups of the controller are not those of the simulation.
     #[error(
@@ -81,16 +81,16 @@ pub fn check_sizes(
     sensors: usize,
     actuators: usize,
 ) -> Result<(), RolloutError> {
-    for (field, expected, found) in [
+    for (field, expected, actual) in [
         ("sensors", description.sensors, sensors),
         ("actuators", description.actuators, actuators),
     ] {
-        if expected != found {
+        if expected != actual {
             return Err(RolloutError::Mismatch {
                 simulation: description.title.clone(),
                 field,
                 expected,
-                found,
+                actual,
             });
         }
     }
@@ -107,24 +107,24 @@ fn check_groups(simulation: &str, team: &Team, groups: &[Group]) -> Result<(), R
         return Ok(());
     }
     let names = |names: Vec<&str>| names.join(", ");
-    let (found, expected) = (
+    let (actual, expected) = (
         names(team.groups.iter().map(|group| &*group.name).collect()),
         names(groups.iter().map(|group| &*group.name).collect()),
     );
-    if found != expected {
-        return Err(wrong(format!("{found} found, but there are {expected}")));
+    if actual != expected {
+        return Err(wrong(format!("{actual} found, but there are {expected}")));
     }
     for (own, group) in team.groups.iter().zip(groups) {
         let agents = own.agents.unwrap_or(group.agents);
-        for (what, found, expected) in [
+        for (noun, actual, expected) in [
             ("agents", agents as usize, group.agents as usize),
             ("sensors", own.controller.sensors(), group.sensors),
             ("actuators", own.controller.actuators(), group.actuators),
         ] {
-            if found != expected {
+            if actual != expected {
                 let name = &own.name;
                 return Err(wrong(format!(
-                    "{name} has {found} {what}, but there are {expected}"
+                    "{name} has {actual} {noun}, but there are {expected}"
                 )));
             }
         }

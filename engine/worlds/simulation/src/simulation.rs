@@ -74,11 +74,11 @@ impl Description {
     /// A name that is not a metric of this simulation.
     pub fn metrics_named(&self, names: &[impl AsRef<str>]) -> Result<Vec<usize>, UnknownMetric> {
         let index = |name: &str| {
-            let found = self.metrics.iter().position(|metric| metric.name == name);
-            found.ok_or_else(|| UnknownMetric {
+            let position = self.metrics.iter().position(|metric| metric.name == name);
+            position.ok_or_else(|| UnknownMetric {
                 name: name.to_owned(),
                 simulation: self.title.clone(),
-                known: self.metrics.iter().map(|m| m.name.to_string()).collect(),
+                available: self.metrics.iter().map(|m| m.name.to_string()).collect(),
             })
         };
         names.iter().map(|name| index(name.as_ref())).collect()
@@ -137,7 +137,7 @@ impl MetricInfo {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "metrics: {name:?} is not a metric of {simulation}; {}",
-    if .known.is_empty() { "it has none".to_owned() } else { format!("it has {}", .known.join(", ")) }
+    if .available.is_empty() { "it has none".to_owned() } else { format!("it has {}", .available.join(", ")) }
 )]
 pub struct UnknownMetric {
     /// The name that was asked for.
@@ -145,7 +145,7 @@ pub struct UnknownMetric {
     /// Title of the simulation.
     pub simulation: String,
     /// The names that there are.
-    pub known: Vec<String>,
+    pub available: Vec<String>,
 }
 
 /// What a simulation says of one of its parameters.
@@ -338,12 +338,12 @@ pub fn texts(texts: &[&str]) -> Vec<String> {
 }
 
 /// Writes the metrics with these indices in the description; NaN for what the simulation does not give.
-pub fn measure(simulation: &dyn Simulation, wanted: &[usize], values: &mut [f64]) {
-    if wanted.is_empty() {
+pub fn measure(simulation: &dyn Simulation, indices: &[usize], values: &mut [f64]) {
+    if indices.is_empty() {
         return;
     }
     let all = simulation.metrics();
-    for (index, value) in wanted.iter().zip(values) {
+    for (index, value) in indices.iter().zip(values) {
         *value = all.get(*index).copied().unwrap_or(f64::NAN);
     }
 }

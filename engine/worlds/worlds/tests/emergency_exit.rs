@@ -56,13 +56,15 @@ fn episode() -> impl Strategy<Value = Value> {
         json!({"width": width, "height": height, "seed": seed, "numAgents": width.min(3), "numExits": 1,
             "numBlockades": width * width / 3 - 1})
     });
-    let given = field().prop_map(|field| json!({ "field": field }));
+    let with_field = field().prop_map(|field| json!({ "field": field }));
     let update = prop::sample::select(vec!["sequential", "simultaneous"]);
-    (prop_oneof![random, given], update, 1_u32..12).prop_map(|(mut parameters, update, steps)| {
-        parameters["update"] = update.into();
-        parameters["steps"] = steps.into();
-        parameters
-    })
+    (prop_oneof![random, with_field], update, 1_u32..12).prop_map(
+        |(mut parameters, update, steps)| {
+            parameters["update"] = update.into();
+            parameters["steps"] = steps.into();
+            parameters
+        },
+    )
 }
 
 /// Numbers in -1..=1 that depend on nothing but how many have been asked for.

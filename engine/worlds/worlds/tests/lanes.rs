@@ -144,8 +144,8 @@ fn minisim() -> impl Strategy<Value = Value> {
 }
 
 fn emergency_exit() -> impl Strategy<Value = Value> {
-    let things = (1u32..12, 1u32..6, 0u32..20, 4u32..24);
-    (things, 1u32..30, any::<bool>(), 0u32..3).prop_map(|((agents, exits, blockades, side), steps, together, more)| {
+    let sizes = (1u32..12, 1u32..6, 0u32..20, 4u32..24);
+    (sizes, 1u32..30, any::<bool>(), 0u32..3).prop_map(|((agents, exits, blockades, side), steps, together, more)| {
         let agents = agents.min(side).min(side * side - exits - blockades.min(side));
         json!({"numAgents": agents, "numExits": exits, "numBlockades": blockades.min(side), "width": side,
             "height": side + more, "steps": steps, "update": if together { "simultaneous" } else { "sequential" }})

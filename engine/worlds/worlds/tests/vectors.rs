@@ -30,10 +30,10 @@ fn assert_end(name: &str, simulation: &dyn Simulation, end: &Value) {
         "{name}: steps"
     );
     for (kind, key) in [("agent", "agent_bits"), ("defender", "defender_bits")] {
-        let found: Vec<_> = scene.bodies.iter().filter(|b| b.kind == kind).collect();
+        let bodies: Vec<_> = scene.bodies.iter().filter(|b| b.kind == kind).collect();
         let expected = end[key].as_array().unwrap();
-        assert_eq!(found.len(), expected.len(), "{name}: {kind}s");
-        for (i, (body, position)) in found.iter().zip(expected).enumerate() {
+        assert_eq!(bodies.len(), expected.len(), "{name}: {kind}s");
+        for (i, (body, position)) in bodies.iter().zip(expected).enumerate() {
             let position = [bits(&position[0]), bits(&position[1])];
             assert_eq!(
                 [body.x.to_bits(), body.y.to_bits()],

@@ -106,9 +106,9 @@ class Radios {
   std::vector<Delivery> run(int64_t nanoseconds) {
     ns3::Simulator::Stop(ns3::NanoSeconds(nanoseconds));
     ns3::Simulator::Run();
-    std::vector<Delivery> found;
-    found.swap(delivered_);
-    return found;
+    std::vector<Delivery> deliveries;
+    deliveries.swap(delivered_);
+    return deliveries;
   }
 
   void close() {

@@ -144,7 +144,7 @@ def _field(fields: dict[str, _Use], field: TopicField) -> tuple[str, _Use]:
 
 
 def _unknown_type(field: TopicField, types: list[str]) -> MappingError:
-    reason = f"the type '{field.type}' is not known here; expected {choice(types)}"
+    reason = f"the type '{field.type}' is unknown; expected {choice(types)}"
     return MappingError(field.where, reason, "type")
 
 

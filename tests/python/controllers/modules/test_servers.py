@@ -173,7 +173,7 @@ def test_a_server_with_other_code_is_not_used(
     one = experiment.replace(timeouts={"discovery": 1})
     with pytest.raises(RunError) as error:
         evaluate(one, genomes(one, 2), broker=embedded_broker)
-    assert "server 6: has other code of behaviour 'own.py:Wander' (SHA-256 " in str(error.value)
+    assert "server 6: has different code for behaviour 'own.py:Wander' (SHA-256 " in str(error.value)
     # Beside one that has the code it gets no work.
     right = start("serve", "arena", "--modules", MODULES, "--broker", embedded_broker, "--id", "7", "--json")
     events(right, "ready")

@@ -186,10 +186,10 @@ def test_a_sample_says_what_is_wrong_with_it(sampled: Run) -> None:
     assert sample.genomes(40, 0).shape == (0, sample.genes)
     for first, count in ((40, 1), (0, 41), (2**64 - 1, 2)):
         with pytest.raises(
-            _engine.InputError, match=rf"candidates: {count} from {first} on, but there are 40"
+            _engine.InputError, match=rf"candidates: {count} from {first} on requested, but there are 40"
         ):
             sample.genomes(first, count)
-    with pytest.raises(_engine.InputError, match="unknown here, only normal"):
+    with pytest.raises(_engine.InputError, match="unknown; expected normal"):
         _engine.Sample.read(address.replace("normal", "cauchy"), numbers)
     with pytest.raises(_engine.InputError, match="bytes are not 6 rows"):
         _engine.Sample.read(address, numbers[:-8])

@@ -156,14 +156,14 @@ def test_the_engines_defaults_are_those_of_an_experiment() -> None:
     ("arguments", "message"),
     [
         ({"timeouts": {"step": 0}}, r"timeouts\.step: must be larger than 0 seconds"),
-        ({"timeouts": {"least": -1.5}}, r"timeouts\.least: -1\.5 is not a duration in seconds"),
+        ({"timeouts": {"least": -1.5}}, r"timeouts\.least: must be a duration in seconds, not -1\.5"),
         (
             {"timeouts": {"discovery": "long"}},
             r"timeouts\.discovery: \"long\" \(a string\) found, expected a number",
         ),
         ({"timeouts": {"pause": 1}}, r"timeouts\.pause: unknown field `pause`, expected one of `connect`"),
         ({"faults": {"attempts": 0}}, r"faults\.attempts: must be at least 1"),
-        ({"faults": {"audit": 2}}, r"faults\.audit: 2 is not a share from 0 to 1"),
+        ({"faults": {"audit": 2}}, r"faults\.audit: must be a share from 0 to 1, not 2"),
         ({"faults": {"backup": 1}}, r"faults\.backup: 1 found, expected true or false"),
         ({"requirements": {}}, r"requirements: .*dimensions"),
         (

@@ -108,7 +108,7 @@ def test_wrong_ways_are_refused() -> None:
         ({"level": "mmx"}, 'level: "mmx" is not available on this processor; expected one of auto, scalar'),
         ({"genomes": genomes[:, 1:]}, f"genomes: have {representation.genome_size - 1} weights each"),
         ({"genomes": np.full_like(genomes, np.nan)}, r"genomes\[0\]\[0\] is NaN or infinite"),
-        ({"seeds": []}, "seeds: must hold the seed of at least one episode"),
+        ({"seeds": []}, "seeds: expected at least one"),
         ({"architecture": {}}, "controller.version"),
         ({"title": "minisym"}, "unknown simulation 'minisym'"),
         ({"parameters": {"maxSteps": -1}}, "maxSteps"),

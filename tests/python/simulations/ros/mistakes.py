@@ -174,14 +174,14 @@ IN_THE_FILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
 IN_THE_TOPICS: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "unknown-type": (
         lambda m: m["sensors"][2].update(type="sensor_msgs/Imu"),
-        ("sensors[2] (sensor 2): the type 'sensor_msgs/Imu' is not known here; expected "
+        ("sensors[2] (sensor 2): the type 'sensor_msgs/Imu' is unknown; expected "
         "sensor_msgs/LaserScan, sensor_msgs/Range, nav_msgs/Odometry, geometry_msgs/Twist, "
         "geometry_msgs/TwistStamped, geometry_msgs/PoseStamped, geometry_msgs/PoseWithCovarianceStamped, "
         "std_msgs/Float32 or std_msgs/Float64"),
     ),
     "sensor-as-actuator": (
         lambda m: m["actuators"][2].update(type=SCAN),
-        ("actuators[2] (actuator 2): the type 'sensor_msgs/LaserScan' is not known here; expected "
+        ("actuators[2] (actuator 2): the type 'sensor_msgs/LaserScan' is unknown; expected "
         "geometry_msgs/Twist, geometry_msgs/TwistStamped, std_msgs/Float32 or std_msgs/Float64"),
     ),
     "unknown-field": (

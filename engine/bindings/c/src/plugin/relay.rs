@@ -166,9 +166,9 @@ impl Relay {
         if state.phase != Phase::Due {
             return Err(Trouble::invalid(match state.phase {
                 Phase::Waiting => {
-                    "the agents have sensed, and what they do has not come yet; poll until it is there"
+                    "the actuators of the agents have not arrived; poll until they have"
                 }
-                _ => "no episode is under way; poll until one is to begin",
+                _ => "no episode is running; poll until one begins",
             }));
         }
         state.phase = match answer {

@@ -68,7 +68,7 @@ fn answers_out_of_turn_are_refused() {
     let Err(Trouble::Invalid(text)) = relay.answer(sensed(1.0)) else {
         panic!("taken");
     };
-    assert!(text.starts_with("no episode is under way"), "{text}");
+    assert!(text.starts_with("no episode is running"), "{text}");
     let asking = {
         let relay = Arc::clone(&relay);
         thread::spawn(move || relay.ask(Request::Reset(Box::default())).map(drop))
@@ -78,7 +78,10 @@ fn answers_out_of_turn_are_refused() {
     let Err(Trouble::Invalid(text)) = relay.answer(sensed(1.0)) else {
         panic!("taken");
     };
-    assert!(text.starts_with("the agents have sensed"), "{text}");
+    assert!(
+        text.starts_with("the actuators of the agents have not arrived"),
+        "{text}"
+    );
     assert_eq!(asking.join().unwrap(), Ok(()));
 }
 

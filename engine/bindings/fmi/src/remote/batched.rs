@@ -117,18 +117,18 @@ impl Remote {
         }
         if batch.sensors.0.len() != rows * each {
             return Err(format!(
-                "server {id}: {} sensors for {rows} agents, the FMU has variables of {each} each; export it anew for this \
+                "server {id}: {} sensors for {rows} agents, but the FMU has variables for {each} each; export it again for this \
                  simulation (swarmwright export-fmu --proxy)",
                 batch.sensors.0.len()
             ));
         }
         self.view.acts.fill(false);
-        let agents: Vec<usize> = batch.agents.0.iter().map(|one| *one as usize).collect();
+        let agents: Vec<usize> = batch.agents.0.iter().map(|agent| *agent as usize).collect();
         for (agent, values) in agents.iter().zip(batch.sensors.0.chunks_exact(each)) {
             self.sensed(*agent, values)?;
         }
-        if let Episode::Batched(known) = &mut self.episode {
-            (known.step, known.agents) = (batch.step, agents);
+        if let Episode::Batched(state) = &mut self.episode {
+            (state.step, state.agents) = (batch.step, agents);
         }
         Ok(())
     }

@@ -44,8 +44,8 @@ impl Remote {
             }
             match self.link()?.next(ask.min(limit)) {
                 Some(News::Answer(answer)) => {
-                    let wanted = options.server.is_none_or(|id| id == answer.server);
-                    if wanted && answer.simulations.contains(&options.simulation) {
+                    let is_wanted = options.server.is_none_or(|id| id == answer.server);
+                    if is_wanted && answer.simulations.contains(&options.simulation) {
                         return Ok(*answer);
                     }
                 }
@@ -71,24 +71,24 @@ impl Remote {
             Some(link) => (link.url.clone(), link.presences()),
             None => (options.broker.clone(), Vec::new()),
         };
-        let which = match options.server {
+        let subject = match options.server {
             Some(id) => format!("server {id} on {url} is not free for"),
             None => format!("no free server on {url} offers"),
         };
         let dimensions = self.model.dimensions.unwrap_or(2.0);
-        let mut found: Vec<String> = presences
+        let mut reasons: Vec<String> = presences
             .iter()
             .take(MOST_NAMED)
-            .map(|one| {
-                let id = one.server;
-                if !one.simulations.contains(title) {
-                    let offered = one.simulations.join(", ");
+            .map(|presence| {
+                let id = presence.server;
+                if !presence.simulations.contains(title) {
+                    let offered = presence.simulations.join(", ");
                     format!("server {id} offers {offered}")
-                } else if (one.capabilities.dimensions - dimensions).abs() > 0.0 {
-                    let has = one.capabilities.dimensions;
+                } else if (presence.capabilities.dimensions - dimensions).abs() > 0.0 {
+                    let has = presence.capabilities.dimensions;
                     format!("server {id} has {has} dimensions, the FMU {dimensions}")
                 } else {
-                    match &one.tool {
+                    match &presence.tool {
                         Some(tool) => format!("server {id} is used by {tool}"),
                         None => format!("server {id} is busy or does not answer"),
                     }
@@ -96,16 +96,16 @@ impl Remote {
             })
             .collect();
         if let Some(refusal) = refusal {
-            found.push(refusal.to_owned());
+            reasons.push(refusal.to_owned());
         }
-        let found = if found.is_empty() {
-            "there is no server of Swarmwright".to_owned()
+        let reasons = if reasons.is_empty() {
+            "no Swarmwright server is connected".to_owned()
         } else {
-            found.join("; ")
+            reasons.join("; ")
         };
         format!(
-            "{which} {title:?} ({:.1} s waited, connection.discoveryTimeout): {found}; start one (swarmwright serve), or \
-             see swarmwright servers",
+            "{subject} {title:?} ({:.1} s waited, connection.discoveryTimeout): {reasons}; start one (swarmwright serve) or list \
+             them (swarmwright servers)",
             waited.as_secs_f64()
         )
     }

@@ -99,7 +99,7 @@ impl Link {
         let thread = thread::Builder::new()
             .name("swarmwright-fmu".to_owned())
             .spawn(move || pump.run(connection, &ordered))
-            .map_err(|error| format!("no thread for the connection: {error}"))?;
+            .map_err(|error| format!("could not start a thread for the connection: {error}"))?;
         Ok(Self {
             url,
             reply: Topics::default().to_tool(&token),
@@ -143,7 +143,7 @@ impl Link {
             Ok(news) => news,
             Err(RecvTimeoutError::Timeout) => return None,
             Err(RecvTimeoutError::Disconnected) => {
-                News::Disconnected("its thread has ended: see what was printed".to_owned())
+                News::Disconnected("its thread has ended; see the printed output".to_owned())
             }
         };
         self.broken |= matches!(news, News::Disconnected(_));
@@ -204,7 +204,7 @@ impl Pump {
         };
         if let Err(TooLarge { bytes, most }) = connection.publish_with(topic, payload, &options) {
             self.tell(News::Unsent(format!(
-                "{topic}: a message of {bytes} bytes is larger than the {most} that the broker at {} takes",
+                "{topic}: a message of {bytes} bytes is larger than the {most} that the broker at {} accepts",
                 connection.url()
             )));
         }
@@ -250,7 +250,10 @@ impl Pump {
                 // One that is kept by the broker is of an earlier start.
                 if !retained {
                     let announced = presence.capabilities.swarmwright;
-                    self.tell(News::Gone(id, announced.and_then(|one| one.instance)));
+                    self.tell(News::Gone(
+                        id,
+                        announced.and_then(|capabilities| capabilities.instance),
+                    ));
                 }
             } else {
                 heard.presences.insert(id, presence);
@@ -281,19 +284,19 @@ impl Pump {
                 }
             }
             Topic::Sensor => match SensorReading::decode(payload) {
-                Ok(one) if is_ours(one.simulation.as_deref(), &one.simulation_hash) => {
-                    let agent = usize::try_from(one.agent).unwrap_or(usize::MAX);
-                    let values = one.sensor;
+                Ok(reading) if is_ours(reading.simulation.as_deref(), &reading.simulation_hash) => {
+                    let agent = usize::try_from(reading.agent).unwrap_or(usize::MAX);
+                    let values = reading.sensor;
                     self.tell(News::Sensors { agent, values });
                 }
                 Ok(_) => {}
                 Err(error) => unread(&error),
             },
             Topic::Fitness => match Message::decode(topic, payload) {
-                Ok(Message::Fitness(one))
-                    if is_ours(one.simulation.as_deref(), &one.simulation_hash) =>
+                Ok(Message::Fitness(fitness))
+                    if is_ours(fitness.simulation.as_deref(), &fitness.simulation_hash) =>
                 {
-                    self.tell(News::Fitness(one));
+                    self.tell(News::Fitness(fitness));
                 }
                 Ok(_) => {}
                 Err(error) => unread(&error),

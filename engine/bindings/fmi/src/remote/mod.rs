@@ -150,15 +150,15 @@ impl Remote {
             return Ok(());
         };
         let (id, model) = (server.server, &self.model);
-        for (what, found, expected) in [
+        for (noun, actual, expected) in [
             ("sensors", announced.sensors, model.sensors),
             ("actuators", announced.actuators, model.actuators),
         ] {
-            if let Some(found) = found
-                && found != expected
+            if let Some(actual) = actual
+                && actual != expected
             {
                 return Err(format!(
-                    "server {id} offers {found} {what} for an agent, the FMU has variables of {expected}; export it anew for \
+                    "server {id} offers {actual} {noun} per agent, but the FMU has variables for {expected}; export it again for \
                      this simulation (swarmwright export-fmu --proxy)"
                 ));
             }
@@ -170,8 +170,8 @@ impl Remote {
         {
             None => Ok(()),
             Some(missing) => Err(format!(
-                "server {id} does not measure {missing:?}, the FMU has a variable metrics.{missing}; export it anew for this \
-                 simulation (swarmwright export-fmu --proxy)"
+                "server {id} does not measure {missing:?}, but the FMU has a variable metrics.{missing}; export it again for \
+                 this simulation (swarmwright export-fmu --proxy)"
             )),
         }
     }
@@ -194,7 +194,7 @@ impl Remote {
         let title = self
             .options
             .as_ref()
-            .map_or(self.model.title.as_str(), |one| &one.simulation);
+            .map_or(self.model.title.as_str(), |options| &options.simulation);
         let hasher = EpisodeHasher::new(title, parameters);
         let first = fastrand::u64(..1 << 52);
         [hasher.hash(first), hasher.hash(first + 1)]
@@ -213,8 +213,8 @@ impl Remote {
                     ));
                 }
                 Some(News::Unsent(reason) | News::Unread(reason)) => return Err(reason),
-                Some(News::Gone(server, which)) => {
-                    if server == id && (which.is_none() || which == instance) {
+                Some(News::Gone(server, gone_instance)) => {
+                    if server == id && (gone_instance.is_none() || gone_instance == instance) {
                         return Err(format!("server {id} was lost after step {steps}"));
                     }
                 }
@@ -223,9 +223,9 @@ impl Remote {
         }
     }
 
-    fn silent(&self, what: &str) -> String {
+    fn silent(&self, problem: &str) -> String {
         format!(
-            "server {} {what} for {} s after step {} (connection.stepTimeout)",
+            "server {} {problem} for {} s after step {} (connection.stepTimeout)",
             self.server_id(),
             self.options().step.as_secs_f64(),
             self.steps
@@ -237,15 +237,15 @@ impl Remote {
         let (id, model) = (self.server_id(), &self.model);
         if agent >= model.agents {
             return Err(format!(
-                "server {id} has agent {agent} (from 0), the FMU has variables of {} agents; export it anew with these \
-                 parameters (swarmwright export-fmu --proxy --set), or with --agents",
+                "server {id} has an agent {agent} (counted from 0), but the FMU has variables for {} agents; export it again \
+                 with these parameters (swarmwright export-fmu --proxy --set) or with --agents",
                 model.agents
             ));
         }
         if values.len() != model.sensors {
             return Err(format!(
-                "server {id}: agent {agent} has {} sensors, the FMU has variables of {}; export it anew for this simulation \
-                 (swarmwright export-fmu --proxy)",
+                "server {id}: agent {agent} has {} sensors, but the FMU has variables for {}; export it again for this \
+                 simulation (swarmwright export-fmu --proxy)",
                 values.len(),
                 model.sensors
             ));
@@ -259,8 +259,8 @@ impl Remote {
     /// The end of the episode.
     fn ended(&mut self, fitness: f64, metric: impl Fn(&str) -> Option<f64>) -> Result<(), String> {
         let id = self.server_id();
-        for (name, place) in self.model.metrics.iter().zip(&mut self.view.metrics) {
-            *place = metric(name).ok_or_else(|| {
+        for (name, value) in self.model.metrics.iter().zip(&mut self.view.metrics) {
+            *value = metric(name).ok_or_else(|| {
                 format!("server {id} sent no metric {name:?} at the end of the episode")
             })?;
         }

@@ -105,10 +105,10 @@ impl Remote {
         loop {
             let complete = || {
                 let mut pairs = expected.iter().zip(&self.view.acts);
-                pairs.all(|(wanted, came)| *came || !wanted)
+                pairs.all(|(is_expected, came)| *came || !is_expected)
             };
-            let some = self.view.acts.contains(&true);
-            if some && complete() {
+            let any_acts = self.view.acts.contains(&true);
+            if any_acts && complete() {
                 return Ok(Came::Sensors);
             }
             match self.news(until)? {
@@ -128,7 +128,7 @@ impl Remote {
                     ));
                 }
                 Some(_) => {}
-                None if some => return Ok(Came::Sensors),
+                None if any_acts => return Ok(Came::Sensors),
                 None => return Ok(Came::Nothing),
             }
         }

@@ -43,8 +43,8 @@ pub struct Produced {
 impl Produced {
     /// The digests of its columns, and what the fitness looks like.
     pub fn summary(&mut self) -> PyResult<(Columns, Figures)> {
-        if let Some(known) = self.summary {
-            return Ok(known);
+        if let Some(summary) = self.summary {
+            return Ok(summary);
         }
         let genomes = match &self.genomes {
             Kept::Genomes(genomes) => of_genomes(genomes),
@@ -52,9 +52,9 @@ impl Produced {
         };
         let digests = columns(&self.fitness, &self.episodes, &self.metrics, genomes);
         let population = self.population.as_ref().unwrap_or(&self.fitness);
-        let found = (digests, Figures::of(population));
-        self.summary = Some(found);
-        Ok(found)
+        let summary = (digests, Figures::of(population));
+        self.summary = Some(summary);
+        Ok(summary)
     }
 
     fn bytes(&self) -> usize {

@@ -88,26 +88,26 @@ impl Work {
 
     /// A generation; None when it was interrupted, or the budget ends before it.
     fn next(&mut self, seeds: &[u64], shared: &Shared) -> PyResult<Option<Produced>> {
-        let asked = self.ask()?;
-        let candidates = asked.candidates(self.conversation.genes());
+        let request = self.ask()?;
+        let candidates = request.candidates(self.conversation.genes());
         if self.limits.excludes(candidates) {
             return Ok(None);
         }
         shared.done.store(0, Ordering::Relaxed);
         let total = candidates * seeds.len();
         shared.total.store(total, Ordering::Relaxed);
-        let is_made = matches!(asked, Asked::Genomes(_));
-        let Some(found) = self.evaluate(asked, candidates, seeds, shared)? else {
+        let is_made = matches!(request, Asked::Genomes(_));
+        let Some(results) = self.evaluate(request, candidates, seeds, shared)? else {
             return Ok(None);
         };
-        let fitness = self.aggregate.of_rows(found.fitness.clone(), seeds.len());
+        let fitness = self.aggregate.of_rows(results.fitness.clone(), seeds.len());
         let sample = if self.samples {
             self.conversation.short_sample(candidates)
         } else {
             None
         };
         let genomes = if is_made {
-            self.conversation.told(found.genomes, &fitness)?
+            self.conversation.told(results.genomes, &fitness)?
         } else {
             self.conversation.told_sample(&fitness)?;
             Vec::new()
@@ -120,12 +120,12 @@ impl Work {
             outcome: Outcome::of(&fitness),
             summary: None,
             genomes,
-            episodes: found.fitness,
-            metrics: found.metrics,
+            episodes: results.fitness,
+            metrics: results.metrics,
             fitness,
             population,
-            attempts: found.attempts,
-            warnings: found.warnings,
+            attempts: results.attempts,
+            warnings: results.warnings,
         }))
     }
 
@@ -140,21 +140,21 @@ impl Work {
     /// What came out of a generation; None when it was interrupted.
     fn evaluate(
         &mut self,
-        asked: Asked,
+        request: Asked,
         candidates: usize,
         seeds: &[u64],
         shared: &Shared,
     ) -> PyResult<Option<Evaluated>> {
         let go_on = || !shared.stopped.load(Ordering::Relaxed);
-        let (evaluation, genomes) = match (&mut self.place, asked) {
+        let (evaluation, genomes) = match (&mut self.place, request) {
             (Place::Here(evaluation), Asked::Genomes(genomes)) => (evaluation, genomes),
             (Place::Here(evaluation), Asked::Sample(sample)) => (evaluation, genomes_of(&sample)),
-            (Place::Servers(servers), asked) => {
-                let sample = match asked {
+            (Place::Servers(servers), request) => {
+                let sample = match request {
                     Asked::Genomes(_) => self.conversation.sample(candidates),
                     Asked::Sample(_) => None,
                 };
-                return servers.evaluate(asked, sample, seeds, go_on, |done, waiting_for| {
+                return servers.evaluate(request, sample, seeds, go_on, |done, waiting_for| {
                     waiting_for.clone_into(&mut lock(&shared.waits));
                     shared.done.store(done, Ordering::Relaxed);
                 });

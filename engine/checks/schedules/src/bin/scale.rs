@@ -10,7 +10,7 @@ use swarmwright_schedules::scale::{Scale, simulate};
 static ALLOCATOR: Counting = Counting;
 
 fn arguments() -> Result<Scale, String> {
-    let mut found = Scale {
+    let mut scale = Scale {
         seed: 1,
         servers: 100,
         episode: 1_000_000,
@@ -27,16 +27,16 @@ fn arguments() -> Result<Scale, String> {
             .map_err(|error| format!("{name}: {error}"))?;
         let count = usize::try_from(value.max(1)).unwrap_or(usize::MAX);
         match name.as_str() {
-            "--seed" => found.seed = value,
-            "--servers" => found.servers = count,
-            "--episode" => found.episode = value.max(1) * 1000,
-            "--preempted-after" => found.preempted_after = Some(value.max(1) * 1_000_000),
-            "--share" => found.share = count,
-            "--generations" => found.generations = count,
+            "--seed" => scale.seed = value,
+            "--servers" => scale.servers = count,
+            "--episode" => scale.episode = value.max(1) * 1000,
+            "--preempted-after" => scale.preempted_after = Some(value.max(1) * 1_000_000),
+            "--share" => scale.share = count,
+            "--generations" => scale.generations = count,
             _ => return Err(format!("{name} is unknown")),
         }
     }
-    Ok(found)
+    Ok(scale)
 }
 
 fn main() -> ExitCode {

@@ -9,16 +9,16 @@ use crate::simulator::{Event, Simulator};
 impl Simulator<'_> {
     /// Puts a packet on its way.
     pub(crate) fn send(&mut self, connection: usize, up: bool, packet: &Packet, after: Time) {
-        let who = self.network.connections[connection].who;
+        let peer = self.network.connections[connection].who;
         let hits = |disturbance: &crate::schedule::Disturbance| {
             disturbance
                 .who()
-                .is_some_and(|party| self.schedule.index(party) == who)
+                .is_some_and(|party| self.schedule.index(party) == peer)
         };
         let active: Vec<_> = self
             .active
             .iter()
-            .filter(|(_, one)| hits(one))
+            .filter(|(_, disturbance)| hits(disturbance))
             .cloned()
             .collect();
         for transfer in self
@@ -36,9 +36,9 @@ impl Simulator<'_> {
 
     pub(crate) fn arrive(&mut self, connection: usize, up: bool, packet: Packet) {
         let link = &self.network.connections[connection];
-        let who = link.who;
-        if !self.clients[who].cut_off.is_empty() {
-            return self.clients[who].held.push(Event::Arrive {
+        let peer = link.who;
+        if !self.clients[peer].cut_off.is_empty() {
+            return self.clients[peer].held.push(Event::Arrive {
                 connection,
                 up,
                 packet,
@@ -50,12 +50,12 @@ impl Simulator<'_> {
             }
             return;
         }
-        let client = &mut self.clients[who];
+        let client = &mut self.clients[peer];
         if !link.client_open || client.connection != Some(connection) {
             return;
         }
         if client.frozen.is_empty() {
-            self.client_hears(who, connection, packet);
+            self.client_hears(peer, connection, packet);
         } else {
             client.backlog.push(Event::Arrive {
                 connection,

@@ -9,21 +9,21 @@ use crate::tool::{Stage, Tool};
 
 impl Simulator<'_> {
     /// Does what a machine wants done, and sets its timer.
-    pub(crate) fn after(&mut self, who: usize) {
-        if !self.clients[who].alive {
+    pub(crate) fn after(&mut self, peer: usize) {
+        if !self.clients[peer].alive {
             return;
         }
         let now = self.instant();
-        let incarnation = self.clients[who].incarnation;
-        let (messages, next) = if let Some(index) = self.server_of(who) {
+        let incarnation = self.clients[peer].incarnation;
+        let (messages, next) = if let Some(index) = self.server_of(peer) {
             let slowness = self.slowness(index);
             let Some(server) = &mut self.servers[index] else {
                 return;
             };
             if server.has_died() {
-                self.note(|| format!("the simulation brings {} down", self.schedule.name(who)));
-                self.kill(who, None);
-                return self.plan(self.now + REVIVAL, Event::Start { who });
+                self.note(|| format!("the simulation brings {} down", self.schedule.name(peer)));
+                self.kill(peer, None);
+                return self.plan(self.now + REVIVAL, Event::Start { who: peer });
             }
             let has_nothing = |tool: &Tool| {
                 let machine = tool.machine.as_ref();
@@ -34,7 +34,7 @@ impl Simulator<'_> {
             }
             let (messages, begins) = server.act(slowness);
             if server.gives_way {
-                return self.give_way(who);
+                return self.give_way(peer);
             }
             let (took, job, next) = (
                 server.time(slowness),
@@ -45,7 +45,7 @@ impl Simulator<'_> {
                 self.plan(
                     self.now + took,
                     Event::Done {
-                        who,
+                        who: peer,
                         incarnation,
                         job,
                         took,
@@ -54,37 +54,43 @@ impl Simulator<'_> {
             }
             (messages, next)
         } else {
-            if let Err(text) = self.tools[who].proceed(now) {
-                self.violate(format!("{}: {text}", self.schedule.name(who)));
+            if let Err(text) = self.tools[peer].proceed(now) {
+                self.violate(format!("{}: {text}", self.schedule.name(peer)));
             }
-            let messages = self.tools[who].act();
-            self.advance(who, incarnation);
+            let messages = self.tools[peer].act();
+            self.advance(peer, incarnation);
             (
                 messages,
-                self.tools[who]
+                self.tools[peer]
                     .machine
                     .as_ref()
                     .map(|machine| machine.next_tick()),
             )
         };
-        self.publish(who, messages);
+        self.publish(peer, messages);
         if self
             .tools
-            .get(who)
+            .get(peer)
             .is_some_and(|tool| tool.stage == Stage::Finished)
         {
-            return self.retire(who);
+            return self.retire(peer);
         }
         if let Some(at) = next.map(|at| self.time(at).max(self.now))
-            && self.clients[who].armed != Some(at)
+            && self.clients[peer].armed != Some(at)
         {
-            self.clients[who].armed = Some(at);
-            self.plan(at, Event::Timer { who, incarnation });
+            self.clients[peer].armed = Some(at);
+            self.plan(
+                at,
+                Event::Timer {
+                    who: peer,
+                    incarnation,
+                },
+            );
         }
     }
 
-    pub(crate) fn publish(&mut self, who: usize, messages: Vec<Outgoing>) {
-        let client = &self.clients[who];
+    pub(crate) fn publish(&mut self, peer: usize, messages: Vec<Outgoing>) {
+        let client = &self.clients[peer];
         let Some(connection) = client.connection.filter(|_| client.ready) else {
             return;
         };
@@ -109,9 +115,9 @@ impl Simulator<'_> {
     }
 
     /// A tool that has its results thinks of new work.
-    pub(super) fn advance(&mut self, who: usize, incarnation: u64) {
-        let client = &mut self.clients[who];
-        let tool = &self.tools[who];
+    pub(super) fn advance(&mut self, peer: usize, incarnation: u64) {
+        let client = &mut self.clients[peer];
+        let tool = &self.tools[peer];
         if tool.stage != Stage::Thinking
             || tool.machine.is_none()
             || !client.begun
@@ -121,33 +127,39 @@ impl Simulator<'_> {
         }
         client.frozen.push(THINKS);
         let pause = tool.pause();
-        self.plan(self.now + pause, Event::Submit { who, incarnation });
+        self.plan(
+            self.now + pause,
+            Event::Submit {
+                who: peer,
+                incarnation,
+            },
+        );
     }
 
     /// A server whose id another one has leaves for good, and says nothing.
-    pub(super) fn give_way(&mut self, who: usize) {
-        self.note(|| format!("{} gives way", self.schedule.name(who)));
-        if let Some(connection) = self.clients[who].connection {
+    pub(super) fn give_way(&mut self, peer: usize) {
+        self.note(|| format!("{} gives way", self.schedule.name(peer)));
+        if let Some(connection) = self.clients[peer].connection {
             self.send(connection, true, &Packet::Goodbye, 0);
         }
-        self.kill(who, None);
+        self.kill(peer, None);
     }
 
     /// A tool that has all results frees the servers and leaves in good order.
-    pub(super) fn retire(&mut self, who: usize) {
-        let Some(mut machine) = self.tools[who].machine.take() else {
+    pub(super) fn retire(&mut self, peer: usize) {
+        let Some(mut machine) = self.tools[peer].machine.take() else {
             return;
         };
         machine.release();
-        self.tools[who].machine = Some(machine);
-        let messages = self.tools[who].act();
-        self.publish(who, messages);
-        if let Some(connection) = self.clients[who].connection {
+        self.tools[peer].machine = Some(machine);
+        let messages = self.tools[peer].act();
+        self.publish(peer, messages);
+        if let Some(connection) = self.clients[peer].connection {
             self.send(connection, true, &Packet::Goodbye, 0);
         }
-        self.note(|| format!("{} has all its results", self.schedule.name(who)));
-        self.clients[who] = Client {
-            incarnation: self.clients[who].incarnation,
+        self.note(|| format!("{} has all its results", self.schedule.name(peer)));
+        self.clients[peer] = Client {
+            incarnation: self.clients[peer].incarnation,
             ..Client::default()
         };
     }

@@ -29,13 +29,13 @@ impl fmt::Display for Disturbance {
         let lasts = Seconds(self.lasts);
         write!(formatter, "{:>13}  ", Seconds(self.at).to_string())?;
         match self.what {
-            What::Cut(who) => write!(formatter, "the connection of {who} is cut"),
-            What::Partition(who) => write!(formatter, "{who} is cut off for {lasts}"),
+            What::Cut(party) => write!(formatter, "the connection of {party} is cut"),
+            What::Partition(party) => write!(formatter, "{party} is cut off for {lasts}"),
             What::Crash { server, power } => {
-                let what = if power { "loses its power" } else { "crashes" };
+                let verb = if power { "loses its power" } else { "crashes" };
                 write!(
                     formatter,
-                    "{} {what} and is back after {lasts}",
+                    "{} {verb} and is back after {lasts}",
                     Who::Server(server)
                 )
             }
@@ -46,7 +46,7 @@ impl fmt::Display for Disturbance {
                     Who::Server(server)
                 )
             }
-            What::Freeze(who) => write!(formatter, "{who} is frozen for {lasts}"),
+            What::Freeze(party) => write!(formatter, "{party} is frozen for {lasts}"),
             What::Broker(memory) => {
                 let memory = match memory {
                     Memory::Kept => "all",
@@ -70,43 +70,43 @@ impl fmt::Display for Disturbance {
                 "{} gives up its work and begins it again",
                 Who::Tool(tool)
             ),
-            What::Lose { who, percent } => {
+            What::Lose { party, percent } => {
                 write!(
                     formatter,
-                    "{percent} % of the messages of {who} are lost for {lasts}"
+                    "{percent} % of the messages of {party} are lost for {lasts}"
                 )
             }
             What::Duplicate {
-                who,
+                party,
                 percent,
                 later,
             } => write!(
                 formatter,
-                "{percent} % of the messages of {who} come again up to {} later for {lasts}",
+                "{percent} % of the messages of {party} come again up to {} later for {lasts}",
                 Seconds(later)
             ),
             What::Reorder {
-                who,
+                party,
                 percent,
                 later,
             } => write!(
                 formatter,
-                "{percent} % of the messages of {who} are overtaken, up to {}, for {lasts}",
+                "{percent} % of the messages of {party} are overtaken, up to {}, for {lasts}",
                 Seconds(later)
             ),
             What::Cross {
-                who,
+                party,
                 percent,
                 later,
             } => write!(
                 formatter,
-                "{percent} % of the messages of {who} are overtaken by those on other topics, up to {}, for {lasts}",
+                "{percent} % of the messages of {party} are overtaken by those on other topics, up to {}, for {lasts}",
                 Seconds(later)
             ),
-            What::Delay { who, by } => {
+            What::Delay { party, by } => {
                 write!(
                     formatter,
-                    "all messages of {who} take {} longer for {lasts}",
+                    "all messages of {party} take {} longer for {lasts}",
                     Seconds(by)
                 )
             }
@@ -132,12 +132,12 @@ impl fmt::Display for Schedule {
             let plain = if server.plain {
                 ", seven topics only".to_owned()
             } else if let Some(Twin { id, foreign }) = server.twin {
-                let what = if foreign {
+                let suffix = if foreign {
                     ", of another simulation"
                 } else {
                     ""
                 };
-                format!(", with the id {id}{what}")
+                format!(", with the id {id}{suffix}")
             } else {
                 String::new()
             };

@@ -63,9 +63,10 @@ impl Simulator<'_> {
             for server in 0..self.servers.len() {
                 let well = self.is_well(tool) && self.is_well(self.tools.len() + server);
                 let alone = !self.schedule.has_twin(server);
-                let asked = queued > 0 && !harsh && well && alone && self.could_use(tool, server);
+                let expected =
+                    queued > 0 && !harsh && well && alone && self.could_use(tool, server);
                 for (free, bound) in [(true, IDLE), (false, IDLE + HELD)] {
-                    let idle = asked && self.is_vacant(server, free);
+                    let idle = expected && self.is_vacant(server, free);
                     self.watch((tool, server, free), idle, bound + self.allowance(server));
                 }
             }
@@ -161,12 +162,12 @@ impl Simulator<'_> {
     /// When all is over: all servers are free, and say so.
     pub(super) fn check_rest(&mut self) {
         for index in 0..self.servers.len() {
-            let who = self.tools.len() + index;
-            if !self.clients[who].alive && self.has_given_way(index) {
+            let peer = self.tools.len() + index;
+            if !self.clients[peer].alive && self.has_given_way(index) {
                 continue;
             }
-            let Some(server) = self.servers[index].as_ref().filter(|_| self.is_well(who)) else {
-                let client = &self.clients[who];
+            let Some(server) = self.servers[index].as_ref().filter(|_| self.is_well(peer)) else {
+                let client = &self.clients[peer];
                 return self.violate(format!(
                     "{} is not there at the end: {client:?}",
                     Who::Server(index)

@@ -54,17 +54,17 @@ impl Tool {
         }
         let episodes = self.plan.works[self.work].episodes;
         for (episode, value) in fitness.iter().enumerate() {
-            let place = format!(
+            let evaluation = format!(
                 "candidate {candidate}, episode {episode} of work {}",
                 self.work
             );
             match self.expected[candidate * episodes + episode] {
                 None if value.is_nan() => {}
-                None => return Err(format!("{place} cannot be computed, but {value} came")),
-                Some(_) if value.is_nan() => self.explain(row, episode, &place),
+                None => return Err(format!("{evaluation} cannot be computed, but {value} came")),
+                Some(_) if value.is_nan() => self.explain(row, episode, &evaluation),
                 Some(expected) if expected.to_bits() == value.to_bits() => self.succeeded = true,
                 Some(expected) => {
-                    return Err(format!("{place}: {value} came, expected {expected}"));
+                    return Err(format!("{evaluation}: {value} came, expected {expected}"));
                 }
             }
         }
@@ -74,7 +74,7 @@ impl Tool {
     }
 
     /// An evaluation was reported failed that could have been computed.
-    fn explain(&mut self, row: usize, episode: usize, place: &str) {
+    fn explain(&mut self, row: usize, episode: usize, evaluation: &str) {
         let covers = |attempt: &&Attempt| {
             (attempt.candidate..attempt.candidate + attempt.candidates).contains(&row)
                 && (attempt.episode..attempt.episode + attempt.episodes).contains(&episode)
@@ -85,7 +85,7 @@ impl Tool {
                 .filter(covers)
                 .filter(|attempt| attempt.error.is_some())
         };
-        let told: Vec<String> = failures()
+        let errors: Vec<String> = failures()
             .map(|attempt| {
                 format!(
                     "server {}: {}",
@@ -99,7 +99,7 @@ impl Tool {
         if self.may_fail || (alone && !self.succeeded) {
             self.failed += 1;
         } else {
-            let text = format!("{place} was reported failed, but is sound: {told:?}");
+            let text = format!("{evaluation} was reported failed, but is sound: {errors:?}");
             self.wronged.push(text);
         }
     }

@@ -15,11 +15,11 @@ const UNAUTHENTICATED_PART: usize = 2;
 const WRONG: Refusal = Refusal::new(reason::BAD_PASSWORD, "wrong user name or password");
 const PRIVATE: Refusal = Refusal::new(
     reason::NOT_AUTHORIZED,
-    "only programs of the user who started this broker may connect, with the account that it was given",
+    "only programs of the user who started this broker may connect, with the account that was created for it",
 );
 const BUSY: Refusal = Refusal::new(
     reason::BUSY,
-    "many passwords are waiting to be checked; try again in some seconds",
+    "many passwords are waiting to be checked; try again in a few seconds",
 );
 
 /// The network that a connection comes from: its address, of IPv6 the half that a provider gives out.
@@ -131,12 +131,15 @@ impl Hub {
         });
         let mut answered = Vec::new();
         for (id, verdict) in verdicts {
-            let Some(asked) = self.links.get_mut(id).and_then(|link| link.asked.take()) else {
+            let Some(request) = self.links.get_mut(id).and_then(|link| link.asked.take()) else {
                 continue;
             };
             self.recount(id);
             let version = self.links[id].terms.version;
-            let outcome = match (verdict, swarmwright_packets::decode(0x10, &asked, version)) {
+            let outcome = match (
+                verdict,
+                swarmwright_packets::decode(0x10, &request, version),
+            ) {
                 (Verdict::Admitted, Ok(Packet::Connect(connect))) => self.enter(id, &connect, now),
                 (Verdict::Busy, _) => Err(BUSY),
                 _ => Err(WRONG),
@@ -208,8 +211,8 @@ impl Hub {
             self.refuse(link, refusal, now);
         }
         // A session is kept for a client that may reconnect; without an account it cannot.
-        if !has_account && let Some(&found) = self.by_client.get(&client) {
-            self.end_session(found, now);
+        if !has_account && let Some(&existing) = self.by_client.get(&client) {
+            self.end_session(existing, now);
         }
     }
 

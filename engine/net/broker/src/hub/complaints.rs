@@ -58,13 +58,16 @@ impl Complaints {
         {
             let left_out = tally.count.saturating_sub(LINES);
             if left_out > 0 {
-                let what = [
+                let events = [
                     "denied messages",
                     "refused connections",
                     "disconnected clients",
-                    "messages or subscriptions that do not fit",
+                    "messages or subscriptions over a limit",
                 ][kind];
-                log::warn!("{left_out} more {what} in the last {} s", PERIOD.as_secs());
+                log::warn!(
+                    "{left_out} more {events} in the last {} s",
+                    PERIOD.as_secs()
+                );
             }
             *tally = Tally::default();
         }

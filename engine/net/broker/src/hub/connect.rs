@@ -134,19 +134,19 @@ impl Hub {
         connect: &Connect<'_>,
         now: Instant,
     ) -> (usize, bool) {
-        if let Some(&found) = self.by_client.get(client_id)
-            && let Some(earlier) = self.sessions[found].link
+        if let Some(&existing) = self.by_client.get(client_id)
+            && let Some(earlier) = self.sessions[existing].link
         {
-            let what = "another client connected with this client identifier";
-            self.refuse(earlier, Refusal::new(reason::TAKEN_OVER, what), now);
+            let explanation = "another client connected with this client identifier";
+            self.refuse(earlier, Refusal::new(reason::TAKEN_OVER, explanation), now);
         }
         // Leaving may have ended the session.
-        if let Some(&found) = self.by_client.get(client_id) {
-            let same_user = self.sessions[found].user.as_deref() == connect.user;
+        if let Some(&existing) = self.by_client.get(client_id) {
+            let same_user = self.sessions[existing].user.as_deref() == connect.user;
             if !connect.clean && same_user {
-                return (found, true);
+                return (existing, true);
             }
-            self.end_session(found, now);
+            self.end_session(existing, now);
         }
         let session = self.sessions.insert(Session::new(client_id, connect.user));
         self.by_client.insert(client_id.into(), session);

@@ -77,7 +77,7 @@ impl Hub {
     }
 
     /// Disconnects a client and drops what waits for it, which would not reach it before the connection ends.
-    pub(super) fn cut_off(&mut self, id: usize, what: &'static str, now: Instant) {
+    pub(super) fn cut_off(&mut self, id: usize, explanation: &'static str, now: Instant) {
         let link = &mut self.links[id];
         let behind = link.out.len() + link.buffers;
         self.complaints.say(Kind::Disconnected, now, || {
@@ -88,6 +88,6 @@ impl Hub {
         // The server frees them when it sees that the connection is closing.
         link.buffers = 0;
         self.recount(id);
-        self.refuse(id, Refusal::new(reason::QUOTA_EXCEEDED, what), now);
+        self.refuse(id, Refusal::new(reason::QUOTA_EXCEEDED, explanation), now);
     }
 }

@@ -68,7 +68,7 @@ impl Hub {
             };
             let client = self.sessions[oldest].client_id.clone();
             self.complaints.say(Kind::Full, now, || {
-                format!("client {client}: its session is ended; too much is stored for disconnected clients")
+                format!("client {client}: session ended, since too much is stored for disconnected clients")
             });
             self.end_session(oldest, now);
         }
@@ -80,7 +80,7 @@ impl Hub {
             self.complaints.say(Kind::Full, now, || {
                 let budget = self.limits.memory >> 20;
                 format!(
-                    "the broker's memory ({budget} MiB) is used up; the client that occupies most is disconnected"
+                    "the broker's memory ({budget} MiB) is used up; disconnecting the client that uses most"
                 )
             });
             self.cut_off(id, "the broker's memory is used up", now);
@@ -128,7 +128,7 @@ impl Hub {
 }
 
 pub(super) fn recount(link: &mut Link, used: &mut usize) {
-    let asked = link.asked.as_ref().map_or(0, |connect| connect.len());
-    let size = CONNECTION + link.out.capacity() + link.buffers + asked;
+    let request = link.asked.as_ref().map_or(0, |connect| connect.len());
+    let size = CONNECTION + link.out.capacity() + link.buffers + request;
     *used = *used + size - std::mem::replace(&mut link.counted, size);
 }

@@ -209,7 +209,13 @@ impl Hub {
     }
 
     /// Logs what a client did.
-    fn complain(&mut self, kind: Kind, session: usize, now: Instant, what: impl std::fmt::Display) {
+    fn complain(
+        &mut self,
+        kind: Kind,
+        session: usize,
+        now: Instant,
+        complaint: impl std::fmt::Display,
+    ) {
         let session = &self.sessions[session];
         let peer = session.link.map(|link| self.links[link].peer.as_str());
         self.complaints.say(kind, now, || {
@@ -217,7 +223,7 @@ impl Hub {
             let account = user.map(|user| format!(" of account {user}"));
             let address = peer.map(|peer| format!(" at {peer}"));
             format!(
-                "client {client}{}{}: {what}",
+                "client {client}{}{}: {complaint}",
                 account.unwrap_or_default(),
                 address.unwrap_or_default()
             )

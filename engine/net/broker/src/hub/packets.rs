@@ -130,8 +130,8 @@ impl Hub {
                 "an acknowledgement that does not belong to the QoS of the message",
             ));
         }
-        let known = |known| {
-            if known {
+        let code_of = |exists| {
+            if exists {
                 reason::SUCCESS
             } else {
                 reason::UNKNOWN_PACKET_ID
@@ -146,8 +146,11 @@ impl Hub {
                 remembered.finish(packet);
                 None
             }
-            Answer::Received => Some((Answer::Release, known(remembered.received(packet)))),
-            Answer::Release => Some((Answer::Complete, known(remembered.inbound.remove(&packet)))),
+            Answer::Received => Some((Answer::Release, code_of(remembered.received(packet)))),
+            Answer::Release => Some((
+                Answer::Complete,
+                code_of(remembered.inbound.remove(&packet)),
+            )),
         };
         if let Some((kind, code)) = reply {
             self.answer(id, |out, version| {

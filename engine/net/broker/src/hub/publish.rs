@@ -39,8 +39,8 @@ impl Frames {
     }
 
     fn get(&mut self, message: &Publish<'_>, retain: bool, version: Version) -> &[u8] {
-        let place = usize::from(retain) + 2 * usize::from(version == Version::Five);
-        let bytes = &mut self.bytes[place];
+        let index = usize::from(retain) + 2 * usize::from(version == Version::Five);
+        let bytes = &mut self.bytes[index];
         if bytes.is_empty() {
             publish(bytes, &outgoing(message, retain, &[]), version);
         }
@@ -80,14 +80,14 @@ impl Hub {
         if self.sessions[session].inbound.len() > usize::from(WINDOW) {
             return Err(Refusal::new(
                 reason::RECEIVE_MAXIMUM,
-                "more messages under way than the receive maximum",
+                "more messages in flight than the receive maximum",
             ));
         }
         let code = if self.may_write(session, message.topic) {
             self.route(Some(id), Some(session), message, None, now)
         } else {
-            let what = format_args!("may not publish to {}", message.topic);
-            self.complain(Kind::Denied, session, now, what);
+            let complaint = format_args!("may not publish to {}", message.topic);
+            self.complain(Kind::Denied, session, now, complaint);
             reason::NOT_AUTHORIZED
         };
         if code >= 0x80 && message.qos == 2 {
@@ -131,18 +131,18 @@ impl Hub {
     }
 
     /// Sends a message to all subscribers and stores it if it is retained; returns the reason code for its publisher.
-    /// `kept` is the same message, where there is one already.
+    /// `stored` is the same message, where there is one already.
     fn route(
         &mut self,
         from_link: Option<usize>,
         from: Option<usize>,
         message: &Publish<'_>,
-        kept: Option<&Arc<Message>>,
+        stored: Option<&Arc<Message>>,
         now: Instant,
     ) -> u8 {
-        let mut kept = kept.cloned();
+        let mut stored = stored.cloned();
         let mut keep =
-            || Arc::clone(kept.get_or_insert_with(|| Arc::new(Message::new(message, now))));
+            || Arc::clone(stored.get_or_insert_with(|| Arc::new(Message::new(message, now))));
         let mut code = reason::NO_MATCHING_SUBSCRIBERS;
         let mut is_kept = message.retain;
         if message.retain {
@@ -232,12 +232,12 @@ impl Hub {
     }
 
     fn routes_of(&mut self, name: &str) -> Arc<[Route]> {
-        if let Some(known) = self.routes.get(name) {
-            return Arc::clone(known);
+        if let Some(cached) = self.routes.get(name) {
+            return Arc::clone(cached);
         }
-        let found = self.subscriptions.covering(name);
+        let subscriptions = self.subscriptions.covering(name);
         let mut routes = Vec::new();
-        for of_one in found.chunk_by(|one, next| one.0 == next.0) {
+        for of_one in subscriptions.chunk_by(|left, next| left.0 == next.0) {
             let session = of_one[0].0;
             if !self.may_read(session, name) {
                 continue;

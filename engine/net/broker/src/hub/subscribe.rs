@@ -20,12 +20,12 @@ impl Hub {
     ) -> Result<(), Refusal> {
         self.work += WORK_OF_PACKET * filters.len();
         let mut codes = Vec::with_capacity(filters.len());
-        let mut wanted = Vec::new();
+        let mut lookups = Vec::new();
         for filter in filters {
             let code = match self.subscribe_to(session, identifier, filter) {
                 Ok(is_new) => {
                     if filter.retain_handling == 0 || (filter.retain_handling == 1 && is_new) {
-                        wanted.push(Lookup {
+                        lookups.push(Lookup {
                             search: self.retained.search(filter.filter),
                             qos: filter.qos,
                             identifier,
@@ -38,13 +38,13 @@ impl Hub {
             codes.push(code);
         }
         if codes.contains(&reason::QUOTA_EXCEEDED) {
-            let what = "subscribes to more topic filters than a client may have";
-            self.complain(Kind::Full, session, now, what);
+            let complaint = "subscribes to more topic filters than a client may have";
+            self.complain(Kind::Full, session, now, complaint);
         }
         self.routes.clear();
         self.recount_session(session);
         self.answer(id, |out, version| suback(out, packet, &codes, version))?;
-        self.look_up(id, wanted, now);
+        self.look_up(id, lookups, now);
         Ok(())
     }
 

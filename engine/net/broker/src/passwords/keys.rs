@@ -24,8 +24,8 @@ impl Keys {
 
     /// Is this the user's password? How long the comparison of two hashes takes says nothing about the password.
     pub fn admit(&self, user: &str, password: &[u8]) -> bool {
-        let kept = self.0.get(user);
-        kept.is_some_and(|kept| kept.as_ref() == hash(password).as_ref())
+        let stored = self.0.get(user);
+        stored.is_some_and(|stored| stored.as_ref() == hash(password).as_ref())
     }
 }
 

@@ -61,8 +61,8 @@ impl Rate {
         })
     }
 
-    fn after(&self, allowance: Option<&Allowance>, taken: f64, now: Instant) -> Allowance {
-        let level = (self.level(allowance, now) - taken).min(self.most);
+    fn after(&self, allowance: Option<&Allowance>, amount: f64, now: Instant) -> Allowance {
+        let level = (self.level(allowance, now) - amount).min(self.most);
         Allowance { level, at: now }
     }
 }
@@ -176,12 +176,16 @@ impl CheckQueue {
             counts: false,
         });
         let of_network = self.attempts.iter();
-        if of_network.filter(|one| *one.network == *network).count() > MAX_WAITING_PER_NETWORK {
+        if of_network
+            .filter(|attempt| *attempt.network == *network)
+            .count()
+            > MAX_WAITING_PER_NETWORK
+        {
             self.displace(network);
         } else if self.attempts.len() > MAX_WAITING {
             let mut sizes: HashMap<&str, usize> = HashMap::new();
-            for one in &self.attempts {
-                *sizes.entry(&one.network).or_default() += 1;
+            for attempt in &self.attempts {
+                *sizes.entry(&attempt.network).or_default() += 1;
             }
             let largest = sizes.into_iter().max_by_key(|(name, size)| (*size, *name));
             if let Some(largest) = largest.map(|(name, _)| name.to_owned()) {
@@ -193,7 +197,7 @@ impl CheckQueue {
     /// Removes the oldest waiting pair of a network.
     fn displace(&mut self, network: &str) {
         let mut attempts = self.attempts.iter();
-        let oldest = attempts.position(|one| *one.network == *network && !one.running);
+        let oldest = attempts.position(|attempt| *attempt.network == *network && !attempt.running);
         if let Some(oldest) = oldest {
             let attempt = self.attempts.remove(oldest);
             self.note_returning(attempt.pair);
@@ -216,7 +220,7 @@ impl CheckQueue {
     /// The connection no longer waits.
     pub fn forget(&mut self, link: usize) {
         for attempt in &mut self.attempts {
-            attempt.links.retain(|one| *one != link);
+            attempt.links.retain(|other| *other != link);
         }
         self.attempts
             .retain(|attempt| attempt.running || !attempt.links.is_empty());
@@ -255,12 +259,12 @@ impl CheckQueue {
             }
             let network = NETWORK_RATE.level(self.networks.get(&attempt.network), now);
             let account = ACCOUNT_RATE.level(self.accounts.get(&attempt.account), now);
-            let place = (attempt.network.clone(), attempt.account);
-            let is_trusted = self.trusted.contains(&place);
+            let origin = (attempt.network.clone(), attempt.account);
+            let is_trusted = self.trusted.contains(&origin);
             if network < 1.0 || (account < 1.0 && !is_trusted) {
                 continue;
             }
-            let within = ACCOUNT_RATE.level(self.places.get(&place), now);
+            let within = ACCOUNT_RATE.level(self.places.get(&origin), now);
             let rank = (network, within, attempt.returns, is_trusted);
             // Of two equals the newest, which is later in the list.
             if best.is_none_or(|(_, before)| rank >= before) {
@@ -270,14 +274,14 @@ impl CheckQueue {
         best.map(|(index, _)| index)
     }
 
-    fn charge(&mut self, network: &str, account: Key, counts: bool, taken: f64, now: Instant) {
-        let after = NETWORK_RATE.after(self.networks.get(network), taken, now);
+    fn charge(&mut self, network: &str, account: Key, counts: bool, amount: f64, now: Instant) {
+        let after = NETWORK_RATE.after(self.networks.get(network), amount, now);
         self.networks.insert(network.into(), after);
-        let place = (network.into(), account);
-        let after = ACCOUNT_RATE.after(self.places.get(&place), taken, now);
-        self.places.insert(place, after);
+        let origin = (network.into(), account);
+        let after = ACCOUNT_RATE.after(self.places.get(&origin), amount, now);
+        self.places.insert(origin, after);
         if counts {
-            let after = ACCOUNT_RATE.after(self.accounts.get(&account), taken, now);
+            let after = ACCOUNT_RATE.after(self.accounts.get(&account), amount, now);
             self.accounts.insert(account, after);
         }
     }
@@ -291,10 +295,11 @@ impl CheckQueue {
         now: Instant,
     ) -> Vec<usize> {
         let mut attempts = self.attempts.iter();
-        let Some(place) = attempts.position(|one| one.running && one.pair == *pair) else {
+        let Some(index) = attempts.position(|attempt| attempt.running && attempt.pair == *pair)
+        else {
             return Vec::new();
         };
-        let attempt = self.attempts.remove(place);
+        let attempt = self.attempts.remove(index);
         self.running -= 1;
         self.recheck_at = None;
         match user {
@@ -311,7 +316,7 @@ impl CheckQueue {
     /// A pair has to be checked again, since the password file has changed.
     pub fn repeat(&mut self, pair: &Key, now: Instant) {
         let mut attempts = self.attempts.iter_mut();
-        if let Some(attempt) = attempts.find(|one| one.running && one.pair == *pair) {
+        if let Some(attempt) = attempts.find(|attempt| attempt.running && attempt.pair == *pair) {
             attempt.running = false;
             let (network, account, counts) =
                 (attempt.network.clone(), attempt.account, attempt.counts);
@@ -343,7 +348,8 @@ impl CheckQueue {
 
     /// When to examine the queue again, if a pair waits.
     pub fn due(&self, now: Instant) -> Option<Instant> {
-        let waits = self.running < self.workers && self.attempts.iter().any(|one| !one.running);
+        let waits =
+            self.running < self.workers && self.attempts.iter().any(|attempt| !attempt.running);
         if !self.displaced.is_empty() {
             return Some(now);
         }
@@ -351,8 +357,8 @@ impl CheckQueue {
     }
 
     fn trust(&mut self, network: &str, account: Key) {
-        let known = (network.into(), account);
-        if self.trusted.contains(&known) {
+        let origin = (network.into(), account);
+        if self.trusted.contains(&origin) {
             return;
         }
         if self.trusted_order.len() >= MAX_TRUSTED
@@ -360,19 +366,25 @@ impl CheckQueue {
         {
             self.trusted.remove(&oldest);
         }
-        self.trusted.insert(known.clone());
-        self.trusted_order.push_back(known);
+        self.trusted.insert(origin.clone());
+        self.trusted_order.push_back(origin);
     }
 
     fn find(&mut self, pair: &Key) -> Option<&mut Attempt> {
-        self.attempts.iter_mut().find(|one| one.pair == *pair)
+        self.attempts
+            .iter_mut()
+            .find(|attempt| attempt.pair == *pair)
     }
 
     /// Removes allowances that are full again.
     pub fn sweep(&mut self, now: Instant) {
-        let is_partly = |rate: &Rate, one: &Allowance| rate.level(Some(one), now) < rate.most;
-        self.networks.retain(|_, one| is_partly(&NETWORK_RATE, one));
-        self.places.retain(|_, one| is_partly(&ACCOUNT_RATE, one));
-        self.accounts.retain(|_, one| is_partly(&ACCOUNT_RATE, one));
+        let is_partly =
+            |rate: &Rate, allowance: &Allowance| rate.level(Some(allowance), now) < rate.most;
+        self.networks
+            .retain(|_, allowance| is_partly(&NETWORK_RATE, allowance));
+        self.places
+            .retain(|_, allowance| is_partly(&ACCOUNT_RATE, allowance));
+        self.accounts
+            .retain(|_, allowance| is_partly(&ACCOUNT_RATE, allowance));
     }
 }

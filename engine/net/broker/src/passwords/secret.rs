@@ -50,8 +50,8 @@ impl Secret {
             return match PasswordHash::new(text) {
                 Ok(hash) if hash.salt.is_some() && hash.hash.is_some() => {
                     let most = |name, most| {
-                        let given = hash.params.get_decimal(name);
-                        given.is_none_or(|given| given <= most)
+                        let value = hash.params.get_decimal(name);
+                        value.is_none_or(|value| value <= most)
                     };
                     if !most("m", MOST_MEMORY) || !most("t", MOST_PASSES) {
                         return Err(format!(
@@ -65,19 +65,19 @@ impl Secret {
         }
         let Some(fields) = text.strip_prefix("$7$") else {
             return Err(format!(
-                "only hashes are accepted, argon2 or $7$, and not plain-text passwords; {HINT}"
+                "only hashes (argon2 or $7$) are accepted, not plain-text passwords; {HINT}"
             ));
         };
         let parts: Vec<&str> = fields.split('$').collect();
         let [iterations, salt, hash] = parts[..] else {
-            return Err(format!("$7$iterations$salt$hash expected; {HINT}"));
+            return Err(format!("expected $7$iterations$salt$hash; {HINT}"));
         };
         let iterations = iterations
             .parse()
             .ok()
             .filter(|count: &NonZeroU32| count.get() <= MOST_ITERATIONS)
             .ok_or_else(|| {
-                format!("the number of iterations is not one from 1 to {MOST_ITERATIONS}; {HINT}")
+                format!("the number of iterations must be from 1 to {MOST_ITERATIONS}; {HINT}")
             })?;
         let bytes = |text: &str| {
             STANDARD
@@ -86,7 +86,7 @@ impl Secret {
         };
         let hash = bytes(hash)?;
         if hash.is_empty() || hash.len() > LONGEST {
-            return Err(format!("the hash is not of 1 to {LONGEST} bytes; {HINT}"));
+            return Err(format!("the hash must have 1 to {LONGEST} bytes; {HINT}"));
         }
         Ok(Self::Pbkdf2 {
             iterations,
@@ -151,13 +151,13 @@ fn argon2_of(password: &[u8], like: &PasswordHash) -> Option<Output> {
             drop(std::mem::take(blocks));
             blocks.resize(count, Block::default());
         }
-        let found = Output::init_with(like.hash?.len(), |out| {
+        let output = Output::init_with(like.hash?.len(), |out| {
             Ok(argon2.hash_password_into_with_memory(password, salt, out, &mut *blocks)?)
         });
         if count > MOST_KEPT {
             *blocks = Vec::new();
         }
-        found.ok()
+        output.ok()
     })
 }
 
@@ -235,7 +235,7 @@ pub fn hash_password(password: &str) -> Result<String, BrokerError> {
 pub fn hash_for_mosquitto(password: &str, iterations: NonZeroU32) -> Result<String, BrokerError> {
     if iterations.get() > MOST_ITERATIONS {
         return Err(system(&format!(
-            "at most {MOST_ITERATIONS} iterations are taken"
+            "at most {MOST_ITERATIONS} iterations are allowed"
         )));
     }
     let salt: [u8; 12] = random()?;
@@ -258,13 +258,13 @@ fn random<const N: usize>() -> Result<[u8; N], BrokerError> {
     let mut bytes = [0; N];
     SystemRandom::new()
         .fill(&mut bytes)
-        .map_err(|_| system(&"the operating system gives no random numbers"))?;
+        .map_err(|_| system(&"the operating system provides no random numbers"))?;
     Ok(bytes)
 }
 
 fn system(error: &impl ToString) -> BrokerError {
     BrokerError::System {
-        what: "hash the password",
+        action: "hash the password",
         source: io::Error::other(error.to_string()),
     }
 }

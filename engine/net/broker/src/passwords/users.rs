@@ -26,8 +26,7 @@ impl Users {
             let Some((user, text)) = line.split_once(':').filter(|(user, _)| !user.is_empty())
             else {
                 return Err(
-                    "`user:hash` expected, as `swarmwright broker --add-user FILE NAME` \
-                     or mosquitto_passwd writes it"
+                    "expected `user:hash`, as written by `swarmwright broker --add-user FILE NAME` or mosquitto_passwd"
                         .into(),
                 );
             };
@@ -56,7 +55,7 @@ impl Users {
     /// Is the account here, and in `other` with the very same hash?
     pub fn is_same(&self, other: &Self, user: &str) -> bool {
         match (self.accounts.get(user), other.accounts.get(user)) {
-            (Some(one), Some(other)) => one.line == other.line,
+            (Some(account), Some(other)) => account.line == other.line,
             _ => false,
         }
     }

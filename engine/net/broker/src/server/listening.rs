@@ -82,8 +82,8 @@ impl Listening {
         }
         if listening.listeners.is_empty() {
             return Err(BrokerError::System {
-                what: "listen",
-                source: io::Error::other("it was given neither a port nor a Unix socket"),
+                action: "listen",
+                source: io::Error::other("neither a port nor a Unix socket is set"),
             });
         }
         Ok(listening)
@@ -96,7 +96,7 @@ impl Listening {
         websocket: bool,
     ) -> Result<Option<SocketAddr>, BrokerError> {
         let Some(port) = port else { return Ok(None) };
-        let system = |what| move |source| BrokerError::System { what, source };
+        let system = |action| move |source| BrokerError::System { action, source };
         let socket = listen_on(host, port)?;
         let address = socket
             .local_addr()
@@ -115,7 +115,7 @@ impl Listening {
         socket
             .set_nonblocking(true)
             .map_err(|source| BrokerError::System {
-                what: "wait for sockets",
+                action: "wait for sockets",
                 source,
             })?;
         self.listeners.push(Listener::Unix {
@@ -152,9 +152,9 @@ fn listen_on(host: &str, port: u16) -> Result<std::net::TcpListener, BrokerError
 }
 
 impl Server {
-    pub(super) fn accept(&mut self, place: usize, now: Instant) {
+    pub(super) fn accept(&mut self, index: usize, now: Instant) {
         loop {
-            let Some(listener) = self.listeners.get(place) else {
+            let Some(listener) = self.listeners.get(index) else {
                 return;
             };
             match listener.accept() {

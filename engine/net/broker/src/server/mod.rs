@@ -65,9 +65,9 @@ impl Server {
         mut hub: Hub,
     ) -> io::Result<(Self, Stopper)> {
         let poll = Poll::new()?;
-        for (place, listener) in listeners.iter_mut().enumerate() {
+        for (index, listener) in listeners.iter_mut().enumerate() {
             poll.registry()
-                .register(listener.source(), Token(place), Interest::READABLE)?;
+                .register(listener.source(), Token(index), Interest::READABLE)?;
         }
         let stop = Arc::new(AtomicBool::new(false));
         let renewal = Arc::new(Mutex::new(None));
@@ -107,7 +107,7 @@ impl Server {
             let wait = self.poll_timeout(last_tick, now);
             match self.poll.poll(&mut events, wait) {
                 Err(error) if error.kind() != ErrorKind::Interrupted => {
-                    log::error!("the broker stops, waiting for its sockets failed: {error}");
+                    log::error!("the broker stops, since waiting for its sockets failed: {error}");
                     break;
                 }
                 _ => {}
@@ -162,7 +162,7 @@ impl Server {
     fn note(&mut self, event: &Event, now: Instant) {
         match event.token() {
             WAKE => {}
-            Token(place) if place < FIRST => self.accept(place, now),
+            Token(index) if index < FIRST => self.accept(index, now),
             Token(token) => {
                 let id = token - FIRST;
                 // The connection may have ended since the event.
@@ -258,8 +258,8 @@ impl Server {
 
     fn tick(&mut self, now: Instant) {
         self.hub.tick(now);
-        for place in 0..self.listeners.len() {
-            self.accept(place, now);
+        for index in 0..self.listeners.len() {
+            self.accept(index, now);
         }
         for id in 0..self.connections.len() {
             let since = self.connections[id]

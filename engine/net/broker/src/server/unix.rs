@@ -60,9 +60,9 @@ pub fn listen(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile), Brok
         bound => bound,
     }
     .map_err(|error| refused(&path, &error))?;
-    let found = fs::symlink_metadata(&path).map_err(|error| refused(&path, &error))?;
+    let metadata = fs::symlink_metadata(&path).map_err(|error| refused(&path, &error))?;
     let file = SocketFile {
-        identity: identity(&found),
+        identity: identity(&metadata),
         path,
     };
     // Before it listens, no client can connect, whatever the mode is.

@@ -21,7 +21,7 @@ impl Origins {
             let is_origin = host.is_some_and(|host| !host.is_empty() && !host.contains('/'));
             if !is_origin && origin != "*" && origin != "null" {
                 return Err(BrokerError::System {
-                    what: "use an origin",
+                    action: "use an origin",
                     source: io::Error::other(format!(
                         "{origin:?} is not an origin; write it like https://dashboard.example.org, without a path, or * for all"
                     )),
@@ -29,8 +29,11 @@ impl Origins {
             }
         }
         Ok(Self {
-            allowed: allowed.iter().map(|one| one.to_ascii_lowercase()).collect(),
-            any: allowed.iter().any(|one| one == "*"),
+            allowed: allowed
+                .iter()
+                .map(|origin| origin.to_ascii_lowercase())
+                .collect(),
+            any: allowed.iter().any(|origin| origin == "*"),
             tls,
         })
     }

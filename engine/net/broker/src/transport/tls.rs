@@ -30,11 +30,11 @@ pub fn server_config(
         })
         .and_then(|builder| builder.with_single_cert(chain, secret))
         .map_err(|error| BrokerError::Invalid {
-            what: "private key",
+            purpose: "private key",
             path: key.into(),
             line: None,
             wrong: format!(
-                "does not go with the certificate {}: {error}",
+                "does not match the certificate {}: {error}",
                 certificate.display()
             ),
         })?;
@@ -43,29 +43,29 @@ pub fn server_config(
 
 /// The certificates of a file, one at least.
 fn certificates(
-    what: &'static str,
+    purpose: &'static str,
     path: &Path,
 ) -> Result<Vec<CertificateDer<'static>>, BrokerError> {
-    let found: Vec<_> = CertificateDer::pem_file_iter(path)
+    let certificates: Vec<_> = CertificateDer::pem_file_iter(path)
         .and_then(Iterator::collect)
-        .map_err(|error| explain(what, path, error))?;
-    if found.is_empty() {
-        return Err(explain(what, path, pem::Error::NoItemsFound));
+        .map_err(|error| explain(purpose, path, error))?;
+    if certificates.is_empty() {
+        return Err(explain(purpose, path, pem::Error::NoItemsFound));
     }
-    Ok(found)
+    Ok(certificates)
 }
 
 /// What accepts certificates of clients that an authority in the file has signed.
 fn verifier(authorities: &Path) -> Result<Arc<dyn ClientCertVerifier>, BrokerError> {
-    let what = "certificate authority of clients";
+    let purpose = "certificate authority of clients";
     let invalid = |wrong: String| BrokerError::Invalid {
-        what,
+        purpose,
         path: authorities.into(),
         line: None,
         wrong,
     };
     let mut roots = RootCertStore::empty();
-    for authority in certificates(what, authorities)? {
+    for authority in certificates(purpose, authorities)? {
         roots
             .add(authority)
             .map_err(|error| invalid(error.to_string()))?;
@@ -77,16 +77,20 @@ fn verifier(authorities: &Path) -> Result<Arc<dyn ClientCertVerifier>, BrokerErr
         .map_err(|error| invalid(error.to_string()))
 }
 
-fn explain(what: &'static str, path: &Path, error: pem::Error) -> BrokerError {
+fn explain(purpose: &'static str, path: &Path, error: pem::Error) -> BrokerError {
     let path = path.into();
     match error {
-        pem::Error::Io(source) => BrokerError::Unreadable { what, path, source },
+        pem::Error::Io(source) => BrokerError::Unreadable {
+            purpose,
+            path,
+            source,
+        },
         pem::Error::NoItemsFound => {
             let wrong = format!(
-                "no {what} in it; a PEM file with a block `-----BEGIN ...-----` is expected"
+                "contains no {purpose}; expected a PEM file with a block `-----BEGIN ...-----`"
             );
             BrokerError::Invalid {
-                what,
+                purpose,
                 path,
                 line: None,
                 wrong,
@@ -94,7 +98,11 @@ fn explain(what: &'static str, path: &Path, error: pem::Error) -> BrokerError {
         }
         other => {
             let source = io::Error::new(io::ErrorKind::InvalidData, format!("{other:?}"));
-            BrokerError::Unreadable { what, path, source }
+            BrokerError::Unreadable {
+                purpose,
+                path,
+                source,
+            }
         }
     }
 }

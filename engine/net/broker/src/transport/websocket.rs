@@ -18,7 +18,7 @@ const MAX_HEADER: usize = 14;
 /// The longest payload of a control frame, bytes.
 const MAX_CONTROL: u64 = 125;
 const BAD_REQUEST: &str = "400 Bad Request";
-const EXPECTED: &str = "this port speaks MQTT over WebSocket; a GET request with an upgrade to WebSocket version 13 is expected";
+const EXPECTED: &str = "this port speaks MQTT over WebSocket; expected a GET request with an upgrade to WebSocket version 13";
 
 /// Frame of binary data.
 pub const BINARY: OpCode = OpCode::Data(Data::Binary);
@@ -82,10 +82,10 @@ impl WebSocket {
         self.partial.extend_from_slice(bytes);
         // A request that arrives byte by byte is not searched again from its start.
         let from = before.saturating_sub(3);
-        let found = self.partial[from..]
+        let blank_line = self.partial[from..]
             .windows(4)
             .position(|window| window == b"\r\n\r\n");
-        let Some(end) = found.map(|place| from + place + 4) else {
+        let Some(end) = blank_line.map(|index| from + index + 4) else {
             return if self.partial.len() > MAX_REQUEST {
                 Err("the WebSocket request is longer than 16 KiB".into())
             } else {
@@ -112,12 +112,12 @@ impl WebSocket {
 
     fn header<'a>(&mut self, bytes: &'a [u8], replies: &mut Vec<u8>) -> Result<&'a [u8], String> {
         let before = self.partial.len();
-        let taken = bytes.len().min(MAX_HEADER - before);
-        self.partial.extend_from_slice(&bytes[..taken]);
+        let count = bytes.len().min(MAX_HEADER - before);
+        self.partial.extend_from_slice(&bytes[..count]);
         let mut cursor = Cursor::new(&self.partial);
         let (header, left) = match FrameHeader::parse(&mut cursor) {
-            Ok(Some(found)) => found,
-            Ok(None) => return Ok(&bytes[taken..]),
+            Ok(Some(parsed)) => parsed,
+            Ok(None) => return Ok(&bytes[count..]),
             Err(error) => return Err(refuse(format!("WebSocket: {error}"), replies)),
         };
         let end = cursor.position() as usize;
@@ -137,7 +137,7 @@ impl WebSocket {
             ));
         }
         if is_control && (left > MAX_CONTROL || !header.is_final) {
-            let wrong = "a WebSocket control frame in parts, or too long";
+            let wrong = "a WebSocket control frame that is fragmented or too long";
             return Err(refuse(wrong.into(), replies));
         }
         self.frame = Some(Incoming {
@@ -173,9 +173,9 @@ impl Incoming {
     /// Appends the payload that is in `bytes` to `target`; returns what follows it.
     fn unmask<'a>(&mut self, bytes: &'a [u8], target: &mut Vec<u8>) -> &'a [u8] {
         let length = usize::try_from(self.left).map_or(bytes.len(), |left| left.min(bytes.len()));
-        let (here, rest) = bytes.split_at(length);
+        let (payload, rest) = bytes.split_at(length);
         let start = target.len();
-        target.extend_from_slice(here);
+        target.extend_from_slice(payload);
         // By words, which is faster than by bytes.
         let (words, tail) = target[start..].as_chunks_mut::<4>();
         let mask = u32::from_ne_bytes(self.mask);
@@ -221,7 +221,7 @@ fn answer(request: &[u8], origins: &Origins) -> Result<String, (&'static str, St
     let protocol = ["mqtt", "mqttv3.1"]
         .into_iter()
         .find(|protocol| offers(request.headers(), protocol))
-        .ok_or_else(|| bad("the WebSocket subprotocol `mqtt` is expected"))?;
+        .ok_or_else(|| bad("expected the WebSocket subprotocol `mqtt`"))?;
     let origin = text(request.headers(), "Origin");
     let host = text(request.headers(), "Host");
     if !origins.allow(origin.as_deref(), host.as_deref()) {

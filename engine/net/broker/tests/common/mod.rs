@@ -195,10 +195,10 @@ impl<S: Read + Write> Client<S> {
         }
     }
 
-    pub fn expect(&mut self, wanted: u8) -> Vec<u8> {
+    pub fn expect(&mut self, expected: u8) -> Vec<u8> {
         match self.next() {
-            Some((first, body)) if first == wanted => body,
-            other => panic!("{wanted:#x} expected, {other:02x?} came"),
+            Some((first, body)) if first == expected => body,
+            other => panic!("{expected:#x} expected, {other:02x?} came"),
         }
     }
 
@@ -233,10 +233,10 @@ impl<S: Read + Write> Client<S> {
 /// Length of the fixed header and of the body.
 fn head(bytes: &[u8]) -> Option<(usize, usize)> {
     let mut length = 0;
-    for (place, byte) in bytes.iter().skip(1).take(4).enumerate() {
-        length |= usize::from(byte & 0x7f) << (7 * place);
+    for (index, byte) in bytes.iter().skip(1).take(4).enumerate() {
+        length |= usize::from(byte & 0x7f) << (7 * index);
         if byte & 0x80 == 0 {
-            return Some((place + 2, length));
+            return Some((index + 2, length));
         }
     }
     None

@@ -41,24 +41,24 @@ impl Connection {
     /// Connects to the first broker that can be reached.
     pub(super) fn establish_any(&mut self) -> Result<(), ConnectError> {
         // In a cluster another one is used meanwhile.
-        let mut found = match self.establish(self.settings.others.is_empty()) {
+        let mut errors = match self.establish(self.settings.others.is_empty()) {
             Err(error) if !self.settings.others.is_empty() => vec![error],
-            found => return found,
+            result => return result,
         };
         for _ in 0..self.settings.others.len() {
             self.settings.next_broker();
             match self.establish(false) {
                 Ok(()) => {
-                    for error in found {
+                    for error in errors {
                         log::warn!("{error}; {} is used instead", self.settings.url);
                     }
                     return Ok(());
                 }
-                Err(error) => found.push(error),
+                Err(error) => errors.push(error),
             }
         }
         self.settings.next_broker();
-        Err(ConnectError::all(found))
+        Err(ConnectError::all(errors))
     }
 
     /// Connects to the present broker; `waits`: also where it restarts at this moment.
@@ -184,7 +184,7 @@ impl Connection {
                 Received::Denied(topic, reason) => {
                     let error = ConnectError::Unpublishable {
                         url: settings.url.to_string(),
-                        who: settings.who(),
+                        user: settings.who(),
                         topic: topic.clone(),
                         reason,
                     };

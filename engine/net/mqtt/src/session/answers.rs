@@ -35,9 +35,7 @@ impl Session {
             (_, Stage::Connecting) => return Err(NO_CONNACK),
             (Packet::Puback { id, code, text }, _) => {
                 let Some(topic) = self.unacknowledged.remove(id) else {
-                    return Err(Refusal::protocol(
-                        "a PUBACK without a message that waits for it",
-                    ));
+                    return Err(Refusal::protocol("a PUBACK for an unknown message"));
                 };
                 if *code == reason::NOT_AUTHORIZED {
                     received(Received::Denied(topic.into(), describe(*code, *text)));
@@ -50,7 +48,7 @@ impl Session {
             (Packet::Suback { id, codes, text }, _) => {
                 if self.subscribing.take() != Some((*id, codes.len())) {
                     return Err(Refusal::protocol(
-                        "a SUBACK that does not fit the SUBSCRIBE",
+                        "a SUBACK that does not match the SUBSCRIBE",
                     ));
                 }
                 let granted = codes.iter().map(|&code| {
@@ -113,12 +111,17 @@ impl Session {
         out: &mut Vec<u8>,
         received: &mut impl FnMut(Received),
     ) {
-        let Refusal { reason, what } = refusal;
+        let Refusal {
+            reason,
+            what: explanation,
+        } = refusal;
         if self.stage == Stage::Accepted {
-            disconnect(out, reason, what, self.version, self.limits.largest);
+            disconnect(out, reason, explanation, self.version, self.limits.largest);
         }
         self.stage = Stage::Over;
-        received(Received::Closed(format!("MQTT protocol error: {what}")));
+        received(Received::Closed(format!(
+            "MQTT protocol error: {explanation}"
+        )));
     }
 }
 

@@ -384,9 +384,9 @@ fn what_comes_instead_of_the_answer_to_connect_ends_the_connection() {
         (Version::Five, &[0xd0, 0], "not a CONNACK"),
         (Version::Five, &[0xe0, 1, 0x8b], "server shutting down"),
         (Version::Five, &[0x20, 2, 0, 0], "middle of a field"),
-        (Version::Five, &[0x20, 3, 2, 0, 0], "flags of CONNACK"),
-        (Version::Five, &[0x20, 3, 0, 1, 0], "reason code of CONNACK"),
-        (Version::Three, &[0x20, 2, 0, 6], "return code of CONNACK"),
+        (Version::Five, &[0x20, 3, 2, 0, 0], "flags in CONNACK"),
+        (Version::Five, &[0x20, 3, 0, 1, 0], "reason code in CONNACK"),
+        (Version::Three, &[0x20, 2, 0, 6], "return code in CONNACK"),
         (
             Version::Five,
             &[0x20, 6, 0, 0, 3, 0x21, 0, 0],

@@ -27,18 +27,18 @@ pub fn open(url: &str, filter: &str) -> Connection {
 /// Polls until `count` messages are there.
 pub fn messages(connection: &mut Connection, count: usize) -> Vec<(String, Vec<u8>, bool)> {
     let deadline = Instant::now() + PATIENCE;
-    let mut found = Vec::new();
+    let mut messages = Vec::new();
     let mut events = Vec::new();
-    while found.len() < count {
+    while messages.len() < count {
         assert!(
             Instant::now() < deadline,
             "{} of {count} messages came",
-            found.len()
+            messages.len()
         );
         connection.poll(deadline, &mut events);
         for event in events.drain(..) {
             if let Event::Message(message) = event {
-                found.push((
+                messages.push((
                     message.topic().to_owned(),
                     message.payload().to_vec(),
                     message.retained(),
@@ -46,14 +46,14 @@ pub fn messages(connection: &mut Connection, count: usize) -> Vec<(String, Vec<u
             }
         }
     }
-    found
+    messages
 }
 
 /// Polls until an event of a kind is there.
-pub fn until(connection: &mut Connection, wanted: impl Fn(&Event) -> bool) {
+pub fn until(connection: &mut Connection, is_wanted: impl Fn(&Event) -> bool) {
     let deadline = Instant::now() + PATIENCE;
     let mut events = Vec::new();
-    while !events.drain(..).any(|event| wanted(&event)) {
+    while !events.drain(..).any(|event| is_wanted(&event)) {
         assert!(Instant::now() < deadline, "the event did not come");
         connection.poll(deadline, &mut events);
     }

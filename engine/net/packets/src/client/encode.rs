@@ -26,8 +26,8 @@ pub struct Invalid {
 }
 
 impl Invalid {
-    const fn new(what: &'static str, why: &'static str) -> Self {
-        Self { what, why }
+    const fn new(part: &'static str, why: &'static str) -> Self {
+        Self { what: part, why }
     }
 }
 
@@ -202,35 +202,38 @@ pub fn publish(
     check_topic(message.topic, "the topic")?;
     let length = message.length(version);
     if length > LONGEST || encode::size_with_header(length) > largest {
-        return Err(Invalid::new("the message", "is larger than is accepted"));
+        return Err(Invalid::new(
+            "the message",
+            "is larger than the broker accepts",
+        ));
     }
     encode::publish(out, message, version);
     Ok(())
 }
 
 /// Refuses a text that cannot be a string of MQTT (1.5.4).
-fn check_text(text: &str, what: &'static str) -> Result<(), Invalid> {
+fn check_text(text: &str, part: &'static str) -> Result<(), Invalid> {
     if text.len() > usize::from(u16::MAX) {
-        return Err(Invalid::new(what, TOO_LONG));
+        return Err(Invalid::new(part, TOO_LONG));
     }
     if text.as_bytes().contains(&0) {
-        return Err(Invalid::new(what, "contains the character U+0000"));
+        return Err(Invalid::new(part, "contains the character U+0000"));
     }
     Ok(())
 }
 
 /// Refuses a topic that cannot be published to.
-fn check_topic(name: &str, what: &'static str) -> Result<(), Invalid> {
-    check_text(name, what)?;
+fn check_topic(name: &str, part: &'static str) -> Result<(), Invalid> {
+    check_text(name, part)?;
     if !topic::is_name(name) {
-        return Err(Invalid::new(what, "is empty or has wildcards"));
+        return Err(Invalid::new(part, "is empty or has wildcards"));
     }
     Ok(())
 }
 
-fn binary(out: &mut Vec<u8>, data: &[u8], what: &'static str) -> Result<(), Invalid> {
+fn binary(out: &mut Vec<u8>, data: &[u8], part: &'static str) -> Result<(), Invalid> {
     let Ok(length) = u16::try_from(data.len()) else {
-        return Err(Invalid::new(what, TOO_LONG));
+        return Err(Invalid::new(part, TOO_LONG));
     };
     out.extend(length.to_be_bytes());
     out.extend_from_slice(data);

@@ -67,12 +67,12 @@ fn check(version: u64) -> Result<(), DecodeError> {
     }
 }
 
-fn shape(what: &str, found: usize, expected: usize) -> Result<(), DecodeError> {
-    if found == expected {
+fn shape(name: &str, count: usize, expected: usize) -> Result<(), DecodeError> {
+    if count == expected {
         Ok(())
     } else {
         Err(DecodeError::value(format!(
-            "\"{what}\" has {found} numbers, expected {expected}"
+            "\"{name}\" has {count} numbers, expected {expected}"
         )))
     }
 }
@@ -82,18 +82,18 @@ fn metric(name: &str) -> String {
     format!("metrics.{}", shortened(name.to_owned(), MOST_NAME))
 }
 
-fn finite(what: &str, numbers: &[f32]) -> Result<(), DecodeError> {
+fn finite(name: &str, numbers: &[f32]) -> Result<(), DecodeError> {
     // A loop without a way out is one that the compiler can do in vectors.
     let all = |part: &[f32]| {
         let sound = part.iter().map(|number| number.is_finite());
-        sound.fold(true, |all, one| all & one)
+        sound.fold(true, |all, is_finite| all & is_finite)
     };
     if numbers.chunks(1024).all(all) {
         return Ok(());
     }
     match numbers.iter().position(|number| !number.is_finite()) {
         Some(index) => Err(DecodeError::value(format!(
-            "\"{what}\"[{index}] is NaN or infinite"
+            "\"{name}\"[{index}] is NaN or infinite"
         ))),
         None => Ok(()),
     }
@@ -136,7 +136,7 @@ impl ToServer {
                 if let Some(sample) = &m.sample {
                     if !m.genomes.0.is_empty() {
                         return Err(DecodeError::value(
-                            "\"genomes\" are not empty, and there is a \"sample\"".to_owned(),
+                            "\"genomes\" must be empty where there is a \"sample\"".to_owned(),
                         ));
                     }
                     if !sample.fits() {
@@ -218,7 +218,7 @@ impl ToTool {
                     shape(&metric(name), values.0.len(), m.ended.0.len())?;
                 }
                 finite("sensors", &m.sensors.0)?;
-                if let Some(index) = m.fitness.0.iter().position(|one| !one.is_finite()) {
+                if let Some(index) = m.fitness.0.iter().position(|number| !number.is_finite()) {
                     return Err(DecodeError::value(format!(
                         "\"fitness\"[{index}] is NaN or infinite"
                     )));

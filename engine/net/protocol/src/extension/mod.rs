@@ -127,9 +127,9 @@ impl Sample {
         let genes = self.center.0.len();
         for (name, row) in self.rows() {
             if row.len() != genes {
-                let found = row.len();
+                let count = row.len();
                 return Some(format!(
-                    "\"sample.{name}\" has {found} numbers, \"sample.center\" {genes}"
+                    "\"sample.{name}\" has {count} numbers, \"sample.center\" {genes}"
                 ));
             }
             let most = match name {
@@ -343,7 +343,7 @@ pub fn shortened(mut text: String, most: usize) -> String {
         && let Some((end, _)) = text.char_indices().nth(most)
     {
         let cut = text.char_indices().nth(most.saturating_sub(3));
-        text.truncate(cut.map_or(end, |(place, _)| place));
+        text.truncate(cut.map_or(end, |(index, _)| index));
         text.push_str("...");
     }
     text

@@ -344,34 +344,34 @@ fn wrong<T>(words: String) -> Result<T, DecodeError> {
     Err(DecodeError::value(words))
 }
 
-fn same(what: &str, found: usize, expected: usize) -> Result<(), DecodeError> {
-    if found == expected {
+fn same(name: &str, count: usize, expected: usize) -> Result<(), DecodeError> {
+    if count == expected {
         return Ok(());
     }
     wrong(format!(
-        "\"{what}\" has {found} entries, expected {expected}"
+        "\"{name}\" has {count} entries, expected {expected}"
     ))
 }
 
-fn finite(what: &str, numbers: &[f32]) -> Result<(), DecodeError> {
+fn finite(name: &str, numbers: &[f32]) -> Result<(), DecodeError> {
     match numbers.iter().position(|number| !number.is_finite()) {
-        Some(index) => wrong(format!("\"{what}\"[{index}] is NaN or infinite")),
+        Some(index) => wrong(format!("\"{name}\"[{index}] is NaN or infinite")),
         None => Ok(()),
     }
 }
 
-fn indices(what: &str, numbers: &[u32], below: usize, of: &str) -> Result<(), DecodeError> {
+fn indices(name: &str, numbers: &[u32], below: usize, of: &str) -> Result<(), DecodeError> {
     match numbers.iter().find(|index| **index as usize >= below) {
         Some(index) => wrong(format!(
-            "\"{what}\": there is no {index} among {below} {of}"
+            "\"{name}\": there is no {index} among {below} {of}"
         )),
         None => Ok(()),
     }
 }
 
-fn points(what: &str, points: &[[f32; 2]]) -> Result<(), DecodeError> {
+fn points(name: &str, points: &[[f32; 2]]) -> Result<(), DecodeError> {
     if points.iter().flatten().all(|number| number.is_finite()) {
         return Ok(());
     }
-    wrong(format!("a point of \"{what}\" is NaN or infinite"))
+    wrong(format!("a point of \"{name}\" is NaN or infinite"))
 }

@@ -128,8 +128,8 @@ impl Keys {
     }
 
     fn required<T: DeserializeOwned>(&mut self, key: &'static str) -> Result<T, DecodeError> {
-        let found = self.optional(key)?;
-        found.ok_or_else(|| DecodeError::missing(self.path(key)))
+        let value = self.optional(key)?;
+        value.ok_or_else(|| DecodeError::missing(self.path(key)))
     }
 
     fn id(&mut self, key: &'static str) -> Result<u64, DecodeError> {
@@ -143,8 +143,8 @@ impl Keys {
 
     /// The same for a number of things.
     fn whole(&mut self, key: &'static str) -> Option<usize> {
-        let Id(found) = self.lenient(key)?;
-        usize::try_from(found).ok()
+        let Id(count) = self.lenient(key)?;
+        usize::try_from(count).ok()
     }
 
     /// `max_agents`, also in the spelling of the published server schema.
@@ -316,16 +316,16 @@ impl Announcement {
         let announced = outer.capabilities.swarmwright;
         let wrong = |value: &Value, expected: &Expected| match expected {
             Expected::Whole(least) => {
-                !serde_json::from_value::<Id>(value.clone()).is_ok_and(|Id(found)| found >= *least)
+                !serde_json::from_value::<Id>(value.clone()).is_ok_and(|Id(id)| id >= *least)
             }
             Expected::Names => !value
                 .as_array()
                 .is_some_and(|list| list.iter().all(Value::is_string)),
-            Expected::Number => !value.as_f64().is_some_and(|found| found >= 0.0),
+            Expected::Number => !value.as_f64().is_some_and(|number| number >= 0.0),
             Expected::Flag => !value.is_boolean(),
             Expected::Text => !value.is_string(),
         };
-        let found = |(key, expected): &(&str, Expected)| {
+        let mistake_of = |(key, expected): &(&str, Expected)| {
             let value = announced.get(*key)?;
             wrong(value, expected).then(|| {
                 let text = shortened(value.to_string(), MOST_VALUE);
@@ -333,7 +333,7 @@ impl Announcement {
                 format!("\"{key}\" is {text}{note}, expected {expected}")
             })
         };
-        TYPES.iter().filter_map(found).collect()
+        TYPES.iter().filter_map(mistake_of).collect()
     }
 
     fn to_value(&self) -> Value {

@@ -47,17 +47,17 @@ impl ModuleCode {
 /// Why a server that has these modules cannot compute machines that need those; none if it can.
 #[must_use]
 pub fn missing_module(announced: &[ModuleCode], needed: &[ModuleCode]) -> Option<String> {
-    let one = needed
+    let missing = needed
         .iter()
-        .find(|one| !announced.iter().any(|other| one.is_same(other)))?;
-    let (role, label) = (&one.role, one.label());
+        .find(|module| !announced.iter().any(|other| module.is_same(other)))?;
+    let (role, label) = (&missing.role, missing.label());
     Some(
-        match announced.iter().find(|other| one.has_name_of(other)) {
+        match announced.iter().find(|other| missing.has_name_of(other)) {
             Some(other) => format!(
-                "has other code of {role} '{label}' (SHA-256 {}.., expected {}..); start it with the code that the controllers \
-             were designed with, and with that which it imports",
+                "has different code for {role} '{label}' (SHA-256 {}.., expected {}..); start it with the code that the \
+                 controllers were designed with, including its imports",
                 other.shown(),
-                one.shown()
+                missing.shown()
             ),
             None => {
                 format!("has no {role} '{label}'; start it with --modules {label}")

@@ -250,10 +250,10 @@ fn block() -> impl Strategy<Value = Message> {
     let singles = || prop::collection::vec(single(), 0..9).prop_map(F32s);
     let seeds = || prop::collection::vec(any::<u64>(), 1..5).prop_map(U64s);
     let names = || prop::collection::vec(text(), 0..3);
-    let who = || (any::<u64>(), text(), text(), text());
+    let ids = || (any::<u64>(), text(), text(), text());
     prop_oneof![
         (
-            who(),
+            ids(),
             object(),
             object(),
             singles(),
@@ -307,7 +307,7 @@ fn block() -> impl Strategy<Value = Message> {
                     }))
                 }
             ),
-        (who(), object(), seeds(), names(), prop::option::of(text())).prop_map(
+        (ids(), object(), seeds(), names(), prop::option::of(text())).prop_map(
             |((request, tool, reply, simulation), parameters, seeds, metrics, instance)| {
                 Message::ToServer(ToServer::Start(BatchStart {
                     version: 1,

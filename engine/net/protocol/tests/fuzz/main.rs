@@ -70,7 +70,7 @@ fn nearly(name: &str) -> impl Strategy<Value = (Topic, Vec<u8>)> + use<> {
         let own = pairs.filter(|(other, _)| **other == topic);
         own.map(|(_, payload)| payload.clone()).collect()
     };
-    let found: Vec<_> = ALL
+    let strategies: Vec<_> = ALL
         .into_iter()
         .map(|topic| (topic, by_topic(topic)))
         .filter(|(_, payloads)| !payloads.is_empty())
@@ -81,7 +81,7 @@ fn nearly(name: &str) -> impl Strategy<Value = (Topic, Vec<u8>)> + use<> {
         })
         .collect();
     let stray = prop::sample::select(ALL.to_vec());
-    (prop::strategy::Union::new(found), stray, 0..16u8)
+    (prop::strategy::Union::new(strategies), stray, 0..16u8)
         .prop_map(|((own, bytes), stray, odd)| (if odd == 0 { stray } else { own }, bytes))
 }
 

@@ -114,14 +114,14 @@ pub(crate) trait LaneKind: Kind {
     ) {
         // Kinds to whom bits are numbers like others need the scratch for sensors and actuators alone. The actuators of
         // the caller, which are not handed to another function, stay in registers for other kinds.
-        let (sensors, given) = scratch.split_at_mut(S + B);
+        let (sensors, outputs) = scratch.split_at_mut(S + B);
         write_numbers(sensors, numbers, bits);
-        given.copy_from_slice(actuators);
+        outputs.copy_from_slice(actuators);
         L::apart(
             #[inline(always)]
-            || self.step_slice_in_lanes(weights, state, &mut [], sensors, given),
+            || self.step_slice_in_lanes(weights, state, &mut [], sensors, outputs),
         );
-        actuators.copy_from_slice(given);
+        actuators.copy_from_slice(outputs);
     }
 
     /// The same for a number of sensors that is known only at run time.

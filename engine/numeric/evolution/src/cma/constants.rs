@@ -34,12 +34,12 @@ impl Constants {
         let effective = effective_size(better);
         let effective_worse = effective_size(worse);
         let n = count(genes);
-        let [c_c, one, all] = rates(n, count(population), effective, separable);
+        let [c_c, rank_one, all] = rates(n, count(population), effective, separable);
         scale_to(better, 1.0);
-        let mut most = (1.0 + one / all).min(1.0 + 2.0 * effective_worse / (effective + 2.0));
+        let mut most = (1.0 + rank_one / all).min(1.0 + 2.0 * effective_worse / (effective + 2.0));
         if !separable {
             // The matrix stays positive definite.
-            most = most.min((1.0 - one - all) / all / n);
+            most = most.min((1.0 - rank_one - all) / all / n);
         }
         scale_to(worse, most);
         let c_sigma = ((effective + 2.0) / (n + effective + 3.0)).min(0.5);
@@ -49,7 +49,7 @@ impl Constants {
             effective,
             c_sigma,
             c_c,
-            one,
+            one: rank_one,
             all,
             damping: damping(n, effective) + c_sigma,
             expected: n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n)),
@@ -101,15 +101,15 @@ fn rates(n: f64, population: f64, effective: f64, separable: bool) -> [f64; 3] {
     let share = effective / n;
     let gain = 0.25 + effective + 1.0 / effective - 2.0;
     if separable {
-        let one = 1.0 / (n + 2.0 * n.sqrt() + share);
+        let rank_one = 1.0 / (n + 2.0 * n.sqrt() + share);
         let all = gain / (n + 4.0 * n.sqrt() + effective / 2.0);
         let c_c = (1.0 + 1.0 / n + share) / (n.sqrt() + 1.0 / n + 2.0 * share);
-        [c_c, one, all.min(1.0 - one)]
+        [c_c, rank_one, all.min(1.0 - rank_one)]
     } else {
-        let one = (population / 6.0).min(1.0) * 2.0 / ((n + 1.3) * (n + 1.3) + effective);
+        let rank_one = (population / 6.0).min(1.0) * 2.0 / ((n + 1.3) * (n + 1.3) + effective);
         let all = 2.0 * gain / ((n + 2.0) * (n + 2.0) + effective);
         let c_c = (4.0 + share) / (n + 4.0 + 2.0 * share);
-        [c_c, one, all.min(1.0 - one)]
+        [c_c, rank_one, all.min(1.0 - rank_one)]
     }
 }
 

@@ -67,17 +67,19 @@ impl Full {
     }
 
     /// Computes eigenvalues and eigenvectors if they are old enough.
-    pub fn decompose_if_due(&mut self, told: u32) {
-        if told == self.computed || f64::from(told) < f64::from(self.computed) + self.gap {
+    pub fn decompose_if_due(&mut self, generations: u32) {
+        if generations == self.computed
+            || f64::from(generations) < f64::from(self.computed) + self.gap
+        {
             return;
         }
-        self.computed = told;
-        let Some(found) = eigen(&self.covariance, self.genes) else {
+        self.computed = generations;
+        let Some(decomposition) = eigen(&self.covariance, self.genes) else {
             self.broken = true;
             return;
         };
         let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
-        for value in &found.values {
+        for value in &decomposition.values {
             (least, most) = (least.min(*value), most.max(*value));
         }
         // Added to the diagonal, it limits the condition, and makes the matrix positive definite should it not be.
@@ -89,8 +91,8 @@ impl Full {
                 self.covariance[gene * (self.genes + 1)] += more;
             }
         }
-        self.vectors = found.vectors;
-        for (deviation, value) in self.deviations.iter_mut().zip(&found.values) {
+        self.vectors = decomposition.vectors;
+        for (deviation, value) in self.deviations.iter_mut().zip(&decomposition.values) {
             *deviation = (value + more).sqrt();
         }
         let size = self.genes;

@@ -89,7 +89,7 @@ impl Cma {
         let bounds = Bounds::new(start.lower, start.upper);
         let mut mean = start.center.to_vec();
         bounds.undo(&mut mean);
-        let mut made = Self {
+        let mut cma = Self {
             bounds,
             mean,
             units: start.reach.to_vec(),
@@ -105,8 +105,8 @@ impl Cma {
             monitor: Monitor::new(genes, start.population, start.step),
             constants,
         };
-        made.limit_deviations();
-        made
+        cma.limit_deviations();
+        cma
     }
 
     /// Genomes of a sample.
@@ -171,9 +171,9 @@ impl Cma {
             .chunks_exact(genes)
             .zip(genomes.chunks_exact_mut(genes));
         for (step, genome) in rows {
-            for (gene, place) in genome.iter_mut().enumerate() {
+            for (gene, slot) in genome.iter_mut().enumerate() {
                 let value = self.mean[gene] + scale[gene] * step[gene];
-                *place = if bounded {
+                *slot = if bounded {
                     self.bounds.within(gene, value) as f32
                 } else {
                     finite(value) as f32
@@ -245,8 +245,8 @@ impl Cma {
             constants.c_sigma,
             constants.effective,
         );
-        let kept = 1.0 - constants.c_sigma;
-        self.faded *= kept * kept;
+        let retained = 1.0 - constants.c_sigma;
+        self.faded *= retained * retained;
         let genes = count(self.mean.len());
         let length = dot(&self.step_path, &self.step_path) / (1.0 - self.faded) / genes;
         let stalled = length >= 2.0 + 4.0 / (genes + 1.0);
@@ -258,12 +258,12 @@ impl Cma {
     /// Changes the unit of each gene by its variance in the sample.
     fn learn_units(&mut self, lost: f64, order: &[usize]) {
         let genes = self.mean.len();
-        let (one, all) = (self.constants.one - lost, self.constants.all);
+        let (rank_one, all) = (self.constants.one - lost, self.constants.all);
         let mut sum = vec![0.0; genes];
         for (value, along) in sum.iter_mut().zip(&self.covariance_path) {
-            *value = one * (along * along);
+            *value = rank_one * (along * along);
         }
-        let mut total = one;
+        let mut total = rank_one;
         for (weight, index) in self.constants.weights.iter().zip(order) {
             let weight = all * weight;
             total += weight;
@@ -351,9 +351,9 @@ impl Cma {
 
 /// An evolution path: what is kept of it, and what comes to it.
 fn extend(path: &mut [f64], shift: &[f64], rate: f64, effective: f64) {
-    let (kept, added) = (1.0 - rate, (rate * (2.0 - rate) * effective).sqrt());
+    let (retained, added) = (1.0 - rate, (rate * (2.0 - rate) * effective).sqrt());
     for (value, along) in path.iter_mut().zip(shift) {
-        *value = kept * *value + added * along;
+        *value = retained * *value + added * along;
     }
 }
 

@@ -116,8 +116,8 @@ impl Monitor {
     }
 
     /// Takes the fitness of a generation; `order`: the best first, failed ones last.
-    pub fn note(&mut self, fitness: &[f64], order: &[usize], told: u32) {
-        self.told = told;
+    pub fn note(&mut self, fitness: &[f64], order: &[usize], generations: u32) {
+        self.told = generations;
         let ranked = |rank: usize| {
             let value = fitness[order[rank]];
             if value.is_nan() {
@@ -134,7 +134,7 @@ impl Monitor {
         if self.recent.len() > most {
             self.recent.remove(0);
         }
-        if told.is_multiple_of(SPARSE) {
+        if generations.is_multiple_of(SPARSE) {
             self.bests.push(best);
             self.medians.push(median_of(order.len(), ranked));
             if self.bests.len() > LONGEST {
@@ -143,7 +143,7 @@ impl Monitor {
             }
         }
         if best > self.best {
-            (self.best, self.improved) = (best, told);
+            (self.best, self.improved) = (best, generations);
         }
         let is_flat = ranked(0) <= ranked(order.len() * 3 / 4);
         self.flat = if is_flat { self.flat + 1 } else { 0 };
@@ -198,12 +198,12 @@ impl Monitor {
     fn stagnates(&self) -> bool {
         let (genes, population) = (count(self.genes), count(self.population));
         let patience = (100.0 + 100.0 * genes * genes.sqrt() / population).floor();
-        let kept = self.bests.len();
-        let part = (patience / 10.0).max(count(kept) / 10.0).floor();
+        let length = self.bests.len();
+        let part = (patience / 10.0).max(count(length) / 10.0).floor();
         let enough = f64::from(self.told) > genes * (5.0 + 100.0 / population)
             && f64::from(self.told - self.improved) > patience / 2.0
-            && kept > 100
-            && 2.0 * part < count(kept);
+            && length > 100
+            && 2.0 * part < count(length);
         if !enough {
             return false;
         }
@@ -214,7 +214,7 @@ impl Monitor {
         )]
         let part = part as usize;
         let worse = |values: &[f64]| {
-            let (before, now) = values[kept - 2 * part..].split_at(part);
+            let (before, now) = values[length - 2 * part..].split_at(part);
             median(now) <= median(before)
         };
         worse(&self.medians) && worse(&self.bests)
@@ -265,7 +265,7 @@ impl State<'_> {
 
 fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
-    sorted.sort_by(|one, other| other.total_cmp(one));
+    sorted.sort_by(|left, other| other.total_cmp(left));
     median_of(sorted.len(), |rank| sorted[rank])
 }
 

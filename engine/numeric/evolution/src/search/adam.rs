@@ -32,10 +32,10 @@ impl Adam {
         self.second_left *= SECOND;
         let size = self.step * (1.0 - self.second_left).sqrt() / (1.0 - self.first_left);
         let running = self.mean.iter_mut().zip(&mut self.square);
-        for (place, (mean, square)) in gradient.iter_mut().zip(running) {
-            *mean = FIRST * *mean + (1.0 - FIRST) * *place;
-            *square = SECOND * *square + (1.0 - SECOND) * *place * *place;
-            *place = size * *mean / (square.sqrt() + TINY);
+        for (value, (mean, square)) in gradient.iter_mut().zip(running) {
+            *mean = FIRST * *mean + (1.0 - FIRST) * *value;
+            *square = SECOND * *square + (1.0 - SECOND) * *value * *value;
+            *value = size * *mean / (square.sqrt() + TINY);
         }
     }
 

@@ -54,8 +54,8 @@ impl Ahead {
 
     /// Rows of numbers of a generation.
     pub(super) fn draw(&mut self, generation: u64) -> Vec<f32> {
-        let found = self.batch.as_mut().and_then(|batch| batch.take(generation));
-        let drawn = found.unwrap_or_else(|| self.address.drawn(generation));
+        let batch = self.batch.as_mut().and_then(|batch| batch.take(generation));
+        let drawn = batch.unwrap_or_else(|| self.address.drawn(generation));
         let next = generation.wrapping_add(1);
         let used = self.batch.as_ref().is_none_or(|batch| batch.end <= next);
         if used && drawn.len() <= MOST {
@@ -96,8 +96,8 @@ impl Batch {
         }
         // Those before, if they were not wanted, are thrown away.
         let drawn = self.drawn.get_mut().ok()?;
-        let found = drawn.iter().find(|(of, _)| *of >= generation);
-        found.and_then(|(of, drawn)| (of == generation).then_some(drawn))
+        let batch = drawn.iter().find(|(of, _)| *of >= generation);
+        batch.and_then(|(of, drawn)| (of == generation).then_some(drawn))
     }
 }
 

@@ -161,13 +161,13 @@ impl Search for Bounded {
     }
 
     fn members(&self) -> Option<Members<'_>> {
-        let told = if self.fitness.is_empty() {
+        let count = if self.fitness.is_empty() {
             0
         } else {
             self.members.len()
         };
         Some(Members {
-            genomes: &self.members[..told],
+            genomes: &self.members[..count],
             fitness: &self.fitness,
         })
     }

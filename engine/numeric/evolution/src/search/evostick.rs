@@ -78,7 +78,7 @@ impl Evostick {
         let count = genes.len();
         let parent = usize::try_from(stream.integer(*elites as u64)).unwrap_or_default();
         let severe = stream.unit() < 0.5;
-        for (gene, place) in genes.iter_mut().enumerate() {
+        for (gene, value) in genes.iter_mut().enumerate() {
             let last = count >= LONG && 5 * gene > 4 * count;
             let (moved, anew) = match (severe, last) {
                 (true, _) => SEVERE,
@@ -88,7 +88,7 @@ impl Evostick {
             let chance = stream.unit();
             let change = stream.uniform(step[gene]);
             let before = f64::from(best[parent * count + gene]);
-            *place = if chance < moved {
+            *value = if chance < moved {
                 before + change
             } else if chance < moved + anew {
                 middle[gene] + change
@@ -111,12 +111,13 @@ impl Search for Evostick {
         assert_eq!(genomes.len(), self.population.len());
         let mut order: Vec<usize> = (0..fitness.len()).collect();
         // The first of equals is the better one; a failed one is the worst.
-        order.sort_by(|one, other| {
+        order.sort_by(|left, other| {
             let key = |index: usize| (fitness[index].is_nan(), -fitness[index]);
-            let ((one_failed, one), (other_failed, other)) = (key(*one), key(*other));
-            one_failed
-                .cmp(&other_failed)
-                .then(one.partial_cmp(&other).unwrap_or(std::cmp::Ordering::Equal))
+            let ((one_failed, left), (other_failed, other)) = (key(*left), key(*other));
+            one_failed.cmp(&other_failed).then(
+                left.partial_cmp(&other)
+                    .unwrap_or(std::cmp::Ordering::Equal),
+            )
         });
         let best: Vec<f32> = order[..self.settings.elites]
             .iter()

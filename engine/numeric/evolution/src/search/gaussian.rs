@@ -90,7 +90,7 @@ impl Sample {
             Some(genes) => space.point(genes),
             None => vec![0.0; space.genes()],
         };
-        let mut made = Self {
+        let mut sample = Self {
             center,
             directions: Vec::new(),
             population,
@@ -106,8 +106,8 @@ impl Sample {
             purpose,
             space,
         };
-        made.resize(population);
-        made
+        sample.resize(population);
+        sample
     }
 
     /// Changes how many genomes the next generations have.
@@ -186,11 +186,11 @@ impl Sample {
     /// Moves the center, and keeps it within the bounds of the genes.
     pub(super) fn shift(&mut self, step: impl Iterator<Item = f64>) {
         let space = &self.space;
-        for (gene, (place, along)) in self.center.iter_mut().zip(step).enumerate() {
+        for (gene, (value, along)) in self.center.iter_mut().zip(step).enumerate() {
             let (middle, reach) = (space.middle[gene], space.reach[gene]);
             let lower = (space.lower[gene] - middle) / reach;
             let upper = (space.upper[gene] - middle) / reach;
-            *place = clip(*place + along, lower, upper);
+            *value = clip(*value + along, lower, upper);
         }
     }
 
@@ -266,7 +266,7 @@ impl Gaussian {
         let pairs = || ranks.chunks_exact(2).map(|pair| (pair[0], pair[1]));
         match self.learning {
             Learning::Decay(decay) => {
-                let weights: Vec<f64> = pairs().map(|(one, other)| one - other).collect();
+                let weights: Vec<f64> = pairs().map(|(first, other)| first - other).collect();
                 let mut gradient = self.sample.weighted(&weights);
                 let all = count(fitness.len());
                 for (value, center) in gradient.iter_mut().zip(&self.sample.center) {
@@ -277,7 +277,9 @@ impl Gaussian {
             }
             Learning::Deviations { rate, change } => {
                 let half = count(fitness.len()) / 2.0;
-                let weights: Vec<f64> = pairs().map(|(one, other)| (one - other) / 2.0).collect();
+                let weights: Vec<f64> = pairs()
+                    .map(|(first, other)| (first - other) / 2.0)
+                    .collect();
                 let mut gradient = self.sample.weighted(&weights);
                 for (value, deviation) in gradient.iter_mut().zip(&self.deviation) {
                     *value = deviation * *value / half;
@@ -285,7 +287,9 @@ impl Gaussian {
                 self.adam.climb(&mut gradient);
                 self.sample.shift(gradient.into_iter());
                 // The ranks add up to 0, so that of z^2 - 1 nothing but z^2 is left.
-                let means: Vec<f64> = pairs().map(|(one, other)| (one + other) / 2.0).collect();
+                let means: Vec<f64> = pairs()
+                    .map(|(first, other)| (first + other) / 2.0)
+                    .collect();
                 let squares = self.sample.weighted_squares(&means);
                 for (deviation, square) in self.deviation.iter_mut().zip(squares) {
                     let change = clip(rate * square / half, -change, change);

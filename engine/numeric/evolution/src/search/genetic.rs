@@ -112,7 +112,7 @@ impl Operators for NodeNetwork {
             let its = &partners[index * columns..(index + 1) * columns];
             let others = its.iter().map(|partner| row(genomes, *partner, genes));
             let father = farthest.find(mother, others);
-            let father = father.map_or(mother, |found| row(genomes, its[found], genes));
+            let father = father.map_or(mother, |index| row(genomes, its[index], genes));
             self.crossover(mother, father, stream, child);
         };
         let mut none = vec![(); children.len()];
@@ -254,33 +254,33 @@ impl Genetic {
     /// Where the members of each population are.
     fn places(&self) -> Vec<Range<usize>> {
         let mut first = 0;
-        let place = |count: &usize| {
-            let place = first..first + count;
-            first = place.end;
-            place
+        let range_of = |count: &usize| {
+            let range = first..first + count;
+            first = range.end;
+            range
         };
-        self.counts.iter().map(place).collect()
+        self.counts.iter().map(range_of).collect()
     }
 
-    /// Adds the new members of a population to `made`.
+    /// Adds the new members of a population to `pool`.
     fn make(
         &self,
         number: usize,
         places: &[Range<usize>],
-        made: &mut Vec<f32>,
+        pool: &mut Vec<f32>,
     ) -> Result<(), Unavailable> {
         let genes = self.operators.genes();
-        let begin = made.len() / genes;
+        let begin = pool.len() / genes;
         if !places[number].is_empty() {
-            self.mutate(begin, &places[number], made)?;
-            self.cross(number, places, begin, made)?;
+            self.mutate(begin, &places[number], pool)?;
+            self.cross(number, places, begin, pool)?;
         }
-        let next = made.len() / genes;
+        let next = pool.len() / genes;
         let last = begin + self.settings.members - places[number].len();
         if next < last {
             let mut streams = self.streams(self.purposes.initial, next..last);
-            made.resize(last * genes, 0.0);
-            let genomes = &mut made[next * genes..];
+            pool.resize(last * genes, 0.0);
+            let genomes = &mut pool[next * genes..];
             self.operators.initials(&mut streams, genomes)?;
         }
         Ok(())
@@ -290,7 +290,7 @@ impl Genetic {
         &self,
         begin: usize,
         members: &Range<usize>,
-        made: &mut Vec<f32>,
+        pool: &mut Vec<f32>,
     ) -> Result<(), Unavailable> {
         let (genes, count) = (self.operators.genes(), self.settings.mutate);
         if count == 0 {
@@ -301,13 +301,13 @@ impl Genetic {
             .iter_mut()
             .map(|stream| drawn(stream, members))
             .collect();
-        made.resize((begin + count) * genes, 0.0);
+        pool.resize((begin + count) * genes, 0.0);
         self.operators.mutations(
             &self.genomes,
             &parents,
             &mut streams,
             self.settings.variation,
-            &mut made[begin * genes..],
+            &mut pool[begin * genes..],
         )
     }
 
@@ -317,7 +317,7 @@ impl Genetic {
         number: usize,
         places: &[Range<usize>],
         begin: usize,
-        made: &mut Vec<f32>,
+        pool: &mut Vec<f32>,
     ) -> Result<(), Unavailable> {
         let genes = self.operators.genes();
         let members = &self.genomes[places[number].start * genes..places[number].end * genes];
@@ -325,18 +325,18 @@ impl Genetic {
         let (mut missing, mut trial) = (self.settings.crossover, 0);
         while missing > 0 && trial < most {
             let last = (trial + missing).min(most);
-            let first = made.len();
-            made.resize(first + (last - trial) * genes, 0.0);
-            let (known, children) = made.split_at_mut(first);
+            let first = pool.len();
+            pool.resize(first + (last - trial) * genes, 0.0);
+            let (existing, children) = pool.split_at_mut(first);
             let addresses = number * most + trial..number * most + last;
             self.crossovers(number, places, addresses, children)?;
-            let new = distinct(&[members, &known[begin * genes..]], children, genes);
-            for (place, child) in new.iter().enumerate() {
-                if place < *child {
-                    children.copy_within(child * genes..(child + 1) * genes, place * genes);
+            let new = distinct(&[members, &existing[begin * genes..]], children, genes);
+            for (index, child) in new.iter().enumerate() {
+                if index < *child {
+                    children.copy_within(child * genes..(child + 1) * genes, index * genes);
                 }
             }
-            made.truncate(first + new.len() * genes);
+            pool.truncate(first + new.len() * genes);
             missing -= new.len();
             trial = last;
         }
@@ -354,7 +354,7 @@ impl Genetic {
         addresses: Range<usize>,
         children: &mut [f32],
     ) -> Result<(), Unavailable> {
-        let peopled: Vec<_> = places.iter().filter(|place| !place.is_empty()).collect();
+        let peopled: Vec<_> = places.iter().filter(|range| !range.is_empty()).collect();
         let mut streams = self.streams(self.purposes.crossover, addresses.clone());
         let mut mothers = Vec::with_capacity(streams.len());
         let mut partners = Vec::with_capacity(streams.len() * self.settings.partners);
@@ -395,12 +395,12 @@ impl Search for Genetic {
         let places = self.places();
         let all = self.settings.populations * self.settings.members;
         let genes = self.operators.genes();
-        let mut made = Vec::with_capacity((all - self.fitness.len()) * genes);
-        for (number, place) in places.iter().enumerate() {
-            self.make(number, &places, &mut made)?;
-            self.children[number] = self.settings.members - place.len();
+        let mut pool = Vec::with_capacity((all - self.fitness.len()) * genes);
+        for (number, range) in places.iter().enumerate() {
+            self.make(number, &places, &mut pool)?;
+            self.children[number] = self.settings.members - range.len();
         }
-        Ok(made)
+        Ok(pool)
     }
 
     fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), Unavailable> {
@@ -415,12 +415,12 @@ impl Search for Genetic {
             let (mut joined, mut values) =
                 (Vec::with_capacity(all * genes), Vec::with_capacity(all));
             let mut first = 0;
-            for (place, children) in self.places().into_iter().zip(&self.children) {
+            for (range, children) in self.places().into_iter().zip(&self.children) {
                 let new = first..first + children;
                 first = new.end;
-                joined.extend_from_slice(&self.genomes[place.start * genes..place.end * genes]);
+                joined.extend_from_slice(&self.genomes[range.start * genes..range.end * genes]);
                 joined.extend_from_slice(&genomes[new.start * genes..new.end * genes]);
-                values.extend_from_slice(&self.fitness[place]);
+                values.extend_from_slice(&self.fitness[range]);
                 values.extend_from_slice(&fitness[new]);
             }
             (self.genomes, self.fitness) = (joined, values);

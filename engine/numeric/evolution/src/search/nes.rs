@@ -157,7 +157,7 @@ impl NesSettings {
         matrix
             .iter_mut()
             .step_by(genes + 1)
-            .for_each(|one| *one = 1.0);
+            .for_each(|entry| *entry = 1.0);
         Shape::Full(self.step, matrix)
     }
 }

@@ -87,8 +87,8 @@ impl CmaSearch {
             self.center = (self.starts)(self.begun)?;
             let mut stream = Stream::new(self.seed, purpose_key("cma.regime"), self.begun, 0);
             let left = self.settings.budget.saturating_sub(self.evaluations);
-            let (one, other) = (stream.unit(), stream.unit());
-            (self.size, share) = self.regimes.begin(one, other, left);
+            let (draw, other) = (stream.unit(), stream.unit());
+            (self.size, share) = self.regimes.begin(draw, other, left);
         }
         self.begun += 1;
         Ok(Cma::new(Start {
@@ -196,14 +196,14 @@ impl Regimes {
         number(self.here) >= self.most
     }
 
-    /// The population and the share of the initial step of the next start; `one` and `other` are uniform in 0 .. 1, and `left` are the
+    /// The population and the share of the initial step of the next start; `draw` and `other` are uniform in 0 .. 1, and `left` are the
     /// evaluations that are left, to which large populations are cut, though not below the first.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "populations are small"
     )]
-    fn begin(&mut self, one: f64, other: f64, left: u64) -> (usize, f64) {
+    fn begin(&mut self, draw: f64, other: f64, left: u64) -> (usize, f64) {
         (self.here, self.most) = (0, f64::INFINITY);
         if self.restarts == Restarts::None {
             // Only where numbers have become infinite.
@@ -213,7 +213,7 @@ impl Regimes {
             self.large = false;
             self.most = number(self.spent[1]) / 2.0;
             let first = count(self.population);
-            let factor = power(count(self.doubled()) / 2.0 / first, one * one);
+            let factor = power(count(self.doubled()) / 2.0 / first, draw * draw);
             let size = (first * factor) as usize;
             return (self.population.max(size), power(10.0, -2.0 * other));
         }

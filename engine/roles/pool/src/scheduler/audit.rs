@@ -22,24 +22,24 @@ impl Check {
         let second = self.second.iter();
         std::iter::once(&self.first)
             .chain(second)
-            .map(|found| found.server)
+            .map(|result| result.server)
             .collect()
     }
 }
 
 /// Whether what two servers found is the same, within a tolerance where there is one.
-fn same(one: &Found, other: &Found, tolerance: Option<f64>) -> bool {
-    let near = |a: f64, b: f64| match tolerance {
+fn same(first: &Found, other: &Found, tolerance: Option<f64>) -> bool {
+    let agree = |a: f64, b: f64| match tolerance {
         None => a.to_bits() == b.to_bits(),
         Some(tolerance) => (a - b).abs() <= tolerance * a.abs().max(b.abs()).max(1.0),
     };
-    near(one.fitness, other.fitness)
-        && one.metrics.len() == other.metrics.len()
-        && one
+    agree(first.fitness, other.fitness)
+        && first.metrics.len() == other.metrics.len()
+        && first
             .metrics
             .iter()
             .zip(&other.metrics)
-            .all(|(a, b)| near(*a, *b))
+            .all(|(a, b)| agree(*a, *b))
 }
 
 /// A share of all numbers, without a pattern that the order of the evaluations could have (`SplitMix64`).
@@ -106,31 +106,31 @@ impl Audits {
     }
 
     /// What another server found.
-    pub fn compare(&mut self, evaluation: usize, found: Found, fleet: &Fleet) -> Compared {
+    pub fn compare(&mut self, evaluation: usize, result: Found, fleet: &Fleet) -> Compared {
         let Some(check) = self.0.remove(&evaluation) else {
             return Compared::Late;
         };
-        if check.servers().contains(&found.server) {
+        if check.servers().contains(&result.server) {
             self.0.insert(evaluation, check);
             return Compared::Double;
         }
-        let tolerance = |other: &Found| fleet.tolerance(other.server, found.server);
-        let agrees = |other: &Found| same(other, &found, tolerance(other));
+        let tolerance = |other: &Found| fleet.tolerance(other.server, result.server);
+        let agrees = |other: &Found| same(other, &result, tolerance(other));
         let Check { first, second } = check;
         match second {
             None if agrees(&first) => Compared::Agreed(first),
-            None => Compared::Differ(first, found),
+            None => Compared::Differ(first, result),
             Some(second) => match (agrees(&first), agrees(&second)) {
                 (true, true) => Compared::Agreed(first),
                 (true, false) => Compared::Wrong {
-                    right: [first, found],
+                    right: [first, result],
                     wrong: second,
                 },
                 (false, true) => Compared::Wrong {
-                    right: [second, found],
+                    right: [second, result],
                     wrong: first,
                 },
-                (false, false) => Compared::AllDiffer([first, second, found]),
+                (false, false) => Compared::AllDiffer([first, second, result]),
             },
         }
     }
@@ -145,8 +145,8 @@ impl Audits {
     pub fn take_all(&mut self) -> impl Iterator<Item = (usize, Vec<Found>)> + use<> {
         let checks = std::mem::take(&mut self.0).into_iter();
         checks.map(|(evaluation, check)| {
-            let found = std::iter::once(check.first).chain(check.second);
-            (evaluation, found.collect())
+            let results = std::iter::once(check.first).chain(check.second);
+            (evaluation, results.collect())
         })
     }
 
@@ -155,8 +155,8 @@ impl Audits {
     pub fn unchecked(&self, fleet: &Fleet, in_flight: &InFlight) -> Vec<(usize, Option<u64>)> {
         let is_last = in_flight.has_probes_alone();
         let alone = |check: &Check| {
-            let asked = check.servers();
-            fleet.auditors_but(&asked).is_none() || (is_last && !fleet.has_auditor_but(&asked))
+            let servers = check.servers();
+            fleet.auditors_but(&servers).is_none() || (is_last && !fleet.has_auditor_but(&servers))
         };
         self.0
             .iter()

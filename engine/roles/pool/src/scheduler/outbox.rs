@@ -190,9 +190,9 @@ impl Outbox {
         if !self.failures.contains_key(reason) && self.failures.len() >= MOST_REMEMBERED {
             return None;
         }
-        let told = self.failures.entry(reason.to_owned()).or_default();
-        let stack = stack.filter(|_| !*told);
-        *told |= stack.is_some();
+        let has_stack = self.failures.entry(reason.to_owned()).or_default();
+        let stack = stack.filter(|_| !*has_stack);
+        *has_stack |= stack.is_some();
         stack.map(|stack| shortened(stack, MOST_STACK))
     }
 }

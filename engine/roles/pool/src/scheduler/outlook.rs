@@ -50,8 +50,8 @@ impl Outlook {
     }
 
     /// Two servers do not agree; the first time is kept.
-    pub fn disagree(&mut self, told: String) {
-        self.disagreement.get_or_insert(told);
+    pub fn disagree(&mut self, message: String) {
+        self.disagreement.get_or_insert(message);
     }
 
     pub fn disagreement(&self) -> Option<&str> {
@@ -88,8 +88,8 @@ impl Outlook {
     }
 
     /// Servers are lost again and again; the first time is kept.
-    pub fn cannot_decide(&mut self, told: String) {
-        self.undecided.get_or_insert(told);
+    pub fn cannot_decide(&mut self, message: String) {
+        self.undecided.get_or_insert(message);
     }
 
     pub fn undecided(&self) -> Option<&str> {

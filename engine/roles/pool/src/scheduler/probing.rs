@@ -28,7 +28,7 @@ impl View<'_> {
         let looking = first || !self.ledger.finished();
         let few = self.fleet.is_empty() || self.fleet.slots().any(|(_, slot)| !slot.usable());
         // Another tool may have been faster on its server; see `preempted`.
-        let waiting = self.in_flight.episodes().any(|one| !one.begun());
+        let waiting = self.in_flight.episodes().any(|episode| !episode.begun());
         // Whether others are silent, too, tells what to think of one that is lost.
         let suspects = self.ledger.attribution().has_suspects();
         self.ledger.queued() > 0 || waiting || suspects || (looking && few)

@@ -207,10 +207,10 @@ impl View<'_> {
             .iter()
             .filter_map(|job| self.in_flight.piece_of(job));
         jobs.enumerate()
-            .map(|(place, (piece, since))| {
+            .map(|(index, (piece, since))| {
                 let takes = number(piece.len()) / rate;
                 // Of the first one a part is done; those behind it wait.
-                match place {
+                match index {
                     0 => (takes - now.saturating_duration_since(since).as_secs_f64()).max(0.0),
                     _ => takes,
                 }

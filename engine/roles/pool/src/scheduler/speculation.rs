@@ -113,7 +113,7 @@ impl View<'_> {
         let mut idle: Vec<(f64, u64)> = idle
             .filter_map(|(id, slot)| Some((slot.rate?, id)))
             .collect();
-        idle.sort_by(|one, other| other.0.total_cmp(&one.0).then(one.1.cmp(&other.1)));
+        idle.sort_by(|left, other| other.0.total_cmp(&left.0).then(left.1.cmp(&other.1)));
         idle
     }
 
@@ -152,7 +152,7 @@ impl View<'_> {
                 });
             }
         }
-        all.sort_by(|one, other| other.remaining.total_cmp(&one.remaining));
+        all.sort_by(|left, other| other.remaining.total_cmp(&left.remaining));
         all
     }
 

@@ -87,8 +87,8 @@ impl Scheduler {
     }
 
     fn found(&self) -> String {
-        let found = self.found_servers();
-        found.unwrap_or_else(|| "no server answered".to_owned())
+        let servers = self.found_servers();
+        servers.unwrap_or_else(|| "no server answered".to_owned())
     }
 
     fn found_servers(&self) -> Option<String> {
@@ -129,9 +129,9 @@ impl Scheduler {
         if overtaken.is_empty() {
             return all;
         }
-        all.retain(|one| overtaken.iter().all(|other| other.server != one.server));
+        all.retain(|entry| overtaken.iter().all(|other| other.server != entry.server));
         all.extend(overtaken);
-        all.sort_by(|one, other| other.silent.total_cmp(&one.silent));
+        all.sort_by(|left, other| other.silent.total_cmp(&left.silent));
         all
     }
 
@@ -147,8 +147,11 @@ impl Scheduler {
             }
             Some(_) => String::new(),
             None => match self.no_server(now) {
-                Some(NoServer { seconds, found }) => {
-                    format!("waiting for a server for {seconds:.1} s ({found})")
+                Some(NoServer {
+                    seconds,
+                    found: servers,
+                }) => {
+                    format!("waiting for a server for {seconds:.1} s ({servers})")
                 }
                 None => String::new(),
             },

@@ -35,8 +35,8 @@ pub enum PoolError {
     },
     /// The broker was lost, and did not come back in time: whether a server fits is not known.
     #[error(
-        "the broker on {url} was not reachable {outages}, so no server could be found or used; check that it runs, and that \
-         this machine reaches it; the longer one of timeouts.discovery and timeouts.step says for how long a run waits for it"
+        "the broker on {url} was not reachable {outages}, so no server could be found or used; check that it runs and that this \
+         machine reaches it (a run waits for it as long as the longer of timeouts.discovery and timeouts.step)"
     )]
     BrokerLost {
         /// The broker.

@@ -33,8 +33,8 @@ impl Load {
         let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
         // Other systems do not have it.
         let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-        let found = slowdown(&text, processors);
-        self.slowdown = found.max(self.slowdown * DECAY).clamp(1.0, MOST);
+        let load = slowdown(&text, processors);
+        self.slowdown = load.max(self.slowdown * DECAY).clamp(1.0, MOST);
         Some(self.slowdown)
     }
 }
@@ -47,12 +47,8 @@ fn slowdown(loadavg: &str, processors: usize) -> f64 {
     let now = now.and_then(|(running, _)| running.parse::<f64>().ok());
     #[expect(clippy::cast_precision_loss, reason = "a few processors")]
     let processors = processors.max(1) as f64;
-    let found = minute.unwrap_or(0.0).max(now.unwrap_or(0.0)) / processors;
-    if found.is_finite() {
-        found.max(1.0)
-    } else {
-        1.0
-    }
+    let load = minute.unwrap_or(0.0).max(now.unwrap_or(0.0)) / processors;
+    if load.is_finite() { load.max(1.0) } else { 1.0 }
 }
 
 #[cfg(test)]

@@ -75,8 +75,8 @@ impl Outages {
     pub fn describe(&self, since: Instant, now: Instant, wall: SystemTime) -> Option<String> {
         let recent = |outage: &&Outage| outage.end.is_none_or(|(end, _)| end > since);
         let outages: Vec<&Outage> = self.all.iter().filter(recent).collect();
-        let told = outages[outages.len().saturating_sub(MAX_TOLD)..].iter();
-        let told: Vec<String> = told
+        let latest = outages[outages.len().saturating_sub(MAX_TOLD)..].iter();
+        let latest: Vec<String> = latest
             .map(|outage| {
                 let (end, until) = outage.end.unwrap_or((now, wall));
                 let seconds = end.saturating_duration_since(outage.start.0).as_secs_f64();
@@ -84,14 +84,14 @@ impl Outages {
                 format!("from {from} to {to} ({seconds:.1} s; {})", outage.reason)
             })
             .collect();
-        if told.is_empty() {
+        if latest.is_empty() {
             return None;
         }
-        let before = match outages.len() - told.len() {
+        let before = match outages.len() - latest.len() {
             0 => String::new(),
             more => format!("{more} times before, and "),
         };
-        Some(format!("{before}{}", told.join(" and ")))
+        Some(format!("{before}{}", latest.join(" and ")))
     }
 }
 

@@ -32,12 +32,12 @@ impl Probe {
             self.answer.clone(),
         );
         let asking = thread::Builder::new().name("broker-probe".to_owned());
-        let asked = asking.spawn(move || {
-            let found = holds_back_small_packets(&settings).map_err(|error| error.to_string());
-            *answer.lock().unwrap_or_else(PoisonError::into_inner) = Some(found);
+        let thread = asking.spawn(move || {
+            let result = holds_back_small_packets(&settings).map_err(|error| error.to_string());
+            *answer.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
             waker.wake();
         });
-        if let Err(error) = asked {
+        if let Err(error) = thread {
             log::debug!("cannot ask the broker: {error}");
         }
     }

@@ -221,7 +221,7 @@ impl SceneEpisode {
         let sent = self.connection.publish_with(&name, payload, &options);
         sent.map_err(|TooLarge { bytes, most }| {
             Impossible(format!(
-                "a {} message of {bytes} bytes is larger than the {most} that the broker takes",
+                "a {} message of {bytes} bytes is larger than the {most} that the broker accepts",
                 topic.name()
             ))
         })
@@ -250,8 +250,8 @@ impl SceneEpisode {
         loop {
             // Sensor messages may overtake it.
             let first = |news: &News| matches!(news, News::Scene(_));
-            if let Some(place) = self.waiting.iter().position(first)
-                && let Some(News::Scene(scene)) = self.waiting.remove(place)
+            if let Some(index) = self.waiting.iter().position(first)
+                && let Some(News::Scene(scene)) = self.waiting.remove(index)
             {
                 self.missing = scene.step;
                 self.scene = *scene;
@@ -411,9 +411,9 @@ impl SceneEpisode {
         self.receive(limit, go_on)
     }
 
-    fn silent(&self, what: &str) -> SceneError {
+    fn silent(&self, problem: &str) -> SceneError {
         Lost(format!(
-            "server {} {what} for {:.1} s after step {}",
+            "server {} {problem} for {:.1} s after step {}",
             self.server,
             self.options.step.as_secs_f64(),
             self.scene.step

@@ -84,7 +84,7 @@ impl Supervision {
         let mut places = shared.places.iter().rev();
         places
             .find(|(number, _)| *number == request)
-            .map(|(_, place)| place.clone())
+            .map(|(_, address)| address.clone())
     }
 
     pub(crate) fn are_starting(&self) -> bool {
@@ -100,13 +100,13 @@ impl Supervision {
         if shared.places.len() >= PLACES {
             shared.places.pop_front();
         }
-        let place = Place {
+        let address = Place {
             candidate,
             episode,
             generation: shared.generation,
             purpose: shared.purpose.clone(),
         };
-        shared.places.push_back((request, place));
+        shared.places.push_back((request, address));
     }
 
     pub(crate) fn set_work(&self, generation: Option<u64>, purpose: Option<&str>) {

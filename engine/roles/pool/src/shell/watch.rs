@@ -101,22 +101,22 @@ pub fn list_servers(
 ) -> Result<Vec<Presence>, PoolError> {
     let mut watcher = Watcher::connect(settings, prefix, false)?;
     let deadline = Instant::now() + wait;
-    let mut found = BTreeMap::new();
+    let mut presences = BTreeMap::new();
     while Instant::now() < deadline {
         for news in watcher.poll(deadline) {
             match news {
                 News::Presence(presence) => {
-                    found.insert(presence.server, *presence);
+                    presences.insert(presence.server, *presence);
                 }
                 News::Left(server) => {
-                    found.remove(&server);
+                    presences.remove(&server);
                 }
                 News::Status(..) | News::Broker(_) => {}
             }
         }
     }
     watcher.close();
-    Ok(found.into_values().collect())
+    Ok(presences.into_values().collect())
 }
 
 /// Removes the presence of servers, which brokers retain. Returns those of which the broker has let it be known within

@@ -71,8 +71,9 @@ impl Alone {
 
     /// The messages of a topic.
     pub fn on(&self, topic: &str) -> impl DoubleEndedIterator<Item = &Value> {
-        let said = self.said.iter();
-        said.filter(move |(name, _)| name == topic)
+        let messages = self.said.iter();
+        messages
+            .filter(move |(name, _)| name == topic)
             .map(|(_, message)| message)
     }
 

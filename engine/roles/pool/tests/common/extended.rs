@@ -95,8 +95,8 @@ impl Extended {
         metrics: &mut BTreeMap<String, F64s>,
     ) {
         let mut values = vec![0.0; names.len()];
-        let wanted = line.description().metrics_named(names).unwrap();
-        measure(line, &wanted, &mut values);
+        let indices = line.description().metrics_named(names).unwrap();
+        measure(line, &indices, &mut values);
         for (name, value) in names.iter().zip(values) {
             let value = match self.half {
                 _ if name != "half" => value,

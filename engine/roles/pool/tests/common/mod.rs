@@ -299,12 +299,12 @@ impl Net {
         let queue = self.queues[drawn].iter().enumerate();
         let firsts = queue.filter(|(_, message)| first.insert(message.topic.clone()));
         let firsts: Vec<usize> = firsts.map(|(index, _)| index).collect();
-        let place = if self.crosses {
+        let index = if self.crosses {
             firsts[self.draw(firsts.len())]
         } else {
             0
         };
-        let Some(message) = self.queues[drawn].remove(place) else {
+        let Some(message) = self.queues[drawn].remove(index) else {
             return;
         };
         self.now += Duration::from_micros(50);

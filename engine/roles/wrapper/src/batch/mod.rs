@@ -66,8 +66,8 @@ impl Batch {
         simulations: Vec<Box<dyn Simulation>>,
         now: Instant,
     ) -> Result<Self, (Refusal, Vec<Box<dyn Simulation>>)> {
-        let wanted = match metrics_wanted(description, &message.metrics) {
-            Ok(wanted) => wanted,
+        let metrics = match metrics_wanted(description, &message.metrics) {
+            Ok(metrics) => metrics,
             Err(refusal) => return Err((refusal, simulations)),
         };
         let mut batch = Self {
@@ -82,7 +82,7 @@ impl Batch {
             sensors: description.sensors,
             actuators: description.actuators,
             metrics: message.metrics,
-            wanted,
+            wanted: metrics,
             episodes: Vec::new(),
             group: None,
             spare: Vec::new(),
@@ -283,10 +283,10 @@ impl Batch {
                 message.step, self.step
             ));
         }
-        let (found, expected) = (message.actuators.0.len(), self.rows * self.actuators);
-        if found != expected {
+        let (actual, expected) = (message.actuators.0.len(), self.rows * self.actuators);
+        if actual != expected {
             return Err(format!(
-                "{found} actuators, expected {expected} ({} rows of {})",
+                "{actual} actuators, expected {expected} ({} rows of {})",
                 self.rows, self.actuators
             ));
         }

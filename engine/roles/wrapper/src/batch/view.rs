@@ -25,11 +25,11 @@ impl<'a> View<'a> {
     }
 
     /// The fitness and the metrics that are wanted.
-    pub(super) fn end(&self, wanted: &[usize], names: &[String]) -> Result<Vec<f64>, Cause> {
+    pub(super) fn end(&self, metrics: &[usize], names: &[String]) -> Result<Vec<f64>, Cause> {
         let results = guarded(|| match self {
             Self::Alone(simulation) => {
-                let mut results = vec![simulation.fitness(); 1 + wanted.len()];
-                measure(*simulation, wanted, &mut results[1..]);
+                let mut results = vec![simulation.fitness(); 1 + metrics.len()];
+                measure(*simulation, metrics, &mut results[1..]);
                 results
             }
             Self::Member(group, index) => group.results(*index).to_vec(),

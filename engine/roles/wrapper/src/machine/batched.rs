@@ -74,17 +74,17 @@ impl Machine {
     fn prepare_batch(&mut self, message: BatchStart, now: Instant) -> Result<Batch, Refusal> {
         let index = self.offered(&message.simulation)?;
         let offer = &mut self.offers[index];
-        let wanted = message.seeds.0.len();
-        if wanted > offer.batch {
+        let count = message.seeds.0.len();
+        if count > offer.batch {
             return Err(invalid(format!(
-                "seeds: {wanted} episodes, but a batch here has at most {}",
+                "seeds: {count} episodes, but a batch here has at most {}",
                 offer.batch
             )));
         }
         let description = offer
             .described(&message.parameters)
             .map_err(|error| invalid(error.to_string()))?;
-        let simulations = offer.gather(if offer.together { 1 } else { wanted })?;
+        let simulations = offer.gather(if offer.together { 1 } else { count })?;
         Batch::start(message, index, &description, simulations, now).map_err(
             |(refusal, simulations)| {
                 self.offers[index].put_back(simulations);
@@ -186,27 +186,27 @@ impl Machine {
 
 impl Offer {
     /// As many simulations as wanted: the one that is there, spares, new duplicates.
-    fn gather(&mut self, wanted: usize) -> Result<Vec<Box<dyn Simulation>>, Refusal> {
-        let mut found: Vec<_> = self.simulation.take().into_iter().collect();
-        while found.len() < wanted {
-            let another = match (self.spares.pop(), found.first()) {
+    fn gather(&mut self, count: usize) -> Result<Vec<Box<dyn Simulation>>, Refusal> {
+        let mut simulations: Vec<_> = self.simulation.take().into_iter().collect();
+        while simulations.len() < count {
+            let another = match (self.spares.pop(), simulations.first()) {
                 (Some(spare), _) => Some(spare),
                 (None, Some(first)) => guarded(|| first.duplicate()).ok().flatten(),
                 (None, None) => None,
             };
             let Some(another) = another else {
                 let reason = format!(
-                    "the simulation cannot be duplicated for {wanted} episodes; start fewer at once"
+                    "the simulation cannot be duplicated for {count} episodes; start fewer at once"
                 );
-                self.put_back(found);
+                self.put_back(simulations);
                 return Err(Refusal {
                     kind: RefusalKind::Failed,
                     reason,
                 });
             };
-            found.push(another);
+            simulations.push(another);
         }
-        Ok(found)
+        Ok(simulations)
     }
 
     fn put_back(&mut self, simulations: Vec<Box<dyn Simulation>>) {

@@ -34,10 +34,10 @@ impl Complaints {
             self.kinds.clear();
         }
         let kind = text.split(':').next().unwrap_or_default();
-        let known = self.kinds.len() < KINDS || self.kinds.contains_key(kind);
+        let is_counted = self.kinds.len() < KINDS || self.kinds.contains_key(kind);
         let count = self
             .kinds
-            .entry(if known { kind } else { "" }.to_owned())
+            .entry(if is_counted { kind } else { "" }.to_owned())
             .or_default();
         *count += 1;
         if *count > MOST {

@@ -34,11 +34,11 @@ impl Machine {
 
     /// Parameters came: starts the run that waits for them, if there is one.
     pub(super) fn start_early(&mut self, hash: &str, now: Instant) {
-        let found = self
+        let position = self
             .early
             .iter()
             .position(|(control, _)| control.simulation_hash == hash);
-        if let Some((control, _)) = found.and_then(|index| self.early.remove(index)) {
+        if let Some((control, _)) = position.and_then(|index| self.early.remove(index)) {
             self.control(control, now);
         }
     }
@@ -52,7 +52,7 @@ impl Machine {
         while self.next_early().is_some_and(|until| until <= now) {
             if let Some((control, _)) = self.early.pop_front() {
                 self.complain(format!(
-                    "refusing to start a run for {}: no parameters came for its hash, {} s after its control message",
+                    "refusing to start a run for {}: no parameters arrived for its hash within {} s of its control message",
                     asker(&control),
                     OVERTAKEN.as_secs()
                 ));

@@ -172,7 +172,7 @@ impl Machine {
         }
         if retained && topic != Topic::Presence {
             self.complain(format!(
-                "ignoring a retained message on {}: nothing in this protocol is to be retained",
+                "ignoring a retained message on {}: no message to a server may be retained",
                 topic.name()
             ));
             return;
@@ -278,7 +278,7 @@ impl Machine {
     }
 
     fn has_parameters(&self, hash: &str) -> bool {
-        self.parameters.iter().any(|(known, _)| known == hash)
+        self.parameters.iter().any(|(other, _)| other == hash)
     }
 
     fn end(&mut self, control: &Control, now: Instant) {
@@ -393,7 +393,7 @@ impl Machine {
         let fits = reply_fits(reply);
         if !fits {
             self.complain(format!(
-                "cannot answer a request: its \"reply\" is {reply:?}, expected {}/ and letters, digits, - or _",
+                "cannot answer a request: its \"reply\" is {reply:?}, expected {}/ and then letters, digits, - or _",
                 Topic::ToTool.name()
             ));
         }
@@ -434,7 +434,7 @@ fn name(tool: Option<&str>) -> &str {
 }
 
 fn remember<T>(queue: &mut VecDeque<(String, T)>, key: String, value: T) {
-    queue.retain(|(known, _)| *known != key);
+    queue.retain(|(other, _)| *other != key);
     queue.push_back((key, value));
     if queue.len() > KEPT {
         queue.pop_front();

@@ -161,11 +161,11 @@ impl Machine {
 
     /// Index of a simulation by its title.
     pub(super) fn offered(&self, title: &str) -> Result<usize, Refusal> {
-        let found = self
+        let position = self
             .offers
             .iter()
             .position(|offer| offer.description.title == title);
-        found.ok_or_else(|| {
+        position.ok_or_else(|| {
             invalid(format!(
                 "simulation: {title:?} is not offered here, only {}",
                 self.titles().join(", ")
@@ -223,25 +223,25 @@ impl Machine {
             .described(&message.parameters)
             .map_err(|error| invalid(error.to_string()))?;
         let steers = architecture.steers();
-        for (field, found, expected) in [
+        for (field, actual, expected) in [
             ("sensors", architecture.sensors(), description.sensors),
             ("actuators", architecture.actuators(), description.actuators),
         ] {
-            if steers && found != expected {
+            if steers && actual != expected {
                 return Err(invalid(format!(
-                    "controller.{field}: {found}, but simulation {} has {expected}",
+                    "controller.{field}: {actual}, but simulation {} has {expected}",
                     description.title
                 )));
             }
         }
-        let wanted = metrics_wanted(description, &message.metrics)?;
+        let metrics = metrics_wanted(description, &message.metrics)?;
         let setup = Arc::new(Setup {
             simulation: index,
             controller,
             architecture,
             parameters: std::mem::take(&mut message.parameters),
             metrics: message.metrics.clone(),
-            wanted,
+            wanted: metrics,
         });
         self.setup = Some(Arc::clone(&setup));
         Ok(setup)

@@ -97,7 +97,7 @@ impl Machine {
         }
         // Said again, it is so since it was said first.
         let since = match self.since.take() {
-            Some((said, before)) if said == current => before,
+            Some((published, before)) if published == current => before,
             _ => since,
         };
         self.actions.push(Action::Publish(

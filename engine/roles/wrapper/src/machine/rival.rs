@@ -96,7 +96,9 @@ impl Machine {
 
     /// Whether it is known now that no other server has the id.
     pub(super) fn has_listened(&self, now: Instant) -> bool {
-        self.listening.as_ref().is_some_and(|one| one.until <= now)
+        self.listening
+            .as_ref()
+            .is_some_and(|period| period.until <= now)
     }
 
     /// Hears what came meanwhile.

@@ -47,13 +47,13 @@ impl Machine {
             return self
                 .complain("ignoring a control message that starts a run a second time".to_owned());
         }
-        let Some((_, parameters)) = self.parameters.iter().find(|(known, _)| *known == hash) else {
+        let Some((_, parameters)) = self.parameters.iter().find(|(other, _)| *other == hash) else {
             return self.keep_early(control, now);
         };
         let parameters = parameters.clone();
         let Some(index) = self.wanted(&control) else {
             return self.complain(format!(
-                "refusing to start a run for {}: it does not say of which simulation",
+                "refusing to start a run for {}: it names no simulation",
                 asker(&control)
             ));
         };
@@ -232,7 +232,7 @@ impl Machine {
     /// The broker does not take a message of so many bytes. The run cannot go on, nor would it another time.
     pub fn unsent(&mut self, topic: Topic, bytes: usize, most: usize, now: Instant) {
         let reason = format!(
-            "a {} message of {bytes} bytes is larger than the {most} that the broker takes",
+            "a {} message of {bytes} bytes is larger than the {most} that the broker accepts",
             if topic == Topic::ToTool {
                 "scene"
             } else {
@@ -266,7 +266,7 @@ impl Machine {
             Outcome::Failed(failure) => self.fail(failure, false, now),
             Outcome::TooLarge { agent, bytes } => {
                 let reason = format!(
-                    "the sensor message of agent {agent} has {bytes} bytes, more than the {MAX_SENSOR} that one may have"
+                    "the sensor message of agent {agent} has {bytes} bytes, more than the {MAX_SENSOR} allowed"
                 );
                 self.fail(reason.into(), true, now);
             }
@@ -308,7 +308,7 @@ impl Machine {
                 Ok(Some(payload)) if payload.len() > MAX_BLOCK => {
                     let bytes = payload.len();
                     let reason = format!(
-                        "a scene message of {bytes} bytes is larger than the {MAX_BLOCK} that one may have"
+                        "a scene message of {bytes} bytes is larger than the {MAX_BLOCK} allowed"
                     );
                     return self.fail(reason.into(), true, now);
                 }

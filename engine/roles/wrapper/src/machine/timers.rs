@@ -56,8 +56,8 @@ impl Machine {
     }
 
     /// When missing actuators are warned of, or the run is given up.
-    fn deadline(&self, waiting_since: Instant, told: bool) -> Instant {
-        let patience = if told {
+    fn deadline(&self, waiting_since: Instant, warned: bool) -> Instant {
+        let patience = if warned {
             self.step_timeout
         } else {
             self.step_timeout.min(TELL_AFTER)
@@ -82,7 +82,7 @@ impl Machine {
         match &mut self.state {
             State::Configured { until } if *until <= now => {
                 self.warn(
-                    "parameters came, but no control message to start the run; free again"
+                    "parameters arrived without a control message to start the run; free again"
                         .to_owned(),
                 );
                 self.enter(State::Free, now);

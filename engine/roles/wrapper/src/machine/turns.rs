@@ -65,8 +65,8 @@ impl Turns {
             discovery: discovery.clone(),
         };
         let mut waiting = self.waiting.iter_mut();
-        if let Some(known) = waiting.find(|known| known.discovery.tool == discovery.tool) {
-            *known = question;
+        if let Some(earlier) = waiting.find(|earlier| earlier.discovery.tool == discovery.tool) {
+            *earlier = question;
         } else if self.waiting.len() < MOST {
             self.waiting.push_back(question);
         }
@@ -153,10 +153,10 @@ impl Machine {
 
     /// A tool configured another server. If it is the one without a name that this one waits for, it need not.
     pub(super) fn other_configured(&mut self, hash: &str, now: Instant) {
-        let asked = |question: &Question| {
+        let is_answered = |question: &Question| {
             question.discovery.tool.is_none() && question.discovery.simulation_hash == hash
         };
-        self.turns.waiting.retain(|question| !asked(question));
+        self.turns.waiting.retain(|question| !is_answered(question));
         let waits = matches!(self.state, State::Held { tool: None, .. }) && self.turns.reserved;
         if waits && self.turns.invited.as_deref() == Some(hash) {
             self.enter(State::Free, now);

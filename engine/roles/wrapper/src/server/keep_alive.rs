@@ -96,7 +96,9 @@ impl KeepAlive {
                 }
             });
         if let Err(error) = &thread {
-            log::warn!("no thread keeps the connection alive during long steps: {error}");
+            log::warn!(
+                "could not start the thread that keeps the connection alive during long steps: {error}"
+            );
         }
         Self {
             connection,

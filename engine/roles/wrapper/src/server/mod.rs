@@ -90,14 +90,14 @@ pub enum ServeError {
     Topic(#[from] TopicError),
     /// Another server uses the id.
     #[error(
-        "the id {id} is taken by a server on {place}; choose another with --id \
+        "the id {id} is taken by a server on {location}; choose another with --id \
          (or, if that server is gone for good: mosquitto_pub -r -n -t {topic})"
     )]
     IdTaken {
         /// The id.
         id: u64,
         /// Where the other server runs: its host, and its process if it says that.
-        place: String,
+        location: String,
         /// Its presence topic.
         topic: String,
     },
@@ -112,7 +112,7 @@ pub enum ServeError {
     },
     /// The broker does not distribute the presence of a server that begins, and closes the connection.
     #[error(
-        "the broker closed the connection, since it denies what this server says of itself: {0}"
+        "the broker closed the connection, since it denies this server's presence message: {0}"
     )]
     Unannounced(String),
     /// There is nothing to offer.
@@ -264,17 +264,17 @@ impl SimulationServer {
         mut on_notice: impl FnMut(&Notice),
         mut keep_going: impl FnMut() -> bool,
     ) -> Result<(), ServeError> {
-        let mut asked = Instant::now();
+        let mut asked_at = Instant::now();
         let mut served = Ok(());
         while served.is_ok() {
             let now = Instant::now();
-            if now.duration_since(asked) >= ASKED_EVERY {
-                asked = now;
+            if now.duration_since(asked_at) >= ASKED_EVERY {
+                asked_at = now;
                 if !keep_going() {
                     break;
                 }
             }
-            served = self.poll_until(asked + ASKED_EVERY, &mut on_notice);
+            served = self.poll_until(asked_at + ASKED_EVERY, &mut on_notice);
         }
         self.close();
         served
@@ -460,7 +460,7 @@ impl SimulationServer {
                         unsent = unsent.or(Some((Topic::ToTool, error)));
                     } else if let Err(TooLarge { bytes, most }) = sent {
                         let reason = format!(
-                            "its answer of {bytes} bytes is larger than the {most} that the broker takes"
+                            "its answer of {bytes} bytes is larger than the {most} that the broker accepts"
                         );
                         on_notice(&Notice::Warning(reason.clone()));
                         let instead = refusal(&payload, reason);

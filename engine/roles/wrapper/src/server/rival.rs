@@ -46,7 +46,7 @@ pub(super) fn find_rival(
                 };
                 return Err(ServeError::IdTaken {
                     id: identity.id,
-                    place: rival.to_string(),
+                    location: rival.to_string(),
                     topic: topics.presence(identity.id),
                 });
             }

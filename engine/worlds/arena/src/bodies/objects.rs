@@ -108,19 +108,19 @@ impl<L: Lanes> Moving<L> {
     pub(crate) fn moves(&self) -> bool {
         let zero = number(0.0);
         let [vx, vy] = self.velocity;
-        let mut some = false;
+        let mut moving = false;
         for number in [vx, vy, self.spin] {
-            some |= number.lt(zero).or(zero.lt(number)).any();
+            moving |= number.lt(zero).or(zero.lt(number)).any();
         }
-        some
+        moving
     }
 
     /// The friction of the floor ends the motion, as far as it can: force and torque lie within an ellipsoid.
     #[inline(always)]
     fn rest(&mut self, object: &Object, before: [Number<L>; 3]) {
         let [vx, vy] = self.velocity;
-        let wanted = [before[0] - vx, before[1] - vy, before[2] - self.spin];
-        let [x, y, turn] = wanted;
+        let impulse = [before[0] - vx, before[1] - vy, before[2] - self.spin];
+        let [x, y, turn] = impulse;
         let used = (x * x + y * y) * object.loose[0] + turn * turn * object.loose[1];
         let part = (number::<L>(1.0) / used.sqrt()).at_most(number(1.0));
         self.load = [x * part, y * part, turn * part];
@@ -196,14 +196,14 @@ impl<L: Lanes> Default for Objects<L> {
 impl<L: Lanes> Objects<L> {
     /// `grippers`: robots, where some of them have one.
     pub(crate) fn new(kinds: &[Kind], grippers: usize) -> Self {
-        let mut things = Vec::new();
+        let mut items = Vec::new();
         for (index, kind) in kinds.iter().enumerate() {
-            things.extend((0..kind.count()).map(|_| Object::new(index, kind)));
+            items.extend((0..kind.count()).map(|_| Object::new(index, kind)));
         }
         Self {
-            moving: vec![Moving::at_rest(); things.len()],
-            held: vec![L::Mask::from_bits(0); grippers * things.len()],
-            things,
+            moving: vec![Moving::at_rest(); items.len()],
+            held: vec![L::Mask::from_bits(0); grippers * items.len()],
+            things: items,
             touches: [Vec::new(), Vec::new()],
             awake: false,
         }

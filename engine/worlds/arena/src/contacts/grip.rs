@@ -14,14 +14,14 @@ impl<L: Lanes> Objects<L> {
         &mut self,
         robot: usize,
         (at, radius, reach): ([Number<L>; 2], f32, f32),
-        wanted: L::Mask,
+        grips: L::Mask,
     ) {
         let count = self.things.len();
         if self.held.is_empty() {
             return;
         }
         let Self {
-            things,
+            things: items,
             moving,
             held,
             ..
@@ -30,25 +30,25 @@ impl<L: Lanes> Objects<L> {
         let mut holds = L::Mask::from_bits(0);
         for object in 0..count {
             if held[object].any() {
-                let gap = gap(&things[object], &moving[object], at, radius);
-                held[object] = held[object].and(wanted).and(gap.lt(number(NEAR)));
+                let gap = gap(&items[object], &moving[object], at, radius);
+                held[object] = held[object].and(grips).and(gap.lt(number(NEAR)));
                 holds = holds.or(held[object]);
             }
         }
-        let free = wanted.and_not(holds);
+        let free = grips.and_not(holds);
         if !free.any() {
             return;
         }
-        let (mut nearest, mut which) = (number(reach), number(-1.0));
+        let (mut nearest, mut chosen) = (number(reach), number(-1.0));
         for object in 0..count {
-            let gap = gap(&things[object], &moving[object], at, radius);
+            let gap = gap(&items[object], &moving[object], at, radius);
             let nearer = gap.lt(nearest).and(free);
             nearest = gap.select(nearest, nearer);
-            which = number::<L>(object as f32).select(which, nearer);
+            chosen = number::<L>(object as f32).select(chosen, nearer);
         }
         for object in 0..count {
             let this = number::<L>(object as f32);
-            let same = which.le(this).and(this.le(which));
+            let same = chosen.le(this).and(this.le(chosen));
             held[object] = held[object].or(same.and(free));
         }
     }

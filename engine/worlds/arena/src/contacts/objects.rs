@@ -30,14 +30,14 @@ pub(crate) fn way(team: &Team) -> f32 {
 }
 
 impl<L: Lanes> Objects<L> {
-    /// Finds what may touch in this tick. `near` gets the lanes in which robots may touch an object.
+    /// Finds what may touch in this tick. `nearby` gets the lanes in which robots may touch an object.
     #[inline(always)]
     pub(crate) fn find(
         &mut self,
         bodies: &Bodies<L>,
         team: &Team,
-        place: &Place,
-        near: &mut [u64],
+        layout: &Place,
+        nearby: &mut [u64],
     ) {
         let Self {
             touches: [now, old],
@@ -64,7 +64,7 @@ impl<L: Lanes> Objects<L> {
                 let way = [bodies.x[other] - moving.x, bodies.y[other] - moving.y];
                 let close = square(way).lt(number(reach * reach));
                 if close.any() {
-                    near[other] |= close.bits();
+                    nearby[other] |= close.bits();
                     let (surface, point) = (Surface::Object(index), Point::Robot(other));
                     list.add(surface, point, (0, other, 0), close);
                     if !held.is_empty() {
@@ -73,8 +73,8 @@ impl<L: Lanes> Objects<L> {
                 }
             }
             let reach = object.radius + way_of_objects;
-            for face in 0..place.faces.len() {
-                let way = to_face(&place.faces[face], moving.x, moving.y);
+            for face in 0..layout.faces.len() {
+                let way = to_face(&layout.faces[face], moving.x, moving.y);
                 let close = square(way).lt(number(reach * reach));
                 if !close.any() {
                     continue;
@@ -88,20 +88,20 @@ impl<L: Lanes> Objects<L> {
                     let point = Point::Corner(index, corner);
                     list.add(surface, point, (1, face, corner), close);
                 }
-                if !place.faces[face].outer {
+                if !layout.faces[face].outer {
                     let (surface, point) = (Surface::Object(index), Point::End(face));
                     list.add(surface, point, (1, face, 4), close);
                 }
             }
             for other in index + 1..self.things.len() {
-                let (thing, second) = (&self.things[other], &self.moving[other]);
+                let (item, second) = (&self.things[other], &self.moving[other]);
                 let way = [second.x - moving.x, second.y - moving.y];
-                let reach = object.radius + thing.radius + 2.0 * way_of_objects;
+                let reach = object.radius + item.radius + 2.0 * way_of_objects;
                 let close = square(way).lt(number(reach * reach));
                 if !close.any() {
                     continue;
                 }
-                match (object.form, thing.form) {
+                match (object.form, item.form) {
                     (_, Form::Disc { .. }) => {
                         let (surface, point) = (Surface::Object(index), Point::Center(other));
                         list.add(surface, point, (2, other, 0), close);
@@ -142,29 +142,29 @@ impl<L: Lanes> Objects<L> {
     fn begin_with<const GRIPS: bool>(
         &mut self,
         moved: &mut [Moved<L>],
-        (team, place): (&Team, &Place),
+        (team, layout): (&Team, &Place),
     ) {
         let Self {
-            things,
+            things: items,
             moving,
             touches: [touches, _],
             ..
         } = self;
-        let near = NEAR.max(team.fastest() * PART);
+        let margin = NEAR.max(team.fastest() * PART);
         for touch in touches.iter_mut() {
-            let (point, radius, arm) = point(touch.point, things, moving, moved, (team, place));
+            let (point, radius, arm) = point(touch.point, items, moving, moved, (team, layout));
             let gap = match touch.surface {
                 Surface::Object(index) => {
-                    let (object, moving) = (&things[index], &moving[index]);
+                    let (object, moving) = (&items[index], &moving[index]);
                     let way = [point[0] - moving.x, point[1] - moving.y];
                     to_object(object, moving, way, radius)
                 }
                 Surface::Face(index) => {
                     let corner = matches!(touch.point, Point::Corner(..));
-                    to_wall(&place.faces[index], point, radius, corner)
+                    to_wall(&layout.faces[index], point, radius, corner)
                 }
             };
-            let possible = gap.size.lt(number(near)).and(gap.valid).and(touch.lanes);
+            let possible = gap.size.lt(number(margin)).and(gap.valid).and(touch.lanes);
             touch.active = possible.any();
             touch.pressed = touch.pressed.only_where(possible);
             touch.rubbed = touch.rubbed.only_where(possible);
@@ -196,9 +196,9 @@ impl<L: Lanes> Objects<L> {
                 let closing = (gap.size * (SHARE / PART)).within(-APART, APART);
                 touch.slack = closing.select(touch.slack, touch.held);
             }
-            touch.weigh(things, team);
+            touch.weigh(items, team);
             let impulse = touch.along(touch.pressed, touch.rubbed);
-            touch.push(things, moving, moved, team, impulse);
+            touch.push(items, moving, moved, team, impulse);
             if let Point::Robot(index) = touch.point {
                 moved[index].touched |= number(0.0).lt(touch.pressed).bits();
                 if GRIPS {
@@ -222,7 +222,7 @@ impl<L: Lanes> Objects<L> {
     #[inline(always)]
     fn solve_with<const GRIPS: bool>(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let Self {
-            things,
+            things: items,
             moving,
             touches: [touches, _],
             ..
@@ -272,7 +272,7 @@ impl<L: Lanes> Objects<L> {
             let impulse = touch.along(pressed - touch.pressed, rubbed - touch.rubbed);
             touch.pressed = pressed;
             touch.rubbed = rubbed;
-            touch.push(things, moving, moved, team, impulse);
+            touch.push(items, moving, moved, team, impulse);
             if let Point::Robot(index) = touch.point {
                 moved[index].touched |= number(0.0).lt(pressed).bits();
             }
@@ -315,10 +315,10 @@ impl<L: Lanes> List<'_, L> {
         &mut self,
         surface: Surface,
         point: Point,
-        (group, index, which): (u32, usize, usize),
+        (group, index, part): (u32, usize, usize),
         lanes: L::Mask,
     ) {
-        let key = [self.object, group << 20 | index as u32, which as u32];
+        let key = [self.object, group << 20 | index as u32, part as u32];
         let zero = number(0.0);
         let mut touch = Touch {
             surface,
@@ -357,19 +357,19 @@ impl<L: Lanes> List<'_, L> {
 impl<L: Lanes> Touch<L> {
     /// The masses that resist.
     #[inline(always)]
-    fn weigh(&mut self, things: &[Object], team: &Team) {
+    fn weigh(&mut self, items: &[Object], team: &Team) {
         let [nx, ny] = self.normal;
         for (axis, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
             let mut inverse = number(0.0);
             if let Surface::Object(index) = self.surface {
                 let turn = cross(self.arms[0], along);
-                inverse += turn * turn * things[index].nimble + things[index].light;
+                inverse += turn * turn * items[index].nimble + items[index].light;
             }
             match self.point {
-                Point::Robot(index) => inverse += number(self.lightness(index, things, team)),
+                Point::Robot(index) => inverse += number(self.lightness(index, items, team)),
                 Point::Center(index) | Point::Corner(index, _) => {
                     let turn = cross(self.arms[1], along);
-                    inverse += turn * turn * things[index].nimble + things[index].light;
+                    inverse += turn * turn * items[index].nimble + items[index].light;
                 }
                 Point::End(_) => {}
             }
@@ -379,10 +379,10 @@ impl<L: Lanes> Touch<L> {
 
     /// The change of a robot's velocity by 1 N s.
     #[inline(always)]
-    fn lightness(&self, robot: usize, things: &[Object], team: &Team) -> f32 {
+    fn lightness(&self, robot: usize, items: &[Object], team: &Team) -> f32 {
         let light = 1.0 / team.robot(robot).mass;
         match self.surface {
-            Surface::Object(index) => light.max(things[index].light / MOST_RATIO),
+            Surface::Object(index) => light.max(items[index].light / MOST_RATIO),
             Surface::Face(_) => light,
         }
     }
@@ -397,24 +397,24 @@ impl<L: Lanes> Touch<L> {
     #[inline(always)]
     fn push(
         &self,
-        things: &[Object],
+        items: &[Object],
         moving: &mut [Moving<L>],
         moved: &mut [Moved<L>],
         team: &Team,
         [x, y]: [Number<L>; 2],
     ) {
         if let Surface::Object(index) = self.surface {
-            moving[index].push(&things[index], self.arms[0], [-x, -y]);
+            moving[index].push(&items[index], self.arms[0], [-x, -y]);
         }
         match self.point {
             Point::Robot(index) => {
                 let velocity = &mut moved[index].velocity;
-                let light = self.lightness(index, things, team);
+                let light = self.lightness(index, items, team);
                 velocity[0] += x * light;
                 velocity[1] += y * light;
             }
             Point::Center(index) | Point::Corner(index, _) => {
-                moving[index].push(&things[index], self.arms[1], [x, y]);
+                moving[index].push(&items[index], self.arms[1], [x, y]);
             }
             Point::End(_) => {}
         }
@@ -456,21 +456,21 @@ fn cross<L: Lanes>(a: [Number<L>; 2], b: [Number<L>; 2]) -> Number<L> {
 #[inline(always)]
 fn point<L: Lanes>(
     point: Point,
-    things: &[Object],
+    items: &[Object],
     moving: &[Moving<L>],
     moved: &[Moved<L>],
-    (team, place): (&Team, &Place),
+    (team, layout): (&Team, &Place),
 ) -> ([Number<L>; 2], f32, [Number<L>; 2]) {
     let none = [number(0.0); 2];
     match point {
         Point::Robot(index) => (moved[index].at, team.robot(index).radius, none),
         Point::Center(index) => {
             let of = &moving[index];
-            ([of.x, of.y], things[index].radius, none)
+            ([of.x, of.y], items[index].radius, none)
         }
         Point::Corner(index, corner) => {
             let of = &moving[index];
-            let half = match things[index].form {
+            let half = match items[index].form {
                 Form::Box { half } => half,
                 Form::Disc { .. } => [0.0; 2],
             };
@@ -478,7 +478,7 @@ fn point<L: Lanes>(
             ([of.x + arm[0], of.y + arm[1]], 0.0, arm)
         }
         Point::End(face) => {
-            let [[x, y], _] = place.faces[face].ends();
+            let [[x, y], _] = layout.faces[face].ends();
             ([number(x), number(y)], 0.0, none)
         }
     }

@@ -103,7 +103,7 @@ impl<L: Lanes> Pairs<L> {
         bodies: &Bodies<L>,
         pairs: &[[u32; 2]],
         team: &Team,
-        near: &mut [u64],
+        nearby: &mut [u64],
     ) {
         std::mem::swap(&mut self.now, &mut self.old);
         self.now.clear();
@@ -117,8 +117,8 @@ impl<L: Lanes> Pairs<L> {
             if lanes == 0 {
                 continue;
             }
-            near[i] |= lanes;
-            near[j] |= lanes;
+            nearby[i] |= lanes;
+            nearby[j] |= lanes;
             let rims = match pair.same {
                 Some(radius) => (bodies.spin[i] + bodies.spin[j]) * radius,
                 None => {
@@ -150,11 +150,11 @@ impl<L: Lanes> Pairs<L> {
 
     /// Notes where the robots are among those that move.
     #[inline(always)]
-    pub(crate) fn place(&mut self, near: &Near<L>) {
+    pub(crate) fn place(&mut self, nearby: &Near<L>) {
         for touch in &mut self.now.all {
             let (i, j) = (touch.robots[0] as usize, touch.robots[1] as usize);
             let lane = lane_of::<L>(touch.lane);
-            touch.spots = [near.spot(i, lane), near.spot(j, lane)];
+            touch.spots = [nearby.spot(i, lane), nearby.spot(j, lane)];
         }
     }
 
@@ -170,9 +170,9 @@ impl<L: Lanes> Pairs<L> {
             let (mut way, mut speed) = ([number(0.0); 2], [number(0.0); 2]);
             for (lane, touch) in touches.iter().enumerate() {
                 let [a, b] = touch.spots;
-                let (one, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
-                let between_middles = between((&one.at, a), (&other.at, b));
-                let relative = between((&one.before, a), (&other.before, b));
+                let (first, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
+                let between_middles = between((&first.at, a), (&other.at, b));
+                let relative = between((&first.before, a), (&other.before, b));
                 let lane = lane_of::<L>(lane as u32);
                 for axis in 0..2 {
                     way[axis].set_lane(lane, between_middles[axis].0);
@@ -206,10 +206,10 @@ impl<L: Lanes> Pairs<L> {
                 // Copied, so that they are known to be the same after robots have changed.
                 let touch = all[index * L::WIDTH + lane];
                 let [a, b] = touch.spots;
-                let (one, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
+                let (first, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
                 let mut contact = contacts.lane(lane);
                 let [nx, ny] = contact.normal;
-                let relative = between((&one.velocity, a), (&other.velocity, b));
+                let relative = between((&first.velocity, a), (&other.velocity, b));
                 let approach = relative[0] * nx + relative[1] * ny;
                 let slip = relative[1] * nx - relative[0] * ny - number(touch.rims);
                 let pair = &touch.pair;
@@ -226,13 +226,13 @@ impl<L: Lanes> Pairs<L> {
 /// From a lane of one to a lane of the other.
 #[inline(always)]
 fn between<L: Lanes>(
-    (one, a): (&[Number<L>; 2], Spot),
+    (first, a): (&[Number<L>; 2], Spot),
     (other, b): (&[Number<L>; 2], Spot),
 ) -> [Number<f32>; 2] {
     let (a, b) = (lane_of::<L>(a.lane), lane_of::<L>(b.lane));
     [
-        Number(other[0].lane(b) - one[0].lane(a)),
-        Number(other[1].lane(b) - one[1].lane(a)),
+        Number(other[0].lane(b) - first[0].lane(a)),
+        Number(other[1].lane(b) - first[1].lane(a)),
     ]
 }
 
@@ -244,14 +244,14 @@ fn part_from<L: Lanes>(
     [x, y]: [f32; 2],
     (equal, lightness): (bool, [f32; 2]),
 ) {
-    let [one, two] = if equal {
+    let [first, second] = if equal {
         [[x, y], [x, y]]
     } else {
-        let [one, two] = lightness;
-        [[x * one, y * one], [x * two, y * two]]
+        let [first, second] = lightness;
+        [[x * first, y * first], [x * second, y * second]]
     };
-    push(moved, spots[0], [-one[0], -one[1]]);
-    push(moved, spots[1], two);
+    push(moved, spots[0], [-first[0], -first[1]]);
+    push(moved, spots[1], second);
 }
 
 #[inline(always)]

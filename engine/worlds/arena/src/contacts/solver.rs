@@ -61,36 +61,36 @@ impl<L: Lanes> Contacts<L> {
         bodies: &mut Bodies<L>,
         close: &Close,
         team: &Team,
-        place: &Place,
+        layout: &Place,
     ) {
         let Self {
             aim,
-            near,
+            near: nearby,
             pairs,
             walls,
         } = self;
-        near.lanes.fill(0);
-        pairs.find(bodies, &close.robots, team, &mut near.lanes);
-        walls.find(bodies, &close.faces, (team, place), &mut near.lanes);
+        nearby.lanes.fill(0);
+        pairs.find(bodies, &close.robots, team, &mut nearby.lanes);
+        walls.find(bodies, &close.faces, (team, layout), &mut nearby.lanes);
         let mut objects = std::mem::take(&mut bodies.objects);
         L::apart(
             #[inline(always)]
-            || objects.find(bodies, team, place, &mut near.lanes),
+            || objects.find(bodies, team, layout, &mut nearby.lanes),
         );
         if L::WIDTH == 1 || objects.any() {
             // A single lane is always full; contacts with objects need robots in the lanes of their episodes.
-            near.spread(bodies, aim);
+            nearby.spread(bodies, aim);
         } else {
-            near.pack(bodies, aim, team);
+            nearby.pack(bodies, aim, team);
         }
-        pairs.place(near);
-        walls.collect(near, place);
+        pairs.place(nearby);
+        walls.collect(nearby, layout);
         self.move_freely(bodies, team);
         if !self.near.used.is_empty() || objects.awake() {
             for _ in 0..PARTS {
                 L::apart(
                     #[inline(always)]
-                    || self.part(&mut objects, team, place),
+                    || self.part(&mut objects, team, layout),
                 );
             }
             self.walls.keep();
@@ -124,11 +124,14 @@ impl<L: Lanes> Contacts<L> {
     }
 
     #[inline(always)]
-    fn part(&mut self, objects: &mut Objects<L>, team: &Team, place: &Place) {
+    fn part(&mut self, objects: &mut Objects<L>, team: &Team, layout: &Place) {
         let Self {
-            near, pairs, walls, ..
+            near: nearby,
+            pairs,
+            walls,
+            ..
         } = self;
-        let Near { moved, used, .. } = near;
+        let Near { moved, used, .. } = nearby;
         for vector in used.iter() {
             let moved = &mut moved[*vector as usize];
             moved.before = moved.velocity;
@@ -139,7 +142,7 @@ impl<L: Lanes> Contacts<L> {
         if objects.any() {
             L::apart(
                 #[inline(always)]
-                || objects.begin(moved, (team, place)),
+                || objects.begin(moved, (team, layout)),
             );
         }
         for vector in used.iter() {
@@ -196,8 +199,8 @@ fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
 #[inline(always)]
 fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
     let (aim, [x, y]) = (moved.aim, moved.velocity);
-    let wanted = [aim[0] - x, aim[1] - y];
-    let inverse = number::<L>(1.0) / square(wanted).sqrt();
+    let change = [aim[0] - x, aim[1] - y];
+    let inverse = number::<L>(1.0) / square(change).sqrt();
     let mut most = number::<L>(acceleration * PART);
     if acceleration > TRACTION {
         most = number(TRACTION * PART).select(most, L::Mask::from_bits(moved.touched));
@@ -207,10 +210,10 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
     let half = (inverse * (acceleration * SUBSTEP)).at_most(number(1.0));
     let [vx, vy] = moved.before;
     moved.free = [
-        vx * PART + wanted[0] * half * SUBSTEP,
-        vy * PART + wanted[1] * half * SUBSTEP,
+        vx * PART + change[0] * half * SUBSTEP,
+        vy * PART + change[1] * half * SUBSTEP,
     ];
-    moved.load = [wanted[0] * whole, wanted[1] * whole];
+    moved.load = [change[0] * whole, change[1] * whole];
     push(moved, moved.load);
 }
 
@@ -219,12 +222,12 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
 fn drive_on<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
     let lanes = L::Mask::from_bits(moved.touched);
     let (aim, load, [x, y]) = (moved.aim, moved.load, moved.velocity);
-    let wanted = [load[0] + (aim[0] - x), load[1] + (aim[1] - y)];
+    let change = [load[0] + (aim[0] - x), load[1] + (aim[1] - y)];
     let most = number::<L>(acceleration.min(TRACTION) * PART);
-    let part = (most / square(wanted).sqrt()).at_most(number(1.0));
+    let part = (most / square(change).sqrt()).at_most(number(1.0));
     moved.load = [
-        (wanted[0] * part).select(load[0], lanes),
-        (wanted[1] * part).select(load[1], lanes),
+        (change[0] * part).select(load[0], lanes),
+        (change[1] * part).select(load[1], lanes),
     ];
     push(moved, [moved.load[0] - load[0], moved.load[1] - load[1]]);
 }

@@ -76,8 +76,8 @@ impl<L: Lanes> Walls<L> {
         &mut self,
         bodies: &Bodies<L>,
         pairs: &[[u32; 2]],
-        (team, place): (&Team, &Place),
-        near: &mut [u64],
+        (team, layout): (&Team, &Place),
+        nearby: &mut [u64],
     ) {
         std::mem::swap(&mut self.now, &mut self.old);
         self.now.clear();
@@ -88,7 +88,7 @@ impl<L: Lanes> Walls<L> {
             let index = *robot as usize;
             let reach = team.robot(index).radius + gap / 2.0;
             let way = to_face(
-                &place.faces[*face as usize],
+                &layout.faces[*face as usize],
                 bodies.x[index],
                 bodies.y[index],
             );
@@ -97,7 +97,7 @@ impl<L: Lanes> Walls<L> {
             if lanes == 0 {
                 continue;
             }
-            near[index] |= lanes;
+            nearby[index] |= lanes;
             while lanes != 0 {
                 let lane = lanes.trailing_zeros();
                 lanes &= lanes - 1;
@@ -124,13 +124,13 @@ impl<L: Lanes> Walls<L> {
 
     /// Collects the faces of all robots of a vector, those of a robot in ascending order.
     #[inline(always)]
-    pub(crate) fn collect(&mut self, near: &Near<L>, place: &Place) {
+    pub(crate) fn collect(&mut self, nearby: &Near<L>, layout: &Place) {
         self.contacts.clear();
-        for vector in &near.used {
+        for vector in &nearby.used {
             self.first[*vector as usize] = u32::MAX;
         }
         for touch in &mut self.now {
-            let Spot { vector, lane } = near.spot(touch.robot as usize, touch.lane as usize);
+            let Spot { vector, lane } = nearby.spot(touch.robot as usize, touch.lane as usize);
             let new = self.contacts.len() as u32;
             let first = &mut self.first[vector as usize];
             let mut index = *first;
@@ -148,7 +148,7 @@ impl<L: Lanes> Walls<L> {
             if index == new {
                 self.contacts.push(WallContact::none(vector));
             }
-            let face = &place.faces[touch.face as usize];
+            let face = &layout.faces[touch.face as usize];
             self.contacts[index as usize].take(lane_of::<L>(lane), face, touch);
             (touch.contact, touch.at) = (index, lane);
         }

@@ -53,20 +53,20 @@ pub(crate) fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
     let name = |[a, b]: [Point; 2]| format!("[{}, {}] to [{}, {}]", a[0], a[1], b[0], b[1]);
     if let Some(index) = (0..count).find(|index| side(*index)[0] == side(*index)[1]) {
         return Err(format!(
-            "the corner [{}, {}] is there twice in a row",
+            "the corner [{}, {}] occurs twice in a row",
             corners[index][0], corners[index][1]
         ));
     }
     for first in 0..count {
         for second in first + 1..count {
-            let (one, other) = (side(first), side(second));
+            let (edge, other) = (side(first), side(second));
             let neighbours = second == first + 1 || (first == 0 && second == count - 1);
             let crossed = if neighbours {
                 // They share a corner, and nothing else where they do not lie on each other.
                 let [tip, joint, end] = if second == first + 1 {
-                    [one[0], one[1], other[1]]
+                    [edge[0], edge[1], other[1]]
                 } else {
-                    [one[1], one[0], other[0]]
+                    [edge[1], edge[0], other[0]]
                 };
                 let back = (0..2).fold(0.0, |sum, axis| {
                     let way = |point: Point| f64::from(point[axis]) - f64::from(joint[axis]);
@@ -74,12 +74,12 @@ pub(crate) fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
                 });
                 left(tip, joint, end) == 0.0 && back > 0.0
             } else {
-                meet(one, other)
+                meet(edge, other)
             };
             if crossed {
                 return Err(format!(
                     "the sides {} and {} cross or touch; expected the corners in order along the walls",
-                    name(one),
+                    name(edge),
                     name(other)
                 ));
             }
@@ -111,11 +111,11 @@ pub(crate) fn contains(corners: &[Point], [x, y]: [f64; 2]) -> bool {
 }
 
 /// Whether a side of the one polygon goes through a side of the other one; touching it is not enough.
-pub(crate) fn cross(one: &[Point], other: &[Point]) -> bool {
+pub(crate) fn cross(outline: &[Point], other: &[Point]) -> bool {
     let through = |[a, b]: [Point; 2], [c, d]: [Point; 2]| {
         left(a, b, c) * left(a, b, d) < 0.0 && left(c, d, a) * left(c, d, b) < 0.0
     };
-    sides(one).any(|side| sides(other).any(|another| through(side, another)))
+    sides(outline).any(|side| sides(other).any(|another| through(side, another)))
 }
 
 /// The distance of a point from the nearest side.

@@ -18,12 +18,12 @@ const MOST_POINTS: usize = 1000;
 
 impl Metric {
     /// What is wrong with it in this place, by the field.
-    pub(crate) fn check(&self, place: &Place) -> Result<(), ParameterError> {
+    pub(crate) fn check(&self, layout: &Place) -> Result<(), ParameterError> {
         for (field, name) in self.patches() {
-            if place.patch(name).is_none() {
-                let known = place.patches.iter().map(|patch| patch.name.as_str());
-                let known = listed(known);
-                let reason = format!("no patch of the floor is named {name:?}; there is {known}");
+            if layout.patch(name).is_none() {
+                let names = layout.patches.iter().map(|patch| patch.name.as_str());
+                let names = listed(names);
+                let reason = format!("no patch of the floor is named {name:?}; available: {names}");
                 return Err(wrong(&field, reason));
             }
         }
@@ -40,8 +40,8 @@ impl Metric {
                 "an empty list found, expected at least one patch",
             ));
         }
-        self.check_object(place)?;
-        let shape = |name: &str| place.patch(name).map(|patch| &patch.shape);
+        self.check_object(layout)?;
+        let shape = |name: &str| layout.patch(name).map(|patch| &patch.shape);
         match self {
             Self::CellAge { side, cells } => {
                 length("side", *side)?;
@@ -73,11 +73,15 @@ impl Metric {
                 }
                 length("most", *most)?;
             }
-            Self::MeanDistanceRim { patch, near, most } => {
+            Self::MeanDistanceRim {
+                patch,
+                near: margin,
+                most,
+            } => {
                 if !matches!(shape(patch), Some(Shape::Circle { .. })) {
                     return Err(wrong("patch", format!("{patch} must be a circle")));
                 }
-                length("near", *near)?;
+                length("near", *margin)?;
                 length("most", *most)?;
             }
             Self::CrossingsSouth { patch } => {
@@ -97,11 +101,11 @@ impl Metric {
             Self::CoveredShare { radius, .. } => length("radius", *radius)?,
             Self::VisitedShare { cell } => {
                 length("cell", *cell)?;
-                let [low, high] = polygon::extent(&place.outline);
+                let [low, high] = polygon::extent(&layout.outline);
                 let cells = (0..2).map(|axis| (high[axis] - low[axis]) / cell);
                 if cells.product::<f32>() > MOST_CELLS {
                     let reason =
-                        format!("{cell} makes more than a million cells; take a larger one");
+                        format!("{cell} makes more than a million cells; use a larger one");
                     return Err(wrong("cell", reason));
                 }
             }
@@ -112,7 +116,7 @@ impl Metric {
                 let reason = format!("{patch} must have a lower and an upper end");
                 return Err(wrong("patch", reason));
             }
-            Self::ObjectDistance { patch, .. } => has_middle(place, "patch", patch)?,
+            Self::ObjectDistance { patch, .. } => has_middle(layout, "patch", patch)?,
             Self::TimeUntil {
                 at_least, at_most, ..
             } => {
@@ -130,10 +134,10 @@ impl Metric {
             }
             Self::ChainReach { from, to, link, .. } => {
                 length("link", *link)?;
-                has_middle(place, "from", from)?;
-                has_middle(place, "to", to)?;
+                has_middle(layout, "from", from)?;
+                has_middle(layout, "to", to)?;
                 if from == to {
-                    return Err(wrong("to", "from and to are the same patch"));
+                    return Err(wrong("to", "from and to must be different patches"));
                 }
             }
             _ => {}
@@ -178,21 +182,21 @@ impl Metric {
     }
 
     /// Whether there are the objects that it is about.
-    fn check_object(&self, place: &Place) -> Result<(), ParameterError> {
+    fn check_object(&self, layout: &Place) -> Result<(), ParameterError> {
         let (Self::ObjectsOn { object, .. }
         | Self::ObjectDistance { object, .. }
         | Self::ObjectsHeld { object, .. }) = self
         else {
             return Ok(());
         };
-        if place.objects.is_empty() {
+        if layout.objects.is_empty() {
             return Err(wrong("", "the mission has no objects"));
         }
-        let names = || place.objects.iter().map(|kind| kind.name.as_str());
+        let names = || layout.objects.iter().map(|kind| kind.name.as_str());
         match object {
             Some(object) if !names().any(|name| name == object) => {
-                let known = listed(names());
-                let reason = format!("no object is named {object:?}; there is {known}");
+                let listing = listed(names());
+                let reason = format!("no object is named {object:?}; available: {listing}");
                 Err(wrong("object", reason))
             }
             _ => Ok(()),
@@ -209,10 +213,10 @@ fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     }
 }
 
-fn has_middle(place: &Place, field: &str, name: &str) -> Result<(), ParameterError> {
-    let middle = place.patch(name).map(|patch| patch.shape.middle());
+fn has_middle(layout: &Place, field: &str, name: &str) -> Result<(), ParameterError> {
+    let middle = layout.patch(name).map(|patch| patch.shape.middle());
     if middle.is_some_and(|middle| middle.iter().any(|number| !number.is_finite())) {
-        let reason = format!("{name} has no middle, since it does not end");
+        let reason = format!("{name} has no middle, since it is unbounded");
         return Err(wrong(field, reason));
     }
     Ok(())
@@ -240,7 +244,7 @@ fn length(field: &str, number: f32) -> Result<(), ParameterError> {
 
 impl Formation {
     fn check(&self) -> Result<(), ParameterError> {
-        let near = |field: &str, points: &[[f32; 2]]| {
+        let check_points = |field: &str, points: &[[f32; 2]]| {
             let mut numbers = points.as_flattened().iter();
             match numbers.find(|number| number.is_nan() || number.abs() > LONGEST) {
                 Some(number) => Err(wrong(
@@ -253,14 +257,14 @@ impl Formation {
         match (self.circle, &self.polygon, self.line, &self.points) {
             (Some(radius), None, None, None) => length("shape.circle", radius),
             (None, Some(corners), None, None) => {
-                near("polygon", corners)?;
+                check_points("polygon", corners)?;
                 let tidy = polygon::tidy(corners);
                 tidy.map_err(|reason| wrong("shape.polygon", reason))?;
                 Ok(())
             }
-            (None, None, Some(ends), None) => near("line", &ends),
+            (None, None, Some(ends), None) => check_points("line", &ends),
             (None, None, None, Some(points)) if (1..=MOST_POINTS).contains(&points.len()) => {
-                near("points", points)
+                check_points("points", points)
             }
             _ => Err(wrong(
                 "shape",

@@ -12,12 +12,12 @@ use crate::place::{Place, Shape};
 #[inline(always)]
 pub(super) fn on<L: Lanes>(
     bodies: &Bodies<L>,
-    place: &Place,
+    layout: &Place,
     patch: &str,
     robots: Range<usize>,
 ) -> Number<L> {
     let mut count = number(0.0);
-    if let Some(patch) = place.patch(patch) {
+    if let Some(patch) = layout.patch(patch) {
         for index in robots {
             let on = patch.shape.holds(bodies.x[index], bodies.y[index]);
             count = count.add_where(number(1.0), on);
@@ -47,7 +47,7 @@ pub(super) fn wait<L: Lanes>(count: Number<L>, [least, most]: [f32; 2], waits: &
 #[inline(always)]
 pub(super) fn returns<L: Lanes>(
     bodies: &Bodies<L>,
-    place: &Place,
+    layout: &Place,
     sources: &[String],
     nest: &str,
     carries: &mut [Number<L>],
@@ -56,10 +56,10 @@ pub(super) fn returns<L: Lanes>(
     for (index, carries) in carries.iter_mut().enumerate() {
         let (x, y) = (bodies.x[index], bodies.y[index]);
         let mut at_source = L::Mask::from_bits(0);
-        for source in sources.iter().filter_map(|name| place.patch(name)) {
+        for source in sources.iter().filter_map(|name| layout.patch(name)) {
             at_source = at_source.or(source.shape.holds(x, y));
         }
-        let home = place
+        let home = layout
             .patch(nest)
             .map_or(L::Mask::from_bits(0), |nest| nest.shape.holds(x, y));
         let home = home.and_not(at_source);
@@ -73,12 +73,12 @@ pub(super) fn returns<L: Lanes>(
 #[inline(always)]
 pub(super) fn crossings<L: Lanes>(
     bodies: &Bodies<L>,
-    place: &Place,
+    layout: &Place,
     patch: &str,
     before: &[[Number<L>; 2]],
 ) -> Number<L> {
     let mut count = number(0.0);
-    let Some(Shape::Box { low, high }) = place.patch(patch).map(|patch| &patch.shape) else {
+    let Some(Shape::Box { low, high }) = layout.patch(patch).map(|patch| &patch.shape) else {
         return count;
     };
     let middle = number(low[1] + (high[1] - low[1]) * 0.5);
@@ -111,33 +111,33 @@ pub(super) fn wrong_half<L: Lanes>(bodies: &Bodies<L>, middle: f32, color: Numbe
 const STANDS: f32 = 0.005;
 
 /// Until a robot has been on the patch: all robots, and once more those that stand beside it; then those that move in x and
-/// in y. `found` becomes 1. A robot that moves along one axis alone neither stands nor moves: as in the loop functions of
+/// in y. `state` becomes 1. A robot that moves along one axis alone neither stands nor moves: as in the loop functions of
 /// AutoMoDe-Gianduja, on whose scores the mission is compared.
 #[inline(always)]
 pub(super) fn stop<L: Lanes>(
     bodies: &Bodies<L>,
-    place: &Place,
+    layout: &Place,
     patch: &str,
     before: &[[Number<L>; 2]],
-    found: &mut Number<L>,
+    state: &mut Number<L>,
 ) -> Number<L> {
-    let Some(patch) = place.patch(patch) else {
+    let Some(patch) = layout.patch(patch) else {
         return number(0.0);
     };
-    let after = number(0.5).lt(*found);
+    let after = number(0.5).lt(*state);
     let (mut early, mut late) = (number(0.0), number(0.0));
-    let mut here = L::Mask::from_bits(0);
+    let mut on_patch = L::Mask::from_bits(0);
     for (index, [x, y]) in before.iter().enumerate() {
         let (nx, ny) = (bodies.x[index], bodies.y[index]);
         let on = patch.shape.holds(nx, ny);
-        here = here.or(on);
+        on_patch = on_patch.or(on);
         let (dx, dy) = (absolute(nx - *x), absolute(ny - *y));
         let least = number(STANDS);
         let stands = dx.lt(least).and(dy.lt(least)).and_not(on);
         early = early + number(1.0) + one_where(stands);
         late += one_where(least.lt(dx).and(least.lt(dy)));
     }
-    *found = number(1.0).select(*found, here);
+    *state = number(1.0).select(*state, on_patch);
     late.select(early, after)
 }
 

@@ -39,10 +39,10 @@ impl Formation {
     /// The formation for so many robots.
     pub(super) fn outline(&self, robots: usize) -> Outline {
         let count = (POINTS_PER_ROBOT * robots).clamp(POINTS[0], POINTS[1]);
-        let part = |place: usize| (place as f64 + 0.5) / count as f64;
+        let part = |index: usize| (index as f64 + 0.5) / count as f64;
         if let Some(radius) = self.circle {
             let radius = f64::from(radius);
-            let points = (0..count).map(|place| on_circle([0.0; 2], radius, part(place)));
+            let points = (0..count).map(|index| on_circle([0.0; 2], radius, part(index)));
             return Outline {
                 points: points.collect(),
                 form: Form::Circle { radius },
@@ -62,8 +62,8 @@ impl Formation {
         }
         if let Some(ends) = self.line {
             let [from, to] = ends.map(|end| end.map(f64::from));
-            let at = |place: usize| {
-                [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * part(place))
+            let at = |index: usize| {
+                [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * part(index))
             };
             return Outline {
                 points: (0..count).map(at).collect(),
@@ -157,8 +157,8 @@ impl Outline {
                 ]
             }));
             let back: f64 = placed.iter().map(|at| self.distance(*at)).sum();
-            let there = mean_to_nearest(&self.points, &mut placed);
-            (there + back / robots.len() as f64) / 2.0
+            let forth = mean_to_nearest(&self.points, &mut placed);
+            (forth + back / robots.len() as f64) / 2.0
         };
         let mut least = turned(0.0);
         if !shape.turned {
@@ -201,7 +201,7 @@ fn foot([from, to]: Side, at: [f64; 2]) -> [f64; 2] {
 /// The mean distance from points to the nearest of some places, which are sorted.
 fn mean_to_nearest(points: &[[f64; 2]], places: &mut [[f64; 2]]) -> f64 {
     let extent = |axis: usize| {
-        let numbers = places.iter().map(|place| place[axis]);
+        let numbers = places.iter().map(|spot| spot[axis]);
         let start = [f64::INFINITY, f64::NEG_INFINITY];
         let [low, high] = numbers.fold(start, |[low, high], number| {
             [low.min(number), high.max(number)]
@@ -211,12 +211,12 @@ fn mean_to_nearest(points: &[[f64; 2]], places: &mut [[f64; 2]]) -> f64 {
     let axis = usize::from(extent(1) > extent(0));
     places.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
     let nearest = |point: &[f64; 2]| {
-        let next = places.partition_point(|place| place[axis] < point[axis]);
+        let next = places.partition_point(|spot| spot[axis] < point[axis]);
         let mut least = f64::INFINITY;
         // Outwards until all others are further away along the axis alone.
-        let mut look = |place: &[f64; 2]| {
-            least = least.min(square(*place, *point));
-            let aside = place[axis] - point[axis];
+        let mut look = |spot: &[f64; 2]| {
+            least = least.min(square(*spot, *point));
+            let aside = spot[axis] - point[axis];
             aside * aside > least
         };
         let _ = places[next..].iter().any(&mut look);

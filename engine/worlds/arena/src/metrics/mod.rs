@@ -112,7 +112,7 @@ impl<L: Lanes> Tally<L> {
         &mut self,
         metric: &Metric,
         bodies: &Bodies<L>,
-        place: &Place,
+        layout: &Place,
         colors: &[Number<L>],
         last: bool,
     ) {
@@ -128,7 +128,7 @@ impl<L: Lanes> Tally<L> {
             } => {
                 let robots = bodies.named(robots.as_deref());
                 let all = robots.len();
-                let count = counts::on(bodies, place, patch, robots);
+                let count = counts::on(bodies, layout, patch, robots);
                 self.add(count, all, *share, *when);
             }
             Metric::MostRobotsOn {
@@ -138,7 +138,7 @@ impl<L: Lanes> Tally<L> {
             } => {
                 let mut most = number(0.0);
                 for patch in patches {
-                    most = counts::on(bodies, place, patch, 0..bodies.len()).at_least(most);
+                    most = counts::on(bodies, layout, patch, 0..bodies.len()).at_least(most);
                 }
                 self.add(most, bodies.len(), *share, *when);
             }
@@ -148,7 +148,7 @@ impl<L: Lanes> Tally<L> {
                 when,
                 share,
             } => {
-                let (count, all) = objects::on(bodies, place, patch, object.as_deref());
+                let (count, all) = objects::on(bodies, layout, patch, object.as_deref());
                 self.add(count, all, *share, *when);
             }
             Metric::ObjectsHeld {
@@ -156,7 +156,7 @@ impl<L: Lanes> Tally<L> {
                 when,
                 share,
             } => {
-                let (count, all) = objects::held(bodies, place, object.as_deref());
+                let (count, all) = objects::held(bodies, layout, object.as_deref());
                 self.add(count, all, *share, *when);
             }
             Metric::ObjectDistance {
@@ -164,7 +164,7 @@ impl<L: Lanes> Tally<L> {
                 object,
                 when,
             } => {
-                let (sum, all) = objects::distance(bodies, place, patch, object.as_deref());
+                let (sum, all) = objects::distance(bodies, layout, patch, object.as_deref());
                 self.add(sum, all, true, *when);
             }
             Metric::TimeUntil {
@@ -175,7 +175,7 @@ impl<L: Lanes> Tally<L> {
                 if self.marks.is_empty() {
                     self.marks = vec![number(1.0)];
                 }
-                let on = counts::on(bodies, place, patch, 0..bodies.len());
+                let on = counts::on(bodies, layout, patch, 0..bodies.len());
                 let bounds = counts::bounds(*at_least, *at_most, bodies.len());
                 counts::wait(on, bounds, &mut self.marks[0]);
                 self.add(self.marks[0], 1, false, When::EachTick);
@@ -185,11 +185,11 @@ impl<L: Lanes> Tally<L> {
             }
             Metric::Returns { sources, nest } => {
                 self.marks.resize(bodies.len(), number(0.0));
-                let returns = counts::returns(bodies, place, sources, nest, &mut self.marks);
+                let returns = counts::returns(bodies, layout, sources, nest, &mut self.marks);
                 self.add(returns, 1, false, When::EachTick);
             }
             Metric::CrossingsSouth { patch } => {
-                let crossings = counts::crossings(bodies, place, patch, &self.before);
+                let crossings = counts::crossings(bodies, layout, patch, &self.before);
                 self.remember(bodies);
                 self.add(crossings, 1, false, When::EachTick);
                 if last {
@@ -200,8 +200,8 @@ impl<L: Lanes> Tally<L> {
             }
             Metric::RobotsInWrongHalf { patch } => {
                 let (mut middle, mut color) = (0.0, number(0.0));
-                if let Some(index) = place.index(patch) {
-                    middle = place.patches[index].shape.middle()[1] as f32;
+                if let Some(index) = layout.index(patch) {
+                    middle = layout.patches[index].shape.middle()[1] as f32;
                     color = colors[index];
                 }
                 let count = counts::wrong_half(bodies, middle, color);
@@ -213,7 +213,7 @@ impl<L: Lanes> Tally<L> {
                     self.before = vec![[number(0.0); 2]; bodies.len()];
                     self.marks = vec![number(0.0)];
                 }
-                let errors = counts::stop(bodies, place, patch, &self.before, &mut self.marks[0]);
+                let errors = counts::stop(bodies, layout, patch, &self.before, &mut self.marks[0]);
                 self.remember(bodies);
                 self.add(errors, 1, false, When::EachTick);
             }
@@ -229,7 +229,7 @@ impl<L: Lanes> Tally<L> {
                 gather(bodies, &mut self.states);
                 let visits = self
                     .visits
-                    .get_or_insert_with(|| Visits::new(place, *cell, L::WIDTH));
+                    .get_or_insert_with(|| Visits::new(layout, *cell, L::WIDTH));
                 for lane in 0..L::WIDTH {
                     let robots = &self.states[lane * bodies.len()..][..bodies.len()];
                     self.values[lane] = visits.visit(robots, lane);
@@ -250,7 +250,7 @@ impl<L: Lanes> Tally<L> {
                 let mut values = [0.0; MOST_LANES];
                 for (lane, value) in values[..L::WIDTH].iter_mut().enumerate() {
                     let robots = &self.states[lane * bodies.len()..][..bodies.len()];
-                    *value = swarm::value(metric, robots, place, &mut self.kept);
+                    *value = swarm::value(metric, robots, layout, &mut self.kept);
                 }
                 let when = metric.when().unwrap_or(When::End);
                 self.settle(&values[..L::WIDTH], when);
@@ -262,23 +262,27 @@ impl<L: Lanes> Tally<L> {
             } => {
                 let outside: Vec<&Patch> = outside
                     .iter()
-                    .filter_map(|name| place.patch(name))
+                    .filter_map(|name| layout.patch(name))
                     .collect();
                 self.set(bodies, |robots| {
                     shapes::distance_around(robots, *radius, *most, &outside)
                 });
             }
             Metric::MeanDistanceInside { patch, most } => {
-                if let Some(patch) = place.patch(patch) {
+                if let Some(patch) = layout.patch(patch) {
                     self.set(bodies, |robots| {
                         shapes::distance_inside(robots, &patch.shape, *most)
                     });
                 }
             }
-            Metric::MeanDistanceRim { patch, near, most } => {
-                if let Some(patch) = place.patch(patch) {
+            Metric::MeanDistanceRim {
+                patch,
+                near: margin,
+                most,
+            } => {
+                if let Some(patch) = layout.patch(patch) {
                     self.set(bodies, |robots| {
-                        shapes::distance_rim(robots, &patch.shape, *near, *most)
+                        shapes::distance_rim(robots, &patch.shape, *margin, *most)
                     });
                 }
             }
@@ -330,14 +334,14 @@ impl Tally<f32> {
         &self,
         metric: &Metric,
         bodies: &Bodies<f32>,
-        place: &Place,
+        layout: &Place,
         colors: &[Number<f32>],
     ) -> f64 {
         match metric {
             Metric::CrossingsSouth { .. } => self.values[0].max(0.0),
             _ if metric.at_end() => {
                 let mut tally = Self::new();
-                tally.update(metric, bodies, place, colors, true);
+                tally.update(metric, bodies, layout, colors, true);
                 tally.values[0]
             }
             _ => self.values[0],

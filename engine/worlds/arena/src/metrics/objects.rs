@@ -9,17 +9,17 @@ use crate::place::Place;
 #[inline(always)]
 pub(super) fn on<L: Lanes>(
     bodies: &Bodies<L>,
-    place: &Place,
+    layout: &Place,
     patch: &str,
     name: Option<&str>,
 ) -> (Number<L>, usize) {
     let (mut count, mut all) = (number(0.0), 0);
-    let Some(patch) = place.patch(patch) else {
+    let Some(patch) = layout.patch(patch) else {
         return (count, all);
     };
     let objects = &bodies.objects;
     for index in 0..objects.things.len() {
-        if is_named(place, objects.things[index].kind, name) {
+        if is_named(layout, objects.things[index].kind, name) {
             let moving = &objects.moving[index];
             all += 1;
             count = count.add_where(number(1.0), patch.shape.holds(moving.x, moving.y));
@@ -32,13 +32,13 @@ pub(super) fn on<L: Lanes>(
 #[inline(always)]
 pub(super) fn held<L: Lanes>(
     bodies: &Bodies<L>,
-    place: &Place,
+    layout: &Place,
     name: Option<&str>,
 ) -> (Number<L>, usize) {
     let (mut count, mut all) = (number(0.0), 0);
     let objects = &bodies.objects;
     for index in 0..objects.things.len() {
-        if is_named(place, objects.things[index].kind, name) {
+        if is_named(layout, objects.things[index].kind, name) {
             all += 1;
             count = count.add_where(number(1.0), objects.is_held(index));
         }
@@ -50,18 +50,18 @@ pub(super) fn held<L: Lanes>(
 #[inline(always)]
 pub(super) fn distance<L: Lanes>(
     bodies: &Bodies<L>,
-    place: &Place,
+    layout: &Place,
     patch: &str,
     name: Option<&str>,
 ) -> (Number<L>, usize) {
     let (mut sum, mut all) = (number(0.0), 0);
-    let Some(patch) = place.patch(patch) else {
+    let Some(patch) = layout.patch(patch) else {
         return (sum, all);
     };
     let [x, y] = patch.shape.middle();
     let objects = &bodies.objects;
     for index in 0..objects.things.len() {
-        if is_named(place, objects.things[index].kind, name) {
+        if is_named(layout, objects.things[index].kind, name) {
             let moving = &objects.moving[index];
             let (dx, dy) = (moving.x - x as f32, moving.y - y as f32);
             all += 1;
@@ -72,9 +72,9 @@ pub(super) fn distance<L: Lanes>(
 }
 
 #[inline(always)]
-fn is_named(place: &Place, kind: usize, name: Option<&str>) -> bool {
+fn is_named(layout: &Place, kind: usize, name: Option<&str>) -> bool {
     match name {
-        Some(name) => place.objects[kind].name == name,
+        Some(name) => layout.objects[kind].name == name,
         None => true,
     }
 }

@@ -18,9 +18,9 @@ fn nearest(point: [f64; 2], robots: &[[f32; 2]], most: f32) -> f64 {
 }
 
 /// Points of a circle by their place on it in 0..1.
-pub(super) fn on_circle(center: [f32; 2], radius: f64, place: f64) -> [f64; 2] {
+pub(super) fn on_circle(center: [f32; 2], radius: f64, share: f64) -> [f64; 2] {
     // The fixed functions, so that all machines have the same points.
-    let half_turns = (2.0 * place - 1.0) as f32;
+    let half_turns = (2.0 * share - 1.0) as f32;
     let cos = f64::from(swarmwright_controllers::functions::cos_pi(half_turns));
     let sin = f64::from(swarmwright_controllers::functions::sin_pi(half_turns));
     [
@@ -65,8 +65,8 @@ pub(super) fn distance_around(
     let mut sum = 0.0;
     for ring in 0..POINTS {
         let far = f64::from(radius) * (f64::from(ring) + 0.5) / parts;
-        for place in 0..POINTS {
-            let point = on_circle([0.0; 2], far, (f64::from(place) + 0.5) / parts);
+        for index in 0..POINTS {
+            let point = on_circle([0.0; 2], far, (f64::from(index) + 0.5) / parts);
             sum += nearest(point, &robots, most);
         }
     }
@@ -97,20 +97,20 @@ pub(super) fn distance_inside(robots: &[[f32; 2]], shape: &Shape, most: f32) -> 
 }
 
 /// The mean distance from points of a circle's rim to the nearest robot that is near the rim.
-pub(super) fn distance_rim(robots: &[[f32; 2]], shape: &Shape, near: f32, most: f32) -> f64 {
+pub(super) fn distance_rim(robots: &[[f32; 2]], shape: &Shape, margin: f32, most: f32) -> f64 {
     let Shape::Circle { center, radius } = shape else {
         return f64::from(most);
     };
     let on_rim = |robot: &&[f32; 2]| {
         let away = square(center.map(f64::from), robot.map(f64::from)).sqrt() - f64::from(*radius);
-        away.abs() <= f64::from(near)
+        away.abs() <= f64::from(margin)
     };
     let robots: Vec<[f32; 2]> = robots.iter().filter(on_rim).copied().collect();
     let points = 16 * POINTS;
     let mut sum = 0.0;
-    for place in 0..points {
-        let place = (f64::from(place) + 0.5) / f64::from(points);
-        sum += nearest(on_circle(*center, f64::from(*radius), place), &robots, most);
+    for index in 0..points {
+        let share = (f64::from(index) + 0.5) / f64::from(points);
+        sum += nearest(on_circle(*center, f64::from(*radius), share), &robots, most);
     }
     sum / f64::from(points)
 }

@@ -23,7 +23,7 @@ pub(super) struct Kept {
 }
 
 /// The value of a metric now.
-pub(super) fn value(metric: &Metric, robots: &[State], place: &Place, kept: &mut Kept) -> f64 {
+pub(super) fn value(metric: &Metric, robots: &[State], layout: &Place, cache: &mut Kept) -> f64 {
     let count = robots.len() as f64;
     match metric {
         Metric::Order { .. } => {
@@ -55,13 +55,13 @@ pub(super) fn value(metric: &Metric, robots: &[State], place: &Place, kept: &mut
             if *share { members / count } else { members }
         }
         Metric::Groups { link, .. } => groups(robots, *link).count as f64,
-        Metric::CoveredShare { radius, .. } => covered(robots, place, *radius, &mut kept.floor),
-        Metric::ShapeDeviation { shape, .. } => kept
+        Metric::CoveredShare { radius, .. } => covered(robots, layout, *radius, &mut cache.floor),
+        Metric::ShapeDeviation { shape, .. } => cache
             .outline
             .get_or_insert_with(|| shape.outline(robots.len()))
             .deviation(robots, shape),
         Metric::ChainReach { from, to, link, .. } => {
-            let middle = |name: &str| place.patch(name).map(|patch| patch.shape.middle());
+            let middle = |name: &str| layout.patch(name).map(|patch| patch.shape.middle());
             match (middle(from), middle(to)) {
                 (Some(from), Some(to)) => reach(robots, from, to, f64::from(*link)),
                 _ => 0.0,
@@ -176,12 +176,12 @@ fn groups(robots: &[State], link: f32) -> Groups {
     if robots.len() > FEW {
         return many_groups(robots, link);
     }
-    let mut near = [0_u64; FEW];
+    let mut neighbours = [0_u64; FEW];
     for i in 0..robots.len() {
         for j in 0..i {
             if square(robots[i].at, robots[j].at) < link * link {
-                near[i] |= 1 << j;
-                near[j] |= 1 << i;
+                neighbours[i] |= 1 << j;
+                neighbours[j] |= 1 << i;
             }
         }
     }
@@ -191,7 +191,7 @@ fn groups(robots: &[State], link: f32) -> Groups {
         let mut group = left & left.wrapping_neg();
         let mut fresh = group;
         while fresh != 0 {
-            let others = near[fresh.trailing_zeros() as usize] & !group;
+            let others = neighbours[fresh.trailing_zeros() as usize] & !group;
             fresh = fresh & (fresh - 1) | others;
             group |= others;
         }
@@ -252,8 +252,8 @@ fn root(first: &mut [usize], mut index: usize) -> usize {
 }
 
 /// The middles of the squares of the free floor.
-fn squares(place: &Place, side: f64) -> impl Iterator<Item = [f64; 2]> + '_ {
-    let [low, high] = polygon::extent(&place.outline).map(|corner| corner.map(f64::from));
+fn squares(layout: &Place, side: f64) -> impl Iterator<Item = [f64; 2]> + '_ {
+    let [low, high] = polygon::extent(&layout.outline).map(|corner| corner.map(f64::from));
     let count = |axis: usize| ((high[axis] - low[axis]) / side).ceil() as u64;
     let (columns, rows) = (count(0), count(1));
     (0..rows)
@@ -262,19 +262,19 @@ fn squares(place: &Place, side: f64) -> impl Iterator<Item = [f64; 2]> + '_ {
             let at = |axis: usize| low[axis] + (cell[axis] as f64 + 0.5) * side;
             [at(0), at(1)]
         })
-        .filter(|point| place.is_free(*point))
+        .filter(|point| layout.is_free(*point))
 }
 
 /// The share of squares whose middle is near a robot.
-fn covered(robots: &[State], place: &Place, radius: f32, points: &mut Vec<[f64; 2]>) -> f64 {
+fn covered(robots: &[State], layout: &Place, radius: f32, points: &mut Vec<[f64; 2]>) -> f64 {
     if points.is_empty() {
-        let area = polygon::area(&place.outline);
+        let area = polygon::area(&layout.outline);
         let side = SQUARE.max((area / MOST_SQUARES).sqrt());
-        points.extend(squares(place, side));
+        points.extend(squares(layout, side));
     }
     let radius = f64::from(radius);
     let order = from_left(robots);
-    let seen = |point: &&[f64; 2]| {
+    let is_covered = |point: &&[f64; 2]| {
         let first = order.partition_point(|index| robots[*index].at[0] < point[0] - radius);
         order[first..]
             .iter()
@@ -282,7 +282,7 @@ fn covered(robots: &[State], place: &Place, radius: f32, points: &mut Vec<[f64; 
             .take_while(|at| at[0] <= point[0] + radius)
             .any(|at| square(at, **point) <= radius * radius)
     };
-    points.iter().filter(seen).count() as f64 / (points.len() as f64).max(1.0)
+    points.iter().filter(is_covered).count() as f64 / (points.len() as f64).max(1.0)
 }
 
 /// The squares in which robots have been, of each lane.
@@ -300,9 +300,9 @@ pub(super) struct Visits {
 }
 
 impl Visits {
-    pub(super) fn new(place: &Place, cell: f32, lanes: usize) -> Self {
+    pub(super) fn new(layout: &Place, cell: f32, lanes: usize) -> Self {
         let side = f64::from(cell);
-        let [low, high] = polygon::extent(&place.outline).map(|corner| corner.map(f64::from));
+        let [low, high] = polygon::extent(&layout.outline).map(|corner| corner.map(f64::from));
         let count = |axis: usize| ((high[axis] - low[axis]) / side).ceil() as usize;
         let mut visits = Self {
             low,
@@ -314,7 +314,7 @@ impl Visits {
             counts: [0; MOST_LANES],
         };
         let mut fresh = vec![false; visits.columns * visits.rows];
-        for point in squares(place, side) {
+        for point in squares(layout, side) {
             if let Some(index) = visits.index(point) {
                 fresh[index] = true;
                 visits.free += 1;
@@ -380,11 +380,11 @@ fn reach(robots: &[State], from: [f64; 2], to: [f64; 2], link: f64) -> f64 {
         while let Some(end) = ends.pop() {
             rest = rest.min(square(end, to).sqrt());
             others.retain(|other| {
-                let near = linked(end, *other);
-                if near {
+                let is_linked = linked(end, *other);
+                if is_linked {
                     ends.push(*other);
                 }
-                !near
+                !is_linked
             });
         }
     }

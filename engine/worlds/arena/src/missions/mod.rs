@@ -102,14 +102,14 @@ fn sections(fields: &Value, mistakes: &mut Mistakes) -> Text {
         return text;
     }
     // One at a time: all unknown ones are told, and the others read.
-    let mut known = Map::new();
+    let mut valid = Map::new();
     for (key, value) in fields.as_object().into_iter().flatten() {
         let alone = Value::from(Map::from_iter([(key.clone(), value.clone())]));
         if mistakes.take(part::<Text>(&alone, "mission")).is_some() {
-            known.insert(key.clone(), value.clone());
+            valid.insert(key.clone(), value.clone());
         }
     }
-    part(&Value::Object(known), "mission").unwrap_or_default()
+    part(&Value::Object(valid), "mission").unwrap_or_default()
 }
 
 impl Mission {
@@ -148,14 +148,14 @@ impl Mission {
     }
 
     fn named(name: &str) -> Result<Self, Mistakes> {
-        let found = MISSIONS
+        let mission = MISSIONS
             .iter()
-            .find(|known| known.name == name || known.also.contains(&name));
-        let Some(BuiltIn { name, .. }) = found else {
-            let known = MISSIONS.iter().flat_map(|mission| {
+            .find(|mission| mission.name == name || mission.also.contains(&name));
+        let Some(BuiltIn { name, .. }) = mission else {
+            let names = MISSIONS.iter().flat_map(|mission| {
                 std::iter::once(mission.name).chain(mission.also.iter().copied())
             });
-            let hint = swarmwright_values::did_you_mean(name, known);
+            let hint = swarmwright_values::did_you_mean(name, names);
             return Err(wrong(
                 "mission",
                 format!("{name:?} found, expected {}{hint}", Self::expected()),

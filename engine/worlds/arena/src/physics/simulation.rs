@@ -65,11 +65,11 @@ impl PhysicsSimulation {
     /// Asks the simulator where all are, and lets the robots look.
     fn look(&mut self) {
         self.physics.poses(&mut self.robots, &mut self.objects);
-        for (what, poses) in [("robot", &self.robots), ("object", &self.objects)] {
+        for (noun, poses) in [("robot", &self.robots), ("object", &self.objects)] {
             for (index, Pose { x, y, heading }) in poses.iter().enumerate() {
                 if !(x + y + heading).is_finite() {
                     fail(format!(
-                        "{}: {what} {index} is at ({x}, {y}) with heading {heading}, not finite numbers",
+                        "{}: {noun} {index} is at ({x}, {y}) with heading {heading}, not finite numbers",
                         self.kind.title
                     ));
                 }
@@ -175,7 +175,7 @@ fn without_grippers(
         return Ok(());
     }
     let reason = format!(
-        "{} has no grippers; take simulation: arena, or robots without the actuator {{kind: gripper}}",
+        "{} has no grippers; use simulation: arena, or robots without the actuator {{kind: gripper}}",
         kind.title
     );
     let name = if settings.team.is_listed() {

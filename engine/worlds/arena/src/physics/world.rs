@@ -103,8 +103,8 @@ pub struct World {
 
 impl World {
     pub(super) fn new(settings: &Settings) -> Self {
-        let (place, team) = (&settings.mission.place, &settings.team);
-        let objects = place.objects.iter().flat_map(|kind| {
+        let (layout, team) = (&settings.mission.place, &settings.team);
+        let objects = layout.objects.iter().flat_map(|kind| {
             let (radius, size) = match kind.form {
                 Form::Disc { radius } => (radius, [0.0; 2]),
                 Form::Box { half } => (0.0, half.map(|half| 2.0 * half)),
@@ -118,7 +118,7 @@ impl World {
             };
             std::iter::repeat_n(object, kind.count())
         });
-        let lights = place.lights.iter().map(|light| WorldLight {
+        let lights = layout.lights.iter().map(|light| WorldLight {
             x: light.at[0],
             y: light.at[1],
             z: light.at[2],
@@ -126,12 +126,14 @@ impl World {
         });
         Self {
             tick: TICK,
-            grey: place.grey,
-            walls: walls(place),
-            patches: patches(place),
+            grey: layout.grey,
+            walls: walls(layout),
+            patches: patches(layout),
             lights: lights.collect(),
             models: team.groups().iter().map(|g| model(&g.robot)).collect(),
-            robots: (0..team.len()).map(|one| team.group(one) as u32).collect(),
+            robots: (0..team.len())
+                .map(|robot| team.group(robot) as u32)
+                .collect(),
             objects: objects.collect(),
         }
     }
@@ -144,10 +146,10 @@ impl World {
     }
 }
 
-fn walls(place: &Place) -> Vec<WorldWall> {
-    let boxes = place.boxes.iter().map(|corners| corners.to_vec());
-    let mut faces = place.faces.iter();
-    std::iter::once(place.outline.clone())
+fn walls(layout: &Place) -> Vec<WorldWall> {
+    let boxes = layout.boxes.iter().map(|corners| corners.to_vec());
+    let mut faces = layout.faces.iter();
+    std::iter::once(layout.outline.clone())
         .chain(boxes)
         .map(|points| {
             // Each has a face for each of its corners, in the same order.
@@ -158,8 +160,8 @@ fn walls(place: &Place) -> Vec<WorldWall> {
         .collect()
 }
 
-fn patches(place: &Place) -> Vec<WorldPatch> {
-    let [least, most] = place.extent();
+fn patches(layout: &Place) -> Vec<WorldPatch> {
+    let [least, most] = layout.extent();
     let points = |shape: &Shape| match shape {
         Shape::Circle { center, radius } => (0..CORNERS)
             .map(|corner| {
@@ -178,7 +180,7 @@ fn patches(place: &Place) -> Vec<WorldPatch> {
         points: points(&patch.shape),
         grey: patch.grey.unwrap_or(-1.0),
     };
-    place.patches.iter().map(patch).collect()
+    layout.patches.iter().map(patch).collect()
 }
 
 fn model(robot: &Robot) -> RobotModel {

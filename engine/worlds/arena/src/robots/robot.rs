@@ -92,21 +92,23 @@ impl Robot {
     ///
     /// # Errors
     /// The mission lacks the patch on which batteries charge.
-    pub(crate) fn settle(&mut self, place: &Place, at: &str) -> Result<(), ParameterError> {
+    pub(crate) fn settle(&mut self, layout: &Place, at: &str) -> Result<(), ParameterError> {
         let battery = self.battery.as_mut();
         let Some(charging) = battery.and_then(|battery| battery.charging.as_mut()) else {
             return Ok(());
         };
         let name = &charging.name;
-        charging.patch = place.index(name).ok_or_else(|| {
-            let names: Vec<_> = place.patches.iter().map(|patch| &patch.name[..]).collect();
-            let there_is = match names.as_slice() {
-                [] => "there is none".to_owned(),
-                names => format!("there is {}", names.join(", ")),
+        charging.patch = layout.index(name).ok_or_else(|| {
+            let names: Vec<_> = layout.patches.iter().map(|patch| &patch.name[..]).collect();
+            let available = match names.as_slice() {
+                [] => "none".to_owned(),
+                names => names.join(", "),
             };
             wrong(
                 &format!("{at}.battery.charging.patch"),
-                format!("no patch of the mission's floor is named {name:?}; {there_is}"),
+                format!(
+                    "no patch of the mission's floor is named {name:?}; available: {available}"
+                ),
             )
         })?;
         Ok(())

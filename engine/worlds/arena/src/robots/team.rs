@@ -69,13 +69,13 @@ struct Text {
 }
 
 /// A complaint about a model beside a list of kinds.
-fn both(place: &str) -> ParameterError {
-    let reason = "robots lists kinds with a robot each; leave this out, or say a number of robots";
-    wrong(place, reason)
+fn both(path: &str) -> ParameterError {
+    let reason = "robots lists kinds with a robot each; leave this out or make robots a number";
+    wrong(path, reason)
 }
 
 /// A number of robots.
-fn number(value: &Value, place: &str) -> Result<u32, ParameterError> {
+fn number(value: &Value, path: &str) -> Result<u32, ParameterError> {
     let whole = value.as_u64().or_else(|| {
         value
             .as_f64()
@@ -89,7 +89,7 @@ fn number(value: &Value, place: &str) -> Result<u32, ParameterError> {
             let reason = format!(
                 "{value} found, expected 1 to {MOST_ROBOTS}, or a list such as [{{robot: e-puck-rm1.1, count: 10}}, ..]"
             );
-            wrong(place, reason)
+            wrong(path, reason)
         })
 }
 
@@ -117,10 +117,10 @@ impl Team {
             .iter()
             .map(|group| group.robot.reach())
             .fold(0.0, f32::max);
-        let pair = |one: usize, two: usize| {
-            let (a, b) = (&groups[one].robot, &groups[two].robot);
+        let pair = |first: usize, second: usize| {
+            let (a, b) = (&groups[first].robot, &groups[second].robot);
             let limit = a.radius + b.radius;
-            let lightness = [lightness[one], lightness[two]];
+            let lightness = [lightness[first], lightness[second]];
             let least = lightness[0].max(lightness[1]) / MOST_RATIO;
             let lightness = lightness.map(|light| light.max(least));
             Pair {
@@ -136,11 +136,11 @@ impl Team {
         let all = 0..groups.len();
         let pairs = all
             .clone()
-            .flat_map(|one| all.clone().map(move |two| (one, two)));
-        let pairs: Vec<Pair> = pairs.map(|(one, two)| pair(one, two)).collect();
+            .flat_map(|first| all.clone().map(move |second| (first, second)));
+        let pairs: Vec<Pair> = pairs.map(|(first, second)| pair(first, second)).collect();
         let uneven = pairs.iter().any(|pair| {
-            let [one, two] = pair.lightness;
-            one > two * UNEVEN
+            let [first, second] = pair.lightness;
+            first > second * UNEVEN
         });
         let mut groups = groups;
         let row = together::arrange(&mut groups);
@@ -165,9 +165,9 @@ impl Team {
         robot: Option<&Value>,
     ) -> Result<Self, Mistakes> {
         let model = Value::from("e-puck-rm1.1");
-        let one = || Robot::read(robot.unwrap_or(&model), "mission.robot", false);
+        let read_robot = || Robot::read(robot.unwrap_or(&model), "mission.robot", false);
         match robots {
-            None => Ok(Self::uniform(one()?, 20)),
+            None => Ok(Self::uniform(read_robot()?, 20)),
             Some(Value::Array(items)) => {
                 if robot.is_some() {
                     return Err(both("mission.robot").into());
@@ -177,7 +177,7 @@ impl Team {
             Some(count) => {
                 let mut mistakes = Mistakes::default();
                 let count = mistakes.take(number(count, "mission.robots"));
-                let robot = mistakes.take(one());
+                let robot = mistakes.take(read_robot());
                 mistakes.or(robot
                     .zip(count)
                     .map(|(robot, count)| Self::uniform(robot, count)))
@@ -211,9 +211,9 @@ impl Team {
         let (model, count) = mistakes.or(model.zip(count))?;
         match (model, &self.groups[..]) {
             (Some(model), _) => Ok(Self::uniform(model, count)),
-            (None, [one]) => Ok(Self::new(vec![Group {
+            (None, [group]) => Ok(Self::new(vec![Group {
                 count: count as usize,
-                ..one.clone()
+                ..group.clone()
             }])),
             (None, groups) => Err(wrong(
                 "robots",
@@ -228,31 +228,31 @@ impl Team {
         }
     }
 
-    /// Reads a list of kinds; `place` is what it is called in complaints.
+    /// Reads a list of kinds; `path` is what it is called in complaints.
     ///
     /// # Errors
     /// All that is wrong with it.
-    pub(crate) fn read(items: &[Value], place: &str) -> Result<Self, Mistakes> {
+    pub(crate) fn read(items: &[Value], path: &str) -> Result<Self, Mistakes> {
         if !(1..=MOST_KINDS).contains(&items.len()) {
             let reason = format!("{} kinds found, expected 1 to {MOST_KINDS}", items.len());
-            return Err(wrong(place, reason).into());
+            return Err(wrong(path, reason).into());
         }
         let mut mistakes = Mistakes::default();
         let mut groups: Vec<Group> = Vec::new();
         for (index, item) in items.iter().enumerate() {
-            let group = Self::read_one((index, item), place, &groups);
+            let group = Self::read_one((index, item), path, &groups);
             groups.extend(mistakes.take(group));
         }
         let groups = mistakes.or(Some(groups))?;
         let count: usize = groups.iter().map(|group| group.count).sum();
         if count > MOST_ROBOTS as usize {
             let reason = format!("{count} robots found, at most {MOST_ROBOTS} are possible");
-            return Err(wrong(place, reason).into());
+            return Err(wrong(path, reason).into());
         }
         if groups.iter().all(|group| group.robot.message == 0) {
             // No kind sends messages: the complaint names the sensor of the kind that is to hear some.
             for (index, item) in items.iter().enumerate() {
-                Robot::read(&item["robot"], &format!("{place}[{index}].robot"), false)?;
+                Robot::read(&item["robot"], &format!("{path}[{index}].robot"), false)?;
             }
         }
         Ok(Self::new(groups))
@@ -261,10 +261,10 @@ impl Team {
     /// Reads one of a list of kinds.
     fn read_one(
         (index, item): (usize, &Value),
-        place: &str,
+        path: &str,
         others: &[Group],
     ) -> Result<Group, Mistakes> {
-        let at = format!("{place}[{index}]");
+        let at = format!("{path}[{index}]");
         let text: Text = part(item, &at)?;
         let mut mistakes = Mistakes::default();
         if !(1..=MOST_ROBOTS).contains(&text.count) {
@@ -277,11 +277,11 @@ impl Team {
             _ => format!("robot {index}"),
         });
         if name.is_empty() {
-            let reason = "an empty name found; give the kind a name, or leave the field out";
+            let reason = "an empty name found; give the kind a name or leave the field out";
             mistakes.add(wrong(&format!("{at}.name"), reason));
         }
         if others.iter().any(|group| group.name == name) {
-            let reason = format!("another kind is named {name:?}; give each a name of its own");
+            let reason = format!("another kind is already named {name:?}; choose another name");
             mistakes.add(wrong(&format!("{at}.name"), reason));
         }
         mistakes.or(robot.map(|robot| Group {
@@ -316,26 +316,26 @@ impl Team {
         let Some(name) = name else {
             return self.len();
         };
-        let found = self.named().find(|(kind, _)| kind == name);
-        found.map_or(0, |(_, robots)| robots.len())
+        let entry = self.named().find(|(kind, _)| kind == name);
+        entry.map_or(0, |(_, robots)| robots.len())
     }
 
     /// Checks that there is a kind with this name.
-    pub(crate) fn check(&self, name: &str, place: &str) -> Result<(), ParameterError> {
-        let known: Vec<&str> = self
+    pub(crate) fn check(&self, name: &str, path: &str) -> Result<(), ParameterError> {
+        let names: Vec<&str> = self
             .groups
             .iter()
             .map(|group| group.name.as_str())
             .collect();
-        if known.contains(&name) && !name.is_empty() {
+        if names.contains(&name) && !name.is_empty() {
             return Ok(());
         }
-        let known = known.join(", ");
-        let known = if known.is_empty() { "none" } else { &known };
+        let names = names.join(", ");
+        let names = if names.is_empty() { "none" } else { &names };
         Err(wrong(
-            place,
+            path,
             format!(
-                "no kind of robots is named {name:?}; there is {known}; the list robots names them"
+                "no kind of robots is named {name:?}; available: {names} (named in the list robots)"
             ),
         ))
     }
@@ -375,9 +375,9 @@ impl Team {
     /// Where the messages of all robots begin that were sent so many ticks before a tick, among those kept in turn.
     #[inline(always)]
     pub(crate) fn sent_at(&self, tick: u32, delay: u32) -> usize {
-        let kept = self.delay() + 1;
-        let place = (tick + kept - delay) % kept;
-        place as usize * self.len() * self.message()
+        let ticks = self.delay() + 1;
+        let slot = (tick + ticks - delay) % ticks;
+        slot as usize * self.len() * self.message()
     }
 
     /// The largest radius, metres.
@@ -398,8 +398,8 @@ impl Team {
 
     /// What matters where a robot touches another.
     #[inline(always)]
-    pub(crate) fn pair(&self, one: usize, two: usize) -> Pair {
-        self.pairs[self.group(one) * self.groups.len() + self.group(two)]
+    pub(crate) fn pair(&self, first: usize, second: usize) -> Pair {
+        self.pairs[self.group(first) * self.groups.len() + self.group(second)]
     }
 
     /// No two robots approach each other faster, m/s.
@@ -467,7 +467,7 @@ impl Team {
     ///
     /// # Errors
     /// The mission lacks something.
-    pub(crate) fn settle(&mut self, place: &Place, at: &str) -> Result<(), ParameterError> {
+    pub(crate) fn settle(&mut self, layout: &Place, at: &str) -> Result<(), ParameterError> {
         let listed = self.is_listed();
         for (index, group) in self.groups.iter_mut().enumerate() {
             let robot = if listed {
@@ -475,14 +475,14 @@ impl Team {
             } else {
                 at.to_owned()
             };
-            group.robot.settle(place, &robot)?;
+            group.robot.settle(layout, &robot)?;
         }
-        self.cast_shadows(place);
+        self.cast_shadows(layout);
         Ok(())
     }
 
     /// Finds how far from a robot another one may hide a lamp from it.
-    fn cast_shadows(&mut self, place: &Place) {
+    fn cast_shadows(&mut self, layout: &Place) {
         let bodies = self.groups.iter();
         let bodies: Vec<_> = bodies
             .map(|Group { robot, .. }| (robot.height, robot.radius))
@@ -491,9 +491,9 @@ impl Team {
             let Some(sensors) = &mut group.robot.light else {
                 continue;
             };
-            let lit = place.lights.iter().filter(|light| light.intensity > 0.0);
+            let lit = layout.lights.iter().filter(|light| light.intensity > 0.0);
             let shadows = lit.flat_map(|light| {
-                let far = place
+                let far = layout
                     .farthest(light.at)
                     .min(sensors.reach * light.intensity);
                 let shadow = move |(height, radius): &(f32, f32)| {
@@ -520,8 +520,8 @@ impl Team {
     /// Largest number of encoders.
     pub(crate) fn encoders(&self) -> usize {
         let encoders = |group: &Group| {
-            let some = group.robot.outputs.contains(&Output::Encoders);
-            if some {
+            let has_encoders = group.robot.outputs.contains(&Output::Encoders);
+            if has_encoders {
                 group.robot.width(Output::Encoders)
             } else {
                 0

@@ -187,14 +187,14 @@ fn columns<T: PartialEq>(
 ) -> Vec<Column<T>> {
     let mut columns: Vec<Column<T>> = Vec::new();
     for (index, group) in groups.iter().enumerate() {
-        for (what, names, directions) in of(&group.robot) {
-            let known = columns.iter_mut().find(|column| {
-                column.of == what && column.names == names && column.directions == directions
+        for (output, names, directions) in of(&group.robot) {
+            let existing = columns.iter_mut().find(|column| {
+                column.of == output && column.names == names && column.directions == directions
             });
-            match known {
+            match existing {
                 Some(column) => column.owners.push(index),
                 None => columns.push(Column {
-                    of: what,
+                    of: output,
                     names,
                     directions,
                     owners: vec![index],
@@ -209,8 +209,8 @@ fn columns<T: PartialEq>(
 fn named<T>(columns: &[Column<T>], groups: &[Group]) -> Vec<String> {
     let mut names = Vec::new();
     for (index, column) in columns.iter().enumerate() {
-        let twice = columns.iter().enumerate().any(|(other, known)| {
-            other != index && known.names.iter().any(|name| column.names.contains(name))
+        let twice = columns.iter().enumerate().any(|(other, sibling)| {
+            other != index && sibling.names.iter().any(|name| column.names.contains(name))
         });
         let names_of = column.names.iter().map(|name| {
             if twice {
@@ -247,7 +247,7 @@ fn beside(groups: &[Group], of: impl Fn(&Robot) -> Vec<String>) -> Vec<String> {
         for (index, name) in of(&group.robot).into_iter().enumerate() {
             match names.get_mut(index) {
                 None => names.push(vec![name]),
-                Some(known) if !known.contains(&name) => known.push(name),
+                Some(alternatives) if !alternatives.contains(&name) => alternatives.push(name),
                 Some(_) => {}
             }
         }

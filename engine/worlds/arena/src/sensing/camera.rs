@@ -22,9 +22,9 @@ struct Seen<L> {
 pub(crate) fn shown<L: Lanes>(colors: &[LedColor], numbers: &[L]) -> Number<L> {
     let (mut most, mut shown) = (number::<L>(0.0), number::<L>(0.0));
     for index in 0..colors.len() {
-        let given = Number(numbers[index]);
-        let more = most.lt(given);
-        most = given.select(most, more);
+        let level = Number(numbers[index]);
+        let more = most.lt(level);
+        most = level.select(most, more);
         shown = number::<L>(colors[index].code()).select(shown, more);
     }
     shown
@@ -65,7 +65,7 @@ struct Thing<L: Lanes> {
 pub(crate) fn see<L: Lanes>(
     camera: &Camera,
     (robot, team): (&Robot, &Team),
-    place: &Place,
+    layout: &Place,
     bodies: &Bodies<L>,
     index: usize,
     (shown, others, indices): (&[Number<L>], &Others<L>, &[u32]),
@@ -76,11 +76,11 @@ pub(crate) fn see<L: Lanes>(
         count: number(0.0),
         sum: [number(0.0); 2],
     };
-    let mut seen = [nothing; LedColor::ALL.len()];
+    let mut sights = [nothing; LedColor::ALL.len()];
     let view = View {
         camera,
         team,
-        place,
+        place: layout,
         bodies,
         index,
         others,
@@ -89,7 +89,7 @@ pub(crate) fn see<L: Lanes>(
     };
     for k in 0..others.len() {
         let (other, sender) = (others[k], indices[k] as usize);
-        let thing = Thing {
+        let target = Thing {
             way: [other.x, other.y],
             square: other.square,
             color: shown[sender],
@@ -97,16 +97,16 @@ pub(crate) fn see<L: Lanes>(
             number: sender,
             object: None,
         };
-        view.look_at(&thing, &mut seen);
+        view.look_at(&target, &mut sights);
     }
     // What does not move: lamps, then spots on walls.
-    let lamps = place.lights.len();
-    for still in 0..lamps + place.spots.len() {
-        let (at, color) = match place.lights.get(still) {
+    let lamps = layout.lights.len();
+    for still in 0..lamps + layout.spots.len() {
+        let (at, color) = match layout.lights.get(still) {
             Some(light) => ([light.at[0], light.at[1]], light.color),
             None => (
-                place.spots[still - lamps].at,
-                Some(place.spots[still - lamps].color),
+                layout.spots[still - lamps].at,
+                Some(layout.spots[still - lamps].color),
             ),
         };
         let Some(color) = color else {
@@ -116,7 +116,7 @@ pub(crate) fn see<L: Lanes>(
             number::<L>(at[0]) - bodies.x[index],
             number::<L>(at[1]) - bodies.y[index],
         ];
-        let thing = Thing {
+        let target = Thing {
             way,
             square: way[0] * way[0] + way[1] * way[1],
             color: number(color.code()),
@@ -124,44 +124,44 @@ pub(crate) fn see<L: Lanes>(
             number: bodies.len() + still,
             object: None,
         };
-        view.look_at(&thing, &mut seen);
+        view.look_at(&target, &mut sights);
     }
-    let first = bodies.len() + lamps + place.spots.len();
+    let first = bodies.len() + lamps + layout.spots.len();
     for object in 0..bodies.objects.things.len() {
-        let (thing, moving) = (
+        let (item, moving) = (
             &bodies.objects.things[object],
             &bodies.objects.moving[object],
         );
-        let Some(color) = thing.color else {
+        let Some(color) = item.color else {
             continue;
         };
         let way = [moving.x - bodies.x[index], moving.y - bodies.y[index]];
-        let thing = Thing {
+        let target = Thing {
             way,
             square: way[0] * way[0] + way[1] * way[1],
             color: number(color.code()),
-            rims: 100.0 * (robot.radius + thing.radius),
+            rims: 100.0 * (robot.radius + item.radius),
             number: first + object,
             object: Some(object),
         };
-        view.look_at(&thing, &mut seen);
+        view.look_at(&target, &mut sights);
     }
     let mut at = 0;
     for color in &camera.colors {
-        let Seen { count, sum } = seen[color.index()];
+        let Seen { count, sum } = sights[color.index()];
         for sight in &camera.gives {
-            let some = number(0.0).lt(count);
+            let any = number(0.0).lt(count);
             match sight {
                 Sight::Count => numbers[at] = count.0,
-                Sight::Seen => numbers[at] = number::<L>(1.0).only_where(some).0,
+                Sight::Seen => numbers[at] = number::<L>(1.0).only_where(any).0,
                 Sight::Attraction => {
                     numbers[at] = sum[0].0;
                     numbers[at + 1] = sum[1].0;
                 }
                 Sight::Direction => {
                     let length = (sum[0] * sum[0] + sum[1] * sum[1]).sqrt();
-                    let some = number(0.0).lt(length);
-                    let factor = (number::<L>(1.0) / length).only_where(some);
+                    let any = number(0.0).lt(length);
+                    let factor = (number::<L>(1.0) / length).only_where(any);
                     numbers[at] = (sum[0] * factor).0;
                     numbers[at + 1] = (sum[1] * factor).0;
                 }
@@ -180,9 +180,9 @@ pub(crate) fn see<L: Lanes>(
 impl<L: Lanes> View<'_, L> {
     /// Adds a thing to its colour in the lanes in which it is lit, near, and behind no robot, object and wall.
     #[inline(always)]
-    fn look_at(&self, thing: &Thing<L>, seen: &mut [Seen<L>; LedColor::ALL.len()]) {
+    fn look_at(&self, target: &Thing<L>, sights: &mut [Seen<L>; LedColor::ALL.len()]) {
         let (camera, bodies, index) = (self.camera, self.bodies, self.index);
-        let (way, square, color) = (thing.way, thing.square, thing.color);
+        let (way, square, color) = (target.way, target.square, target.color);
         let range = number::<L>(camera.range * camera.range);
         let lit = square.lt(range).and(number(0.0).lt(color));
         if !lit.any() {
@@ -190,7 +190,7 @@ impl<L: Lanes> View<'_, L> {
         }
         let position = [bodies.x[index], bodies.y[index]];
         let lit = lit.and_not(links::behind_robot(self.team, way, square, self.others));
-        let lit = lit.and_not(match thing.object {
+        let lit = lit.and_not(match target.object {
             Some(object) => bodies.objects.hide_object(object, position, way),
             None => bodies.objects.hide(position, way),
         });
@@ -199,7 +199,7 @@ impl<L: Lanes> View<'_, L> {
             return;
         }
         let distance = square.sqrt();
-        let far = (distance * 100.0 - number(thing.rims)).at_least(number(0.0)) + 1.0;
+        let far = (distance * 100.0 - number(target.rims)).at_least(number(0.0)) + 1.0;
         let weight = number::<L>(1.0) / (far * distance.at_least(number(f32::MIN_POSITIVE)));
         // In the frame of the robot, turned by the noise.
         let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
@@ -209,19 +209,19 @@ impl<L: Lanes> View<'_, L> {
         );
         if camera.noise > 0.0 {
             let word =
-                self.keys.seen(self.tick, index, thing.number / LINKS)[thing.number % LINKS / 2];
-            let off = noise(halves::<L>(word)[thing.number % 2], camera.noise);
+                self.keys.seen(self.tick, index, target.number / LINKS)[target.number % LINKS / 2];
+            let off = noise(halves::<L>(word)[target.number % 2], camera.noise);
             let (cos, sin) = (Number(cos_pi(off.0)), Number(sin_pi(off.0)));
             (x, y) = (x * cos - y * sin, x * sin + y * cos);
         }
-        for known in &camera.colors {
-            let code = number(known.code());
+        for candidate in &camera.colors {
+            let code = number(candidate.code());
             let same = lit.and(color.le(code)).and(code.le(color));
-            let seen = &mut seen[known.index()];
-            seen.count = seen.count.add_where(number(1.0), same);
-            seen.sum = [
-                seen.sum[0].add_where(x, same),
-                seen.sum[1].add_where(y, same),
+            let sight = &mut sights[candidate.index()];
+            sight.count = sight.count.add_where(number(1.0), same);
+            sight.sum = [
+                sight.sum[0].add_where(x, same),
+                sight.sum[1].add_where(y, same),
             ];
         }
     }

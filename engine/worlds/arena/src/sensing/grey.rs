@@ -55,17 +55,17 @@ static PAIRS: [[i32; KNOTS - 1]; 3] = {
 
 /// The inputs for a filtered colour: 0 on black, 1 on white, draws on grey.
 #[inline(always)]
-pub(crate) fn drawn<L: Lanes>(seen: Number<L>, units: [Number<L>; 3]) -> [Number<L>; 3] {
-    let grey = number(0.25).lt(seen).and(seen.lt(number(0.75)));
-    let mut inputs = [seen; 3];
+pub(crate) fn drawn<L: Lanes>(color: Number<L>, units: [Number<L>; 3]) -> [Number<L>; 3] {
+    let grey = number(0.25).lt(color).and(color.lt(number(0.75)));
+    let mut inputs = [color; 3];
     if grey.any() {
         for (sensor, input) in inputs.iter_mut().enumerate() {
-            let place = units[sensor] * (KNOTS - 1) as f32;
-            let whole = place.0.floor();
+            let position = units[sensor] * (KNOTS - 1) as f32;
+            let whole = position.0.floor();
             let pair = whole.lookup(&PAIRS[sensor]);
             let low = Number(L::from_int(pair.and(L::Int::splat(0xFFFF))));
             let high = Number(L::from_int(pair.shr(L::Int::splat(16))));
-            let part = place - Number(L::from_int(whole));
+            let part = position - Number(L::from_int(whole));
             let between = (low + (high - low) * part) * 1e-4;
             *input = between.select(*input, grey);
         }

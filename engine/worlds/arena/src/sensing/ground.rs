@@ -45,7 +45,7 @@ impl<L: Lanes> GroundWindow<L> {
     pub(crate) fn read(
         &mut self,
         sensors: &GroundSensors,
-        (place, colors): (&Place, &[Number<L>]),
+        (layout, colors): (&Place, &[Number<L>]),
         bodies: &Bodies<L>,
         index: usize,
         tick: u32,
@@ -57,7 +57,7 @@ impl<L: Lanes> GroundWindow<L> {
         let (mut black, mut white) = (number(0.0), number(0.0));
         for (index, point) in sensors.points.iter().enumerate() {
             let unit = units[index];
-            let grey = place.floor(
+            let grey = layout.floor(
                 x + (cos * point[0] - sin * point[1]),
                 y + (sin * point[0] + cos * point[1]),
                 colors,
@@ -75,7 +75,7 @@ impl<L: Lanes> GroundWindow<L> {
             white += count[1];
         }
         let enough = number((WINDOW * sensors.points.len()) as f32 * ENOUGH);
-        let seen = number::<L>(1.0).select(number(0.5), enough.lt(white));
-        self.seen[index] = number::<L>(0.0).select(seen, enough.lt(black));
+        let shade = number::<L>(1.0).select(number(0.5), enough.lt(white));
+        self.seen[index] = number::<L>(0.0).select(shade, enough.lt(black));
     }
 }

@@ -13,7 +13,7 @@ use crate::robots::{LightSensors, Team};
 pub(crate) fn read<L: Lanes>(
     sensors: &LightSensors,
     (team, range): (&Team, f32),
-    place: &Place,
+    layout: &Place,
     bodies: &Bodies<L>,
     index: usize,
     others: &Others<L>,
@@ -22,7 +22,7 @@ pub(crate) fn read<L: Lanes>(
     for index in 0..readings.len() {
         readings[index] = number(0.0);
     }
-    for light in &place.lights {
+    for light in &layout.lights {
         if light.intensity <= 0.0 {
             continue;
         }
@@ -33,20 +33,20 @@ pub(crate) fn read<L: Lanes>(
         let square = dx * dx + dy * dy;
         let height = light.at[2];
         let far = (square + height * height).sqrt() * (1.0 / light.intensity);
-        let seen = far.le(number(sensors.reach));
-        if !seen.any() {
+        let visible = far.le(number(sensors.reach));
+        if !visible.any() {
             continue;
         }
         let distance = square.sqrt();
         let at = [bodies.x[index], bodies.y[index]];
         let hidden = behind_robot((team, range), light, [dx, dy], distance, others)
-            .or(behind_wall(place, light, at[0], at[1]))
+            .or(behind_wall(layout, light, at[0], at[1]))
             .or(bodies.objects.shade(at, light));
-        let seen = seen.and_not(hidden);
-        if !seen.any() {
+        let visible = visible.and_not(hidden);
+        if !visible.any() {
             continue;
         }
-        let strength = exp((far * -2.0).at_least(number(-80.0))).only_where(seen);
+        let strength = exp((far * -2.0).at_least(number(-80.0))).only_where(visible);
         // In the frame of the robot.
         let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
         let angle = bearing(dx * cos + dy * sin, dy * cos - dx * sin);
@@ -81,14 +81,14 @@ fn behind_robot<L: Lanes>(
         let reach = (below + robot.radius).at_most(number(range));
         let reach = reach * reach;
         for other in others.of(kind) {
-            let near = other.square.lt(reach);
-            if !near.any() {
+            let close = other.square.lt(reach);
+            if !close.any() {
                 continue;
             }
             let along = other.x * ux + other.y * uy;
             let aside = other.x * uy - other.y * ux;
             let depth = radius - aside * aside;
-            let meets = near.and(number(0.0).lt(depth)).and(number(0.0).lt(along));
+            let meets = close.and(number(0.0).lt(depth)).and(number(0.0).lt(along));
             if !meets.any() {
                 continue;
             }
@@ -102,9 +102,9 @@ fn behind_robot<L: Lanes>(
 
 /// Whether a wall stands in that line.
 #[inline(always)]
-fn behind_wall<L: Lanes>(place: &Place, light: &Light, x: Number<L>, y: Number<L>) -> L::Mask {
+fn behind_wall<L: Lanes>(layout: &Place, light: &Light, x: Number<L>, y: Number<L>) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
-    for face in &place.faces {
+    for face in &layout.faces {
         let [ax, ay] = face.along;
         let ahead = |x: f32, y: f32| (y - face.middle[1]) * ax - (x - face.middle[0]) * ay;
         let behind = ahead(light.at[0], light.at[1]);

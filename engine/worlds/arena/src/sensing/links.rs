@@ -75,7 +75,7 @@ impl<L: Lanes> LinkWindow<L> {
         &mut self,
         links: &Links,
         team: &Team,
-        place: &Place,
+        layout: &Place,
         bodies: &Bodies<L>,
         index: usize,
         (others, indices): (&Others<L>, &[u32]),
@@ -120,7 +120,7 @@ impl<L: Lanes> LinkWindow<L> {
                     receive(
                         links,
                         team,
-                        (place, bodies),
+                        (layout, bodies),
                         at,
                         others,
                         slots,
@@ -134,7 +134,7 @@ impl<L: Lanes> LinkWindow<L> {
         receive(
             links,
             team,
-            (place, bodies),
+            (layout, bodies),
             at,
             others,
             slots,
@@ -158,7 +158,7 @@ impl<L: Lanes> LinkWindow<L> {
 fn receive<L: Lanes>(
     links: &Links,
     team: &Team,
-    (place, bodies): (&Place, &Bodies<L>),
+    (layout, bodies): (&Place, &Bodies<L>),
     at: [Number<L>; 2],
     others: &Others<L>,
     slots: &Sent<L>,
@@ -173,7 +173,7 @@ fn receive<L: Lanes>(
         if links.line_of_sight() {
             hidden = hidden
                 .or(behind_robot(team, way, square, others))
-                .or(behind_wall(place, at, way))
+                .or(behind_wall(layout, at, way))
                 .or(bodies.objects.hide(at, way));
         }
         let distance = square.sqrt();
@@ -212,12 +212,12 @@ pub(crate) fn behind_robot<L: Lanes>(
 /// Whether a wall stands between.
 #[inline(always)]
 pub(crate) fn behind_wall<L: Lanes>(
-    place: &Place,
+    layout: &Place,
     [x, y]: [Number<L>; 2],
     way: [Number<L>; 2],
 ) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
-    for face in &place.faces {
+    for face in &layout.faces {
         if face.outer {
             continue;
         }
@@ -240,8 +240,8 @@ pub(crate) fn behind_wall<L: Lanes>(
 #[inline(always)]
 pub(crate) fn parts<L: Lanes>([x, y]: [Number<L>; 2]) -> [Number<L>; 4] {
     let length = (x * x + y * y).sqrt();
-    let some = number(0.0).lt(length);
-    let factor = (Number(tanh((length * 0.5).0)) / length).only_where(some);
+    let any = number(0.0).lt(length);
+    let factor = (Number(tanh((length * 0.5).0)) / length).only_where(any);
     let half = factor * std::f32::consts::FRAC_1_SQRT_2;
     let (sum, difference) = ((x + y) * half, (y - x) * half);
     let none = number(0.0);

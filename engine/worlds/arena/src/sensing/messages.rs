@@ -16,7 +16,7 @@ use crate::robots::{Robot, Team};
 #[inline(always)]
 pub(crate) fn hear<L: Lanes>(
     (robot, team): (&Robot, &Team),
-    place: &Place,
+    layout: &Place,
     bodies: &Bodies<L>,
     index: usize,
     (sent, others, indices): (&[Number<L>], &Others<L>, &[u32]),
@@ -61,7 +61,7 @@ pub(crate) fn hear<L: Lanes>(
         if links.line_of_sight() {
             arrives = arrives
                 .and_not(links::behind_robot(team, way, other.square, others))
-                .and_not(links::behind_wall(place, position, way))
+                .and_not(links::behind_wall(layout, position, way))
                 .and_not(bodies.objects.hide(position, way));
         }
         heard = heard.add_where(number(1.0), arrives);

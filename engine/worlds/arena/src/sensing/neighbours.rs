@@ -20,11 +20,11 @@ pub(crate) fn see<L: Lanes>(
     let (mut least, mut nearest) = (square, [number::<L>(0.0); 2]);
     for k in 0..others.len() {
         let other = &others[k];
-        let near = other.square.lt(square);
-        if !near.any() {
+        let close = other.square.lt(square);
+        if !close.any() {
             continue;
         }
-        count = count.add_where(number(1.0), near);
+        count = count.add_where(number(1.0), close);
         if output == Output::NeighbourNearest {
             let nearer = other.square.lt(least);
             least = other.square.select(least, nearer);
@@ -40,7 +40,7 @@ pub(crate) fn see<L: Lanes>(
         } else {
             [other.x, other.y]
         };
-        sum = [sum[0].add_where(x, near), sum[1].add_where(y, near)];
+        sum = [sum[0].add_where(x, close), sum[1].add_where(y, close)];
     }
     let ranges = number::<L>(1.0) / number(range);
     let mean = number::<L>(1.0) / count.at_least(number(1.0));

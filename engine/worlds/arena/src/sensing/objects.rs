@@ -32,24 +32,24 @@ impl<L: Lanes> Objects<L> {
         let (x, y) = (bodies.x[index], bodies.y[index]);
         let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
         for object in 0..self.things.len() {
-            let (thing, moving) = (&self.things[object], &self.moving[object]);
+            let (item, moving) = (&self.things[object], &self.moving[object]);
             let way = [moving.x - x, moving.y - y];
-            let reach = sensors.start + sensors.range + thing.radius;
-            let near = (way[0] * way[0] + way[1] * way[1]).lt(number(reach * reach));
-            if !near.any() {
+            let reach = sensors.start + sensors.range + item.radius;
+            let close = (way[0] * way[0] + way[1] * way[1]).lt(number(reach * reach));
+            if !close.any() {
                 continue;
             }
             for ray in 0..readings.len() {
                 let [ax, ay] = sensors.rays[ray].along;
                 let along = [cos * ax - sin * ay, sin * ax + cos * ay];
-                let line = cross(thing, moving, way, along);
+                let line = cross(item, moving, way, along);
                 let distance = line.from - number(sensors.start);
-                let seen = line
+                let visible = line
                     .meets
                     .and(number(sensors.least()).le(distance))
-                    .and(near);
+                    .and(close);
                 let nearest = readings[ray];
-                readings[ray] = distance.select(nearest, seen).at_most(nearest);
+                readings[ray] = distance.select(nearest, visible).at_most(nearest);
             }
         }
     }
@@ -81,8 +81,8 @@ impl<L: Lanes> Objects<L> {
     ) -> L::Mask {
         let mut hidden = L::Mask::from_bits(0);
         for object in objects {
-            let (thing, moving) = (&self.things[object], &self.moving[object]);
-            let line = cross(thing, moving, [moving.x - x, moving.y - y], way);
+            let (item, moving) = (&self.things[object], &self.moving[object]);
+            let line = cross(item, moving, [moving.x - x, moving.y - y], way);
             let between = number(0.0).lt(line.to).and(line.from.lt(number(1.0)));
             hidden = hidden.or(line.meets.and(between));
         }
@@ -95,10 +95,10 @@ impl<L: Lanes> Objects<L> {
         let way = [number(light.at[0]) - x, number(light.at[1]) - y];
         let mut hidden = L::Mask::from_bits(0);
         for object in 0..self.things.len() {
-            let (thing, moving) = (&self.things[object], &self.moving[object]);
+            let (item, moving) = (&self.things[object], &self.moving[object]);
             // Up to this part of the way the line is not above the object.
-            let below = number((thing.height / light.at[2]).min(1.0));
-            let line = cross(thing, moving, [moving.x - x, moving.y - y], way);
+            let below = number((item.height / light.at[2]).min(1.0));
+            let line = cross(item, moving, [moving.x - x, moving.y - y], way);
             let inside = number(0.0).le(line.from).and(line.from.le(below));
             hidden = hidden.or(line.meets.and(inside));
         }
@@ -135,10 +135,10 @@ fn cross<L: Lanes>(
             for axis in 0..2 {
                 let least = absolute(along[axis]).lt(number(LEAST));
                 let inverse = number::<L>(1.0) / number(LEAST).select(along[axis], least);
-                let one = (way[axis] - number(half[axis])) * inverse;
+                let first = (way[axis] - number(half[axis])) * inverse;
                 let other = (way[axis] + half[axis]) * inverse;
-                from = one.at_most(other).at_least(from);
-                to = one.at_least(other).at_most(to);
+                from = first.at_most(other).at_least(from);
+                to = first.at_least(other).at_most(to);
             }
             Crossing {
                 from,

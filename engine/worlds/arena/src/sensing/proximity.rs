@@ -43,26 +43,26 @@ impl<L: Lanes> Seen<L> {
 pub(crate) fn measure<L: Lanes>(
     sensors: &Proximity,
     team: &Team,
-    place: &Place,
+    layout: &Place,
     bodies: &Bodies<L>,
     index: usize,
     (others, faces): (&Others<L>, &[[u32; 2]]),
-    seen: &mut Seen<L>,
+    buffers: &mut Seen<L>,
     readings: &mut [Number<L>],
 ) {
     for index in 0..readings.len() {
         readings[index] = number(sensors.range);
     }
     let turn = [bodies.cos[index], bodies.sin[index]];
-    let slots = &mut seen.robots;
+    let slots = &mut buffers.robots;
     for kind in 0..others.kinds() {
         let radius = team.kind(kind).radius;
         let reach = sensors.start + sensors.range + radius;
         slots.clear();
         for other in others.of(kind) {
-            let near = other.square.lt(number(reach * reach));
-            if near.any() {
-                let rest = slots.put([other.x, other.y], near);
+            let close = other.square.lt(number(reach * reach));
+            if close.any() {
+                let rest = slots.put([other.x, other.y], close);
                 if rest.any() {
                     to_robots(sensors, radius, turn, slots, readings);
                     slots.clear();
@@ -74,25 +74,25 @@ pub(crate) fn measure<L: Lanes>(
     }
     let (x, y) = (bodies.x[index], bodies.y[index]);
     let reach = number(sensors.start + sensors.range);
-    let slots = &mut seen.faces;
+    let slots = &mut buffers.faces;
     slots.clear();
     for [_, face] in faces {
-        let face = &place.faces[*face as usize];
+        let face = &layout.faces[*face as usize];
         // In front of the face: its normal is `along` turned left.
         let ahead = face.ahead(x, y);
-        let near = ahead.lt(reach).and(number(0.0).lt(ahead));
-        if !near.any() {
+        let close = ahead.lt(reach).and(number(0.0).lt(ahead));
+        if !close.any() {
             continue;
         }
         let side = (x - face.middle[0]) * face.along[0] + (y - face.middle[1]) * face.along[1];
         let beyond = (side - number(face.half)).at_least(-(side + face.half));
-        let near = near.and(beyond.lt(reach));
-        if !near.any() {
+        let close = close.and(beyond.lt(reach));
+        if !close.any() {
             continue;
         }
         let [ax, ay] = face.along;
         let wall = [ahead, side, number(face.half), number(ax), number(ay)];
-        let rest = slots.put(wall, near);
+        let rest = slots.put(wall, close);
         if rest.any() {
             to_walls(sensors, turn, slots, readings);
             slots.clear();
@@ -122,24 +122,26 @@ fn turned<L: Lanes>([cos, sin]: [Number<L>; 2], [x, y]: [Number<L>; 2]) -> [Numb
 }
 
 /// Shortens a ray, and the one opposite to it if there is one. `distance` holds for the ray in the lanes `forward`, else for
-/// the opposite one, and where something is `seen`.
+/// the opposite one, and where something is `visible`.
 #[inline(always)]
 fn shorten<L: Lanes>(
     readings: &mut [Number<L>],
     (ray, opposite): (usize, Option<usize>),
     distance: Number<L>,
-    seen: L::Mask,
+    visible: L::Mask,
     forward: L::Mask,
 ) {
-    if L::WIDTH < BRANCHLESS && !seen.any() {
+    if L::WIDTH < BRANCHLESS && !visible.any() {
         return;
     }
     let nearest = readings[ray];
-    readings[ray] = distance.select(nearest, seen.and(forward)).at_most(nearest);
+    readings[ray] = distance
+        .select(nearest, visible.and(forward))
+        .at_most(nearest);
     if let Some(opposite) = opposite {
         let nearest = readings[opposite];
         readings[opposite] = distance
-            .select(nearest, seen.and_not(forward))
+            .select(nearest, visible.and_not(forward))
             .at_most(nearest);
     }
 }
@@ -154,8 +156,8 @@ fn to_robots<L: Lanes>(
 ) {
     let zero = number(0.0);
     let radius = number(radius * radius);
-    for place in 0..slots.used() {
-        let [x, y] = turned(turn, slots.get(place).0);
+    for slot in 0..slots.used() {
+        let [x, y] = turned(turn, slots.get(slot).0);
         for index in 0..sensors.halves() {
             let ray = &sensors.rays[index];
             let along = x * ray.along[0] + y * ray.along[1];
@@ -165,9 +167,9 @@ fn to_robots<L: Lanes>(
             if L::WIDTH >= BRANCHLESS || meets.any() {
                 let entry = absolute(along) - depth.at_least(zero).sqrt();
                 let distance = entry - number(sensors.start);
-                let seen = meets.and(number(sensors.least()).le(distance));
+                let visible = meets.and(number(sensors.least()).le(distance));
                 let rays = (index, sensors.opposite(index));
-                shorten(readings, rays, distance, seen, zero.lt(along));
+                shorten(readings, rays, distance, visible, zero.lt(along));
             }
         }
     }
@@ -181,8 +183,8 @@ fn to_walls<L: Lanes>(
     readings: &mut [Number<L>],
 ) {
     let zero = number(0.0);
-    for place in 0..slots.used() {
-        let ([ahead, side, half, ax, ay], _) = slots.get(place);
+    for slot in 0..slots.used() {
+        let ([ahead, side, half, ax, ay], _) = slots.get(slot);
         let [nx, ny] = turned(turn, [-ay, ax]);
         for index in 0..sensors.halves() {
             let ray = &sensors.rays[index];
@@ -192,13 +194,13 @@ fn to_walls<L: Lanes>(
             let whole = ahead / absolute(towards);
             let distance = whole - number(sensors.start);
             let forward = zero.lt(towards);
-            let place = side + whole.select(-whole, forward) * drift;
-            let seen = number(sensors.least())
+            let offset = side + whole.select(-whole, forward) * drift;
+            let visible = number(sensors.least())
                 .le(distance)
                 .and(distance.lt(number(sensors.range)))
-                .and(absolute(place).le(half));
+                .and(absolute(offset).le(half));
             let rays = (index, sensors.opposite(index));
-            shorten(readings, rays, distance, seen, forward);
+            shorten(readings, rays, distance, visible, forward);
         }
     }
 }

@@ -117,7 +117,7 @@ impl<L: Lanes> Senses<L> {
         bodies: &Bodies<L>,
         verlet: &VerletLists<L>,
         team: &Team,
-        (place, colors): (&Place, &[Number<L>]),
+        (layout, colors): (&Place, &[Number<L>]),
         keys: Keys<L>,
         tick: u32,
     ) {
@@ -138,7 +138,7 @@ impl<L: Lanes> Senses<L> {
             self.look_around(bodies, (verlet, team), [range.max(reach), reach], index);
             let first = self.close.faces.len();
             let (x, y) = (bodies.x[index], bodies.y[index]);
-            for (face, wall) in place.faces.iter().enumerate() {
+            for (face, wall) in layout.faces.iter().enumerate() {
                 let ahead = wall.ahead(x, y);
                 if ahead.lt(beside).and((-beside).lt(ahead)).any() {
                     self.close.faces.push([index as u32, face as u32]);
@@ -155,7 +155,7 @@ impl<L: Lanes> Senses<L> {
                             proximity::measure(
                                 sensors,
                                 team,
-                                place,
+                                layout,
                                 bodies,
                                 index,
                                 (&self.others, faces),
@@ -182,7 +182,7 @@ impl<L: Lanes> Senses<L> {
                         light::read(
                             sensors,
                             (team, range),
-                            place,
+                            layout,
                             bodies,
                             index,
                             &self.others,
@@ -195,7 +195,7 @@ impl<L: Lanes> Senses<L> {
                     add_noise(readings, sensors.noise, words);
                 }
             }
-            let [first, second, third, given] = keys.draw(tick, index, Purpose::Ground);
+            let [first, second, third, fourth] = keys.draw(tick, index, Purpose::Ground);
             let ([a, b], [c, d], [e, f]) = (halves(first), halves(second), halves(third));
             if let Some(sensors) = &robot.ground {
                 let more;
@@ -206,7 +206,7 @@ impl<L: Lanes> Senses<L> {
                     &[a, b, c]
                 };
                 self.ground
-                    .read(sensors, (place, colors), bodies, index, tick, units);
+                    .read(sensors, (layout, colors), bodies, index, tick, units);
             }
             if let Some(links) = &robot.links {
                 L::apart(
@@ -215,7 +215,7 @@ impl<L: Lanes> Senses<L> {
                         self.links.hear(
                             links,
                             team,
-                            place,
+                            layout,
                             bodies,
                             index,
                             (&self.others, &self.indices),
@@ -242,15 +242,15 @@ impl<L: Lanes> Senses<L> {
                     }
                     Output::LightDirection => {
                         let [x, y] = sum_along(&self.angles[group][1], &self.light);
-                        let mut seen = L::Mask::from_bits(0);
+                        let mut lit = L::Mask::from_bits(0);
                         for reading in &self.light[..self.angles[group][1].len()] {
-                            seen = seen.or(number(0.2).lt(*reading));
+                            lit = lit.or(number(0.2).lt(*reading));
                         }
                         let length = (x * x + y * y).sqrt();
-                        let seen = seen.and(number(0.0).lt(length));
-                        let factor = (number::<L>(1.0) / length).only_where(seen);
+                        let lit = lit.and(number(0.0).lt(length));
+                        let factor = (number::<L>(1.0) / length).only_where(lit);
                         copy(
-                            &[(x * factor).only_where(seen), (y * factor).only_where(seen)],
+                            &[(x * factor).only_where(lit), (y * factor).only_where(lit)],
                             numbers,
                         );
                     }
@@ -279,7 +279,7 @@ impl<L: Lanes> Senses<L> {
                             || {
                                 messages::hear(
                                     (robot, team),
-                                    place,
+                                    layout,
                                     bodies,
                                     index,
                                     others,
@@ -309,14 +309,14 @@ impl<L: Lanes> Senses<L> {
                     | Output::NeighbourHeading
                     | Output::NeighbourNearest => {
                         let range = robot.neighbour_range.unwrap_or(1.0);
-                        let seen = neighbours::see(
+                        let inputs = neighbours::see(
                             *output,
                             range,
                             bodies,
                             index,
                             (&self.others, &self.indices),
                         );
-                        copy(&seen, numbers);
+                        copy(&inputs, numbers);
                     }
                     Output::Camera => {
                         if let Some(camera) = &robot.camera {
@@ -327,7 +327,7 @@ impl<L: Lanes> Senses<L> {
                                     camera::see(
                                         camera,
                                         (robot, team),
-                                        place,
+                                        layout,
                                         bodies,
                                         index,
                                         others,
@@ -343,7 +343,7 @@ impl<L: Lanes> Senses<L> {
                         let off = noise(uniform(word), robot.battery_noise);
                         copy(&[(self.charges[index] + off).within(0.0, 1.0)], numbers);
                     }
-                    Output::Random => copy(&[uniform(given)], numbers),
+                    Output::Random => copy(&[uniform(fourth)], numbers),
                     Output::Gripper => {
                         let holds = bodies.objects.held_by(index);
                         copy(&[number(1.0).only_where(holds)], numbers);

@@ -28,32 +28,32 @@ impl<L: Lanes, const N: usize, const K: usize> Slots<L, N, K> {
 
     /// Puts a thing into the first empty place of each of these lanes; returns the lanes that have none left.
     #[inline(always)]
-    pub(crate) fn put(&mut self, thing: [Number<L>; N], mut lanes: L::Mask) -> L::Mask {
-        let mut place = 0;
-        while place < self.used {
-            let taken = lanes.and(self.empty[place]);
-            if taken.any() {
-                let old = &mut self.things[place];
+    pub(crate) fn put(&mut self, item: [Number<L>; N], mut lanes: L::Mask) -> L::Mask {
+        let mut slot = 0;
+        while slot < self.used {
+            let fits = lanes.and(self.empty[slot]);
+            if fits.any() {
+                let old = &mut self.things[slot];
                 for index in 0..N {
-                    old[index] = thing[index].select(old[index], taken);
+                    old[index] = item[index].select(old[index], fits);
                 }
-                self.empty[place] = self.empty[place].and_not(taken);
-                lanes = lanes.and_not(taken);
+                self.empty[slot] = self.empty[slot].and_not(fits);
+                lanes = lanes.and_not(fits);
                 if !lanes.any() {
                     return lanes;
                 }
             }
-            place += 1;
+            slot += 1;
         }
-        if place == K {
+        if slot == K {
             return lanes;
         }
-        let new = &mut self.things[place];
+        let new = &mut self.things[slot];
         for index in 0..N {
-            new[index] = thing[index].select(number(self.nothing[index]), lanes);
+            new[index] = item[index].select(number(self.nothing[index]), lanes);
         }
-        self.empty[place] = L::Mask::from_bits(u64::MAX).and_not(lanes);
-        self.used = place + 1;
+        self.empty[slot] = L::Mask::from_bits(u64::MAX).and_not(lanes);
+        self.used = slot + 1;
         L::Mask::from_bits(0)
     }
 
@@ -71,7 +71,7 @@ impl<L: Lanes, const N: usize, const K: usize> Slots<L, N, K> {
 
     /// What is in a place, and in which lanes there is nothing.
     #[inline(always)]
-    pub(crate) fn get(&self, place: usize) -> ([Number<L>; N], L::Mask) {
-        (self.things[place], self.empty[place])
+    pub(crate) fn get(&self, slot: usize) -> ([Number<L>; N], L::Mask) {
+        (self.things[slot], self.empty[slot])
     }
 }

@@ -16,12 +16,12 @@ const STREAM: u64 = 0x6F62_6A65_6374_7300;
 ///
 /// # Errors
 /// The index of the kind of which not all found a place, and how many did.
-pub(crate) fn draw(kinds: &[Kind], place: &Place, seed: u64) -> Result<Vec<Pose>, (usize, usize)> {
+pub(crate) fn draw(kinds: &[Kind], layout: &Place, seed: u64) -> Result<Vec<Pose>, (usize, usize)> {
     let fixed = kinds.iter().filter_map(|kind| match kind.places {
         Places::Fixed(pose) => Some((kind.form, pose)),
         Places::Drawn(..) => None,
     });
-    let mut taken: Vec<(Form, Pose)> = fixed.collect();
+    let mut occupied: Vec<(Form, Pose)> = fixed.collect();
     let mut poses = Vec::new();
     for (index, kind) in kinds.iter().enumerate() {
         let (start, count) = match &kind.places {
@@ -31,21 +31,21 @@ pub(crate) fn draw(kinds: &[Kind], place: &Place, seed: u64) -> Result<Vec<Pose>
             }
             Places::Drawn(start, count) => (start, *count),
         };
-        for found in 0..count {
-            let number = (index * MOST_OBJECTS + found) as u64;
+        for placed in 0..count {
+            let number = (index * MOST_OBJECTS + placed) as u64;
             let pose = (0..TRIES)
                 .map(|attempt| {
                     let of = |part| uniform(seed, STREAM, (number * TRIES + attempt) * 4 + part);
                     pose(start, [of(0), of(1), of(2)])
                 })
                 .find(|pose| {
-                    let one = (kind.form, *pose);
+                    let candidate = (kind.form, *pose);
                     within(pose.at, start)
-                        && free(one, place)
-                        && !taken.iter().any(|other| overlap(one, *other))
+                        && free(candidate, layout)
+                        && !occupied.iter().any(|other| overlap(candidate, *other))
                 });
-            let pose = pose.ok_or((index, found))?;
-            taken.push((kind.form, pose));
+            let pose = pose.ok_or((index, placed))?;
+            occupied.push((kind.form, pose));
             poses.push(pose);
         }
     }
@@ -65,7 +65,7 @@ pub(crate) fn corners([x, y]: [f32; 2], pose: Pose) -> [[f32; 2]; 4] {
 }
 
 /// Whether all of an object is inside of the walls and outside of obstacles.
-pub(crate) fn free((form, pose): (Form, Pose), place: &Place) -> bool {
+pub(crate) fn free((form, pose): (Form, Pose), layout: &Place) -> bool {
     let off = |face: &Face| match form {
         Form::Disc { radius } => {
             let [x, y] = pose.at.map(Number);
@@ -79,7 +79,7 @@ pub(crate) fn free((form, pose): (Form, Pose), place: &Place) -> bool {
                 || apart(&corners(half, pose), &[from, to], &axes(pose))
         }
     };
-    place.faces.iter().all(off) && place.is_free(pose.at.map(f64::from))
+    layout.faces.iter().all(off) && layout.is_free(pose.at.map(f64::from))
 }
 
 /// Whether two objects overlap.
@@ -87,9 +87,9 @@ pub(crate) fn overlap((a, at): (Form, Pose), (b, other): (Form, Pose)) -> bool {
     match (a, b) {
         (Form::Disc { radius }, _) => distance((b, other), at.at) < radius,
         (_, Form::Disc { radius }) => distance((a, at), other.at) < radius,
-        (Form::Box { half: one }, Form::Box { half: two }) => {
-            let (one, two) = (corners(one, at), corners(two, other));
-            !apart(&one, &two, &axes(at)) && !apart(&one, &two, &axes(other))
+        (Form::Box { half: first }, Form::Box { half: second }) => {
+            let (first, second) = (corners(first, at), corners(second, other));
+            !apart(&first, &second, &axes(at)) && !apart(&first, &second, &axes(other))
         }
     }
 }
@@ -115,7 +115,7 @@ fn axes(pose: Pose) -> [[f32; 2]; 2] {
 }
 
 /// Whether points lie on different sides of a line across one of these axes.
-fn apart(one: &[[f32; 2]], other: &[[f32; 2]], axes: &[[f32; 2]]) -> bool {
+fn apart(first: &[[f32; 2]], other: &[[f32; 2]], axes: &[[f32; 2]]) -> bool {
     axes.iter().any(|[ax, ay]| {
         let extent = |points: &[[f32; 2]]| {
             let start = (f32::INFINITY, f32::NEG_INFINITY);
@@ -124,7 +124,7 @@ fn apart(one: &[[f32; 2]], other: &[[f32; 2]], axes: &[[f32; 2]]) -> bool {
                 (low.min(at), high.max(at))
             })
         };
-        let ((low, high), (least, most)) = (extent(one), extent(other));
+        let ((low, high), (least, most)) = (extent(first), extent(other));
         high <= least || most <= low
     })
 }

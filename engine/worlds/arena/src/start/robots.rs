@@ -21,13 +21,13 @@ const STREAM: u64 = 0x0073_7461_7274;
 pub(crate) fn draw(
     start: &Start,
     team: &Team,
-    (place, objects): (&Place, &[(Form, Pose)]),
+    (layout, objects): (&Place, &[(Form, Pose)]),
     seed: u64,
 ) -> Result<Vec<Pose>, usize> {
     let mut most = 0;
     for round in 0..ROUNDS {
-        match round_of(start, team, (place, objects), seed, STREAM | round << 48) {
-            Err(found) => most = most.max(found),
+        match round_of(start, team, (layout, objects), seed, STREAM | round << 48) {
+            Err(count) => most = most.max(count),
             poses => return poses,
         }
     }
@@ -38,12 +38,12 @@ pub(crate) fn draw(
 fn round_of(
     start: &Start,
     team: &Team,
-    (place, objects): (&Place, &[(Form, Pose)]),
+    (layout, objects): (&Place, &[(Form, Pose)]),
     seed: u64,
     stream: u64,
 ) -> Result<Vec<Pose>, usize> {
     let mut poses: Vec<Pose> = Vec::with_capacity(team.len());
-    let mut taken = Taken::new(start, team.len(), team.radius());
+    let mut occupied = Taken::new(start, team.len(), team.radius());
     for index in 0..team.len() as u64 {
         let pose = (0..TRIES)
             .map(|attempt| {
@@ -52,12 +52,12 @@ fn round_of(
                 pose(start, [number(0), number(1), number(2)])
             })
             .find(|pose| {
-                within(pose.at, start) && fits(*pose, &poses, &taken, team, (place, objects))
+                within(pose.at, start) && fits(*pose, &poses, &occupied, team, (layout, objects))
             });
         let Some(pose) = pose else {
             return Err(poses.len());
         };
-        taken.add(pose.at, index as u32);
+        occupied.add(pose.at, index as u32);
         poses.push(pose);
     }
     Ok(poses)
@@ -122,9 +122,9 @@ impl Taken {
         let last = (column + 1).min(self.counts[0] - 1);
         rows.flat_map(move |row| (column.saturating_sub(1)..=last).map(move |column| (column, row)))
             .flat_map(move |(column, row)| {
-                let known = |robot: u32| (robot != NONE).then_some(robot);
-                let newest = known(self.newest[row * self.counts[0] + column]);
-                std::iter::successors(newest, move |robot| known(self.before[*robot as usize]))
+                let robot_of = |robot: u32| (robot != NONE).then_some(robot);
+                let newest = robot_of(self.newest[row * self.counts[0] + column]);
+                std::iter::successors(newest, move |robot| robot_of(self.before[*robot as usize]))
             })
     }
 }
@@ -132,27 +132,27 @@ impl Taken {
 fn fits(
     pose: Pose,
     others: &[Pose],
-    taken: &Taken,
+    occupied: &Taken,
     team: &Team,
-    (place, objects): (&Place, &[(Form, Pose)]),
+    (layout, objects): (&Place, &[(Form, Pose)]),
 ) -> bool {
     let [x, y] = pose.at;
     // The next one.
     let radius = team.robot(others.len()).radius;
     let apart =
         |way: [f32; 2], distance: f32| way[0] * way[0] + way[1] * way[1] >= distance * distance;
-    place.faces.iter().all(|face| {
+    layout.faces.iter().all(|face| {
         let way = to_face::<f32>(
             face,
             swarmwright_lanes::Number(x),
             swarmwright_lanes::Number(y),
         );
         apart(way.map(|number| number.0), radius)
-    }) && taken.around(pose.at).all(|other| {
+    }) && occupied.around(pose.at).all(|other| {
         let [ox, oy] = others[other as usize].at;
         apart([ox - x, oy - y], radius + team.robot(other as usize).radius)
     }) && objects
         .iter()
         .all(|object| objects::distance(*object, pose.at) >= radius)
-        && place.is_free(pose.at.map(f64::from))
+        && layout.is_free(pose.at.map(f64::from))
 }

@@ -10,11 +10,11 @@ use crate::time::TICK;
 
 /// Takes everything from robots that are told something with an empty battery: they stand, show no colour.
 #[inline(always)]
-pub(crate) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, told: &mut [L]) {
-    for (robot, row) in told.chunks_exact_mut(row).enumerate() {
+pub(crate) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, commands: &mut [L]) {
+    for (robot, row) in commands.chunks_exact_mut(row).enumerate() {
         let left = number(0.0).lt(charges[robot]);
-        for told in row {
-            *told = Number(*told).only_where(left).0;
+        for command in row {
+            *command = Number(*command).only_where(left).0;
         }
     }
 }
@@ -32,12 +32,12 @@ pub(crate) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
 #[inline(always)]
 pub(crate) fn update<L: Lanes>(
     team: &Team,
-    place: &Place,
+    layout: &Place,
     bodies: &Bodies<L>,
-    told: &[L],
+    commands: &[L],
     charges: &mut [Number<L>],
 ) {
-    for (robot, row) in told.chunks_exact(team.actuators()).enumerate() {
+    for (robot, row) in commands.chunks_exact(team.actuators()).enumerate() {
         let Some(battery) = &team.robot(robot).battery else {
             continue;
         };
@@ -45,8 +45,8 @@ pub(crate) fn update<L: Lanes>(
         let drive = &row[team.drive(robot)];
         let more = (TICK / battery.driving - standing) / drive.len() as f32;
         let mut effort = number::<L>(0.0);
-        for told in drive {
-            effort += absolute(Number(*told)).at_most(number(1.0));
+        for command in drive {
+            effort += absolute(Number(*command)).at_most(number(1.0));
         }
         let charge = charges[robot];
         let used = effort * more + standing;
@@ -54,7 +54,7 @@ pub(crate) fn update<L: Lanes>(
         // What is left of the last tick by rounding is not another one.
         next = next.only_where((used * 0.5).lt(next));
         if let Some(charging) = &battery.charging {
-            let shape = &place.patches[charging.patch].shape;
+            let shape = &layout.patches[charging.patch].shape;
             let on = shape.holds(bodies.x[robot], bodies.y[robot]);
             next = (charge + TICK / charging.duration).select(next, on);
         }

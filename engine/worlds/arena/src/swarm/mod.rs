@@ -56,7 +56,7 @@ impl<L: Lanes> Swarm<L> {
     pub(crate) fn start(
         &mut self,
         team: &Team,
-        place: &Place,
+        layout: &Place,
         failures: &[Failure],
         seed: impl Fn(usize) -> u64,
         mut pose: impl FnMut(usize, usize) -> Pose,
@@ -64,9 +64,9 @@ impl<L: Lanes> Swarm<L> {
     ) {
         self.keys = Keys::new(|lane| key(seed(lane)));
         self.failing.start(failures, &self.bodies, &seed);
-        let mut colors = vec![[0.0; MOST_LANES]; place.patches.len()];
+        let mut colors = vec![[0.0; MOST_LANES]; layout.patches.len()];
         for lane in 0..L::WIDTH {
-            for (lanes, color) in colors.iter_mut().zip(place.colors(seed(lane))) {
+            for (lanes, color) in colors.iter_mut().zip(layout.colors(seed(lane))) {
                 lanes[lane] = color;
             }
         }
@@ -95,75 +95,75 @@ impl<L: Lanes> Swarm<L> {
         bodies.objects.start(object);
         self.contacts.forget();
         self.senses.forget(team);
-        self.sense(team, place);
+        self.sense(team, layout);
     }
 
     /// One tick: all drive with these actuators, one robot's after another's, each in -1..=1, then all look.
     #[inline(always)]
-    pub(crate) fn step(&mut self, team: &Team, place: &Place, actuators: &[L]) {
+    pub(crate) fn step(&mut self, team: &Team, layout: &Place, actuators: &[L]) {
         self.command(team, actuators);
         L::apart(
             #[inline(always)]
             || {
                 self.contacts
-                    .resolve(&mut self.bodies, &self.senses.close, team, place);
+                    .resolve(&mut self.bodies, &self.senses.close, team, layout);
             },
         );
-        self.look(team, place);
+        self.look(team, layout);
     }
 
     /// The first part of a tick: what drives aim at.
     #[inline(always)]
     pub(crate) fn command(&mut self, team: &Team, actuators: &[L]) {
-        let mut told = std::mem::take(&mut self.told);
+        let mut commands = std::mem::take(&mut self.told);
         // By the time at which the tick begins.
-        let mut other = self.failing.tell(self.tick, actuators, team, &mut told);
+        let mut other = self.failing.tell(self.tick, actuators, team, &mut commands);
         self.tick += 1;
         if !self.senses.charges.is_empty() {
             if !other {
-                told.clear();
-                told.extend_from_slice(actuators);
+                commands.clear();
+                commands.extend_from_slice(actuators);
                 other = true;
             }
-            battery::stop(&self.senses.charges, team.actuators(), &mut told);
+            battery::stop(&self.senses.charges, team.actuators(), &mut commands);
         }
-        let actuators = if other { &told } else { actuators };
+        let actuators = if other { &commands } else { actuators };
         L::apart(
             #[inline(always)]
             || self.drive(team, actuators),
         );
-        if let Some(place) = team.gripper() {
+        if let Some(column) = team.gripper() {
             L::apart(
                 #[inline(always)]
-                || self.grip(team, place, actuators),
+                || self.grip(team, column, actuators),
             );
         }
-        self.told = told;
+        self.told = commands;
     }
 
     /// Robots whose number for the gripper, at this place, is above 0 hold what they held, or what is within reach.
     #[inline(always)]
-    fn grip(&mut self, team: &Team, place: usize, actuators: &[L]) {
+    fn grip(&mut self, team: &Team, column: usize, actuators: &[L]) {
         let bodies = &mut self.bodies;
         for (index, row) in actuators.chunks_exact(team.actuators()).enumerate() {
             let robot = team.robot(index);
             if let Some(reach) = robot.gripper {
-                let wanted = number(0.0).lt(Number(row[place]));
+                let grips = number(0.0).lt(Number(row[column]));
                 let at = [bodies.x[index], bodies.y[index]];
                 let objects = &mut bodies.objects;
-                objects.grip(index, (at, robot.radius, reach), wanted);
+                objects.grip(index, (at, robot.radius, reach), grips);
             }
         }
     }
 
     /// The last part of a tick: all look, where they are now.
     #[inline(always)]
-    pub(crate) fn look(&mut self, team: &Team, place: &Place) {
+    pub(crate) fn look(&mut self, team: &Team, layout: &Place) {
         let charges = &mut self.senses.charges;
         if !charges.is_empty() {
             L::apart(
                 #[inline(always)]
-                || battery::update(team, place, &self.bodies, &self.told, charges),
+                || battery::update(team, layout, &self.bodies, &self.told, charges),
             );
         }
         let bodies = &mut self.bodies;
@@ -171,7 +171,7 @@ impl<L: Lanes> Swarm<L> {
             bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
             bodies.sin[index] = Number(sin_pi(bodies.heading[index].0));
         }
-        self.sense(team, place);
+        self.sense(team, layout);
     }
 
     /// What the drives aim at, with their noise; turns the robots.
@@ -194,32 +194,32 @@ impl<L: Lanes> Swarm<L> {
                 noise[1] * robot.wheel_noise + 1.0,
             ];
             let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
-            let told = &row[team.drive(index)];
+            let command = &row[team.drive(index)];
             let (aim, spin) = match robot.drive {
                 Drive::Differential { wheel_base } => {
-                    let left = Number(told[0]) * robot.top_speed * noise[0];
-                    let right = Number(told[1]) * robot.top_speed * noise[1];
+                    let left = Number(command[0]) * robot.top_speed * noise[0];
+                    let right = Number(command[1]) * robot.top_speed * noise[1];
                     let ahead = (left + right) * 0.5;
                     let spin = (right - left) * (1.0 / wheel_base);
                     ([ahead * cos, ahead * sin], spin)
                 }
                 Drive::Holonomic { turn } => {
-                    let (x, y) = (Number(told[0]) * noise[0], Number(told[1]) * noise[1]);
+                    let (x, y) = (Number(command[0]) * noise[0], Number(command[1]) * noise[1]);
                     // Not faster across than along.
                     let length = (x * x + y * y).sqrt().at_least(number(1.0));
                     let speed = number::<L>(robot.top_speed) / length;
                     let (x, y) = (x * speed, y * speed);
                     (
                         [x * cos - y * sin, x * sin + y * cos],
-                        Number(told[2]) * turn,
+                        Number(command[2]) * turn,
                     )
                 }
                 Drive::Car {
                     wheel_base,
                     steering,
                 } => {
-                    let speed = Number(told[0]) * robot.top_speed * noise[0];
-                    let angle = (Number(told[1]) * steering * noise[1]).within(-0.48, 0.48);
+                    let speed = Number(command[0]) * robot.top_speed * noise[0];
+                    let angle = (Number(command[1]) * steering * noise[1]).within(-0.48, 0.48);
                     let tangent = Number(sin_pi(angle.0)) / Number(cos_pi(angle.0));
                     let spin = speed * tangent * (1.0 / wheel_base);
                     ([speed * cos, speed * sin], spin)
@@ -229,20 +229,20 @@ impl<L: Lanes> Swarm<L> {
                 let width = robot.width(Output::Encoders).min(encoders);
                 let factors = [noise[0], noise[1], number(1.0)];
                 for (part, factor) in factors.into_iter().enumerate().take(width) {
-                    self.senses.turned[index * encoders + part] = Number(told[part]) * factor;
+                    self.senses.turned[index * encoders + part] = Number(command[part]) * factor;
                 }
             }
             if !robot.leds.is_empty() {
-                let given = &row[team.leds(index)..];
-                self.senses.shown[index] = camera::shown(&robot.leds, given);
+                let levels = &row[team.leds(index)..];
+                self.senses.shown[index] = camera::shown(&robot.leds, levels);
             }
             let sent = &row[message_at..][..robot.message];
             let now = team.sent_at(self.tick, 0);
-            for (kept, number) in self.senses.sent[now + index * message..]
+            for (slot, number) in self.senses.sent[now + index * message..]
                 .iter_mut()
                 .zip(sent)
             {
-                *kept = Number(*number);
+                *slot = Number(*number);
             }
             self.contacts.aim[index] = aim;
             // The first substep still turns as in the tick before.
@@ -256,7 +256,7 @@ impl<L: Lanes> Swarm<L> {
     }
 
     #[inline(always)]
-    fn sense(&mut self, team: &Team, place: &Place) {
+    fn sense(&mut self, team: &Team, layout: &Place) {
         L::apart(
             #[inline(always)]
             || self.verlet.update(&self.bodies),
@@ -275,7 +275,7 @@ impl<L: Lanes> Swarm<L> {
                     &self.bodies,
                     &self.verlet,
                     team,
-                    (place, &self.colors),
+                    (layout, &self.colors),
                     self.keys,
                     self.tick,
                 );

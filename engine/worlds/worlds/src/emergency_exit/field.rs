@@ -85,14 +85,14 @@ impl Field {
             for (i, cell) in cells.iter().enumerate() {
                 if map.holds(*cell) {
                     let [x, y] = cell;
-                    let what = if self.blockades.contains(cell) {
+                    let occupant = if self.blockades.contains(cell) {
                         "a blockade stands"
                     } else {
                         "another agent stands"
                     };
                     return Err(wrong(
                         &format!("field.{name}[{i}]"),
-                        format!("[{x}, {y}] found, where {what}; give it a cell of its own"),
+                        format!("[{x}, {y}] found, where {occupant}; choose another cell"),
                     ));
                 }
                 if stay {
@@ -119,7 +119,7 @@ impl Field {
         let mut map = field.map();
         let mut random = JavaRandom::new(measures.seed);
         let mut draw = |count| {
-            let mut one = || loop {
+            let mut draw_cell = || loop {
                 let x = random.below(width);
                 // Not the height: that is how FREVO draws.
                 let y = random.below(width);
@@ -128,13 +128,13 @@ impl Field {
                     return [x, y];
                 }
             };
-            (0..count).map(|_| one()).collect()
+            (0..count).map(|_| draw_cell()).collect()
         };
         field.agents = draw(measures.agents);
         field.exits = draw(measures.exits);
         field.blockades = draw(measures.blockades);
-        let things = [&field.agents, &field.exits, &field.blockades];
-        let lowest = things.into_iter().flatten().map(|[_, y]| y + 1).max();
+        let lists = [&field.agents, &field.exits, &field.blockades];
+        let lowest = lists.into_iter().flatten().map(|[_, y]| y + 1).max();
         field.rows = height.max(lowest.unwrap_or(0));
         field
     }
@@ -171,8 +171,8 @@ impl Occupied {
 fn not_an_object(value: &Value) -> ParameterError {
     let reason = match value {
         Value::String(path) => format!(
-            "\"{path}\" found, but the simulation reads no files: an experiment file names one and sends what is \
-             in it; expected an object {{\"width\", \"height\", \"agents\", \"exits\", \"blockades\"}}"
+            "\"{path}\" found, but the simulation reads no files; name the file in an experiment file, or pass an object \
+             {{\"width\", \"height\", \"agents\", \"exits\", \"blockades\"}}"
         ),
         _ => "expected an object {\"width\", \"height\", \"agents\", \"exits\", \"blockades\"}"
             .to_owned(),

@@ -139,8 +139,8 @@ impl EmergencyExit {
         self.out.clear();
         self.out.resize(self.places.len(), false);
         self.occupied.clear(self.grid.len());
-        for place in &self.places {
-            self.occupied.take(*place);
+        for position in &self.places {
+            self.occupied.take(*position);
         }
         self.inside.clear();
         self.inside.extend(0..self.places.len() as u32);
@@ -251,8 +251,8 @@ impl Simulation for EmergencyExit {
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         let settings = Settings::read(parameters)?;
-        let known = Some((&self.plan, &self.field));
-        if let Some((plan, field)) = settings::read_field(parameters, known)? {
+        let previous = Some((&self.plan, &self.field));
+        if let Some((plan, field)) = settings::read_field(parameters, previous)? {
             self.grid = Grid::new(&field);
             self.field = field;
             self.plan = plan;
@@ -267,15 +267,16 @@ impl Simulation for EmergencyExit {
     }
 
     fn sense(&self, agent: u32, sensors: &mut [f32]) {
-        let (Some(&place), [dx, dy, neighbours @ ..]) = (self.places.get(agent as usize), sensors)
+        let (Some(&position), [dx, dy, neighbours @ ..]) =
+            (self.places.get(agent as usize), sensors)
         else {
             return;
         };
-        [*dx, *dy] = self.grid.to_exit(place).map(f32::from);
+        [*dx, *dy] = self.grid.to_exit(position).map(f32::from);
         for (d, sensor) in neighbours.iter_mut().enumerate().take(8) {
             let free = self
                 .grid
-                .neighbour(place, d)
+                .neighbour(position, d)
                 .is_some_and(|cell| !self.occupied.holds(cell));
             *sensor = f32::from(u8::from(free));
         }
@@ -310,8 +311,8 @@ impl Simulation for EmergencyExit {
         let steps = self.settings.steps;
         let finished = self.finished.unwrap_or(steps);
         let mut fitness = f64::from(steps - finished) / f64::from(steps);
-        for place in &self.places {
-            fitness -= self.grid.distance(*place);
+        for position in &self.places {
+            fitness -= self.grid.distance(*position);
         }
         fitness
     }
@@ -319,8 +320,8 @@ impl Simulation for EmergencyExit {
     fn metrics(&self) -> Vec<f64> {
         let out = self.out.iter().filter(|out| **out).count();
         let mut distance = 0.0;
-        for place in &self.places {
-            distance += self.grid.distance(*place);
+        for position in &self.places {
+            distance += self.grid.distance(*position);
         }
         let finished = self.finished.unwrap_or(self.settings.steps);
         vec![out as f64, f64::from(finished), distance]
@@ -353,9 +354,9 @@ impl Simulation for EmergencyExit {
             radius: 0.0,
             ..Body::default()
         };
-        let agents = self.places.iter().zip(&self.out).map(|(place, out)| {
+        let agents = self.places.iter().zip(&self.out).map(|(position, out)| {
             let state = if *out { "out" } else { "free" };
-            body("agent", self.grid.cell(*place), state)
+            body("agent", self.grid.cell(*position), state)
         });
         let blockades = self
             .field

@@ -43,9 +43,9 @@ fn in_columns(width: u32, height: u32, exits: &[Cell]) -> Vec<InColumn> {
                 if let Some(index) = first[y * w + x] {
                     last = Some((i, index));
                 }
-                let found = last.map(|(at, index)| (((i - at) * (i - at)) as i64, index));
+                let candidate = last.map(|(at, index)| (((i - at) * (i - at)) as i64, index));
                 let cell = &mut result[y * w + x];
-                *cell = [*cell, found].into_iter().flatten().min();
+                *cell = [*cell, candidate].into_iter().flatten().min();
             }
         }
     }

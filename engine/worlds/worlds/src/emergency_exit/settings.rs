@@ -77,14 +77,14 @@ impl Measures {
     }
 }
 
-/// The field of these parameters, and where it came from. `known` is used again where it is the same.
+/// The field of these parameters, and where it came from. `previous` is used again where it is the same.
 pub(super) fn read_field(
     parameters: &Parameters,
-    known: Option<(&Plan, &Field)>,
+    previous: Option<(&Plan, &Field)>,
 ) -> Result<Option<(Plan, Field)>, ParameterError> {
     let measures = Measures::read(parameters)?;
     if let Some(value) = parameters.get("field") {
-        if let Some((Plan::Given(same), field)) = known
+        if let Some((Plan::Given(same), field)) = previous
             && same == value
         {
             agree(&measures, field)?;
@@ -102,7 +102,7 @@ pub(super) fn read_field(
         blockades: measures.blockades.unwrap_or(20),
         seed: measures.seed,
     };
-    if let Some((Plan::Random(same), _)) = known
+    if let Some((Plan::Random(same), _)) = previous
         && *same == random
     {
         return Ok(None);
@@ -113,20 +113,20 @@ pub(super) fn read_field(
 
 /// A measure that stands beside a field must be the field's.
 fn agree(measures: &Measures, field: &Field) -> Result<(), ParameterError> {
-    for (name, given, found) in [
+    for (name, value, actual) in [
         ("width", measures.width, field.width as usize),
         ("height", measures.height, field.height as usize),
         ("numAgents", measures.agents, field.agents.len()),
         ("numExits", measures.exits, field.exits.len()),
         ("numBlockades", measures.blockades, field.blockades.len()),
     ] {
-        if let Some(given) = given
-            && given as usize != found
+        if let Some(value) = value
+            && value as usize != actual
         {
             return Err(wrong(
                 name,
                 format!(
-                    "{given} found, but the field has {found}; make them agree or leave {name} out"
+                    "{value} found, but the field has {actual}; make them agree or leave {name} out"
                 ),
             ));
         }
@@ -153,14 +153,14 @@ fn check_room(random: &RandomField) -> Result<(), ParameterError> {
             ),
         ));
     }
-    let things = u64::from(agents) + u64::from(exits) + u64::from(blockades);
+    let needed = u64::from(agents) + u64::from(exits) + u64::from(blockades);
     let cells = u64::from(width) * u64::from(width);
-    if things > cells {
+    if needed > cells {
         return Err(wrong(
             "width",
             format!(
-                "{width} found, but numAgents, numExits and numBlockades need {things} cells, and a random field has \
-                 width x width = {cells}; make it wider or ask for less"
+                "{width} found, but numAgents, numExits and numBlockades need {needed} cells, and a random field has width x \
+                 width = {cells}; make it wider or reduce them"
             ),
         ));
     }

@@ -310,10 +310,10 @@ impl<L: Lanes> Workspace<L> {
             if status.free == 0 {
                 continue;
             }
-            let there = agent.at.minus(defender);
-            let q = there.square();
+            let offset = agent.at.minus(defender);
+            let q = offset.square();
             let closer = q.lt(best.least).and(L::Mask::from_bits(status.free));
-            best.way = there.select(best.way, closer);
+            best.way = offset.select(best.way, closer);
             best.target = agent.at.select(best.target, closer);
             best.least = q.select(best.least, closer);
         }

@@ -161,7 +161,10 @@ impl Minisim {
     fn move_agents_by_rule(&mut self) {
         for agent in &self.free {
             let from = self.agents[*agent as usize];
-            let nearest = self.near_defenders.closest(from).map(|(place, _)| place);
+            let nearest = self
+                .near_defenders
+                .closest(from)
+                .map(|(position, _)| position);
             let [wx, wy] = self.settings.rule.way(from, self.settings.goal, nearest);
             let n = (wx * wx + wy * wy).sqrt();
             if n > 0.0 {
@@ -276,9 +279,9 @@ impl Simulation for Minisim {
             own_actuator_names: Vec::new(),
         };
         let defenders = u32::try_from(self.defenders.len()).unwrap_or(u32::MAX);
-        let seen = texts(&["agent x", "agent y", "goal x", "goal y"]);
+        let names = texts(&["agent x", "agent y", "goal x", "goal y"]);
         let agents = group("agents", self.settings.count(), self.sensor_names());
-        vec![agents, group("defenders", defenders, seen)]
+        vec![agents, group("defenders", defenders, names)]
     }
 
     fn actuator_names(&self) -> Vec<String> {
@@ -309,8 +312,8 @@ impl Simulation for Minisim {
     fn sense(&self, agent: u32, sensors: &mut [f32]) {
         let [width, height] = self.settings.map;
         let Some(&[x, y]) = self.agents.get(agent as usize) else {
-            if let Some(seen) = self.seen_by_defender(agent) {
-                sensors.copy_from_slice(&seen);
+            if let Some(inputs) = self.seen_by_defender(agent) {
+                sensors.copy_from_slice(&inputs);
             }
             return;
         };
@@ -367,9 +370,9 @@ impl Simulation for Minisim {
     }
 
     fn metrics(&self) -> Vec<f64> {
-        let count = |wanted| {
-            let found = self.states.iter().filter(|state| **state == wanted);
-            found.count() as f64
+        let count = |target| {
+            let agents = self.states.iter().filter(|state| **state == target);
+            agents.count() as f64
         };
         vec![
             count(State::Arrived),

@@ -111,8 +111,8 @@ impl<'a> Looks<'a> {
                 entry.count += 1;
                 continue;
             }
-            let known = KNOWN.iter().find(|k| k.0 == kind && k.1 == state);
-            let mut glyph = if let Some(&(_, _, fancy, ascii, color)) = known {
+            let entry = KNOWN.iter().find(|k| k.0 == kind && k.1 == state);
+            let mut glyph = if let Some(&(_, _, fancy, ascii, color)) = entry {
                 Glyph {
                     symbol: pick(fancy, ascii),
                     color,
@@ -123,11 +123,11 @@ impl<'a> Looks<'a> {
                 let (fancy, ascii) = if let Some(of_kind) = KNOWN.iter().find(|k| k.0 == kind) {
                     (of_kind.2, of_kind.3)
                 } else {
-                    let place = kinds.iter().position(|k| *k == kind).unwrap_or_else(|| {
+                    let index = kinds.iter().position(|k| *k == kind).unwrap_or_else(|| {
                         kinds.push(kind);
                         kinds.len() - 1
                     });
-                    FREE[place % FREE.len()]
+                    FREE[index % FREE.len()]
                 };
                 Glyph {
                     symbol: pick(fancy, ascii),

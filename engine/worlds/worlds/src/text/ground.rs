@@ -45,13 +45,15 @@ pub(super) fn draw(canvas: &mut Canvas, scene: &Scene, unicode: bool) {
     }
     let wall = glyph(WALL, unicode);
     let [w, h] = canvas.character(scene);
-    for one in &scene.walls {
-        if one.solid {
-            canvas.fill(scene, Some(wall), |point| in_polygon(&one.points, point));
+    for barrier in &scene.walls {
+        if barrier.solid {
+            canvas.fill(scene, Some(wall), |point| {
+                in_polygon(&barrier.points, point)
+            });
         }
-        let closing = one.solid.then(|| one.points.first()).flatten();
-        let next = one.points.iter().skip(1).chain(closing);
-        for ([ax, ay], [bx, by]) in one.points.iter().zip(next) {
+        let closing = barrier.solid.then(|| barrier.points.first()).flatten();
+        let next = barrier.points.iter().skip(1).chain(closing);
+        for ([ax, ay], [bx, by]) in barrier.points.iter().zip(next) {
             let parts = FINE * ((bx - ax) / w).abs().max(((by - ay) / h).abs());
             let parts = parts.ceil().clamp(1.0, MOST);
             for part in 0..=parts as u32 {
@@ -76,7 +78,7 @@ pub(super) fn legend(scene: &Scene, unicode: bool) -> Vec<(Glyph, &'static str)>
         .filter_map(|patch| of_grey(patch.grey))
         .map(|e| e.3)
         .collect();
-    let there = [
+    let entries = [
         (BLACK, greys.contains(&BLACK.3)),
         (WHITE, greys.contains(&WHITE.3)),
         (WALL, !scene.walls.is_empty()),
@@ -85,8 +87,8 @@ pub(super) fn legend(scene: &Scene, unicode: bool) -> Vec<(Glyph, &'static str)>
             scene.lights.iter().any(|light| light.intensity > 0.0),
         ),
     ];
-    let found = there.into_iter().filter(|(_, there)| *there);
-    found
+    let listed = entries.into_iter().filter(|(_, is_shown)| *is_shown);
+    listed
         .map(|(entry, _)| (glyph(entry, unicode), entry.3))
         .collect()
 }

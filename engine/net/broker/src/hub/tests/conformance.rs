@@ -78,7 +78,7 @@ fn no_packet_is_larger_than_its_client_accepts() {
         let (link, _) = stage.join(&connect_with(&[0x27, 0, 0, 0, maximum], b"p"));
         stage.say(link, &subscribe("aa", 3));
         let sent = stage.hub.outbox(link).pending().len();
-        let whole = 7 + "subscription options that do not exist".len();
+        let whole = 7 + "unknown subscription options".len();
         let expected = if usize::from(maximum) < whole {
             4
         } else {

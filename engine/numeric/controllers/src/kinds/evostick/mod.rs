@@ -26,7 +26,7 @@ pub struct Evostick {
 }
 
 impl Kind for Evostick {
-    const SIZE: (&'static str, &'static str) = ("sensors", "take fewer sensors");
+    const SIZE: (&'static str, &'static str) = ("sensors", "use fewer sensors");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
         read::read(reader)

@@ -42,7 +42,7 @@ impl MealyFsm {
 }
 
 impl Kind for MealyFsm {
-    const SIZE: (&'static str, &'static str) = ("thresholds", "take fewer states or thresholds");
+    const SIZE: (&'static str, &'static str) = ("thresholds", "use fewer states or thresholds");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
         read::read(reader)

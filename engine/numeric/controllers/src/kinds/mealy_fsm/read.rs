@@ -22,11 +22,11 @@ fn thresholds(
     let expected =
         format!("a list of {sensors} lists of ascending numbers, such as [[-0.5, 0.5], [0]]");
     let raw = reader.raw("thresholds", &expected)?;
-    let found = || format!("{} found, expected {expected}", excerpt(raw));
+    let mismatch = || format!("{} found, expected {expected}", excerpt(raw));
     let thresholds: Vec<Vec<f32>> =
-        serde_json::from_str(raw.get()).map_err(|_| wrong("thresholds", found()))?;
+        serde_json::from_str(raw.get()).map_err(|_| wrong("thresholds", mismatch()))?;
     if thresholds.len() != sensors {
-        return Err(wrong("thresholds", found()));
+        return Err(wrong("thresholds", mismatch()));
     }
     let ascends = |of_one: &[f32]| of_one.windows(2).all(|pair| pair[0] < pair[1]);
     let valid = |of_one: &Vec<f32>| ascends(of_one) && of_one.iter().all(|t| t.is_finite());

@@ -146,8 +146,8 @@ impl Modules {
         let mut going = current.lt(count);
         for index in 0..self.states {
             let number = L::Int::splat(index as i32);
-            let here = current.eq(number).and(going).and(number.lt(count));
-            if !here.any() {
+            let active = current.eq(number).and(going).and(number.lt(count));
+            if !active.any() {
                 continue;
             }
             let only = Row {
@@ -157,8 +157,8 @@ impl Modules {
                 is: row.is,
             };
             let probability = probability_in_lanes(&only, OF_STATE, ground, sensors[5]);
-            let holds = random.unit(index).lt(probability).and(here);
-            going = going.and_not(here.and_not(holds));
+            let holds = random.unit(index).lt(probability).and(active);
+            going = going.and_not(active.and_not(holds));
             current = current.add(one_where::<L>(holds));
             state[2] = zero.select(state[2], holds);
         }
@@ -183,7 +183,7 @@ impl Modules {
         sensors: &[L],
         random: LaneRandom<L>,
     ) {
-        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        let (zero, unit) = (L::splat(0.0), L::splat(1.0));
         let count = row.get(3).floor();
         let settled = zero.lt(state[1]);
         let ground = ground_in_lanes(sensors[4]);
@@ -191,14 +191,14 @@ impl Modules {
         let mut held = L::Int::splat(0);
         for (index, holds) in holds[..self.transitions].iter_mut().enumerate() {
             let first = OF_STATE + index * OF_TRANSITION;
-            let there = L::Int::splat(index as i32).lt(count).and(settled);
-            if there.any() {
+            let present = L::Int::splat(index as i32).lt(count).and(settled);
+            if present.any() {
                 let probability = probability_in_lanes(row, first, ground, sensors[5]);
-                *holds = random.unit(index).lt(probability).and(there);
+                *holds = random.unit(index).lt(probability).and(present);
                 held = held.add(one_where::<L>(*holds));
             }
         }
-        state[1] = one;
+        state[1] = unit;
         let changes = L::Int::splat(0).lt(held);
         if !changes.any() {
             return;
@@ -213,7 +213,7 @@ impl Modules {
             rest = rest.sub(one_where::<L>(*holds));
         }
         state[0] = target;
-        state[1] = zero.select(one, changes);
+        state[1] = zero.select(unit, changes);
         state[2] = zero.select(state[2], changes);
     }
 }

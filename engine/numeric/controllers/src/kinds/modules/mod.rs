@@ -193,7 +193,7 @@ fn act(row: &[f32], sensed: &Sensed, turn: &mut f32, random: &Random<u32>) -> [f
 }
 
 impl Kind for Modules {
-    const SIZE: (&'static str, &'static str) = ("states", "take fewer states");
+    const SIZE: (&'static str, &'static str) = ("states", "use fewer states");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
         read::read(reader)

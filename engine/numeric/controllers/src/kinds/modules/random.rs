@@ -46,8 +46,8 @@ impl Random<u32> {
 
 /// Sixteen bits that `unit` does not look at, as a number below `count`.
 #[inline]
-fn below(one: u32, other: u32, count: u32) -> u32 {
-    ((one & 255 | (other & 255) << 8) * count) >> 16
+fn below(first: u32, other: u32, count: u32) -> u32 {
+    ((first & 255 | (other & 255) << 8) * count) >> 16
 }
 
 #[inline]
@@ -120,9 +120,9 @@ impl<L: Lanes> LaneRandom<L> {
     }
 
     #[inline(always)]
-    fn below(one: L::Int, other: L::Int, count: L::Int) -> L::Int {
+    fn below(first: L::Int, other: L::Int, count: L::Int) -> L::Int {
         let byte = L::Int::splat(255);
         let high = other.and(byte).shl(L::Int::splat(8));
-        one.and(byte).or(high).mul(count).shr(L::Int::splat(16))
+        first.and(byte).or(high).mul(count).shr(L::Int::splat(16))
     }
 }

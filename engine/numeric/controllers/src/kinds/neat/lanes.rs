@@ -44,9 +44,9 @@ impl LaneKind for Neat {
                 sums[..L::WIDTH].fill(0.0);
                 for source in row {
                     at += 1;
-                    if let Some(place) = source.checked_sub(self.sensors) {
-                        state[KEPT * place].store(&mut high);
-                        state[KEPT * place + 1].store(&mut low);
+                    if let Some(node) = source.checked_sub(self.sensors) {
+                        state[KEPT * node].store(&mut high);
+                        state[KEPT * node + 1].store(&mut low);
                         for lane in 0..L::WIDTH {
                             let heard = output([high[lane], low[lane]]);
                             sums[lane] += heard * f64::from(genomes[lane][at]);
@@ -71,9 +71,9 @@ impl LaneKind for Neat {
             }
         }
         let outputs = state[KEPT * self.hidden()..].chunks_exact(KEPT);
-        for (actuator, kept) in actuators.iter_mut().zip(outputs) {
-            kept[0].store(&mut high);
-            kept[1].store(&mut low);
+        for (actuator, parts) in actuators.iter_mut().zip(outputs) {
+            parts[0].store(&mut high);
+            parts[1].store(&mut low);
             for lane in 0..L::WIDTH {
                 high[lane] = output([high[lane], low[lane]]) as f32;
             }

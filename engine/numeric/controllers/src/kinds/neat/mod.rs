@@ -117,15 +117,15 @@ impl Kind for Neat {
                 }
                 sum += f64::from(bias);
                 let slope = (node >= hidden).then(&mut next);
-                let kept = kept(activation(slope, sum));
-                state[KEPT * node..][..KEPT].copy_from_slice(&kept);
+                let parts = kept(activation(slope, sum));
+                state[KEPT * node..][..KEPT].copy_from_slice(&parts);
             }
         }
-        for (actuator, kept) in actuators
+        for (actuator, parts) in actuators
             .iter_mut()
             .zip(state[KEPT * hidden..].chunks_exact(KEPT))
         {
-            *actuator = OutputRange::UNIT.actuator(output([kept[0], kept[1]]) as f32);
+            *actuator = OutputRange::UNIT.actuator(output([parts[0], parts[1]]) as f32);
         }
     }
 }

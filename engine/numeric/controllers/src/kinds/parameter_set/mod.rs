@@ -61,7 +61,7 @@ impl ParameterKind {
 }
 
 impl Kind for ParameterSet {
-    const SIZE: (&'static str, &'static str) = ("parameters", "take fewer parameters");
+    const SIZE: (&'static str, &'static str) = ("parameters", "use fewer parameters");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
         read::read(reader)

@@ -49,7 +49,7 @@ fn parameter(item: &Value) -> Result<Parameter, String> {
     } = serde_json::from_value(item.clone()).map_err(|error| error.to_string())?;
     if name.is_empty() || RESERVED.contains(&name.as_str()) {
         return Err(format!(
-            "{name:?} cannot be the name of a parameter of a set"
+            "{name:?} cannot be the name of a parameter in a set"
         ));
     }
     let kind = match (r#type.as_str(), choices) {
@@ -59,7 +59,9 @@ fn parameter(item: &Value) -> Result<Parameter, String> {
             ParameterKind::Categorical { choices }
         }
         ("categorical", _) => return Err("choices: expected a list of texts".to_owned()),
-        ("real" | "integer", Some(_)) => return Err("choices: only for categorical".to_owned()),
+        ("real" | "integer", Some(_)) => {
+            return Err("choices: only allowed for the type categorical".to_owned());
+        }
         _ => {
             return Err(format!(
                 "type: {type:?} found, expected one of real, integer, categorical"

@@ -65,12 +65,14 @@ impl PythonModules {
             (ROLES[1], &self.conditions, &CONDITION_NAMES[..]),
         ];
         lists.into_iter().flat_map(|(role, modules, built_in)| {
-            let modules = modules.iter().filter(|one| !one.is_built_in(built_in));
-            modules.map(move |one| Needed {
+            let modules = modules
+                .iter()
+                .filter(|module| !module.is_built_in(built_in));
+            modules.map(move |module| Needed {
                 role,
-                name: &one.name,
-                file: one.file.as_deref(),
-                sha256: one.sha256.as_deref(),
+                name: &module.name,
+                file: module.file.as_deref(),
+                sha256: module.sha256.as_deref(),
             })
         })
     }
@@ -84,8 +86,10 @@ impl Module {
 
 /// Weights that parameters of modules in Python have.
 fn places(modules: &[Module], built_in: &[&str]) -> usize {
-    let modules = modules.iter().filter(|one| !one.is_built_in(built_in));
-    modules.map(|one| one.parameters.len()).sum()
+    let modules = modules
+        .iter()
+        .filter(|module| !module.is_built_in(built_in));
+    modules.map(|module| module.parameters.len()).sum()
 }
 
 impl Kind for PythonModules {

@@ -18,12 +18,12 @@ pub(super) fn read(reader: &mut Reader<'_>) -> Result<PythonModules, Specificati
 
 fn modules(reader: &mut Reader<'_>, field: &str) -> Result<Vec<Module>, SpecificationError> {
     let expected = "a list of modules such as {\"name\": \"spiral\", \"parameters\": {\"turn\": [1, 30, true]}}";
-    let found: Vec<Module> = reader.read(field, expected)?;
-    if (1..=MOST_MODULES).contains(&found.len()) {
-        return Ok(found);
+    let modules: Vec<Module> = reader.read(field, expected)?;
+    if (1..=MOST_MODULES).contains(&modules.len()) {
+        return Ok(modules);
     }
     Err(wrong(
         field,
-        format!("{} found, expected 1 to {MOST_MODULES}", found.len()),
+        format!("{} found, expected 1 to {MOST_MODULES}", modules.len()),
     ))
 }

@@ -55,15 +55,15 @@ impl Team {
     /// The group of an agent, and where its weights are; none for an agent after the last.
     #[must_use]
     pub fn group_of(&self, agent: u32) -> Option<(&TeamGroup, Range<usize>)> {
-        let (mut first, mut place) = (0_u32, 0);
+        let (mut first, mut start) = (0_u32, 0);
         for group in &self.groups {
-            let end = place + group.controller.weight_count();
+            let end = start + group.controller.weight_count();
             let last = group.agents.map(|agents| first.saturating_add(agents));
             if last.is_none_or(|last| agent < last) {
-                return Some((group, place..end));
+                return Some((group, start..end));
             }
             first = last.unwrap_or(u32::MAX);
-            place = end;
+            start = end;
         }
         None
     }
@@ -85,7 +85,7 @@ impl Team {
 }
 
 impl Kind for Team {
-    const SIZE: (&'static str, &'static str) = ("groups", "take smaller controllers");
+    const SIZE: (&'static str, &'static str) = ("groups", "use smaller controllers");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
         read::read(reader)

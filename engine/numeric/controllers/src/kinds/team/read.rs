@@ -53,10 +53,10 @@ fn group(item: &RawValue, last: bool) -> Result<TeamGroup, SpecificationError> {
     };
     let agents: Option<u32> = reader.read("agents", &expected)?;
     if !agents.map_or(last, |agents| (0..=MOST_AGENTS).contains(&agents)) {
-        let found = agents.map_or("null".to_owned(), |agents| agents.to_string());
+        let value = agents.map_or("null".to_owned(), |agents| agents.to_string());
         return Err(wrong(
             "agents",
-            format!("{found} found, expected {expected}"),
+            format!("{value} found, expected {expected}"),
         ));
     }
     let raw = reader.raw("controller", "a specification without weights")?;

@@ -136,12 +136,12 @@ impl Capacity {
     /// In how many seconds all but one can have done so many evaluations more: whole ones, each on one server.
     pub fn done_without(&self, server: u64, evaluations: usize) -> f64 {
         let others = || self.busy.iter().filter(|busy| busy.server != server);
-        let wanted = number(evaluations);
+        let needed = number(evaluations);
         let done = |by: f64| {
             let each = others().map(|busy| ((by - busy.until) * busy.rate + 1e-6).floor().max(0.0));
-            each.sum::<f64>() >= wanted
+            each.sum::<f64>() >= needed
         };
-        let alone = others().map(|busy| busy.until + wanted / busy.rate);
+        let alone = others().map(|busy| busy.until + needed / busy.rate);
         let (mut early, mut late) = (0.0, alone.fold(f64::INFINITY, f64::min));
         for _ in 0..HALVINGS {
             let middle = (early + late) / 2.0;

@@ -16,12 +16,12 @@ impl Fleet {
             let slots = self.slots.values();
             slots.filter_map(|slot| slot.capabilities.swarmwright.as_ref())
         };
-        let both = announced().find_map(|one| Some((one.sensors?, one.actuators?)));
+        let both = announced().find_map(|offer| Some((offer.sensors?, offer.actuators?)));
         match both {
             Some((sensors, actuators)) => (Some(sensors), Some(actuators)),
             None => (
-                announced().find_map(|one| one.sensors),
-                announced().find_map(|one| one.actuators),
+                announced().find_map(|offer| offer.sensors),
+                announced().find_map(|offer| offer.actuators),
             ),
         }
     }
@@ -86,8 +86,8 @@ impl Fleet {
         for (id, hash) in &self.unmatched {
             lines.entry(*id).or_insert_with(|| {
                 format!(
-                    "server {id}: answers with simulation_hash {hash:?}, which is none of this tool's discoveries; it may \
-                     have answered another tool, else let it return the hash of the discovery"
+                    "server {id} answers with simulation_hash {hash:?}, which belongs to no discovery of this tool; unless it \
+                     answered another tool, make it return the hash of the discovery"
                 )
             });
         }

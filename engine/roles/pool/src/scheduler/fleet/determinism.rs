@@ -37,21 +37,21 @@ impl Fleet {
     }
 
     /// How far the results of two servers may differ; none: not at all.
-    pub fn tolerance(&self, one: u64, other: u64) -> Option<f64> {
+    pub fn tolerance(&self, first: u64, other: u64) -> Option<f64> {
         let declared = |id| {
             let announced = self.announcement(id)?;
             let statistical = announced.determinism.as_deref() == Some("statistical");
             statistical.then(|| announced.tolerance.unwrap_or_default())
         };
-        match (declared(one), declared(other)) {
-            (Some(one), Some(other)) => Some(one.max(other)),
-            (one, other) => one.or(other),
+        match (declared(first), declared(other)) {
+            (Some(first), Some(other)) => Some(first.max(other)),
+            (first, other) => first.or(other),
         }
     }
 
     /// Servers that must not audit, given those that have had their say; none if all must not.
-    pub fn auditors_but(&self, asked: &[u64]) -> Option<Vec<u64>> {
-        let out = |id: &u64| asked.contains(id) || !self.is_comparable(*id);
+    pub fn auditors_but(&self, servers: &[u64]) -> Option<Vec<u64>> {
+        let out = |id: &u64| servers.contains(id) || !self.is_comparable(*id);
         let all = self.slots.keys().copied();
         let never: Vec<u64> = all.filter(|id| out(id)).collect();
         (never.len() < self.slots.len()).then_some(never)
@@ -59,12 +59,12 @@ impl Fleet {
 
     /// Whether a server that has not been asked can be expected to audit: none that is silent, is to show first that it is
     /// sound, or has failed more than once in a row.
-    pub fn has_auditor_but(&self, asked: &[u64]) -> bool {
+    pub fn has_auditor_but(&self, servers: &[u64]) -> bool {
         let fails = |id: u64| {
             let failures = self.health().failures(id);
             failures.is_some_and(|(times, _)| times > 1) || self.health().is_doubtful(id)
         };
-        let mut others = self.slots().filter(|(id, _)| !asked.contains(id));
+        let mut others = self.slots().filter(|(id, _)| !servers.contains(id));
         others.any(|(id, slot)| !slot.silent && !fails(id) && self.is_comparable(id))
     }
 }

@@ -44,8 +44,8 @@ impl Discovery {
     /// The number of the round that was asked with a hash.
     pub fn round_of(&self, hash: &str) -> Option<u64> {
         let mut rounds = self.rounds.iter();
-        let found = rounds.find(|(asked, _)| *asked == hash);
-        found.map(|(_, round)| *round)
+        let entry = rounds.find(|(sent, _)| *sent == hash);
+        entry.map(|(_, round)| *round)
     }
 
     /// Rounds whose answers are understood.
@@ -82,15 +82,21 @@ impl Discovery {
         self.next = now;
     }
 
-    /// A round begins. `found`: whether a server is there. `within`: who is there must be known within this time.
-    pub fn begin(&mut self, hash: String, found: bool, within: Option<Duration>, now: Instant) {
+    /// A round begins. `has_server`: whether a server is there. `within`: who is there must be known within this time.
+    pub fn begin(
+        &mut self,
+        hash: String,
+        has_server: bool,
+        within: Option<Duration>,
+        now: Instant,
+    ) {
         self.round += 1;
         self.last = Some(now);
         self.rounds.push_back((hash, self.round));
         if self.rounds.len() > ROUNDS {
             self.rounds.pop_front();
         }
-        self.pause = if found {
+        self.pause = if has_server {
             LATER_ROUND
         } else {
             (self.pause * 2).min(LATER_ROUND)

@@ -97,21 +97,21 @@ impl Lag {
         news
     }
 
-    /// What to tell the user when the broker at `address` has been asked whether it holds small packets back; `found`:
+    /// What to tell the user when the broker at `address` has been asked whether it holds small packets back; `answer`:
     /// the answer, or why there is none.
-    pub fn told(&self, found: Result<bool, String>, address: &str) -> Option<String> {
+    pub fn told(&self, answer: Result<bool, String>, address: &str) -> Option<String> {
         let suspect = self.0?;
-        match found {
+        match answer {
             Ok(false) => None,
             Ok(true) => Some(format!(
-                "evaluation is slow: the broker at {address} holds small packets back until those before have been \
-                 acknowledged (Nagle's algorithm), and {suspect}, unless its simulation needs that for a step; {REMEDY}, or the \
-                 server acknowledge at once (TCP_QUICKACK)"
+                "evaluation is slow: the broker at {address} holds small packets back until earlier ones are acknowledged \
+                 (Nagle's algorithm), and {suspect}, unless its simulation needs that long for a step; {REMEDY}, or the server \
+                 acknowledge at once (TCP_QUICKACK)"
             )),
             Err(reason) => Some(format!(
-                "evaluation is slow: {suspect}, as they do where a broker holds small packets back (Nagle's algorithm), or where \
-                 the simulation needs that for a step; whether the broker at {address} does could not be found out: \
-                 {reason}; if so, {REMEDY}"
+                "evaluation is slow: {suspect}, as happens where a broker holds small packets back (Nagle's algorithm) or the \
+                 simulation needs that long for a step; whether the broker at {address} does could not be determined: {reason}; \
+                 if so, {REMEDY}"
             )),
         }
     }

@@ -31,7 +31,7 @@ impl LeftBehind {
     pub fn add(&mut self, server: u64, hash: Option<String>) {
         let left = self.servers.entry(server).or_default();
         let Some(hash) = hash else { return };
-        left.hashes.retain(|known| *known != hash);
+        left.hashes.retain(|other| *other != hash);
         left.hashes.push(hash);
         if left.hashes.len() > MAX_HASHES {
             left.hashes.remove(0);

@@ -144,12 +144,12 @@ impl Fleet {
     pub fn release(&mut self) -> Vec<(u64, Option<String>)> {
         let many = self.slots.values().filter(|slot| slot.held).count() > MOST_TOLD;
         let slots = std::mem::take(&mut self.slots).into_iter();
-        let told = |id: u64, slot: &Slot| {
+        let must_hear = |id: u64, slot: &Slot| {
             let soon_free = slot.capabilities.swarmwright.is_some();
             slot.held && !(many && soon_free && !self.hears_own_topic(id))
         };
-        let told = slots.filter(|(id, slot)| told(*id, slot));
-        told.map(|(id, slot)| (id, slot.last_hash)).collect()
+        let listeners = slots.filter(|(id, slot)| must_hear(*id, slot));
+        listeners.map(|(id, slot)| (id, slot.last_hash)).collect()
     }
 }
 
@@ -389,8 +389,8 @@ impl Fleet {
 
     /// Servers that have failed several candidates and succeeded with none, or have said nothing of what others have
     /// finished, get nothing new before they have shown that they can evaluate what succeeded elsewhere; before anything
-    /// has (it is `known`), as long as others may succeed.
-    pub fn suspend(&mut self, known: bool) {
+    /// has (`has_success`), as long as others may succeed.
+    pub fn suspend(&mut self, has_success: bool) {
         if !self.health.has_doubtful() {
             return;
         }
@@ -399,7 +399,7 @@ impl Fleet {
         let hope = slots.any(|(id, slot)| sound(id) && !slot.silent);
         let doubtful: Vec<u64> = self.slots.keys().copied().filter(|id| !sound(id)).collect();
         for (id, slot) in &mut self.slots {
-            slot.suspended = (known || hope) && doubtful.contains(id);
+            slot.suspended = (has_success || hope) && doubtful.contains(id);
         }
         if doubtful.is_empty() {
             self.health.none_doubtful();

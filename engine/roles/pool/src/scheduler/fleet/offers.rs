@@ -193,10 +193,10 @@ impl Fleet {
         let Some(instance) = instance else {
             return false;
         };
-        let seen = self.seen.entry(id).or_default();
-        seen.retain(|(other, last)| other != instance && last + 2 >= round);
-        let rival = !seen.is_empty();
-        seen.push((instance.clone(), round));
+        let instances = self.seen.entry(id).or_default();
+        instances.retain(|(other, last)| other != instance && last + 2 >= round);
+        let rival = !instances.is_empty();
+        instances.push((instance.clone(), round));
         rival
     }
 
@@ -277,9 +277,9 @@ impl Fleet {
             .clone()
             .unwrap_or_else(|| "another optimization tool".to_owned());
         if state == State::Lost
-            && let (Some(seen), Some(announced)) = (self.seen.get_mut(&id), &announced)
+            && let (Some(instances), Some(announced)) = (self.seen.get_mut(&id), &announced)
         {
-            seen.retain(|(instance, _)| instance != announced);
+            instances.retain(|(instance, _)| instance != announced);
         }
         self.presences.insert(id, presence);
         if state == State::Lost {
@@ -311,8 +311,8 @@ impl Fleet {
         match state {
             // What it says to an episode that it may not have begun is learnt from its answer to a question.
             State::Ready => {
-                let asked = |job: &Job| matches!(job, Job::Episode(_));
-                (None, slot.jobs.iter().all(asked))
+                let is_episode = |job: &Job| matches!(job, Job::Episode(_));
+                (None, slot.jobs.iter().all(is_episode))
             }
             State::Lost => ended(self.remove(id), format!("server {id} was lost"), true),
             State::Busy if elsewhere && slot.jobs.is_empty() && slot.usable() => {

@@ -21,9 +21,9 @@ impl Fleet {
     pub fn overtaken(&self, now: Instant) -> Vec<Waiting> {
         let overtaken = self.slots().filter_map(|(_, slot)| slot.overtaken.as_ref());
         overtaken
-            .map(|one| Waiting {
-                silent: now.saturating_duration_since(one.since).as_secs_f64(),
-                ..one.first.clone()
+            .map(|entry| Waiting {
+                silent: now.saturating_duration_since(entry.since).as_secs_f64(),
+                ..entry.first.clone()
             })
             .collect()
     }

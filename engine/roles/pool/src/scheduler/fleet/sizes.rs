@@ -19,17 +19,17 @@ pub(crate) fn announced(capabilities: &Capabilities) -> Option<(usize, usize)> {
 impl Sizes {
     /// Why a server with these capabilities does not belong to the run; none if it does.
     pub fn misfit(&self, capabilities: &Capabilities) -> Option<String> {
-        let found = capabilities.swarmwright.as_ref()?;
+        let announced = capabilities.swarmwright.as_ref()?;
         [
-            ("sensors", found.sensors, self.sensors),
-            ("actuators", found.actuators, self.actuators),
+            ("sensors", announced.sensors, self.sensors),
+            ("actuators", announced.actuators, self.actuators),
         ]
         .into_iter()
-        .find_map(|(what, found, wanted)| {
-            let found = found.filter(|found| *found != wanted)?;
+        .find_map(|(noun, count, expected)| {
+            let count = count.filter(|count| *count != expected)?;
             Some(format!(
-                "announces {found} {what}, but this run has {wanted}, which server {} announces; if {found} is right, add \
-                 `{what}: {found}` to the experiment, else start the server with the simulation of the others",
+                "announces {count} {noun}, but this run has {expected}, as announced by server {}; if {count} is right, add \
+                 `{noun}: {count}` to the experiment, otherwise start the server with the simulation of the others",
                 self.server
             ))
         })

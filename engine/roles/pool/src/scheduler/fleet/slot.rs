@@ -73,7 +73,7 @@ impl Slot {
     /// Whether it makes samples of normal distributions itself.
     pub fn makes_samples(&self) -> bool {
         let announced = self.capabilities.swarmwright.as_ref();
-        announced.is_some_and(|announced| announced.distributions.iter().any(|one| one == NORMAL))
+        announced.is_some_and(|announced| announced.distributions.iter().any(|name| name == NORMAL))
     }
 
     /// Seconds after which so many evaluations take strangely long; none while nothing is known.

@@ -119,7 +119,7 @@ impl Limits {
     /// What the user should know, once.
     fn news(&self) -> Option<String> {
         let sizes = |limit: &Limit| Some((limit.broke()?, limit.advice()?));
-        let (what, now) = if let Some((broke, advice)) = sizes(&self.packet) {
+        let (connection, now) = if let Some((broke, advice)) = sizes(&self.packet) {
             (
                 format!("this tool's connection on a packet of {broke} bytes"),
                 format!("its packets have {advice} bytes at most from now on"),
@@ -140,20 +140,21 @@ impl Limits {
             )
         };
         Some(format!(
-            "the broker ended {what}, again and again, without having said how much it takes: {now}, which is slower; \
-             raise its limit to 1 MiB or more ({SETTINGS})"
+            "the broker repeatedly ended {connection} without announcing its limit: {now}, which is slower; raise its limit to \
+             at least 1 MiB ({SETTINGS})"
         ))
     }
 }
 
 /// Why there is no way on.
-fn hopeless(what: &str, taken: usize) -> String {
-    let taken = match taken {
+fn hopeless(connection: &str, size: usize) -> String {
+    let note = match size {
         0 => String::new(),
-        taken => format!(", the largest that it took had {taken}"),
+        size => format!(", the largest that it accepted had {size}"),
     };
     format!(
-        "the broker ends {what}, and an evaluation takes no less{taken}; raise the broker's limit ({SETTINGS}) and resume the run"
+        "the broker ends {connection}, and an evaluation needs that much{note}; raise the broker's limit ({SETTINGS}) and resume \
+         the run"
     )
 }
 
@@ -191,8 +192,9 @@ impl Limits {
         let whole = bytes <= self.whole.saturating_add(HEADER);
         self.packet.ended(bytes, whole, now);
         if self.packet.is_hopeless() {
-            let what = format!("the connection of this tool on every packet of {bytes} bytes");
-            self.hopeless = Some(hopeless(&what, self.packet.taken()));
+            let connection =
+                format!("the connection of this tool on every packet of {bytes} bytes");
+            self.hopeless = Some(hopeless(&connection, self.packet.taken()));
         }
     }
 
@@ -202,11 +204,11 @@ impl Limits {
         let (name, takes) = (topic.name(), self.packet().saturating_sub(beside));
         if bytes > MAX_PAYLOAD {
             Some(format!(
-                "a {name} message of {bytes} bytes is larger than the {MAX_PAYLOAD} that one may have"
+                "a {name} message of {bytes} bytes is larger than the {MAX_PAYLOAD} allowed"
             ))
         } else if bytes > takes {
             Some(format!(
-                "a {name} message of {bytes} bytes is larger than the {takes} that the broker takes"
+                "a {name} message of {bytes} bytes is larger than the {takes} that the broker accepts"
             ))
         } else {
             None
@@ -282,8 +284,9 @@ impl Limits {
         self.bytes = suspect.bytes;
         if is_hopeless {
             let bytes = suspect.bytes.unwrap_or_default();
-            let what = format!("servers' connections on every message of some {bytes} bytes");
-            self.hopeless = Some(hopeless(&what, 0));
+            let connection =
+                format!("servers' connections on every message of about {bytes} bytes");
+            self.hopeless = Some(hopeless(&connection, 0));
         }
         excused
     }

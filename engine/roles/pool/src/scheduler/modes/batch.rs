@@ -40,9 +40,9 @@ pub(crate) struct Progress {
 impl Batch {
     /// `controllers`: one per episode.
     pub fn new(controllers: Vec<Controller>, agents: Option<u64>, metrics: Vec<String>) -> Self {
-        let (sensors, actuators) = controllers
-            .first()
-            .map_or((0, 0), |one| (one.sensors(), one.actuators()));
+        let (sensors, actuators) = controllers.first().map_or((0, 0), |controller| {
+            (controller.sensors(), controller.actuators())
+        });
         let episode = |prototype| Some(SwarmControllers::new(prototype));
         Self {
             step: 0,
@@ -98,17 +98,17 @@ impl Batch {
             return Ok(None);
         }
         if message.step > self.step {
-            let (found, expected) = (message.step, self.step);
-            return Err(format!("step {found} came, expected {expected}"));
+            let (actual, expected) = (message.step, self.step);
+            return Err(format!("step {actual} arrived, expected {expected}"));
         }
         let came = message.episodes.0.len() * self.row() + message.ended.0.len() * INDEX;
         self.largest = self.largest.max(came);
         let mut progress = Progress::default();
-        for (place, (&episode, &fitness)) in
+        for (column, (&episode, &fitness)) in
             message.ended.0.iter().zip(&message.fitness.0).enumerate()
         {
             let episode = self.end(episode.into())?;
-            let value = |name: &str| message.metrics.get(name)?.0.get(place).copied();
+            let value = |name: &str| message.metrics.get(name)?.0.get(column).copied();
             match needed(&self.metrics, value) {
                 Ok(metrics) => progress.ended.push((episode, fitness, metrics)),
                 Err(reason) => progress.failed.push((episode, reason, None)),
@@ -153,10 +153,10 @@ impl Batch {
 
     fn end(&mut self, episode: u64) -> Result<usize, String> {
         let index = usize::try_from(episode).unwrap_or(usize::MAX);
-        let found = self.episodes.get_mut(index);
-        match found.and_then(Option::take) {
+        let slot = self.episodes.get_mut(index);
+        match slot.and_then(Option::take) {
             Some(_) => Ok(index),
-            None => Err(format!("episode {episode} ended that was not running")),
+            None => Err(format!("episode {episode} ended but was not running")),
         }
     }
 
@@ -169,7 +169,7 @@ impl Batch {
             ));
         }
         let Some(Some(controllers)) = self.episodes.get_mut(episode as usize) else {
-            return Err(format!("episode {episode} acts and is not running"));
+            return Err(format!("episode {episode} acts but is not running"));
         };
         controllers.of(agent).map_err(|error| error.to_string())
     }

@@ -98,12 +98,18 @@ impl InFlight {
 
     /// The jobs whose piece is chosen, each with its server, by server.
     pub fn jobs_of(&self, chosen: impl Fn(&Piece) -> bool) -> Vec<(u64, Job)> {
-        let episodes = self.episodes.iter().filter(|(_, one)| chosen(&one.piece));
+        let episodes = self
+            .episodes
+            .iter()
+            .filter(|(_, episode)| chosen(&episode.piece));
         let mut jobs: Vec<(u64, Job)> = episodes
-            .map(|(hash, one)| (one.server, Job::Episode(hash.clone())))
+            .map(|(hash, episode)| (episode.server, Job::Episode(hash.clone())))
             .collect();
-        let requests = self.requests.iter().filter(|(_, one)| chosen(&one.piece));
-        jobs.extend(requests.map(|(number, one)| (one.server, Job::Request(*number))));
+        let requests = self
+            .requests
+            .iter()
+            .filter(|(_, request)| chosen(&request.piece));
+        jobs.extend(requests.map(|(number, request)| (request.server, Job::Request(*number))));
         jobs.sort_by_key(|(server, _)| *server);
         jobs
     }
@@ -153,25 +159,25 @@ impl InFlight {
 
     /// Whether no server is at anything but a probe.
     pub fn has_probes_alone(&self) -> bool {
-        let episodes = self.episodes.values().map(|one| &one.piece);
-        let mut all = episodes.chain(self.requests.values().map(|one| &one.piece));
+        let episodes = self.episodes.values().map(|episode| &episode.piece);
+        let mut all = episodes.chain(self.requests.values().map(|request| &request.piece));
         all.all(|piece| piece.purpose == Purpose::Probe)
     }
 
     /// Whether any server is at an evaluation.
     pub fn has(&self, evaluation: usize) -> bool {
-        let episodes = self.episodes.values().map(|one| &one.piece);
-        let mut all = episodes.chain(self.requests.values().map(|one| &one.piece));
+        let episodes = self.episodes.values().map(|episode| &episode.piece);
+        let mut all = episodes.chain(self.requests.values().map(|request| &request.piece));
         all.any(|piece| piece.evaluations.contains(&evaluation))
     }
 
     /// All work, what was silent for the longest time first.
     pub fn waiting(&self, now: Instant) -> Vec<Waiting> {
         let mut episodes: Vec<_> = self.episodes.values().collect();
-        episodes.sort_by_key(|one| (one.heard(), one.server));
+        episodes.sort_by_key(|episode| (episode.heard(), episode.server));
         let mut requests: Vec<_> = self.requests.iter().collect();
         requests.sort_by_key(|(number, request)| (request.heard(), **number));
-        let episodes = episodes.into_iter().map(|one| one.waiting_for(now));
+        let episodes = episodes.into_iter().map(|episode| episode.waiting_for(now));
         let requests = requests
             .into_iter()
             .map(|(_, request)| request.waiting_for(now));
@@ -182,7 +188,10 @@ impl InFlight {
 
     /// When the first time-out is.
     pub fn next_deadline(&self, config: &Config) -> Option<Instant> {
-        let episodes = self.episodes.values().map(|one| one.deadline(config));
+        let episodes = self
+            .episodes
+            .values()
+            .map(|episode| episode.deadline(config));
         episodes
             .chain(self.requests.values().map(Request::deadline))
             .min()
@@ -210,7 +219,7 @@ impl InFlight {
     /// Those of a server.
     pub fn episodes_of(&mut self, server: u64) -> impl Iterator<Item = &mut Episode> {
         let episodes = self.episodes.values_mut();
-        episodes.filter(move |one| one.server == server)
+        episodes.filter(move |episode| episode.server == server)
     }
 
     /// An episode is over; `answered`: its fitness came. None if it was over before.
@@ -249,18 +258,18 @@ impl InFlight {
     /// A fitness came for an episode that is not under way.
     pub fn came_again(&mut self, hash: &str, fitness: f64) -> Again {
         let mut ended = self.ended.iter_mut();
-        let Some(found) = ended.find(|ended| ended.hash == hash) else {
+        let Some(episode) = ended.find(|ended| ended.hash == hash) else {
             return Again::Unknown;
         };
-        if !found.answered {
+        if !episode.answered {
             return Again::Late;
         }
-        let server = found.server;
+        let server = episode.server;
         let is_same = |first: f64| first == fitness || (first.is_nan() && fitness.is_nan());
-        if !found.fitness.is_none_or(is_same) {
+        if !episode.fitness.is_none_or(is_same) {
             return Again::Other(server);
         }
-        found.repeated = true;
+        episode.repeated = true;
         let repeated = self.ended.iter();
         let repeated = repeated.filter(|ended| ended.server == server && ended.repeated);
         Again::Same(server, repeated.count())
@@ -269,8 +278,8 @@ impl InFlight {
     /// The server of an episode that is over, and whether its fitness came.
     pub fn ended(&self, hash: &str) -> Option<(u64, bool)> {
         let mut ended = self.ended.iter();
-        let found = ended.find(|ended| ended.hash == hash)?;
-        Some((found.server, found.answered))
+        let episode = ended.find(|ended| ended.hash == hash)?;
+        Some((episode.server, episode.answered))
     }
 
     /// A server is at none of the episodes of it that are over.
@@ -314,9 +323,10 @@ impl InFlight {
 
     fn over_at(&self, end: fn(&Episode) -> Option<Instant>, now: Instant) -> Vec<(String, u64)> {
         let episodes = self.episodes.iter();
-        let over = episodes.filter(|(_, one)| end(one).is_some_and(|at| at <= now));
-        let mut over: Vec<(String, u64)> =
-            over.map(|(hash, one)| (hash.clone(), one.server)).collect();
+        let over = episodes.filter(|(_, episode)| end(episode).is_some_and(|at| at <= now));
+        let mut over: Vec<(String, u64)> = over
+            .map(|(hash, episode)| (hash.clone(), episode.server))
+            .collect();
         over.sort();
         over
     }
@@ -324,7 +334,7 @@ impl InFlight {
     /// Those whose time is over.
     pub fn late_episodes(&self, config: &Config, now: Instant) -> Vec<String> {
         let episodes = self.episodes.iter();
-        let late = episodes.filter(|(_, one)| one.deadline(config) <= now);
+        let late = episodes.filter(|(_, episode)| episode.deadline(config) <= now);
         let mut late: Vec<String> = late.map(|(hash, _)| hash.clone()).collect();
         late.sort();
         late
@@ -366,7 +376,7 @@ impl InFlight {
     /// Those of a server.
     pub fn requests_of(&mut self, server: u64) -> impl Iterator<Item = &mut Request> {
         let requests = self.requests.values_mut();
-        requests.filter(move |one| one.server == server)
+        requests.filter(move |request| request.server == server)
     }
 
     /// A server has done what came before these: it can begin with them.

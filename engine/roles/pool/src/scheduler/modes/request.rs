@@ -66,11 +66,11 @@ impl Request {
     }
 
     /// Seconds that the server computed: its own word for it, as far as it can be true.
-    pub fn seconds(&self, told: f64, now: Instant) -> f64 {
+    pub fn seconds(&self, claim: f64, now: Instant) -> f64 {
         // Not since the reply before: where two are read at once, that is no time at all.
         let most = now.saturating_duration_since(self.started);
-        if told.is_finite() && told > 0.0 {
-            told.min(most.as_secs_f64())
+        if claim.is_finite() && claim > 0.0 {
+            claim.min(most.as_secs_f64())
         } else {
             now.saturating_duration_since(self.heard).as_secs_f64()
         }

@@ -155,24 +155,32 @@ struct Record {
 
 impl Record {
     fn count(&self, how: How) -> u32 {
-        let same_installation = self.failures.iter().filter(|(one, _)| one.how == how);
+        let same_installation = self
+            .failures
+            .iter()
+            .filter(|(failure, _)| failure.how == how);
         u32::try_from(same_installation.count()).unwrap_or(u32::MAX)
     }
 
     fn verdict(&self, faults: &Faults) -> Option<Verdict> {
-        let [said, crashed, lost] = [How::Said, How::Crashed, How::Lost].map(|how| self.count(how));
+        let [reported, crashed, lost] =
+            [How::Said, How::Crashed, How::Lost].map(|how| self.count(how));
         let quarantined =
             crashed >= faults.quarantine || crashed + lost >= faults.quarantine.max(LEAST_LOST);
         // Where servers repeat themselves to the bit, what two of them say is said by a third one, too.
         let certain = |last: &Failure| {
-            let said = |one: &Failure| one.certain && one.how == How::Said;
-            let same = |one: &Failure| said(one) && one.reason == last.reason;
-            let times = self.failures.iter().filter(|(one, _)| same(one)).count();
-            said(last) && times > 1
+            let is_report = |failure: &Failure| failure.certain && failure.how == How::Said;
+            let same = |failure: &Failure| is_report(failure) && failure.reason == last.reason;
+            let times = self
+                .failures
+                .iter()
+                .filter(|(failure, _)| same(failure))
+                .count();
+            is_report(last) && times > 1
         };
         if quarantined {
             Some(Verdict::Quarantined)
-        } else if said + crashed >= faults.attempts
+        } else if reported + crashed >= faults.attempts
             || self.failures.iter().any(|(last, _)| certain(last))
         {
             Some(Verdict::Failed)
@@ -206,29 +214,31 @@ impl Attribution {
     }
 
     pub fn any_aside(&self) -> bool {
-        self.by_evaluation.values().any(|one| one.aside.is_some())
+        self.by_evaluation
+            .values()
+            .any(|record| record.aside.is_some())
     }
 
     /// Whether servers were lost with any evaluation that has not ended.
     pub fn has_suspects(&self) -> bool {
-        self.by_evaluation.values().any(|one| one.lost > 0)
+        self.by_evaluation.values().any(|record| record.lost > 0)
     }
 
     /// Whether servers were lost with an evaluation.
     pub fn is_suspect(&self, evaluation: usize) -> bool {
-        let found = self.by_evaluation.get(&evaluation);
-        found.is_some_and(|one| one.lost > 0)
+        let record = self.by_evaluation.get(&evaluation);
+        record.is_some_and(|record| record.lost > 0)
     }
 
     /// Whether another dubious evaluation has to end before this one is tried again: else each would speak for the other.
     pub fn must_wait(&self, evaluation: usize) -> bool {
-        let is_dubious = |one: &Record| one.lost >= DUBIOUS && one.aside.is_none();
-        let found = self.by_evaluation.get(&evaluation);
-        if !found.is_some_and(is_dubious) {
+        let is_dubious = |record: &Record| record.lost >= DUBIOUS && record.aside.is_none();
+        let record = self.by_evaluation.get(&evaluation);
+        if !record.is_some_and(is_dubious) {
             return false;
         }
         let mut all = self.by_evaluation.iter();
-        let first = all.find(|(_, one)| is_dubious(one));
+        let first = all.find(|(_, record)| is_dubious(record));
         first.is_some_and(|(first, _)| *first != evaluation)
     }
 
@@ -281,8 +291,8 @@ impl Attribution {
         self.losses.push_back((now, with));
         for (evaluation, record) in &mut self.by_evaluation {
             if Some(*evaluation) != with {
-                let kept = |one: &Failure| one.how != How::Lost || !recent(one.at);
-                record.failures.retain(|(one, _)| kept(one));
+                let is_kept = |failure: &Failure| failure.how != How::Lost || !recent(failure.at);
+                record.failures.retain(|(failure, _)| is_kept(failure));
             }
         }
         others
@@ -312,11 +322,11 @@ impl Attribution {
                 let same = failure.server != server || failure.instance.as_ref() == instance;
                 *confirmed || same || failure.how != How::Said
             });
-            let mut told = BTreeSet::new();
+            let mut servers = BTreeSet::new();
             // The last one of each server stays.
             record.failures.reverse();
             record.failures.retain(|(failure, confirmed)| {
-                *confirmed || failure.how != How::Said || told.insert(failure.server)
+                *confirmed || failure.how != How::Said || servers.insert(failure.server)
             });
             record.failures.reverse();
             for (failure, confirmed) in &mut record.failures {
@@ -327,17 +337,18 @@ impl Attribution {
 
     /// Whether a server failed an evaluation and has succeeded with nothing since.
     pub fn is_open(&self, evaluation: usize, server: u64) -> bool {
-        let found = self.by_evaluation.get(&evaluation);
+        let record = self.by_evaluation.get(&evaluation);
         let open = |(failure, confirmed): &(Failure, bool)| {
             !confirmed && failure.server == server && failure.how == How::Said
         };
-        found.is_some_and(|one| one.failures.iter().any(open))
+        record.is_some_and(|record| record.failures.iter().any(open))
     }
 
     /// What a server said since it last succeeded with something counts for nothing.
     pub fn discredit(&mut self, server: u64) {
         for record in self.by_evaluation.values_mut() {
-            let counts = |(one, confirmed): &(Failure, bool)| *confirmed || one.server != server;
+            let counts =
+                |(failure, confirmed): &(Failure, bool)| *confirmed || failure.server != server;
             record.failures.retain(counts);
         }
     }
@@ -353,8 +364,8 @@ impl Attribution {
         let aside = self
             .by_evaluation
             .values()
-            .filter(|one| one.aside.is_some());
-        let failures = aside.flat_map(|one| &one.failures);
+            .filter(|record| record.aside.is_some());
+        let failures = aside.flat_map(|record| &record.failures);
         let open = failures.filter(|(_, confirmed)| !confirmed);
         open.map(|(failure, _)| failure.server).collect()
     }
@@ -363,7 +374,7 @@ impl Attribution {
     /// may yet succeed.
     pub fn resolve(&mut self, faults: &Faults, all: bool) -> Vec<Resolved> {
         let mut resolved = Vec::new();
-        let again = |one: &Record| one.aside.is_some() && one.verdict(faults).is_none();
+        let again = |record: &Record| record.aside.is_some() && record.verdict(faults).is_none();
         let all = all && !self.by_evaluation.values().any(again);
         for record in self.by_evaluation.values_mut() {
             let open = !all && record.failures.iter().any(|(_, confirmed)| !confirmed);
@@ -372,7 +383,7 @@ impl Attribution {
             }
             let verdict = record.verdict(faults);
             let last = record.failures.last();
-            let reason = last.map_or_else(String::new, |(one, _)| one.reason.clone());
+            let reason = last.map_or_else(String::new, |(failure, _)| failure.reason.clone());
             let downs = record.count(How::Crashed) + record.count(How::Lost);
             if let Some(piece) = record.aside.take() {
                 resolved.push(match verdict {

@@ -30,8 +30,8 @@ impl Scheduler {
         self.counts.audits_left_out += 1;
         self.outbox.warn_unaudited(
             format!(
-                "results of server {server} count without the audits that faults.audit asks for, as no other server that \
-                 could repeat them is usable"
+                "results of server {server} count without the audits that faults.audit requires, since no other usable server \
+                 can repeat them"
             ),
         );
     }
@@ -47,11 +47,11 @@ impl Scheduler {
     }
 
     /// What another server found where a result waits for that.
-    pub(super) fn audited(&mut self, evaluation: usize, found: Found, now: Instant) {
-        match self.audits.compare(evaluation, found, &self.fleet) {
+    pub(super) fn audited(&mut self, evaluation: usize, result: Found, now: Instant) {
+        match self.audits.compare(evaluation, result, &self.fleet) {
             Compared::Late => self.counts.late += 1,
             Compared::Double => self.counts.double += 1,
-            Compared::Agreed(found) => self.confirm(evaluation, &found, now),
+            Compared::Agreed(result) => self.confirm(evaluation, &result, now),
             Compared::Differ(first, second) => {
                 self.counts.disagreements += 1;
                 self.ask_third(evaluation, first, second, now);
@@ -60,23 +60,24 @@ impl Scheduler {
                 self.confirm(evaluation, &right[0], now);
                 self.exclude(evaluation, &wrong, &right, now);
             }
-            Compared::AllDiffer(found) => self.disagree(evaluation, &found),
+            Compared::AllDiffer(results) => self.disagree(evaluation, &results),
         }
     }
 
-    fn confirm(&mut self, evaluation: usize, found: &Found, now: Instant) {
+    fn confirm(&mut self, evaluation: usize, result: &Found, now: Instant) {
         self.ledger.unqueue(evaluation);
-        self.count(evaluation, found, now);
+        self.count(evaluation, result, now);
     }
 
     /// Two servers do not agree: a third one is asked, if there is one.
     fn ask_third(&mut self, evaluation: usize, first: Found, second: Found, now: Instant) {
-        let told = self.told(evaluation, &[first.clone(), second.clone()]);
-        let asked = [first.server, second.server];
-        let Some(never) = self.fleet.auditors_but(&asked) else {
+        let description = self.told(evaluation, &[first.clone(), second.clone()]);
+        let servers = [first.server, second.server];
+        let Some(never) = self.fleet.auditors_but(&servers) else {
             return self.disagree(evaluation, &[first, second]);
         };
-        self.outbox.warn(format!("{told}; a third server decides"));
+        self.outbox
+            .warn(format!("{description}; a third server decides"));
         // At once: until then the one that is wrong gets more to do.
         self.ledger.queue_first(Piece::audit(evaluation, never));
         self.audits.wait(evaluation, first, Some(second));
@@ -84,32 +85,32 @@ impl Scheduler {
     }
 
     /// It cannot be told which server is wrong.
-    fn disagree(&mut self, evaluation: usize, found: &[Found]) {
-        let told = self.told(evaluation, found);
+    fn disagree(&mut self, evaluation: usize, results: &[Found]) {
+        let description = self.told(evaluation, results);
         self.outlook.disagree(format!(
-            "{told}; which one is right cannot be told without more servers that agree{}",
-            self.other_cause(found)
+            "{description}; which one is right can only be decided with more servers that agree{}",
+            self.other_cause(results)
         ));
     }
 
     /// What else may be the cause where servers differ: mostly that the simulation does not begin anew, which it declares.
-    fn other_cause(&self, found: &[Found]) -> &'static str {
-        let declared = found
+    fn other_cause(&self, results: &[Found]) -> &'static str {
+        let declared = results
             .iter()
-            .all(|one| self.fleet.repeats_itself(one.server));
+            .all(|result| self.fleet.repeats_itself(result.server));
         if declared {
-            "; or the simulation, which declares determinism: bitwise, gives other results for the same episode: its reset \
-             may not restore everything"
+            "; or the simulation, which declares determinism: bitwise, gives different results for the same episode, since its \
+             reset may not restore everything"
         } else {
             ""
         }
     }
 
     /// Who found what, in words.
-    fn told(&self, evaluation: usize, found: &[Found]) -> String {
-        let each: Vec<String> = found
+    fn told(&self, evaluation: usize, results: &[Found]) -> String {
+        let each: Vec<String> = results
             .iter()
-            .map(|one| format!("{} on server {}", one.fitness, one.server))
+            .map(|result| format!("{} on server {}", result.fitness, result.server))
             .collect();
         format!(
             "{} has the fitness {}",
@@ -121,22 +122,22 @@ impl Scheduler {
     /// A server is wrong, as two others say: it is not used any more, and what it did is done again.
     fn exclude(&mut self, evaluation: usize, wrong: &Found, right: &[Found], now: Instant) {
         let server = wrong.server;
-        let mut found = right.to_vec();
-        found.push(wrong.clone());
+        let mut results = right.to_vec();
+        results.push(wrong.clone());
         let reason = format!(
-            "server {server} gives wrong results and is not used any more: {}",
-            self.told(evaluation, &found)
+            "server {server} gives wrong results and is no longer used: {}",
+            self.told(evaluation, &results)
         );
-        let cause = self.other_cause(&found);
+        let cause = self.other_cause(&results);
         self.let_go(server);
         let jobs = self.fleet.distrust(server, &reason);
         let (reopened, lost) = self.redo(server, now);
         let handed = match lost {
             0 => String::new(),
-            _ => format!("; {lost} evaluations of it had been used before and stay as they are"),
+            _ => format!("; {lost} of its evaluations had already been used and stay as they are"),
         };
         self.outbox.warn(format!(
-            "{reason}{cause}; {reopened} evaluations of it are done again{handed}"
+            "{reason}{cause}; {reopened} of its evaluations are repeated{handed}"
         ));
         self.fail_jobs(jobs, Cause::server(&reason, Blame::None), now);
     }
@@ -146,9 +147,9 @@ impl Scheduler {
     pub(super) fn redo(&mut self, server: u64, now: Instant) -> (usize, usize) {
         let (reopened, lost) = self.ledger.reopen(server);
         self.counts.recomputed += reopened as u64;
-        for (evaluation, mut kept) in self.audits.take_all() {
-            kept.retain(|found| found.server != server);
-            match <[Found; 1]>::try_from(kept) {
+        for (evaluation, mut results) in self.audits.take_all() {
+            results.retain(|result| result.server != server);
+            match <[Found; 1]>::try_from(results) {
                 Ok([first]) => {
                     self.ledger.unqueue(evaluation);
                     self.audit(evaluation, first.clone());
@@ -156,7 +157,7 @@ impl Scheduler {
                         self.confirm(evaluation, &first, now);
                     }
                 }
-                Err(kept) if kept.is_empty() => {
+                Err(results) if results.is_empty() => {
                     self.ledger.unqueue(evaluation);
                     self.ledger.put_back(&Piece::again(evaluation));
                 }

@@ -111,8 +111,8 @@ impl Scheduler {
         }
         for (index, fitness, metrics) in progress.ended {
             let evaluation = request.piece.first() + index;
-            let found = Found::new(server, fitness, metrics);
-            self.settle(&request.piece, evaluation, found, now);
+            let result = Found::new(server, fitness, metrics);
+            self.settle(&request.piece, evaluation, result, now);
         }
         if let Some((step, actuators)) = progress.answer {
             let answer = ToServer::Actuators(BatchActuators {

@@ -124,16 +124,16 @@ impl Scheduler {
             pieces.push(request.piece.clone());
         }
         self.fleet.fell_silent(server);
-        let mut given = false;
+        let mut dispatched = false;
         pieces.sort_by_key(Piece::first);
         for piece in pieces.into_iter().rev() {
             if self.view().may_copy(&piece) && !self.view().is_shared(&piece) {
                 let copies = self.ledger.queue_copies(&piece, server);
                 self.counts.backups += copies;
-                given |= copies > 0;
+                dispatched |= copies > 0;
             }
         }
-        if given {
+        if dispatched {
             let once = if self.has_other(server) {
                 ""
             } else {

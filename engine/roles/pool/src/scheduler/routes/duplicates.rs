@@ -32,11 +32,11 @@ impl Scheduler {
                 "two servers answer to the id {id}, so neither is used; give one another --id"
             );
             if redone > 0 {
-                text += &format!("; {redone} evaluations that came under it are done again");
+                text += &format!("; {redone} evaluations under this id are repeated");
             }
             if doubtful > 0 {
                 text += &format!(
-                    "; {doubtful} evaluations that came under it of late have been used before, stay as they are and may be wrong"
+                    "; {doubtful} recent evaluations under this id have already been used and may be wrong"
                 );
             }
             self.outbox.warn(text);

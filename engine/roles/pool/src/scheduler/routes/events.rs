@@ -95,8 +95,8 @@ impl Scheduler {
         let announced = capabilities.swarmwright.as_ref();
         if let Some(other) = announced.filter(|announced| announced.version != EXTENSION_VERSION) {
             self.outbox.warn_once(format!(
-                "server {server}: capabilities.swarmwright: \"version\" is {}, and this tool knows {EXTENSION_VERSION}: it uses \
-                 none of its modes but stepwise",
+                "server {server}: capabilities.swarmwright: \"version\" is {}, but this tool knows {EXTENSION_VERSION}; it uses \
+                 only the mode stepwise of this server",
                 other.version
             ));
         }
@@ -109,8 +109,8 @@ impl Scheduler {
 
     /// The answer to [`Action::AskBroker`]: whether the broker at `address` holds small packets back, or why that could
     /// not be found out.
-    pub fn broker_holds_back(&mut self, found: Result<bool, String>, address: &str) {
-        if let Some(text) = self.fleet.lag().told(found, address) {
+    pub fn broker_holds_back(&mut self, answer: Result<bool, String>, address: &str) {
+        if let Some(text) = self.fleet.lag().told(answer, address) {
             self.outbox.warn(text);
         }
     }

@@ -103,8 +103,8 @@ impl Scheduler {
         if let Some(times) = loss.hopeless {
             let evaluation = self.ledger.name_of(piece.first());
             self.outlook.cannot_decide(format!(
-                "servers were lost or silent {times} times with {evaluation}, and nothing \
-                 tells whether it is the cause or the servers' surroundings are; the last time because: {reason}"
+                "servers were lost or silent {times} times with {evaluation}, and it is unclear whether the evaluation or the \
+                 servers' environment is the cause; last reason: {reason}"
             ));
         }
         loss.counts
@@ -186,8 +186,8 @@ impl Scheduler {
                 self.fleet.broke(server, reason, now);
                 self.ledger.attribution_mut().discredit(server);
                 self.outbox.warn_once(format!(
-                    "server {server} is broken: it fails what succeeded before; it gets no other work until that succeeds \
-                     on it, and what it failed is evaluated elsewhere; the reason: {reason}"
+                    "server {server} is broken: it fails evaluations that succeeded before; it gets no other work until they \
+                     succeed on it, and its failed evaluations go to other servers; the reason: {reason}"
                 ));
             }
         }
@@ -248,15 +248,15 @@ impl Scheduler {
         let Some(untried) = self.fleet.untried() else {
             return false;
         };
-        let mut given = false;
+        let mut dispatched = false;
         for server in untried {
             // Not by way of the queue: a slow server would be passed over.
             if let Some(piece) = self.ledger.take_aside_for(server) {
-                given = true;
+                dispatched = true;
                 self.start(piece, server, now);
             }
         }
-        !given
+        !dispatched
     }
 
     fn fail_for_good(
@@ -302,8 +302,8 @@ impl Scheduler {
     /// waited for servers that fail what succeeded before.
     #[must_use]
     pub fn undecided(&self, patience: Duration, now: Instant) -> Option<String> {
-        if let Some(told) = self.outlook.undecided() {
-            return Some(told.to_owned());
+        if let Some(reason) = self.outlook.undecided() {
+            return Some(reason.to_owned());
         }
         let since = self.outlook.broken_since()?;
         let health = self.fleet.health();
@@ -316,13 +316,16 @@ impl Scheduler {
             return None;
         }
         let may_be_sound = |(id, _): (u64, &Slot)| !health.is_broken(id);
-        let (patience, told) = if slots().any(may_be_sound) {
-            let told = "no server has succeeded with anything for a long time";
-            (patience * SILENCE_FACTOR, told)
+        let (patience, reason) = if slots().any(may_be_sound) {
+            let reason = "no server has completed an evaluation for a long time";
+            (patience * SILENCE_FACTOR, reason)
         } else {
-            (patience, "all servers fail what was evaluated before")
+            (
+                patience,
+                "all servers fail evaluations that succeeded before",
+            )
         };
         (now.saturating_duration_since(since) >= patience)
-            .then(|| format!("{told}: {}", self.describe()))
+            .then(|| format!("{reason}: {}", self.describe()))
     }
 }

@@ -66,13 +66,13 @@ impl Scheduler {
         let count = request.piece.len();
         if !message.seconds.is_finite() || message.seconds < 0.0 {
             // Once for each server, whatever the number.
-            let what = if message.seconds.is_finite() {
+            let defect = if message.seconds.is_finite() {
                 "negative"
             } else {
                 "NaN or infinite"
             };
             self.outbox.warn_once(format!(
-                "ignoring \"seconds\" in answers of server {}: it is {what}, expected the seconds of computation, 0 or more",
+                "ignoring \"seconds\" in answers of server {}: it is {defect}, expected the seconds of computation, 0 or more",
                 request.server
             ));
         }
@@ -108,8 +108,8 @@ impl Scheduler {
             }
             for (offset, &fitness) in finite {
                 let evaluation = request.piece.first() + offset;
-                let found = Found::new(request.server, fitness, Vec::new());
-                self.settle_proven(&request.piece, evaluation, found, now);
+                let result = Found::new(request.server, fitness, Vec::new());
+                self.settle_proven(&request.piece, evaluation, result, now);
             }
             return;
         }
@@ -118,8 +118,8 @@ impl Scheduler {
             match needed(&metrics, value) {
                 Ok(values) => {
                     let evaluation = request.piece.first() + offset;
-                    let found = Found::new(request.server, fitness, values);
-                    self.settle(&request.piece, evaluation, found, now);
+                    let result = Found::new(request.server, fitness, values);
+                    self.settle(&request.piece, evaluation, result, now);
                 }
                 Err(reason) => self.fail_one(&request, offset, reason, None, now),
             }
@@ -137,9 +137,11 @@ fn without(message: &Evaluated, metrics: &[String]) -> Option<String> {
 
 /// Why a result is none of this piece.
 fn misfit(message: &Evaluated, piece: &Piece, episodes: usize) -> Option<String> {
-    let (found, expected) = (message.fitness.0.len(), piece.len());
-    if found != expected {
-        return Some(format!("{found} fitness values came, expected {expected}"));
+    let (actual, expected) = (message.fitness.0.len(), piece.len());
+    if actual != expected {
+        return Some(format!(
+            "{actual} fitness values arrived, expected {expected}"
+        ));
     }
     let columns = piece.len().min(episodes) as u64;
     let is_failed = |candidate: u64, episode: u64| {
@@ -155,6 +157,6 @@ fn misfit(message: &Evaluated, piece: &Piece, episodes: usize) -> Option<String>
     // As many failures as fitness values that are none: that was seen to when the message was read.
     match failed {
         Some(failed) if failed.len() == message.failed.len() => None,
-        _ => Some("the failed evaluations are not those without fitness".to_owned()),
+        _ => Some("the failed evaluations must be those without fitness".to_owned()),
     }
 }

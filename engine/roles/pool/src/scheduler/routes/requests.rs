@@ -44,8 +44,8 @@ impl Scheduler {
 
     pub(super) fn ask(&mut self, server: u64, request: u64, message: &ToServer) {
         let payload = message.encode();
-        let asked = self.in_flight.request(request);
-        if asked.is_some_and(|request| request.piece.len() == 1) {
+        let pending = self.in_flight.request(request);
+        if pending.is_some_and(|request| request.piece.len() == 1) {
             self.limits.sent_whole(payload.len());
         }
         self.outbox.push(Action::Request {
@@ -74,11 +74,11 @@ impl Scheduler {
         error: &DecodeError,
         now: Instant,
     ) {
-        let asked = ToTool::answered(payload).filter(|(server, number)| {
+        let addressee = ToTool::answered(payload).filter(|(server, number)| {
             let request = self.in_flight.request(*number);
             request.is_some_and(|request| request.server == *server)
         });
-        match asked {
+        match addressee {
             Some((server, number)) => {
                 let reason = format!("its answer to request {number} cannot be used: {error}");
                 self.misbehaved(server, &reason, now);
@@ -134,8 +134,8 @@ impl Scheduler {
                 self.outbox.warn_first(
                     format!("a request that was not sent, server {server}"),
                     format!(
-                        "ignoring an answer of server {server} to request {number}, which this tool has not sent: an answer \
-                         has the number in \"request\" of the request that it answers"
+                        "ignoring an answer of server {server} to request {number}, which this tool has not sent; \"request\" of \
+                         an answer must be the number of the request that it answers"
                     ),
                 );
             }
@@ -143,10 +143,9 @@ impl Scheduler {
         };
         let is_batch = request.batch.is_some();
         if request.server != server {
-            let asked = request.server;
+            let addressee = request.server;
             self.outbox.warn_once(format!(
-                "ignoring an answer to request {number}, for which server {asked} was asked: it says that it is of server \
-                 {server}"
+                "ignoring an answer to request {number}, which was sent to server {addressee}: it claims to be of server {server}"
             ));
             return None;
         }

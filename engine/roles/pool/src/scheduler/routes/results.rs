@@ -14,9 +14,9 @@ const MOST_REPEATED: usize = 3;
 
 impl Scheduler {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
-    pub(super) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
-        self.server_succeeded(found.server, 1);
-        self.settle_proven(piece, evaluation, found, now);
+    pub(super) fn settle(&mut self, piece: &Piece, evaluation: usize, result: Found, now: Instant) {
+        self.server_succeeded(result.server, 1);
+        self.settle_proven(piece, evaluation, result, now);
     }
 
     /// As [`settle`](Self::settle), where it is known that the server succeeded.
@@ -24,23 +24,23 @@ impl Scheduler {
         &mut self,
         piece: &Piece,
         evaluation: usize,
-        found: Found,
+        result: Found,
         now: Instant,
     ) {
         if piece.purpose == Purpose::Probe {
             return;
         }
         if piece.purpose == Purpose::Audit || self.audits.has(evaluation) {
-            return self.audited(evaluation, found, now);
+            return self.audited(evaluation, result, now);
         }
         if self.ledger.has_ended(evaluation) {
             self.counts.double += 1;
             return;
         }
-        if self.is_to_be_audited(evaluation, found.server) {
-            return self.audit(evaluation, found);
+        if self.is_to_be_audited(evaluation, result.server) {
+            return self.audit(evaluation, result);
         }
-        self.count(evaluation, &found, now);
+        self.count(evaluation, &result, now);
     }
 
     /// As [`settle_proven`](Self::settle_proven) for a whole piece without metrics. False, and nothing is done, where its
@@ -55,13 +55,13 @@ impl Scheduler {
     }
 
     /// A result counts: copies of its evaluation are not needed any more.
-    pub(super) fn count(&mut self, evaluation: usize, found: &Found, now: Instant) {
+    pub(super) fn count(&mut self, evaluation: usize, result: &Found, now: Instant) {
         let shared = self.ledger.is_shared(evaluation);
         self.ledger
-            .settle(evaluation, found.server, found.fitness, &found.metrics);
+            .settle(evaluation, result.server, result.fitness, &result.metrics);
         if shared {
             self.doubt_overtaken(evaluation, now);
-            let reason = format!("server {} was faster", found.server);
+            let reason = format!("server {} was faster", result.server);
             self.drop_copies(evaluation, Outcome::Overtaken, &reason, now);
         }
     }

@@ -126,8 +126,8 @@ impl Scheduler {
     /// Whether a message for an episode under way is of another simulation, and so not of the server that was asked:
     /// another one with its id takes part. What the right one says counts all the same.
     fn is_of_another(&mut self, topic: Topic, title: Option<&str>, hash: &str) -> bool {
-        let wanted = &self.config.demand.simulation;
-        let Some(title) = title.filter(|title| title != wanted) else {
+        let expected = &self.config.demand.simulation;
+        let Some(title) = title.filter(|title| title != expected) else {
             return false;
         };
         let Some(run) = self.in_flight.episode(hash) else {
@@ -135,10 +135,10 @@ impl Scheduler {
         };
         let (server, name) = (run.server, topic.name());
         let title = shortened(title.to_owned(), MOST_TITLE);
-        let reason = format!("a {name} message is of simulation {title:?}, not {wanted:?}");
+        let reason = format!("a {name} message is of simulation {title:?}, not {expected:?}");
         self.counts.foreign += 1;
         self.outbox.warn_counted(format!(
-            "refusing what comes under the id of server {server}: {reason}; is there another server with this id?"
+            "refusing messages under the id of server {server}: {reason}; check whether another server has this id"
         ));
         true
     }
@@ -181,13 +181,13 @@ impl Scheduler {
         let value = |name: &str| message.metrics.get(name).copied();
         let names = &self.config.demand.metrics;
         let wrong = |name| Fitness::wrong_metric(payload, name);
-        let found = needed(names, value).map_err(|missing| {
+        let metrics = needed(names, value).map_err(|missing| {
             let wrong = names.iter().find_map(|name| wrong(name));
             wrong.map_or(missing, |wrong| {
                 format!("a metric that the fitness needs cannot be used: {wrong}")
             })
         });
-        match found {
+        match metrics {
             Ok(metrics) => {
                 self.record_run(&run, Outcome::Done, None, None, now);
                 let evaluation = run.piece.first();
@@ -311,7 +311,7 @@ impl Scheduler {
     }
 
     fn preempted(&mut self, id: u64, hash: &str, now: Instant) {
-        let reason = format!("server {id} is free and has not begun the episode");
+        let reason = format!("server {id} is free but has not begun the episode");
         let server_fault = self.fleet.was_preempted(id) > MOST_PREEMPTIONS;
         let cause = if server_fault {
             self.failed(id, &reason, now);

@@ -24,7 +24,8 @@ impl Pool {
             let outages = outages.clone();
             return PoolError::BrokerLost { url, outages };
         }
-        let outages = outages.map(|told| format!(", while the broker was not reachable {told}"));
+        let outages =
+            outages.map(|periods| format!(", while the broker was not reachable {periods}"));
         PoolError::NoServer {
             url,
             seconds: now.saturating_duration_since(since).as_secs_f64(),
@@ -130,15 +131,15 @@ impl Pool {
     ) -> Result<(), PoolError> {
         self.scheduler.submit(work, Instant::now());
         self.poll(Instant::now());
-        let wanted = meanwhile();
-        let mut asked = Instant::now();
+        let proceed = meanwhile();
+        let mut asked_at = Instant::now();
         let patience = self.timeouts.discovery.max(self.timeouts.step);
-        let mut free_since = asked;
+        let mut free_since = asked_at;
         let result = loop {
-            if !wanted {
+            if !proceed {
                 break Err(PoolError::Interrupted);
             }
-            self.poll(asked + PROGRESS_INTERVAL);
+            self.poll(asked_at + PROGRESS_INTERVAL);
             // What ends during the step is taken by the next one.
             let all = self.scheduler.finished();
             match step(self) {
@@ -157,16 +158,16 @@ impl Pool {
                 });
                 return Ok(());
             }
-            if now.duration_since(asked) >= PROGRESS_INTERVAL {
-                asked = now;
-                if let Some(told) = self.scheduler.disagreement() {
-                    break Err(PoolError::Disagreement(told.to_owned()));
+            if now.duration_since(asked_at) >= PROGRESS_INTERVAL {
+                asked_at = now;
+                if let Some(reason) = self.scheduler.disagreement() {
+                    break Err(PoolError::Disagreement(reason.to_owned()));
                 }
-                if let Some(told) = self.scheduler.hopeless() {
-                    break Err(PoolError::TooLarge(told.to_owned()));
+                if let Some(reason) = self.scheduler.hopeless() {
+                    break Err(PoolError::TooLarge(reason.to_owned()));
                 }
-                if let Some(told) = self.scheduler.undecided(self.timeouts.discovery, now) {
-                    break Err(PoolError::Hopeless(told));
+                if let Some(reason) = self.scheduler.undecided(self.timeouts.discovery, now) {
+                    break Err(PoolError::Hopeless(reason));
                 }
                 if let Some(reason) = self.scheduler.rejected(now) {
                     break Err(PoolError::Rejected(reason));

@@ -58,9 +58,9 @@ impl Pool {
         for ending in endings {
             self.scheduler.ended(&ending, now);
         }
-        if let Some(found) = self.probe.take() {
+        if let Some(answer) = self.probe.take() {
             self.scheduler
-                .broker_holds_back(found, &self.connection.url());
+                .broker_holds_back(answer, &self.connection.url());
         }
     }
 
@@ -159,7 +159,8 @@ impl Pool {
                     if let Err(TooLarge { bytes, most }) =
                         self.connection.publish_with(&topic, &payload, &options)
                     {
-                        unsent.push((request, format!("a request of {bytes} bytes is larger than the {most} that the broker takes")));
+                        unsent.push((request, format!("a request of {bytes} bytes is larger than the {most} that the broker \
+                             accepts")));
                     }
                 }
                 Action::Warn(text) => {

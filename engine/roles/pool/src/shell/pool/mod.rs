@@ -183,7 +183,7 @@ impl Pool {
         let start = Instant::now();
         // A server that was busy and has just become free still has to answer.
         let mut free_since = start;
-        let mut told = false;
+        let mut warned = false;
         loop {
             self.poll(Instant::now() + PROGRESS_INTERVAL);
             if let Some(reason) = self.denied.take() {
@@ -201,7 +201,7 @@ impl Pool {
                 self.act();
                 return match self.scheduler.sizes() {
                     None if needed => Err(match self.scheduler.unknown_size() {
-                        Some(what) => WorkError::Unannounced(what).into(),
+                        Some(size) => WorkError::Unannounced(size).into(),
                         None => PoolError::NoSizes,
                     }),
                     sizes => Ok(sizes.unwrap_or_default()),
@@ -211,11 +211,11 @@ impl Pool {
             let busy = self.scheduler.busy_elsewhere();
             if let Some(reason) = &busy {
                 free_since = Instant::now();
-                if !told && waited >= self.timeouts.discovery {
-                    told = true;
+                if !warned && waited >= self.timeouts.discovery {
+                    warned = true;
                     self.warn(format!(
-                        "waiting, as {reason}; a server whose tool has ended is free after its --step-timeout (60 s by \
-                         default); if the server itself is gone, remove what the broker keeps of it on {}",
+                        "waiting, as {reason}; a server whose tool has ended is free after its --step-timeout (60 s by default); \
+                         if the server itself is gone, remove its retained message on {}",
                         self.topics.presence_filter()
                     ));
                 }

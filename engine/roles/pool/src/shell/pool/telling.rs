@@ -81,7 +81,7 @@ impl Pool {
 
     /// The connection ended: perhaps on the large packet that the broker has not read, or for how this tool stands.
     pub(super) fn suspect(&mut self, unread: usize, now: Instant) {
-        let at_once = |told: Instant| now.saturating_duration_since(told) < IMMEDIATELY;
+        let at_once = |published: Instant| now.saturating_duration_since(published) < IMMEDIATELY;
         if unread == 0 {
             self.suspect_status(now);
         } else if !self.told_at.take().is_some_and(at_once) || self.ended_at_once >= CONFIRMATIONS {
@@ -92,7 +92,7 @@ impl Pool {
 
     /// The connection ended: perhaps since the broker does not let this tool say how it stands.
     fn suspect_status(&mut self, now: Instant) {
-        let at_once = |told: Instant| now.saturating_duration_since(told) < IMMEDIATELY;
+        let at_once = |published: Instant| now.saturating_duration_since(published) < IMMEDIATELY;
         if !self.told_at.take().is_some_and(at_once) {
             if self.ended_at_once < CONFIRMATIONS {
                 self.ended_at_once = 0;

@@ -11,11 +11,11 @@ use crate::mistakes::part;
 pub(super) const FARTHEST: f32 = 1000.0;
 
 /// Checks that numbers are coordinates, not too far away.
-pub(super) fn coordinates(place: &str, numbers: &[f32]) -> Result<(), ParameterError> {
+pub(super) fn coordinates(path: &str, numbers: &[f32]) -> Result<(), ParameterError> {
     let far = |number: &&f32| number.is_nan() || number.abs() > FARTHEST;
     match numbers.iter().find(far) {
         Some(number) => Err(wrong(
-            place,
+            path,
             format!("{number} found, expected numbers from -{FARTHEST} to {FARTHEST}"),
         )),
         None => Ok(()),
@@ -23,12 +23,12 @@ pub(super) fn coordinates(place: &str, numbers: &[f32]) -> Result<(), ParameterE
 }
 
 /// Checks that a length is one.
-pub(super) fn length(place: &str, number: f32) -> Result<(), ParameterError> {
+pub(super) fn length(path: &str, number: f32) -> Result<(), ParameterError> {
     if number > 0.0 && number <= FARTHEST {
         return Ok(());
     }
     Err(wrong(
-        place,
+        path,
         format!("{number} found, expected a number above 0, at most {FARTHEST}"),
     ))
 }

@@ -36,10 +36,10 @@ pub(super) fn check(text: &Text, mut mistakes: Mistakes) -> Result<Mission, Mist
     let team = mistakes.take(team);
     let failures = mistakes.take(failures(text.failures.as_ref()));
     let before = mistakes.len();
-    let place = place::place(text, &mut mistakes);
+    let layout = place::place(text, &mut mistakes);
     let is_known = mistakes.len() == before;
-    let start = mistakes.take(start(text.start.as_ref(), &place));
-    let scored = scored(text, is_known.then_some(&place), &mut mistakes);
+    let start = mistakes.take(start(text.start.as_ref(), &layout));
+    let scored = scored(text, is_known.then_some(&layout), &mut mistakes);
     let read = || {
         let scored = scored?;
         Some(Mission {
@@ -47,7 +47,7 @@ pub(super) fn check(text: &Text, mut mistakes: Mistakes) -> Result<Mission, Mist
             duration: duration?,
             team: team?,
             failures: failures?,
-            place,
+            place: layout,
             start: start?,
             counted: scored.counted,
             metrics: scored.metrics,
@@ -64,9 +64,9 @@ fn title(text: &Text) -> Result<Option<String>, ParameterError> {
     title.map(|title| part(title, "mission.title")).transpose()
 }
 
-fn duration(given: Option<&Value>) -> Result<f64, ParameterError> {
+fn duration(value: Option<&Value>) -> Result<f64, ParameterError> {
     let at = "mission.duration";
-    let duration = given.map_or(Ok(DURATION), |given| part(given, at))?;
+    let duration = value.map_or(Ok(DURATION), |value| part(value, at))?;
     if !(0.1..=LONGEST).contains(&duration) {
         return Err(wrong(
             at,
@@ -76,15 +76,15 @@ fn duration(given: Option<&Value>) -> Result<f64, ParameterError> {
     Ok(duration)
 }
 
-fn failures(given: Option<&Value>) -> Result<Vec<Failure>, Mistakes> {
-    given.map_or(Ok(Vec::new()), |list| {
+fn failures(value: Option<&Value>) -> Result<Vec<Failure>, Mistakes> {
+    value.map_or(Ok(Vec::new()), |list| {
         failures::read(list, "mission.failures")
     })
 }
 
-fn start(given: Option<&Value>, place: &Place) -> Result<Start, ParameterError> {
-    let text: StartText = required(given, "start", "{disc: {radius: 1}}")?;
-    start::start("mission.start", &text, place)
+fn start(value: Option<&Value>, layout: &Place) -> Result<Start, ParameterError> {
+    let text: StartText = required(value, "start", "{disc: {radius: 1}}")?;
+    start::start("mission.start", &text, layout)
 }
 
 /// What is measured, and what counts.
@@ -95,22 +95,22 @@ struct Scored {
     factors: Vec<f64>,
 }
 
-/// Reads metrics and fitness. `place`: where metrics are measured, none where mistakes leave it unknown.
-fn scored(text: &Text, place: Option<&Place>, mistakes: &mut Mistakes) -> Option<Scored> {
+/// Reads metrics and fitness. `layout`: where metrics are measured, none where mistakes leave it unknown.
+fn scored(text: &Text, layout: Option<&Place>, mistakes: &mut Mistakes) -> Option<Scored> {
     let before = mistakes.len();
-    let given = text.metrics.as_ref();
-    let given = given.map(|given| part::<BTreeMap<String, Value>>(given, "mission.metrics"));
-    let given = given.and_then(|given| mistakes.take(given));
+    let texts = text.metrics.as_ref();
+    let texts = texts.map(|texts| part::<BTreeMap<String, Value>>(texts, "mission.metrics"));
+    let texts = texts.and_then(|texts| mistakes.take(texts));
     let mut metrics: Vec<(String, Metric)> = Vec::new();
-    for (name, value) in given.unwrap_or_default() {
-        if let Some(metric) = mistakes.take(metric(&name, &value, place)) {
+    for (name, value) in texts.unwrap_or_default() {
+        if let Some(metric) = mistakes.take(metric(&name, &value, layout)) {
             metrics.push((name, metric));
         }
     }
     let are_known = mistakes.len() == before;
     let example = "order, the name of a metric";
     let fitness = mistakes.take(required(text.fitness.as_ref(), "fitness", example));
-    let (offset, given) = match fitness? {
+    let (offset, factors) = match fitness? {
         Fitness::Metric(name) => (0.0, BTreeMap::from([(name, 1.0)])),
         Fitness::Sum(Sum { offset, factors }) => (offset, factors),
     };
@@ -118,15 +118,15 @@ fn scored(text: &Text, place: Option<&Place>, mistakes: &mut Mistakes) -> Option
         return None;
     }
     let mut others = metrics::general();
-    others.retain(|(name, _)| !metrics.iter().any(|(known, _)| known == name));
-    for name in given.keys() {
-        if let Some(index) = others.iter().position(|(known, _)| known == name) {
+    others.retain(|(name, _)| !metrics.iter().any(|(other, _)| other == name));
+    for name in factors.keys() {
+        if let Some(index) = others.iter().position(|(other, _)| other == name) {
             metrics.push(others.remove(index));
-        } else if !metrics.iter().any(|(known, _)| known == name) {
+        } else if !metrics.iter().any(|(other, _)| other == name) {
             mistakes.add(unknown(name, metrics.iter().chain(&others)));
         }
     }
-    let factor = |(name, _): &(String, Metric)| given.get(name).copied().unwrap_or(0.0);
+    let factor = |(name, _): &(String, Metric)| factors.get(name).copied().unwrap_or(0.0);
     let factors: Vec<f64> = metrics.iter().map(factor).collect();
     if let Some(number) = factors.iter().chain([&offset]).find(|n| !n.is_finite()) {
         mistakes.add(wrong(
@@ -142,30 +142,30 @@ fn scored(text: &Text, place: Option<&Place>, mistakes: &mut Mistakes) -> Option
     })
 }
 
-fn metric(name: &str, value: &Value, place: Option<&Place>) -> Result<Metric, ParameterError> {
+fn metric(name: &str, value: &Value, layout: Option<&Place>) -> Result<Metric, ParameterError> {
     metrics::check_name(name).map_err(|reason| wrong("mission.metrics", reason))?;
     let at = format!("mission.metrics.{name}");
     let metric: Metric =
         swarmwright_values::read_kind(value).map_err(|mismatch| mismatch_at(&at, mismatch))?;
-    if let Some(place) = place {
+    if let Some(layout) = layout {
         metric
-            .check(place)
+            .check(layout)
             .map_err(|error| with_place(&at, error))?;
     }
     Ok(metric)
 }
 
 /// A complaint about the name of a metric that is none of the known ones.
-fn unknown<'a>(name: &str, known: impl Iterator<Item = &'a (String, Metric)>) -> ParameterError {
-    let names: Vec<_> = known.map(|(name, _)| name.as_str()).collect();
+fn unknown<'a>(name: &str, metrics: impl Iterator<Item = &'a (String, Metric)>) -> ParameterError {
+    let names: Vec<_> = metrics.map(|(name, _)| name.as_str()).collect();
     let hint = match metrics::check_name(name) {
         Ok(()) => "",
-        Err(_) => "; expressions of metrics are for the experiment's own fitness",
+        Err(_) => "; only the experiment's own fitness may be an expression of metrics",
     };
     wrong(
         "mission.fitness",
         format!(
-            "no metric is named {name:?}; there is {}{hint}",
+            "no metric is named {name:?}; available: {}{hint}",
             names.join(", ")
         ),
     )

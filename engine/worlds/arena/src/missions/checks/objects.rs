@@ -12,12 +12,12 @@ use crate::place::{Form, Kind, MOST_OBJECTS, Place, Places, Pose};
 use crate::start::objects::{free, overlap};
 
 /// Adds them to a place that has its walls, if these are known, and obstacles.
-pub(super) fn add(texts: Option<&Value>, place: &mut Place, mistakes: &mut Mistakes) {
+pub(super) fn add(texts: Option<&Value>, layout: &mut Place, mistakes: &mut Mistakes) {
     let mut fixed: Vec<(String, Form, Pose)> = Vec::new();
     for (at, text) in items(texts, "mission.objects", mistakes) {
-        mistakes.take(add_one(&at, &text, &mut fixed, place));
+        mistakes.take(add_one(&at, &text, &mut fixed, layout));
     }
-    let count: usize = place.objects.iter().map(Kind::count).sum();
+    let count: usize = layout.objects.iter().map(Kind::count).sum();
     if count > MOST_OBJECTS {
         let reason = format!("{count} objects found, at most {MOST_OBJECTS} are possible");
         mistakes.add(wrong("mission.objects", reason));
@@ -28,25 +28,28 @@ fn add_one(
     at: &str,
     text: &ObjectText,
     fixed: &mut Vec<(String, Form, Pose)>,
-    place: &mut Place,
+    layout: &mut Place,
 ) -> Result<(), ParameterError> {
     if text.name.is_empty() {
-        return Err(wrong(&format!("{at}.name"), "it is empty"));
+        return Err(wrong(&format!("{at}.name"), "must not be empty"));
     }
-    if place.objects.iter().any(|kind| kind.name == text.name) {
+    if layout.objects.iter().any(|kind| kind.name == text.name) {
         return Err(wrong(
             &format!("{at}.name"),
-            format!("other objects are named {:?}, too", text.name),
+            format!(
+                "other objects are already named {:?}; choose another name",
+                text.name
+            ),
         ));
     }
     let form = form(at, text)?;
     length(&format!("{at}.height"), text.height)?;
     within(&format!("{at}.mass"), text.mass, [0.001, 1000.0])?;
     within(&format!("{at}.friction"), text.friction, [0.001, 10.0])?;
-    let places = places(at, text, place)?;
+    let places = places(at, text, layout)?;
     if let Places::Fixed(pose) = places {
-        if !place.outline.is_empty() && !free((form, pose), place) {
-            let reason = "it does not stand inside of the walls and outside of obstacles";
+        if !layout.outline.is_empty() && !free((form, pose), layout) {
+            let reason = "must be inside the walls and outside obstacles";
             return Err(wrong(at, reason));
         }
         let other = fixed
@@ -58,7 +61,7 @@ fn add_one(
         }
         fixed.push((text.name.clone(), form, pose));
     }
-    place.objects.push(Kind {
+    layout.objects.push(Kind {
         name: text.name.clone(),
         form,
         height: text.height,
@@ -94,13 +97,15 @@ fn form(at: &str, text: &ObjectText) -> Result<Form, ParameterError> {
     }
 }
 
-fn places(at: &str, text: &ObjectText, place: &Place) -> Result<Places, ParameterError> {
+fn places(at: &str, text: &ObjectText, layout: &Place) -> Result<Places, ParameterError> {
     match (text.center, &text.start) {
         (Some(center), None) => {
             if let Some(count) = text.count.filter(|count| *count != 1) {
                 return Err(wrong(
                     &format!("{at}.count"),
-                    format!("{count} found, but there is one at a center; several need a start"),
+                    format!(
+                        "{count} found, but only one object has room at a center; use start for several"
+                    ),
                 ));
             }
             coordinates(&format!("{at}.center"), &center)?;
@@ -117,7 +122,7 @@ fn places(at: &str, text: &ObjectText, place: &Place) -> Result<Places, Paramete
             if text.angle.is_some() {
                 return Err(wrong(
                     &format!("{at}.angle"),
-                    "with a start the angle is drawn, too; leave it out, or say a center",
+                    "with start the angle is random, too; leave it out or use center",
                 ));
             }
             let count = text.count.unwrap_or(1);
@@ -127,12 +132,12 @@ fn places(at: &str, text: &ObjectText, place: &Place) -> Result<Places, Paramete
                     format!("{count} found, expected 1 to {MOST_OBJECTS}"),
                 ));
             }
-            let start = start(&format!("{at}.start"), region, place)?;
+            let start = start(&format!("{at}.start"), region, layout)?;
             Ok(Places::Drawn(start, count))
         }
         _ => Err(wrong(
             at,
-            "expected center (where it is), or start (where it is drawn)",
+            "expected center, its position, or start, a region for random positions",
         )),
     }
 }

@@ -67,6 +67,6 @@ fn is_sampled(
 }
 
 /// Whether a part of a shape lies within the walls, as far as these are known.
-pub(super) fn is_within(place: &Place, shape: &Shape) -> bool {
-    place.outline.is_empty() || overlaps(&place.outline, shape)
+pub(super) fn is_within(layout: &Place, shape: &Shape) -> bool {
+    layout.outline.is_empty() || overlaps(&layout.outline, shape)
 }

@@ -19,16 +19,16 @@ const MOST_SPOTS: usize = 1000;
 
 /// Reads the place. Where its walls are wrong it has none, and nothing is checked that needs them.
 pub(super) fn place(text: &Text, mistakes: &mut Mistakes) -> Place {
-    let mut place = Place::default();
+    let mut layout = Place::default();
     let walls = required(text.walls.as_ref(), "walls", "{rectangle: [4, 3]}");
     if let Some(walls) = mistakes.take(walls) {
-        let built = build(&walls, &mut place);
+        let built = build(&walls, &mut layout);
         mistakes.take(built);
     }
     for (at, obstacle) in items(text.obstacles.as_ref(), "mission.obstacles", mistakes) {
-        mistakes.take(add_obstacle(&at, &obstacle, &mut place));
+        mistakes.take(add_obstacle(&at, &obstacle, &mut layout));
     }
-    objects::add(text.objects.as_ref(), &mut place, mistakes);
+    objects::add(text.objects.as_ref(), &mut layout, mistakes);
     let floor = text
         .floor
         .as_ref()
@@ -36,39 +36,39 @@ pub(super) fn place(text: &Text, mistakes: &mut Mistakes) -> Place {
     let floor: Floor = floor
         .and_then(|floor| mistakes.take(floor))
         .unwrap_or_default();
-    place.grey = mistakes.take(ground(&floor)).unwrap_or_default();
+    layout.grey = mistakes.take(ground(&floor)).unwrap_or_default();
     for (at, patch) in items(floor.patches.as_ref(), "mission.floor.patches", mistakes) {
-        mistakes.take(add_patch(&at, &patch, &mut place));
+        mistakes.take(add_patch(&at, &patch, &mut layout));
     }
     for (at, lamp) in items(text.lights.as_ref(), "mission.lights", mistakes) {
-        mistakes.take(add_light(&at, &lamp, &mut place));
+        mistakes.take(add_light(&at, &lamp, &mut layout));
     }
-    if place.spots.len() > MOST_SPOTS {
-        let found = place.spots.len();
+    if layout.spots.len() > MOST_SPOTS {
+        let count = layout.spots.len();
         mistakes.add(wrong(
             "mission.walls.colors",
             format!(
-                "{found} coloured spots found, one for 0.1 m of walls and obstacles, at most {MOST_SPOTS} are possible"
+                "{count} coloured spots found, one for 0.1 m of walls and obstacles, at most {MOST_SPOTS} are possible"
             ),
         ));
     }
-    place
+    layout
 }
 
-fn build(walls: &Walls, place: &mut Place) -> Result<(), ParameterError> {
+fn build(walls: &Walls, layout: &mut Place) -> Result<(), ParameterError> {
     let outline = outline(walls)?;
     let convex = polygon::is_convex(&outline);
     length("mission.walls.height", walls.height)?;
-    place.faces = sides(&outline, walls.height, Some(convex));
-    place.outline = outline;
+    layout.faces = sides(&outline, walls.height, Some(convex));
+    layout.outline = outline;
     for (index, stretch) in walls.colors.iter().enumerate() {
         let at = format!("mission.walls.colors[{index}]");
-        place.spots.extend(colored(&at, stretch, &place.faces)?);
+        layout.spots.extend(colored(&at, stretch, &layout.faces)?);
     }
     Ok(())
 }
 
-fn add_obstacle(at: &str, obstacle: &Obstacle, place: &mut Place) -> Result<(), ParameterError> {
+fn add_obstacle(at: &str, obstacle: &Obstacle, layout: &mut Place) -> Result<(), ParameterError> {
     coordinates(&format!("{at}.center"), &obstacle.center)?;
     for size in obstacle.size {
         length(&format!("{at}.size"), size)?;
@@ -79,16 +79,16 @@ fn add_obstacle(at: &str, obstacle: &Obstacle, place: &mut Place) -> Result<(), 
     let shape = Shape::Polygon {
         corners: corners.to_vec(),
     };
-    if !is_within(place, &shape) {
-        return Err(wrong(at, "the box lies outside of the walls"));
+    if !is_within(layout, &shape) {
+        return Err(wrong(at, "the box lies outside the walls"));
     }
     let faces = sides(&corners, obstacle.height, None);
     if let Some(color) = obstacle.color {
         let spots = |face: &Face| face.spots([0.0, 2.0 * face.half], color);
-        place.spots.extend(faces.iter().flat_map(spots));
+        layout.spots.extend(faces.iter().flat_map(spots));
     }
-    place.faces.extend(faces);
-    place.boxes.push(corners);
+    layout.faces.extend(faces);
+    layout.boxes.push(corners);
     Ok(())
 }
 
@@ -103,22 +103,25 @@ fn ground(floor: &Floor) -> Result<f32, ParameterError> {
     )
 }
 
-fn add_patch(at: &str, patch: &PatchText, place: &mut Place) -> Result<(), ParameterError> {
-    if place.patch(&patch.name).is_some() {
+fn add_patch(at: &str, patch: &PatchText, layout: &mut Place) -> Result<(), ParameterError> {
+    if layout.patch(&patch.name).is_some() {
         return Err(wrong(
             at,
-            format!("another patch is named {:?}, too", patch.name),
+            format!(
+                "another patch is already named {:?}; choose another name",
+                patch.name
+            ),
         ));
     }
     let shape = shape(at, patch)?;
-    if !is_within(place, &shape) {
+    if !is_within(layout, &shape) {
         return Err(wrong(
             at,
-            format!("the patch {:?} lies outside of the walls", patch.name),
+            format!("the patch {:?} lies outside the walls", patch.name),
         ));
     }
     let level = patch.color.level();
-    place.patches.push(Patch {
+    layout.patches.push(Patch {
         name: patch.name.clone(),
         shape,
         grey: level
@@ -128,7 +131,7 @@ fn add_patch(at: &str, patch: &PatchText, place: &mut Place) -> Result<(), Param
     Ok(())
 }
 
-fn add_light(at: &str, lamp: &Lamp, place: &mut Place) -> Result<(), ParameterError> {
+fn add_light(at: &str, lamp: &Lamp, layout: &mut Place) -> Result<(), ParameterError> {
     coordinates(&format!("{at}.at"), &lamp.at)?;
     if lamp.at[2] < 0.0 {
         return Err(wrong(
@@ -142,7 +145,7 @@ fn add_light(at: &str, lamp: &Lamp, place: &mut Place) -> Result<(), ParameterEr
             format!("{} found, expected 0 to {FARTHEST}", lamp.intensity),
         ));
     }
-    place.lights.push(Light {
+    layout.lights.push(Light {
         at: lamp.at,
         intensity: lamp.intensity,
         color: lamp.color,
@@ -174,12 +177,12 @@ fn colored(at: &str, stretch: &SideColor, sides: &[Face]) -> Result<Vec<Spot>, P
     Ok(side.spots([from, to.min(whole)], stretch.color))
 }
 
-fn grey(place: &str, level: f32) -> Result<f32, ParameterError> {
+fn grey(path: &str, level: f32) -> Result<f32, ParameterError> {
     if (0.0..=1.0).contains(&level) {
         return Ok(level);
     }
     Err(wrong(
-        place,
+        path,
         format!("{level} found, expected 0 (black) to 1 (white)"),
     ))
 }
@@ -193,7 +196,7 @@ fn shape(at: &str, patch: &PatchText) -> Result<Shape, ParameterError> {
             if !polygon::is_convex(&corners) {
                 return Err(wrong(
                     &at,
-                    "the polygon has a corner that points inwards; expected a convex one, or several of them",
+                    "the polygon has a corner that points inwards; expected a convex polygon, or several",
                 ));
             }
             Ok(Shape::Polygon { corners })

@@ -9,7 +9,7 @@ use crate::missions::text::{Circle, Rectangle, StartText};
 use crate::place::{Place, Shape, Start};
 
 /// Reads where robots or objects start.
-pub(super) fn start(at: &str, text: &StartText, place: &Place) -> Result<Start, ParameterError> {
+pub(super) fn start(at: &str, text: &StartText, layout: &Place) -> Result<Start, ParameterError> {
     let disc = text.disc.as_ref();
     if let Some(disc) = disc {
         check_circle(&format!("{at}.disc"), disc)?;
@@ -33,12 +33,12 @@ pub(super) fn start(at: &str, text: &StartText, place: &Place) -> Result<Start, 
         (None, None) => {
             return Err(wrong(
                 at,
-                "expected disc, or rectangle, or both: the part of the disc in the rectangle",
+                "expected disc, or rectangle, or both for the part of the disc in the rectangle",
             ));
         }
     };
-    if !is_within(place, &shape) {
-        return Err(wrong(at, "it lies outside of the walls"));
+    if !is_within(layout, &shape) {
+        return Err(wrong(at, "lies outside the walls"));
     }
     Ok(start)
 }

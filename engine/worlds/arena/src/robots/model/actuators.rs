@@ -38,10 +38,7 @@ pub(super) fn add(robot: &mut Robot, actuator: &Actuator, at: &str) -> Result<()
     match actuator {
         Actuator::Message { numbers } => {
             if robot.message > 0 {
-                return Err(wrong(
-                    at,
-                    "there is a message already; give it more numbers",
-                ));
+                return Err(wrong(at, "a message already exists; give it more numbers"));
             }
             if !(1..=MOST_NUMBERS).contains(numbers) {
                 return Err(wrong(
@@ -53,14 +50,17 @@ pub(super) fn add(robot: &mut Robot, actuator: &Actuator, at: &str) -> Result<()
         }
         Actuator::Led { colors } => {
             if !robot.leds.is_empty() {
-                return Err(wrong(at, "there is an LED already; give it more colors"));
+                return Err(wrong(at, "an LED already exists; give it more colors"));
             }
             each_once(&format!("{at}.colors"), colors)?;
             robot.leds.clone_from(colors);
         }
         Actuator::Gripper { reach } => {
             if robot.gripper.is_some() {
-                return Err(wrong(at, "there is a gripper already; one is possible"));
+                return Err(wrong(
+                    at,
+                    "a gripper already exists; a robot has at most one",
+                ));
             }
             within(&format!("{at}.reach"), *reach, REACHES)?;
             robot.gripper = Some(*reach);

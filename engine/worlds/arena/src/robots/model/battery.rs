@@ -45,7 +45,7 @@ impl BatteryText {
             return Err(wrong(
                 "battery.driving",
                 format!(
-                    "{} found, expected seconds, at most {} as while standing",
+                    "{} found, expected seconds, at most the {} while standing",
                     self.driving, self.standing
                 ),
             ));

@@ -124,7 +124,7 @@ fn check_nesting(value: &Value) -> Result<(), ParameterError> {
                 "sensors" => "{light: {noise: 0.5}}",
                 _ => "{noise: 0.5}",
             };
-            let found = match part {
+            let form = match part {
                 Value::Array(_) => "a list".to_owned(),
                 other => other.to_string(),
             };
@@ -136,7 +136,7 @@ fn check_nesting(value: &Value) -> Result<(), ParameterError> {
             return Err(wrong(
                 &name,
                 format!(
-                    "{found} found, but with preset it is a mapping of what is different, such as {example}{all}"
+                    "{form} found, but with preset it is a mapping of what is different, such as {example}{all}"
                 ),
             ));
         }
@@ -145,22 +145,22 @@ fn check_nesting(value: &Value) -> Result<(), ParameterError> {
 }
 
 /// Puts what is given into its place.
-fn put<T: Copy>(place: &mut T, given: Option<T>) {
-    if let Some(given) = given {
-        *place = given;
+fn put<T: Copy>(target: &mut T, value: Option<T>) {
+    if let Some(value) = value {
+        *target = value;
     }
 }
 
 /// The same after a check.
 fn put_within(
-    place: &mut f32,
-    given: Option<f32>,
+    target: &mut f32,
+    value: Option<f32>,
     name: &str,
     limits: [f32; 2],
 ) -> Result<(), ParameterError> {
-    if let Some(given) = given {
-        within(name, given, limits)?;
-        *place = given;
+    if let Some(value) = value {
+        within(name, value, limits)?;
+        *target = value;
     }
     Ok(())
 }
@@ -213,7 +213,7 @@ fn change_drive(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterErr
             ("car", [("max_turn", max_turn), ("", None)])
         }
     };
-    match useless.iter().find(|(_, given)| given.is_some()) {
+    match useless.iter().find(|(_, value)| value.is_some()) {
         Some((name, _)) => Err(wrong(
             &format!("drive.{name}"),
             format!("the drive of {} is {kind}, which has none", changes.preset),
@@ -225,7 +225,7 @@ fn change_drive(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterErr
 fn change_sensors(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterError> {
     let sensors = &changes.sensors;
     let present = kinds(robot);
-    let given = [
+    let changed = [
         ("proximity", sensors.proximity.is_some()),
         ("light", sensors.light.is_some()),
         ("ground", sensors.ground.is_some()),
@@ -234,8 +234,8 @@ fn change_sensors(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterE
         ("encoders", sensors.encoders.is_some()),
         ("compass", sensors.compass.is_some()),
     ];
-    for (name, given) in given {
-        if given && !present.contains(&name) {
+    for (name, is_changed) in changed {
+        if is_changed && !present.contains(&name) {
             let (preset, present) = (&changes.preset, present.join(", "));
             return Err(wrong(
                 &format!("sensors.{name}"),
@@ -243,8 +243,8 @@ fn change_sensors(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterE
             ));
         }
     }
-    if let (Some(part), Some(given)) = (&mut robot.proximity, &sensors.proximity) {
-        if let Some(range) = given.range {
+    if let (Some(part), Some(change)) = (&mut robot.proximity, &sensors.proximity) {
+        if let Some(range) = change.range {
             within("sensors.proximity.range", range, RAYS)?;
             // The same readings at the same shares of the range.
             let share = part.range / range;
@@ -252,42 +252,42 @@ fn change_sensors(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterE
             part.response[2] *= share * share;
             part.range = range;
         }
-        put(&mut part.response, given.response);
+        put(&mut part.response, change.response);
         put_within(
             &mut part.noise,
-            given.noise,
+            change.noise,
             "sensors.proximity.noise",
             NOISE,
         )?;
     }
-    if let (Some(part), Some(given)) = (&mut robot.light, &sensors.light) {
-        put_within(&mut part.reach, given.reach, "sensors.light.reach", REACH)?;
-        put_within(&mut part.noise, given.noise, "sensors.light.noise", NOISE)?;
+    if let (Some(part), Some(change)) = (&mut robot.light, &sensors.light) {
+        put_within(&mut part.reach, change.reach, "sensors.light.reach", REACH)?;
+        put_within(&mut part.noise, change.noise, "sensors.light.noise", NOISE)?;
     }
-    if let (Some(part), Some(given)) = (&mut robot.ground, &sensors.ground) {
-        put_within(&mut part.noise, given.noise, "sensors.ground.noise", NOISE)?;
+    if let (Some(part), Some(change)) = (&mut robot.ground, &sensors.ground) {
+        put_within(&mut part.noise, change.noise, "sensors.ground.noise", NOISE)?;
     }
-    if let (Some(part), Some(given)) = (&mut robot.links, &sensors.range_and_bearing) {
+    if let (Some(part), Some(change)) = (&mut robot.links, &sensors.range_and_bearing) {
         let name = "sensors.range_and_bearing";
         put_within(
             &mut part.range,
-            given.range,
+            change.range,
             &format!("{name}.range"),
             RANGE,
         )?;
-        put_within(&mut part.loss, given.loss, &format!("{name}.loss"), SHARE)?;
-        if let Some(radio) = given.radio {
+        put_within(&mut part.loss, change.loss, &format!("{name}.loss"), SHARE)?;
+        if let Some(radio) = change.radio {
             radio.put(part, &format!("{name}.radio"))?;
         }
     }
-    if let (Some(range), Some(given)) = (&mut robot.neighbour_range, &sensors.neighbours) {
-        put_within(range, given.range, "sensors.neighbours.range", RANGE)?;
+    if let (Some(range), Some(change)) = (&mut robot.neighbour_range, &sensors.neighbours) {
+        put_within(range, change.range, "sensors.neighbours.range", RANGE)?;
     }
-    if let Some(given) = &sensors.encoders {
+    if let Some(change) = &sensors.encoders {
         let noise = &mut robot.encoder_noise;
-        put_within(noise, given.noise, "sensors.encoders.noise", NOISE)?;
+        put_within(noise, change.noise, "sensors.encoders.noise", NOISE)?;
     }
-    if let Some(noise) = sensors.compass.as_ref().and_then(|given| given.noise) {
+    if let Some(noise) = sensors.compass.as_ref().and_then(|change| change.noise) {
         within("sensors.compass.noise", noise, TURNED)?;
         robot.compass_noise = noise / 180.0;
     }

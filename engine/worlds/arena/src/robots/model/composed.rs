@@ -57,7 +57,7 @@ pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, Mistakes> 
     let model: Model = swarmwright_values::read(value).map_err(|mut mismatch| {
         if mismatch.reason == "missing field `radius`" {
             mismatch.reason +=
-                "; to change a built-in robot, name it, too, such as preset: e-puck-rm1.1";
+                "; to change a built-in robot, name it as well, such as preset: e-puck-rm1.1";
         }
         mismatch_at("", mismatch)
     })?;
@@ -66,7 +66,7 @@ pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, Mistakes> 
     let Some(mut robot) = mistakes.take(body(&model)) else {
         return Err(mistakes);
     };
-    let battery = |given| part::<BatteryText>(given, "battery").and_then(BatteryText::read);
+    let battery = |value| part::<BatteryText>(value, "battery").and_then(BatteryText::read);
     let battery = model.battery.as_ref().map(battery).transpose();
     robot.battery = mistakes.take(battery).flatten();
     for (index, actuator) in model.actuators.iter().enumerate() {

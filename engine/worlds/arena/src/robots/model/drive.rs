@@ -138,8 +138,8 @@ pub(super) fn check(robot: &Robot) -> Result<(), ParameterError> {
         return Err(wrong(
             "drive",
             format!(
-                "it turns by up to {spin} rad/s, at most {FASTEST_TURN} are possible; take a smaller max_speed, \
-                 or a larger wheel_base"
+                "it turns by up to {spin} rad/s, at most {FASTEST_TURN} are possible; use a smaller max_speed or a larger \
+                 wheel_base"
             ),
         ));
     }

@@ -21,7 +21,7 @@ pub(super) fn each_once<T: PartialEq>(name: &str, list: &[T]) -> Result<(), Para
         return Err(wrong(name, "expected at least one"));
     }
     match (0..list.len()).find(|index| twice(*index)) {
-        Some(index) => Err(wrong(&format!("{name}[{index}]"), "it is there already")),
+        Some(index) => Err(wrong(&format!("{name}[{index}]"), "occurs twice")),
         None => Ok(()),
     }
 }

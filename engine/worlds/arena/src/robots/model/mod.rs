@@ -19,18 +19,18 @@ use crate::mistakes::{Mistakes, with_place};
 pub use presets::robots;
 
 impl Robot {
-    /// A model as a name or an object; `place` is what it is called in complaints, `others_send` whether other kinds of robots
+    /// A model as a name or an object; `path` is what it is called in complaints, `others_send` whether other kinds of robots
     /// send messages that it hears.
     ///
     /// # Errors
     /// All that is wrong with it.
-    pub(crate) fn read(value: &Value, place: &str, others_send: bool) -> Result<Self, Mistakes> {
+    pub(crate) fn read(value: &Value, path: &str, others_send: bool) -> Result<Self, Mistakes> {
         let expected = || format!("the name of a robot ({}) or an object", presets::names());
         match value {
             Value::String(name) => Self::preset(name).ok_or_else(|| {
                 let hint = presets::suggestion(name);
                 wrong(
-                    place,
+                    path,
                     format!("{name:?} found, expected {}{hint}", expected()),
                 )
                 .into()
@@ -41,9 +41,9 @@ impl Robot {
                 } else {
                     composed::read(value, others_send)
                 };
-                read.map_err(|mistakes| mistakes.map(|mistake| with_place(place, mistake)))
+                read.map_err(|mistakes| mistakes.map(|mistake| with_place(path, mistake)))
             }
-            other => Err(wrong(place, format!("{other} found, expected {}", expected())).into()),
+            other => Err(wrong(path, format!("{other} found, expected {}", expected())).into()),
         }
     }
 }

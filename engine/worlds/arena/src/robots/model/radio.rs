@@ -66,7 +66,7 @@ impl RadioText {
         if self.exponent.is_some() && fading == 0 {
             return Err(wrong(
                 &name,
-                "without fading the range alone counts; add fading: 1 (Rayleigh fading)",
+                "has no effect without fading; add fading: 1 (Rayleigh fading)",
             ));
         }
         let slots = self.slots.map(|slots| count("slots", slots, 2, MOST_SLOTS));

@@ -201,13 +201,13 @@ fn directions(
 }
 
 /// That there is no other sensor of the kind.
-fn only<T>(at: &str, kind: &str, known: Option<&T>) -> Result<(), ParameterError> {
-    if known.is_none() {
+fn only<T>(at: &str, kind: &str, existing: Option<&T>) -> Result<(), ParameterError> {
+    if existing.is_none() {
         return Ok(());
     }
     Err(wrong(
         at,
-        format!("there is a sensor {kind} already; one of each kind is possible"),
+        format!("a sensor {kind} already exists; a robot has at most one of each kind"),
     ))
 }
 
@@ -220,8 +220,8 @@ pub(super) fn add(
 ) -> Result<(), ParameterError> {
     let noisy = |noise: f32| within(&format!("{at}.noise"), noise, NOISE);
     let add_only = |robot: &mut Robot, output: Output, kind: &str| {
-        let known = robot.outputs.iter().find(|known| **known == output);
-        only(at, kind, known)?;
+        let existing = robot.outputs.iter().find(|existing| **existing == output);
+        only(at, kind, existing)?;
         robot.outputs.push(output);
         Ok(())
     };
@@ -346,12 +346,14 @@ pub(super) fn add(
             within(&format!("{at}.range"), *range, RANGE)?;
             each_once(&format!("{at}.gives"), gives)?;
             robot.neighbour_range = Some(*range);
-            robot.outputs.extend(gives.iter().map(|seen| match seen {
-                Seen::Count => Output::NeighbourCount,
-                Seen::Center => Output::NeighbourCenter,
-                Seen::Heading => Output::NeighbourHeading,
-                Seen::Nearest => Output::NeighbourNearest,
-            }));
+            robot
+                .outputs
+                .extend(gives.iter().map(|quantity| match quantity {
+                    Seen::Count => Output::NeighbourCount,
+                    Seen::Center => Output::NeighbourCenter,
+                    Seen::Heading => Output::NeighbourHeading,
+                    Seen::Nearest => Output::NeighbourNearest,
+                }));
         }
         Sensor::Encoders { noise } => {
             noisy(*noise)?;

@@ -66,9 +66,9 @@ impl Numbers {
 }
 
 impl Part<'_> {
-    pub(super) fn put(&mut self, place: usize, number: u32) {
+    pub(super) fn put(&mut self, index: usize, number: u32) {
         let length = 1 << self.shift;
-        self.bytes[place << self.shift..][..length]
+        self.bytes[index << self.shift..][..length]
             .copy_from_slice(&number.to_le_bytes()[..length]);
     }
 }

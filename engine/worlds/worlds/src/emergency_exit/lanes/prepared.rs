@@ -54,15 +54,15 @@ impl Prepared {
         if block.seeds.is_empty() {
             return Ok(None);
         }
-        let given = block.parameters.contains_key("field");
-        let seeds: &[u64] = if given { &[] } else { block.seeds };
-        if let Some(kept) = &*last()
-            && kept.seeds == seeds
-            && kept.parameters == *block.parameters
+        let is_fixed = block.parameters.contains_key("field");
+        let seeds: &[u64] = if is_fixed { &[] } else { block.seeds };
+        if let Some(cached) = &*last()
+            && cached.seeds == seeds
+            && cached.parameters == *block.parameters
         {
-            return Ok(Some(Arc::clone(&kept.prepared)));
+            return Ok(Some(Arc::clone(&cached.prepared)));
         }
-        let Some(prepared) = Self::new(block, given)?.map(Arc::new) else {
+        let Some(prepared) = Self::new(block, is_fixed)?.map(Arc::new) else {
             return Ok(None);
         };
         *last() = (prepared.numbers.len() <= KEPT_BYTES).then(|| Kept {
@@ -73,10 +73,10 @@ impl Prepared {
         Ok(Some(prepared))
     }
 
-    fn new(block: &Block<'_>, given: bool) -> Result<Option<Self>, ParameterError> {
+    fn new(block: &Block<'_>, is_fixed: bool) -> Result<Option<Self>, ParameterError> {
         let mut fields = Vec::new();
         let mut settings = None;
-        for episode in 0..if given { 1 } else { block.seeds.len() } {
+        for episode in 0..if is_fixed { 1 } else { block.seeds.len() } {
             let parameters = block.parameters_of(episode);
             if settings.is_none() {
                 settings = Some(Settings::read(&parameters)?);
@@ -113,7 +113,7 @@ impl Prepared {
             numbers,
             exits,
             first_exits,
-            given,
+            given: is_fixed,
         }))
     }
 

@@ -67,21 +67,21 @@ impl Layout {
     /// Changes cells from free to not free or back: those of `cells` in the four stacks from `stack` on, and their copies
     /// above and below.
     #[inline(always)]
-    pub(super) fn flip(self, taken: &mut [u8], stack: usize, cells: u32) {
-        flip_four(taken, stack, cells);
-        flip_four(taken, stack - self.stride, (cells & 0x0303_0303) << ROWS);
-        flip_four(taken, stack + self.stride, cells >> ROWS & 0x0303_0303);
+    pub(super) fn flip(self, occupied: &mut [u8], stack: usize, cells: u32) {
+        flip_four(occupied, stack, cells);
+        flip_four(occupied, stack - self.stride, (cells & 0x0303_0303) << ROWS);
+        flip_four(occupied, stack + self.stride, cells >> ROWS & 0x0303_0303);
     }
 }
 
 #[inline(always)]
-fn flip_four(taken: &mut [u8], stack: usize, cells: u32) {
-    debug_assert!(stack + WINDOW <= taken.len());
+fn flip_four(occupied: &mut [u8], stack: usize, cells: u32) {
+    debug_assert!(stack + WINDOW <= occupied.len());
     // SAFETY: agents never leave their field, since the cells around it are never free, and around these stacks there
     // are others.
     #[allow(unsafe_code)]
     unsafe {
-        let four = taken.as_mut_ptr().add(stack).cast::<u32>();
+        let four = occupied.as_mut_ptr().add(stack).cast::<u32>();
         four.write_unaligned(four.read_unaligned() ^ cells.to_le());
     }
 }
@@ -116,7 +116,11 @@ impl Terrain {
 
     /// Makes a cell free, or not.
     fn turn(&mut self, layout: Layout, cell: Cell) {
-        let place = layout.place(cell);
-        layout.flip(&mut self.taken, place / 8 - 1, 1 << OWN << (place % 8));
+        let position = layout.place(cell);
+        layout.flip(
+            &mut self.taken,
+            position / 8 - 1,
+            1 << OWN << (position % 8),
+        );
     }
 }

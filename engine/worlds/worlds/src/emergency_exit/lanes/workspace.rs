@@ -126,14 +126,14 @@ impl<L: Lanes> Workspace<L> {
     /// Puts the agents where the terrains of the lanes say; `terrains`: the index of each lane's one.
     #[inline(always)]
     pub(super) fn start(&mut self, world: &Prepared, terrains: &[usize; MOST_LANES]) {
-        for (lane, taken) in self.taken.chunks_exact_mut(world.layout.stacks).enumerate() {
-            taken.copy_from_slice(&world.terrains[terrains[lane]].taken);
+        for (lane, occupied) in self.taken.chunks_exact_mut(world.layout.stacks).enumerate() {
+            occupied.copy_from_slice(&world.terrains[terrains[lane]].taken);
         }
         self.terrains = L::Int::load(&terrains.map(|terrain| (terrain * world.places()) as i32));
         self.first_exits = L::Int::load(&terrains.map(|terrain| world.first_exits[terrain]));
         for agent in 0..world.agents {
-            let [place, way, exit] = starts::<L>(&world.terrains, terrains, agent);
-            self.places[agent] = place;
+            let [position, way, exit] = starts::<L>(&world.terrains, terrains, agent);
+            self.places[agent] = position;
             self.ways[agent] = way;
             self.exits[agent] = exit;
         }
@@ -214,9 +214,9 @@ impl<L: Lanes> Workspace<L> {
     /// What lies around an agent.
     #[inline(always)]
     fn look(&self, agent: usize) -> Window<L> {
-        let place = self.places[agent];
-        let stack = place.shr(L::Int::splat(3)).add(self.stacks);
-        let row = place.and(L::Int::splat(7));
+        let position = self.places[agent];
+        let stack = position.shr(L::Int::splat(3)).add(self.stacks);
+        let row = position.and(L::Int::splat(7));
         Window {
             stack,
             row,
@@ -259,16 +259,16 @@ impl<L: Lanes> Workspace<L> {
     /// The agent is where its step leads to, in the lanes where it moved.
     #[inline(always)]
     fn go(&mut self, agent: usize, world: &Prepared, step: L::Int, moved: L::Mask) {
-        let place = self.places[agent];
-        let there = place.add(step);
-        let there = there
-            .add(there.lookup_eight(&world.corrections))
-            .select(place, moved);
-        self.places[agent] = there;
+        let position = self.places[agent];
+        let target = position.add(step);
+        let target = target
+            .add(target.lookup_eight(&world.corrections))
+            .select(position, moved);
+        self.places[agent] = target;
         let mut way = self.ways[agent].sub(of_step(step).select(L::Int::splat(0), moved));
         // Only where it moved: elsewhere the table need not be read.
         let exit = self.exits[agent];
-        let nearest = there.add(self.terrains);
+        let nearest = target.add(self.terrains);
         let nearest = world.numbers.lookup_where(nearest, exit, moved);
         if moved.and_not(nearest.eq(exit)).any() {
             let exits = |numbers: L::Int| numbers.add(self.first_exits).lookup(&world.exits);

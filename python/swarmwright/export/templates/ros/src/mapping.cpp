@@ -42,8 +42,8 @@ std::string shown(const Value& value) {
     case Value::Kind::text:
       return "'" + value.text + "'";
     case Value::Kind::list:
-      for (const Value& one : value.list) {
-        text << between << shown(one);
+      for (const Value& element : value.list) {
+        text << between << shown(element);
         between = ", ";
       }
       return "[" + text.str() + "]";
@@ -117,16 +117,16 @@ class Block {
     if (value == nullptr) return std::nullopt;
     if (value->kind != Value::Kind::list || value->list.size() != 2) fail(key + ": expected two numbers [low, high]");
     const double low = finite(key, value->list[0]);  // in order, so that the error names the first mistake
-    const Interval found{low, finite(key, value->list[1])};
-    if (!(low < found.second)) {
+    const Interval interval{low, finite(key, value->list[1])};
+    if (!(low < interval.second)) {
       std::ostringstream remedy;
-      if (found.second < low && low < found.second + turn) {
-        remedy << "; write [" << low - turn << ", " << found.second << "] or [" << low << ", " << found.second + turn
-               << "]";
+      if (interval.second < low && low < interval.second + turn) {
+        remedy << "; write [" << low - turn << ", " << interval.second << "] or [" << low << ", "
+               << interval.second + turn << "]";
       }
       fail(key + ": the first number must be below the second" + remedy.str());
     }
-    return found;
+    return interval;
   }
 
   // Names and numbers: {left wheel: 0.5, right wheel: 0.5}.
@@ -135,9 +135,9 @@ class Block {
     if (value.kind != Value::Kind::map || value.map.empty()) {
       fail(key + ": " + shown(value) + " found, expected weights by name, such as {left: 0.5, right: 0.5}");
     }
-    std::vector<std::pair<std::string, double>> found;
-    for (const auto& [name, weight] : value.map) found.emplace_back(name, finite(key + "." + name, weight));
-    return found;
+    std::vector<std::pair<std::string, double>> entries;
+    for (const auto& [name, weight] : value.map) entries.emplace_back(name, finite(key + "." + name, weight));
+    return entries;
   }
 
   std::optional<std::uint64_t> seed(const std::string& key) {
@@ -168,14 +168,14 @@ class Block {
     // In YAML 1.1, which ROS 1 uses, a number such as 1e-3 is a text.
     static const std::regex exponent("[-+]?(\\.[0-9]+|[0-9]+(\\.[0-9]*)?)[eE][-+]?[0-9]+");
     double number = NAN;
-    const char* what = "found";
+    const char* problem = "found";
     if (value.kind == Value::Kind::number) number = value.number;
     if (value.kind == Value::Kind::text && std::regex_match(value.text, exponent)) {
       number = std::strtod(value.text.c_str(), nullptr);
     } else if (value.kind == Value::Kind::text) {
-      what = "is text";
+      problem = "is text";
     }
-    if (!std::isfinite(number)) fail(key + ": " + shown(value) + " " + what + ", expected a number");
+    if (!std::isfinite(number)) fail(key + ": " + shown(value) + " " + problem + ", expected a number");
     return number;
   }
 
@@ -192,43 +192,43 @@ Place place(Block& block) {
 }
 
 SensorMapping sensor(Block& block, double timeout) {
-  SensorMapping found;
+  SensorMapping sensor;
   if (block.has("source")) {
     const std::string source = block.text("source");
-    found.place.where = block.where();
+    sensor.place.where = block.where();
     if (source == "constant") {
-      found.constant = block.single("value");
-      return found;
+      sensor.constant = block.single("value");
+      return sensor;
     }
     if (source != "random") block.fail("source: '" + source + "' found, expected random or constant");
-    found.random = true;
-    found.seed = block.seed("seed");
-    return found;
+    sensor.random = true;
+    sensor.seed = block.seed("seed");
+    return sensor;
   }
-  found.place = place(block);
-  found.scale = block.number("scale", 1);
-  found.offset = block.number("offset", 0);
-  found.clip = block.interval("clip");
-  found.timeout = block.positive("timeout", timeout);
-  if (found.place.type == "sensor_msgs/LaserScan") {
-    found.sector = block.interval("sector", 360);
+  sensor.place = place(block);
+  sensor.scale = block.number("scale", 1);
+  sensor.offset = block.number("offset", 0);
+  sensor.clip = block.interval("clip");
+  sensor.timeout = block.positive("timeout", timeout);
+  if (sensor.place.type == "sensor_msgs/LaserScan") {
+    sensor.sector = block.interval("sector", 360);
     const std::string reduce = block.has("reduce") ? block.text("reduce") : "min";
-    found.mean = reduce == "mean";
-    if (!found.mean && reduce != "min") block.fail("reduce: '" + reduce + "' found, expected min or mean");
+    sensor.mean = reduce == "mean";
+    if (!sensor.mean && reduce != "min") block.fail("reduce: '" + reduce + "' found, expected min or mean");
   }
-  if (found.place.type == "sensor_msgs/LaserScan" || found.place.type == "sensor_msgs/Range") {
-    if (block.has("infinite")) found.infinite = block.number("infinite", 0);
+  if (sensor.place.type == "sensor_msgs/LaserScan" || sensor.place.type == "sensor_msgs/Range") {
+    if (block.has("infinite")) sensor.infinite = block.number("infinite", 0);
   }
-  return found;
+  return sensor;
 }
 
 ActuatorMapping actuator(Block& block) {
-  ActuatorMapping found;
-  found.place = place(block);
-  found.scale = block.number("scale", 1);
-  found.offset = block.number("offset", 0);
-  found.limits = block.interval("limits");
-  return found;
+  ActuatorMapping actuator;
+  actuator.place = place(block);
+  actuator.scale = block.number("scale", 1);
+  actuator.offset = block.number("offset", 0);
+  actuator.limits = block.interval("limits");
+  return actuator;
 }
 
 std::string joined(const std::vector<std::string>& words) {

@@ -180,12 +180,12 @@ std::vector<std::string> names(Types<Messages...>) {
 template <typename Use>
 std::pair<std::string, Use> field(const std::map<std::string, Use>& fields, const Place& place) {
   if (place.field.empty() && fields.size() == 1) return *fields.begin();
-  const auto found = fields.find(place.field);
-  if (found != fields.end()) return *found;
+  const auto entry = fields.find(place.field);
+  if (entry != fields.end()) return *entry;
   std::vector<std::string> names;
   for (const auto& [name, use] : fields) names.push_back(name);
-  const std::string what = place.field.empty() ? "is missing" : "'" + place.field + "' is not in " + place.type;
-  throw MappingError(place.where + ": field " + what + "; expected " + choice(names));
+  const std::string problem = place.field.empty() ? "is missing" : "'" + place.field + "' is not in " + place.type;
+  throw MappingError(place.where + ": field " + problem + "; expected " + choice(names));
 }
 
 // Checks that all entries of a topic, and other nodes, use the same type.
@@ -200,8 +200,8 @@ std::string type_of(const Graph& graph, const std::string& topic, const std::vec
                          " and " + entry.place.type + " here; a topic has one type");
     }
   }
-  for (const std::string& known : graph.types(topic)) {
-    const std::string type = short_type(known);
+  for (const std::string& full_type : graph.types(topic)) {
+    const std::string type = short_type(full_type);
     if (type != first->type && type != "*") {
       throw MappingError(first->where + ": " + topic + " has the type " + type + ", but the mapping says " +
                          first->type);
@@ -225,7 +225,7 @@ template <typename Entry>
                                const std::vector<std::string>& types) {
   const auto at =
       std::find_if(entries.begin(), entries.end(), [&](const Entry& entry) { return entry.place.topic == topic; });
-  throw MappingError(at->place.where + ": the type '" + at->place.type + "' is not known here; expected " +
+  throw MappingError(at->place.where + ": the type '" + at->place.type + "' is unknown; expected " +
                      choice(types));
 }
 

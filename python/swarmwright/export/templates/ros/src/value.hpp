@@ -17,23 +17,23 @@ struct Value {
   std::vector<std::pair<std::string, Value>> map;  // sorted by key, each once
 
   static Value of(bool value) {
-    Value made{Kind::boolean};
-    made.boolean = value;
-    return made;
+    Value result{Kind::boolean};
+    result.boolean = value;
+    return result;
   }
   static Value of(double value) {
-    Value made{Kind::number};
-    made.number = value;
-    return made;
+    Value result{Kind::number};
+    result.number = value;
+    return result;
   }
   static Value of(std::string value) {
-    Value made{Kind::text};
-    made.text = std::move(value);
-    return made;
+    Value result{Kind::text};
+    result.text = std::move(value);
+    return result;
   }
 
   Value() = default;
-  explicit Value(Kind given) : kind(given) {}
+  explicit Value(Kind initial) : kind(initial) {}
 
   const Value* find(const std::string& key) const {
     for (const auto& [name, value] : map) {

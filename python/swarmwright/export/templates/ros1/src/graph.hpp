@@ -41,7 +41,7 @@ using std_msgs::Header;
 template <typename Message>
 class Publisher {
  public:
-  explicit Publisher(ros::Publisher made) : made_(std::move(made)) {}
+  explicit Publisher(ros::Publisher publisher) : made_(std::move(publisher)) {}
   void publish(const Message& message) const { made_.publish(message); }
   std::size_t listeners() const { return made_.getNumSubscribers(); }
 
@@ -53,9 +53,9 @@ class Graph {
  public:
   // Returns the full, remapped name of a topic: /robot_1/scan. Throws std::exception for an invalid name.
   std::string resolve(const std::string& name) {
-    const std::string given = ros::names::resolve(name.rfind("~/", 0) == 0 ? "~" + name.substr(2) : name, false);
-    const std::string full = ros::names::remap(given);
-    given_[full] = given;
+    const std::string resolved = ros::names::resolve(name.rfind("~/", 0) == 0 ? "~" + name.substr(2) : name, false);
+    const std::string full = ros::names::remap(resolved);
+    given_[full] = resolved;
     return full;
   }
 
@@ -63,16 +63,16 @@ class Graph {
   std::vector<std::string> types(const std::string& topic) const {
     XmlRpc::XmlRpcValue arguments;
     XmlRpc::XmlRpcValue response;
-    XmlRpc::XmlRpcValue known;
-    std::vector<std::string> found;
+    XmlRpc::XmlRpcValue topics;
+    std::vector<std::string> types;
     arguments[0] = ros::this_node::getName();
     arguments[1] = "";
     // ros::master::getTopics waits for a lost master, and the robot would get no more commands.
-    if (!ros::master::execute("getPublishedTopics", arguments, response, known, false)) return found;
-    for (int i = 0; i < known.size(); ++i) {
-      if (static_cast<std::string>(known[i][0]) == topic) found.push_back(static_cast<std::string>(known[i][1]));
+    if (!ros::master::execute("getPublishedTopics", arguments, response, topics, false)) return types;
+    for (int i = 0; i < topics.size(); ++i) {
+      if (static_cast<std::string>(topics[i][0]) == topic) types.push_back(static_cast<std::string>(topics[i][1]));
     }
-    return found;
+    return types;
   }
 
   // Reads the latest message only.
@@ -110,8 +110,8 @@ class Graph {
 
   // Returns the name for roscpp, which remaps names itself: otherwise a:=b b:=a would have no effect.
   const std::string& given(const std::string& topic) const {
-    const auto found = given_.find(topic);
-    return found == given_.end() ? topic : found->second;
+    const auto entry = given_.find(topic);
+    return entry == given_.end() ? topic : entry->second;
   }
 
   ros::NodeHandle node_;

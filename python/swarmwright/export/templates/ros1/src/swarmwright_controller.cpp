@@ -61,28 +61,28 @@ void end_without_master() {
   }).detach();
 }
 
-Value value_of(XmlRpc::XmlRpcValue& given) {
+Value value_of(XmlRpc::XmlRpcValue& source) {
   using XmlRpc::XmlRpcValue;
-  Value made;
-  switch (given.getType()) {
+  Value result;
+  switch (source.getType()) {
     case XmlRpcValue::TypeBoolean:
-      return Value::of(static_cast<bool>(given));
+      return Value::of(static_cast<bool>(source));
     case XmlRpcValue::TypeInt:
-      return Value::of(static_cast<double>(static_cast<int>(given)));
+      return Value::of(static_cast<double>(static_cast<int>(source)));
     case XmlRpcValue::TypeDouble:
-      return Value::of(static_cast<double>(given));
+      return Value::of(static_cast<double>(source));
     case XmlRpcValue::TypeString:
-      return Value::of(static_cast<std::string>(given));
+      return Value::of(static_cast<std::string>(source));
     case XmlRpcValue::TypeArray:
-      made.kind = Value::Kind::list;
-      for (int i = 0; i < given.size(); ++i) made.list.push_back(value_of(given[i]));
-      return made;
+      result.kind = Value::Kind::list;
+      for (int i = 0; i < source.size(); ++i) result.list.push_back(value_of(source[i]));
+      return result;
     case XmlRpcValue::TypeStruct:
-      made.kind = Value::Kind::map;
-      for (auto& [key, value] : given) made.map.emplace_back(key, value_of(value));
-      return made;
+      result.kind = Value::Kind::map;
+      for (auto& [key, value] : source) result.map.emplace_back(key, value_of(value));
+      return result;
     default:
-      return made;
+      return result;
   }
 }
 

@@ -45,7 +45,7 @@ using std_msgs::msg::Header;
 template <typename Message>
 class Publisher {
  public:
-  explicit Publisher(std::shared_ptr<rclcpp::Publisher<Message>> made) : made_(std::move(made)) {}
+  explicit Publisher(std::shared_ptr<rclcpp::Publisher<Message>> publisher) : made_(std::move(publisher)) {}
   void publish(const Message& message) const { made_->publish(message); }
   std::size_t listeners() const { return made_->get_subscription_count(); }
 
@@ -74,15 +74,15 @@ class Graph {
 
   // Returns the types with which other nodes use a topic.
   std::vector<std::string> types(const std::string& topic) const {
-    std::vector<std::string> found;
+    std::vector<std::string> types;
     for (const auto& ends :
          {node_->get_publishers_info_by_topic(given(topic)), node_->get_subscriptions_info_by_topic(given(topic))}) {
       for (const rclcpp::TopicEndpointInfo& end : ends) {
         const bool own = end.node_name() == node_->get_name() && end.node_namespace() == node_->get_namespace();
-        if (!own) found.push_back(end.topic_type());
+        if (!own) types.push_back(end.topic_type());
       }
     }
-    return found;
+    return types;
   }
 
   // Reads the latest message only. Works with reliable and unreliable publishers.
@@ -125,8 +125,8 @@ class Graph {
 
   // Returns the name for rclcpp, which remaps names itself: otherwise a:=b b:=a would have no effect.
   const std::string& given(const std::string& topic) const {
-    const auto found = given_.find(topic);
-    return found == given_.end() ? topic : found->second;
+    const auto entry = given_.find(topic);
+    return entry == given_.end() ? topic : entry->second;
   }
 
   rclcpp::Node::SharedPtr node_;

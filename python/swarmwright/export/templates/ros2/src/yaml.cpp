@@ -39,26 +39,26 @@ Value value_of(const YAML::Node& node, const std::string& file, int depth) {
   if (depth > kDeepest) {
     throw MappingError("mapping: " + file + ": is nested more than " + std::to_string(kDeepest) + " levels deep");
   }
-  Value made;
+  Value result;
   if (node.IsScalar()) {
     const bool quoted = node.Tag() == "!" || node.Tag() == "tag:yaml.org,2002:str";
     return quoted ? Value::of(node.Scalar()) : plain(node.Scalar());
   }
   if (node.IsSequence()) {
-    made.kind = Value::Kind::list;
-    for (const YAML::Node& one : node) made.list.push_back(value_of(one, file, depth + 1));
+    result.kind = Value::Kind::list;
+    for (const YAML::Node& item : node) result.list.push_back(value_of(item, file, depth + 1));
   }
   if (node.IsMap()) {
-    made.kind = Value::Kind::map;
-    for (const auto& one : node) {
-      const std::string key = one.first.IsScalar() ? one.first.Scalar() : "?";
+    result.kind = Value::Kind::map;
+    for (const auto& item : node) {
+      const std::string key = item.first.IsScalar() ? item.first.Scalar() : "?";
       const auto same = [&key](const auto& other) { return other.first == key; };
-      made.map.erase(std::remove_if(made.map.begin(), made.map.end(), same), made.map.end());
-      made.map.emplace_back(key, value_of(one.second, file, depth + 1));
+      result.map.erase(std::remove_if(result.map.begin(), result.map.end(), same), result.map.end());
+      result.map.emplace_back(key, value_of(item.second, file, depth + 1));
     }
-    std::sort(made.map.begin(), made.map.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    std::sort(result.map.begin(), result.map.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   }
-  return made;
+  return result;
 }
 
 }  // namespace

@@ -74,8 +74,8 @@ pub fn act_in_lanes<L: Lanes>(
     let none = L::Mask::from_bits(0);
     let (mut explores, mut follows) = (none, none);
     let mut pulls = LanePull::none();
-    for (place, module) in MODULES.iter().enumerate() {
-        let is = behaviour.eq(L::Int::splat(place as i32));
+    for (index, module) in MODULES.iter().enumerate() {
+        let is = behaviour.eq(L::Int::splat(index as i32));
         match module.behaviour {
             Behaviour::Explore => explores = explores.or(is),
             Behaviour::Stop => {}

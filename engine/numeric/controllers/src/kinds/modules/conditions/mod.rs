@@ -76,10 +76,10 @@ pub fn probability(transition: &[f32], sensed: &Sensed) -> f32 {
 #[inline(always)]
 pub fn ground_in_lanes<L: Lanes>(sensor: L) -> L::Int {
     let number = |ground: Ground| {
-        let place = MODULES
+        let index = MODULES
             .iter()
             .position(|module| module.condition == Condition::Ground(ground));
-        L::Int::splat(place.map_or(-1, |place| place as i32))
+        L::Int::splat(index.map_or(-1, |index| index as i32))
     };
     let bright = number(Ground::White).select(number(Ground::Grey), L::splat(WHITE).le(sensor));
     number(Ground::Black).select(bright, sensor.le(L::splat(BLACK)))
@@ -97,8 +97,8 @@ pub fn probability_in_lanes<L: Lanes>(
     let none = L::Mask::from_bits(0);
     // No closures: what they do is not always inlined into kernels.
     let (mut fixed, mut many, mut few) = (condition.eq(ground), none, none);
-    for (place, module) in MODULES.iter().enumerate() {
-        let is = condition.eq(L::Int::splat(place as i32));
+    for (index, module) in MODULES.iter().enumerate() {
+        let is = condition.eq(L::Int::splat(index as i32));
         match module.condition {
             Condition::Fixed => fixed = fixed.or(is),
             Condition::Neighbours(sign) if sign < 0.0 => few = few.or(is),

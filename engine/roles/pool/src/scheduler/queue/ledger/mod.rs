@@ -66,17 +66,17 @@ impl Ledger {
         self.holders.fill(0);
         self.open.fill(0);
         self.done = self.settled.len();
-        for one in only {
-            let evaluation = one.candidate * episodes + one.episode;
+        for repetition in only {
+            let evaluation = repetition.candidate * episodes + repetition.episode;
             if !std::mem::replace(&mut self.settled[evaluation], false) {
                 continue;
             }
             self.holders[evaluation] = 1;
-            self.open[one.candidate] += 1;
+            self.open[repetition.candidate] += 1;
             self.done -= 1;
             self.queued += 1;
             self.queue
-                .push_back(Piece::repetition(evaluation, one.before));
+                .push_back(Piece::repetition(evaluation, repetition.before));
         }
     }
 
@@ -135,29 +135,29 @@ impl Ledger {
         let base = self.forgotten / episodes;
         let rows = self.fresh.iter().map(|candidate| candidate - base);
         let places = rows.flat_map(|row| row * episodes..(row + 1) * episodes);
-        let places = places.filter(|place| !self.results.fitness[*place].is_nan());
-        places.map(|place| self.by[place]).collect()
+        let places = places.filter(|index| !self.results.fitness[*index].is_nan());
+        places.map(|index| self.by[index]).collect()
     }
 
     /// The candidates that have ended since the last call. What they need is forgotten by and by.
     pub fn take_settled(&mut self) -> Settled {
         let (episodes, metrics) = (self.episodes(), self.episodes() * self.metrics);
         let base = self.forgotten / episodes;
-        let mut found = Settled {
+        let mut settled = Settled {
             candidates: std::mem::take(&mut self.fresh),
             ..Settled::default()
         };
-        for candidate in &found.candidates {
+        for candidate in &settled.candidates {
             let row = candidate - base;
             let fitness = &self.results.fitness[row * episodes..][..episodes];
-            found.fitness.extend_from_slice(fitness);
+            settled.fitness.extend_from_slice(fitness);
             let values = &self.results.metrics[row * metrics..][..metrics];
-            found.metrics.extend_from_slice(values);
+            settled.metrics.extend_from_slice(values);
         }
         let ended = self.open.iter().take_while(|open| **open == 0).count();
         // What succeeded last may be needed to tell which servers are sound.
-        let kept = self.good.map_or(usize::MAX, |good| good / episodes - base);
-        let ended = ended.min(kept);
+        let needed = self.good.map_or(usize::MAX, |good| good / episodes - base);
+        let ended = ended.min(needed);
         if ended * episodes >= MIN_FORGOTTEN.max(self.settled.len() / 2) && !self.is_revised() {
             self.settled.drain(..ended * episodes);
             self.holders.drain(..ended * episodes);
@@ -170,7 +170,7 @@ impl Ledger {
                 work.forget_before(base + ended);
             }
         }
-        found
+        settled
     }
 
     pub fn work(&self) -> Option<&Work> {
@@ -235,13 +235,15 @@ impl Ledger {
     /// Whether an evaluation is in more than one place.
     pub fn is_shared(&self, evaluation: usize) -> bool {
         self.place(evaluation)
-            .is_some_and(|place| self.holders[place] > 1)
+            .is_some_and(|index| self.holders[index] > 1)
     }
 
     /// The first of some evaluations that have not ended, and those right behind it.
     pub fn first_open(&self, evaluations: &Range<usize>) -> Option<Range<usize>> {
-        let first = evaluations.clone().find(|one| !self.has_ended(*one))?;
-        let end = (first..evaluations.end).find(|one| self.has_ended(*one));
+        let first = evaluations
+            .clone()
+            .find(|evaluation| !self.has_ended(*evaluation))?;
+        let end = (first..evaluations.end).find(|evaluation| self.has_ended(*evaluation));
         Some(first..end.unwrap_or(evaluations.end))
     }
 
@@ -254,13 +256,13 @@ impl Ledger {
     pub fn is_over(&self, piece: &Piece, evaluation: usize) -> bool {
         !matches!(piece.purpose, Purpose::Audit | Purpose::Probe)
             && piece.evaluations.contains(&evaluation)
-            && piece.evaluations.clone().all(|one| self.has_ended(one))
+            && piece.evaluations.clone().all(|other| self.has_ended(other))
     }
 
     /// Where an evaluation that has not ended stands in the lists.
     fn place(&self, evaluation: usize) -> Option<usize> {
-        let place = evaluation.checked_sub(self.forgotten)?;
-        (!self.settled[place]).then_some(place)
+        let index = evaluation.checked_sub(self.forgotten)?;
+        (!self.settled[index]).then_some(index)
     }
 
     /// An evaluation has ended with the result of a server. Whether that is news: what comes later is not heard.
@@ -271,17 +273,17 @@ impl Ledger {
         fitness: f64,
         metrics: &[f64],
     ) -> bool {
-        let Some(place) = self.place(evaluation) else {
+        let Some(index) = self.place(evaluation) else {
             return false;
         };
-        if self.holders[place] > 1 {
+        if self.holders[index] > 1 {
             self.unqueue(evaluation);
         }
-        self.results.fitness[place] = fitness;
-        self.results.metrics[place * self.metrics..][..self.metrics].copy_from_slice(metrics);
-        self.by[place] = server;
+        self.results.fitness[index] = fitness;
+        self.results.metrics[index * self.metrics..][..self.metrics].copy_from_slice(metrics);
+        self.by[index] = server;
         self.good = Some(evaluation);
-        self.end(place);
+        self.end(index);
         true
     }
 
@@ -327,20 +329,20 @@ impl Ledger {
         if others.is_none() || (others != Some(0) && !everywhere) {
             return false;
         }
-        if let Some(place) = self.place(evaluation) {
-            self.end(place);
+        if let Some(index) = self.place(evaluation) {
+            self.end(index);
         }
         true
     }
 
-    fn end(&mut self, place: usize) {
+    fn end(&mut self, index: usize) {
         let episodes = self.episodes();
-        self.settled[place] = true;
-        self.attribution.forget(self.forgotten + place);
+        self.settled[index] = true;
+        self.attribution.forget(self.forgotten + index);
         self.done += 1;
-        self.open[place / episodes] -= 1;
-        if self.open[place / episodes] == 0 {
-            self.fresh.push((self.forgotten + place) / episodes);
+        self.open[index / episodes] -= 1;
+        if self.open[index / episodes] == 0 {
+            self.fresh.push((self.forgotten + index) / episodes);
         }
     }
 
@@ -349,29 +351,29 @@ impl Ledger {
     pub fn reopen(&mut self, server: u64) -> (usize, usize) {
         let episodes = self.episodes();
         let base = self.forgotten / episodes;
-        let here: HashSet<usize> = self.fresh.iter().copied().collect();
+        let fresh: HashSet<usize> = self.fresh.iter().copied().collect();
         let (mut reopened, mut lost) = (0, 0);
-        for place in (0..self.settled.len()).rev() {
-            if !self.settled[place]
-                || self.by[place] != server
-                || self.results.fitness[place].is_nan()
+        for index in (0..self.settled.len()).rev() {
+            if !self.settled[index]
+                || self.by[index] != server
+                || self.results.fitness[index].is_nan()
             {
                 continue;
             }
-            let candidate = place / episodes;
-            let is_out = self.open[candidate] == 0 && !here.contains(&(base + candidate));
+            let candidate = index / episodes;
+            let is_out = self.open[candidate] == 0 && !fresh.contains(&(base + candidate));
             if is_out && !self.is_revised() {
                 lost += 1;
                 continue;
             }
-            self.settled[place] = false;
-            self.results.fitness[place] = f64::NAN;
-            self.results.metrics[place * self.metrics..][..self.metrics].fill(f64::NAN);
-            self.holders[place] = 1;
+            self.settled[index] = false;
+            self.results.fitness[index] = f64::NAN;
+            self.results.metrics[index * self.metrics..][..self.metrics].fill(f64::NAN);
+            self.holders[index] = 1;
             self.done -= 1;
             self.open[candidate] += 1;
             self.queued += 1;
-            let evaluation = self.forgotten + place;
+            let evaluation = self.forgotten + index;
             self.good = self.good.filter(|good| *good != evaluation);
             match self.queue.front_mut() {
                 Some(next)
@@ -390,9 +392,9 @@ impl Ledger {
         let open = &self.open;
         self.fresh.retain(|candidate| open[candidate - base] == 0);
         self.good = self.good.or_else(|| {
-            let has_succeeded = |place: &usize| !self.results.fitness[*place].is_nan();
-            let found = (0..self.settled.len()).rev().find(has_succeeded);
-            found.map(|place| self.forgotten + place)
+            let has_succeeded = |index: &usize| !self.results.fitness[*index].is_nan();
+            let last = (0..self.settled.len()).rev().find(has_succeeded);
+            last.map(|index| self.forgotten + index)
         });
         (reopened, lost)
     }

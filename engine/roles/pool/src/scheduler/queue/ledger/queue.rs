@@ -7,11 +7,11 @@ use crate::scheduler::queue::results::rectangle;
 impl Ledger {
     /// Which piece is next for a server: one that it may have and has not failed, or which all of `servers` have.
     fn position(&self, server: u64, servers: &[u64]) -> Option<usize> {
-        let found = self.queue.iter().position(|piece| {
+        let position = self.queue.iter().position(|piece| {
             !self.needs_proof(piece, server) && self.may_have(piece, server, servers)
         });
         // A server that can be proven otherwise does not get what others were lost with, nor again what it failed.
-        found.or_else(|| match self.good {
+        position.or_else(|| match self.good {
             Some(_) => None,
             None => self.barred(server, servers),
         })
@@ -59,13 +59,13 @@ impl Ledger {
         let episodes = self.episodes();
         let piece = &mut self.queue[position];
         let count = rectangle(&piece.evaluations, episodes, most.min(piece.largest()));
-        let taken = piece.part(piece.first()..piece.first() + count);
+        let part = piece.part(piece.first()..piece.first() + count);
         piece.evaluations.start += count;
         if piece.evaluations.is_empty() {
             self.queue.remove(position);
         }
         self.queued -= count;
-        Some(taken)
+        Some(part)
     }
 
     /// Whether a server that must not have a piece is to be left out indeed: an audit always; a copy only as long as
@@ -73,7 +73,7 @@ impl Ledger {
     fn is_elsewhere(&self, piece: &Piece) -> bool {
         let shared = |evaluation| {
             self.place(evaluation)
-                .is_none_or(|place| self.holders[place] > 1)
+                .is_none_or(|index| self.holders[index] > 1)
         };
         piece.purpose == Purpose::Audit || piece.evaluations.clone().all(shared)
     }
@@ -88,9 +88,9 @@ impl Ledger {
         for evaluation in piece.evaluations.clone() {
             waits.push(self.let_go(evaluation) == Some(0));
             if waits.last() == Some(&true)
-                && let Some(place) = self.place(evaluation)
+                && let Some(index) = self.place(evaluation)
             {
-                self.holders[place] = 1;
+                self.holders[index] = 1;
             }
         }
         // From the end on, so that the first comes first.
@@ -107,16 +107,16 @@ impl Ledger {
 
     /// One server does not have an evaluation any more. In how many other places it is; none if it has ended.
     pub(super) fn let_go(&mut self, evaluation: usize) -> Option<u8> {
-        let place = self.place(evaluation)?;
-        self.holders[place] = self.holders[place].saturating_sub(1);
-        Some(self.holders[place])
+        let index = self.place(evaluation)?;
+        self.holders[index] = self.holders[index].saturating_sub(1);
+        Some(self.holders[index])
     }
 
     /// Notes that what of a piece has not ended will be in one more place.
     pub fn hold(&mut self, piece: &Piece) {
         for evaluation in piece.evaluations.clone() {
-            if let Some(place) = self.place(evaluation) {
-                self.holders[place] = self.holders[place].saturating_add(1);
+            if let Some(index) = self.place(evaluation) {
+                self.holders[index] = self.holders[index].saturating_add(1);
             }
         }
     }
@@ -162,8 +162,8 @@ impl Ledger {
     /// Takes an evaluation that was put aside and that a server has not failed.
     pub fn take_aside_for(&mut self, server: u64) -> Option<Piece> {
         let piece = self.attribution.take_aside_for(server)?;
-        if let Some(place) = self.place(piece.first()) {
-            self.holders[place] = 1;
+        if let Some(index) = self.place(piece.first()) {
+            self.holders[index] = 1;
         }
         Some(piece)
     }
