@@ -105,9 +105,9 @@ def main(folder: Path | None) -> None:
             base = browser.current_url
             if folder is None:
                 for view, height in (
-                    ("runs", 420),
+                    ("runs", 300),
                     ("run", 1150),
-                    ("compare", 1000),
+                    ("compare", 912),
                     ("new", 900),
                     ("draw", 860),
                 ):
