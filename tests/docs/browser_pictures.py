@@ -73,12 +73,18 @@ def open_view(browser: Chrome, address: str, view: str, *, is_dark: bool = False
     browser.refresh()
     eventually(lambda: is_shown(browser, view), view)
     if view == "run":
-        chart = find(browser, ".u-over")
-        ActionChains(browser).move_to_element_with_offset(chart, 60, -20).click().perform()
+        eventually(lambda: click_evaluation(browser), "an evaluation is clicked")
         browser.switch_to.frame(find(browser, "iframe"))
         eventually(lambda: "step" in page_text(browser), "the replay")
         browser.switch_to.default_content()
         browser.execute_script("scrollTo(0, 0)")
+
+
+def click_evaluation(browser: Chrome) -> bool:
+    """Click into the map of a run, which is replaced when its data come."""
+    chart = browser.find_element(By.CSS_SELECTOR, ".u-over")
+    ActionChains(browser).move_to_element_with_offset(chart, 60, -20).click().perform()
+    return True
 
 
 def photograph(browser: Chrome, height: int | None = None) -> Image.Image:
