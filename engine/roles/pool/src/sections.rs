@@ -178,7 +178,10 @@ mod tests {
     fn wrong_values_are_refused() {
         for (wrong, expected) in [
             (json!({"step": 0}), "larger than 0"),
-            (json!({"least": -1.5}), "must be a duration in seconds, not -1.5"),
+            (
+                json!({"least": -1.5}),
+                "must be a duration in seconds, not -1.5",
+            ),
             (json!({"pause": 1}), "unknown field `pause`"),
         ] {
             let error = serde_json::from_value::<Timeouts>(wrong).unwrap_err();
@@ -187,7 +190,10 @@ mod tests {
         for (wrong, expected) in [
             (json!({"attempts": 0}), "at least 1"),
             (json!({"quarantine": -1}), "invalid value"),
-            (json!({"audit": 1.01}), "must be a share from 0 to 1, not 1.01"),
+            (
+                json!({"audit": 1.01}),
+                "must be a share from 0 to 1, not 1.01",
+            ),
         ] {
             let error = serde_json::from_value::<Faults>(wrong).unwrap_err();
             assert!(error.to_string().contains(expected), "{error}");

@@ -53,7 +53,7 @@ fn servers_that_differ_from_most_are_not_used_and_named() {
     submit(&mut tool);
     assert_eq!(used(&tool), [2, 3, 4]);
     assert_eq!(tool.machine.sizes(), Some((2, 1)));
-    let told = "server 1 is not used: it announces 3 sensors, but this run has 2, which server 2 announces";
+    let told = "server 1 is not used: it announces 3 sensors, but this run has 2, as announced by server 2";
     assert!(
         tool.warnings.len() == 1 && tool.warnings[0].starts_with(told),
         "{:?}",
@@ -79,7 +79,7 @@ fn a_server_that_comes_later_differs_from_those_of_the_run() {
         tool.answer(2, Some(&announced("b", 2, 4)));
     }
     assert!(!tool.machine.has_server());
-    let told = "server 2 answered, but announces 4 actuators, but this run has 1, which server 1 announces";
+    let told = "server 2 answered, but announces 4 actuators, but this run has 1, as announced by server 1";
     let told = tool.warnings.iter().filter(|text| text.starts_with(told));
     assert_eq!(told.count(), 1, "{:?}", tool.warnings);
     tool.answer(3, Some(&announced("c", 2, 1)));

@@ -170,8 +170,8 @@ fn what_came_under_an_id_that_two_have_who_cannot_be_told_apart_is_done_again() 
     tool.sense(&second);
     assert_eq!(tool.machine.done(), 0);
     assert_eq!(tool.machine.counts().recomputed, 1);
-    let told = "two servers answer to the id 1, so neither is used; give one another --id; 1 evaluations that came under \
-                it are done again";
+    let told = "two servers answer to the id 1, so neither is used; give one another --id; 1 evaluations under this id \
+                are repeated";
     assert_eq!(tool.warnings, [told]);
     let controls = |tool: &Alone| tool.on("control").count();
     let before = controls(&tool);
