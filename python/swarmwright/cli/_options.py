@@ -457,7 +457,6 @@ compare_options = combine_options(
 """Options shared by commands that compare runs, which get `compared`, a `ComparisonOptions`."""
 
 
-DEFAULT_BROKER = "mqtt://localhost:1883"
 BROKER_VARIABLE = "SWARMWRIGHT_BROKER"
 
 

@@ -11,7 +11,9 @@ from swarmwright.servers.broker.watching import (
     ServerRow,
     ToolRow,
     View,
+    describe_abandoned,
     describe_owed_message,
+    describe_work,
     watch_broker,
 )
 
@@ -27,20 +29,6 @@ NARROW = 60
 """Width of a terminal, in columns, below which only the following cells are drawn."""
 NARROW_SERVERS = ("id", "state", "work", "silent")
 NARROW_TOOLS = ("tool", "generations done", "evaluations")
-
-
-def describe_work(server: ServerRow) -> str:
-    """Return the current work of a server: 'block of 12', 'episode, step 7'; '-' for none."""
-    if not server.doing:
-        return "-"
-    work = server.doing[0]
-    activity = "episode" if work["kind"] == "episode" else f"{work['kind']} of {work['evaluations']}"
-    if work.get("step") is not None:
-        activity += f", step {work['step']}"
-    if work.get("agent") is not None:
-        activity += f", agent {work['agent']}"
-    more = len(server.doing) - 1
-    return f"{activity} (+{more})" if more else activity
 
 
 def cells(server: ServerRow) -> tuple[str, ...]:
@@ -74,18 +62,6 @@ def tool_cells(tool: ToolRow) -> tuple[str, ...]:
         "looks for servers" if status["state"] == "looking" else f"{status['done']} of {status['total']}"
     )
     return (status["tool"], status.get("run") or "-", how_far, evaluations, tool.waits_for or "-")
-
-
-def describe_abandoned(server: ServerRow, view: View) -> str:
-    """Return a message on a server that is reserved for a tool that has probably ended."""
-    if server.tool in view.gone:
-        why, free = "has ended", "it becomes free"
-    else:
-        why, free = "sends no status", "if that has ended, it becomes free"
-    return (
-        f"server {server.server} is still reserved for {server.tool}, which {why}; {free} after its current "
-        "work, at the latest after its --step-timeout (default 60 s)"
-    )
 
 
 def headline(view: View, broker: str) -> tuple[str, str]:

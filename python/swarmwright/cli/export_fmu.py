@@ -9,7 +9,7 @@ import click
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.experiment.broker_address import PREFIX_VARIABLE
+from swarmwright.experiment.broker_address import DEFAULT_BROKER, PREFIX_VARIABLE
 
 if TYPE_CHECKING:
     from swarmwright import Experiment
@@ -49,7 +49,7 @@ _PROXY_ONLY = "applies only to FMUs of simulation servers; add --proxy"
 @options.broker_option(
     default=None,
     text="With --proxy: the broker, which masters can change. Default: the experiment's, SWARMWRIGHT_BROKER, "
-    f"or {options.DEFAULT_BROKER}.",
+    f"or {DEFAULT_BROKER}.",
 )
 @click.option(
     "--prefix",
@@ -112,7 +112,7 @@ def command(
     name = name if name[:1].isalpha() else f"model_{name}"
     if proxy:
         address = Address(
-            broker or experiment.broker or options.environment_broker() or options.DEFAULT_BROKER,
+            broker or experiment.broker or options.environment_broker() or DEFAULT_BROKER,
             with_environment(experiment).prefix if prefix is None else prefix,
             server,
             experiment.timeouts.discovery,

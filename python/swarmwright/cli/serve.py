@@ -17,6 +17,7 @@ from swarmwright.cli._log import Log
 from swarmwright.cli._observing import Observing, observe_options, observe_servers
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._signals import Terminated
+from swarmwright.experiment.broker_address import DEFAULT_BROKER
 from swarmwright.servers.broker.credentials import prepare
 from swarmwright.servers.supervision import News, ServerEnd, ServerEvent, ServerRestart, Supervisor
 from swarmwright.servers.supervision import Output as Printed
@@ -35,7 +36,7 @@ LARGEST_RANDOM_ID = 2**31 - 1
     "swarmwright serve arena --modules spiral_modules.py:Spiral,spiral_modules.py:Elapsed",
 )
 @click.argument("simulation")
-@options.broker_option(default=options.DEFAULT_BROKER, text="Address of the broker.")
+@options.broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
 @click.option(
     "--id",
     "first",

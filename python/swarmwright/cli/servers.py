@@ -10,6 +10,7 @@ import click
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._output import Output, complain
+from swarmwright.experiment.broker_address import DEFAULT_BROKER
 from swarmwright.servers.broker.credentials import prepare
 
 HEADINGS = (
@@ -26,7 +27,7 @@ USUAL_DIMENSIONS = (1, 2, 3)
     example="swarmwright servers --broker mqtt://localhost:1883\nswarmwright servers --watch\n"
     "swarmwright servers --simulation line --dimensions 1",
 )
-@options.broker_option(default=options.DEFAULT_BROKER, text="Address of the broker.")
+@options.broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
 @options.prefix_option
 @click.option(
     "--simulation",

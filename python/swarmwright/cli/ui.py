@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, WholeNumber
+from swarmwright.cli._options import ExistingPath, WholeNumber, broker_option, prefix_option
 from swarmwright.cli._output import Output
 from swarmwright.common.errors import InputError
+from swarmwright.experiment.broker_address import DEFAULT_BROKER
 
 
 @click.command(
@@ -26,10 +27,18 @@ from swarmwright.common.errors import InputError
     metavar="NAME",
     help="A name by which browsers reach the window, as behind a proxy. Can be given several times.",
 )
+@broker_option(default=DEFAULT_BROKER, text="Address of the broker whose servers are shown.")
+@prefix_option
 @click.option("--read-only", is_flag=True, help="Refuse everything that changes a run or starts one.")
 @click.option("--open", "is_opened", is_flag=True, help="Open the window in a browser.")
 def command(
-    folder: Path | None, port: int | None, hosts: tuple[str, ...], read_only: bool, is_opened: bool
+    folder: Path | None,
+    port: int | None,
+    hosts: tuple[str, ...],
+    broker: str,
+    prefix: str,
+    read_only: bool,
+    is_opened: bool,
 ) -> None:
     """Show the runs below FOLDER (default: runs) in a browser, live.
 
@@ -51,4 +60,6 @@ def command(
             with contextlib.suppress(webbrowser.Error):
                 webbrowser.open(address)
 
-    serve(folder, port=port, hosts=hosts, read_only=read_only, on_ready=on_ready)
+    serve(
+        folder, port=port, hosts=hosts, read_only=read_only, broker=broker, prefix=prefix, on_ready=on_ready
+    )

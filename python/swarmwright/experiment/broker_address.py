@@ -9,6 +9,9 @@ from swarmwright.common.errors import InputError
 PREFIX_VARIABLE = "SWARMWRIGHT_PREFIX"
 """Environment variable of the default topic prefix."""
 
+DEFAULT_BROKER = "mqtt://localhost:1883"
+"""Address of the broker of commands that need one."""
+
 SCHEMES = ("mqtt", "mqtts", "ws", "wss", "unix")
 VERSIONS = ("3", "5")
 

@@ -18,6 +18,7 @@ from starlette.staticfiles import StaticFiles
 
 from swarmwright import SwarmwrightError
 from swarmwright.common.errors import InputError
+from swarmwright.experiment.broker_address import DEFAULT_BROKER
 from swarmwright.ui.guard import PLAYER_POLICY, Guard
 from swarmwright.ui.requests import MOST_DIGITS
 from swarmwright.ui.views import View, load_views
@@ -34,6 +35,8 @@ def create_app(
     port: int = 0,
     hosts: Collection[str] = (),
     read_only: bool = False,
+    broker: str = DEFAULT_BROKER,
+    prefix: str = "",
 ) -> Starlette:
     """Return the application for an ASGI server.
 
@@ -43,10 +46,12 @@ def create_app(
         port: that it listens on, for the name of its cookie.
         hosts: names by which it is reached, beside those of loopback.
         read_only: refuse what changes something.
+        broker: address of the broker whose servers are shown first.
+        prefix: of its topics.
 
     Raises InputError for a view of another package that is broken.
     """
-    window = Window(folder, read_only=read_only)
+    window = Window(folder, read_only=read_only, broker=broker, prefix=prefix)
     views = load_views()
 
     async def start(_request: Request) -> Response:
@@ -87,6 +92,7 @@ def create_app(
         watcher.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await watcher
+        await run_in_threadpool(window.close)
 
     routes: list[Route | Mount] = [
         Route("/", start),

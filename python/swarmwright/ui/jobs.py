@@ -1,8 +1,12 @@
-"""Commands that the window starts: runs, resumed runs, deletions.
+"""Commands that the window starts: runs, resumed runs, deletions, servers, brokers.
 
 Each is a command that a person could type. Its session is its own, so that it survives the window; SIGINT
 ends it as Ctrl-C does; what it prints is in a file. The queue is in the user's state folder, so that a window
 that starts later goes on with it, and never in the folder of runs, which may come from somebody else.
+
+As many runs go on at once as there are processors. A run that names a broker leaves its computations to the
+broker's servers: it occupies a server there instead, and as many of these go on as the broker has servers, at
+least one. Servers and brokers occupy nothing, since runs would wait for them.
 """
 
 import contextlib
@@ -19,13 +23,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from swarmwright import InputError
+from swarmwright.common import yaml
 from swarmwright.common.files import state_folder
+from swarmwright.experiment.broker_address import PREFIX_VARIABLE
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 MOST_SEEDS = 200
@@ -33,6 +40,9 @@ MOST_JOBS = 500
 """Jobs that are kept; the oldest ones that have ended are forgotten."""
 OUTPUT_BYTES = 20_000
 """Of the end of what a job has printed."""
+MOST_SERVERS = 256
+MOST_PORT = 65535
+MOST_CHARACTERS = 500
 CHECK_S = 20.0
 EXPERIMENT_BYTES = 1 << 20
 # The shell stays to write down the exit status, which nobody learns when the window is gone.
@@ -67,22 +77,38 @@ class Job:
     status: int | None = None
     """Exit status, once it has ended."""
     output: str = ""
+    broker: str = ""
+    """Of a run, the broker whose servers it uses."""
+    prefix: str = ""
+    """Of the broker's topics."""
+
+    @property
+    def is_service(self) -> bool:
+        """Whether it goes on until it is stopped."""
+        return self.arguments[:1] in (["serve"], ["broker"])
 
 
 class Jobs:
-    """The queue of a folder; as many of it run at once as there are processors.
+    """The queue of a folder.
 
     Args:
         folder: of the runs; the queue belongs to it.
-        slots: jobs at once; default: one for each processor.
+        slots: runs at once that compute on this machine; default: one for each processor.
+        count_servers: returns how many servers a broker has under a prefix; None where that is not known.
     """
 
-    def __init__(self, folder: Path, slots: int | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        slots: int | None = None,
+        count_servers: Callable[[str, str], int | None] = lambda _broker, _prefix: None,
+    ) -> None:
         self.folder = folder
         state = state_folder() or Path(tempfile.mkdtemp(prefix="swarmwright-"))
         digest = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:32]
         self._jobs = state / "ui-jobs" / digest
         self._slots = slots or len(os.sched_getaffinity(0))
+        self._count_servers = count_servers
         self._children: list[subprocess.Popen[bytes]] = []
         """Those that this window started, to be reaped."""
 
@@ -145,8 +171,10 @@ class Jobs:
             raise InputError(f"seeds: at most {MOST_SEEDS}, each from 0 to {2**63 - 1}")
         runs = {f"{name}-{seed}": ["--seed", str(seed)] for seed in seeds} or {name: []}
         file = self._write(name, text, runs)
+        broker = read_broker(text)
         return [
-            self._add(["optimize", file.name, *options, "--out", run], run) for run, options in runs.items()
+            self._add(["optimize", file.name, *options, "--out", run], run, broker)
+            for run, options in runs.items()
         ]
 
     def start_sweep(self, text: str, name: str, write_sweep: Callable[[str], str]) -> Job:
@@ -162,7 +190,7 @@ class Jobs:
         require_name(name)
         file = self._write(name, text, [name])
         sweep = self._write(f"{name}-sweep", write_sweep(file.name), [])
-        return self._add(["sweep", sweep.name, "--out", name], name)
+        return self._add(["sweep", sweep.name, "--out", name], name, read_broker(text))
 
     def _write(self, name: str, text: str, runs: Iterable[str]) -> Path:
         """Write a file for runs into the folder. Raises InputError when a name is taken."""
@@ -184,11 +212,36 @@ class Jobs:
     def resume(self, run: str, generations: int | None) -> Job:
         """Put a run into the queue that was interrupted, or that goes on to more generations."""
         options = [] if generations is None else ["--generations", str(generations)]
-        return self._add(["resume", *options, "--", run], run)
+        broker = read_broker(read_text(self.folder / run / "experiment.yaml"))
+        return self._add(["resume", *options, "--", run], run, broker)
 
     def delete(self, runs: list[str]) -> Job:
         """Delete runs, as `runs delete` does it: files that Swarmwright did not write stay."""
         return self._add(["runs", "delete", "--yes", "--", *runs], runs[0] if len(runs) == 1 else "")
+
+    def serve(self, simulation: str, count: int, broker: str, prefix: str) -> Job:
+        """Start servers on a broker.
+
+        Args:
+            simulation: as `swarmwright serve` takes it; paths are relative to the folder.
+            count: of servers, from 1 to 256.
+            broker: its address.
+            prefix: of its topics.
+
+        Raises InputError when one of them cannot be.
+        """
+        if not simulation.isprintable() or not 1 <= len(simulation) <= MOST_CHARACTERS:
+            raise InputError("simulation: enter its title, or file.py:Class")
+        if not 1 <= count <= MOST_SERVERS:
+            raise InputError(f"count: must be from 1 to {MOST_SERVERS}, not {count}")
+        options = ["--broker", broker, "--count", str(count), *(["--prefix", prefix] if prefix else [])]
+        return self._add(["serve", *options, "--", simulation], "")
+
+    def start_broker(self, port: int) -> Job:
+        """Start a broker for this user's programs alone. Raises InputError for an impossible port."""
+        if not 1 <= port <= MOST_PORT:
+            raise InputError(f"port: must be from 1 to {MOST_PORT}, not {port}")
+        return self._add(["broker", "--port", str(port)], "")
 
     def stop(self, job: str) -> Job:
         """Interrupt a job, which keeps what it has; one that waits leaves the queue.
@@ -211,21 +264,37 @@ class Jobs:
         return self._read(job) or current
 
     def advance(self) -> None:
-        """Start jobs that wait, as many as there are free slots."""
+        """Start jobs that wait, as many as there are free processors and servers."""
         if not self._jobs.is_dir():
             return
         with self._lock():
             self._children = [child for child in self._children if child.poll() is None]
             jobs = self.list_jobs()
-            free = self._slots - sum(job.state == "running" for job in jobs)
-            for job in [job for job in reversed(jobs) if job.state == "waiting"][: max(free, 0)]:
+            for job in self._choose(jobs):
                 self._run(job)
             for job in jobs[MOST_JOBS:]:
                 if job.state not in {"waiting", "running"}:
                     shutil.rmtree(self._jobs / job.id, ignore_errors=True)
 
-    def _add(self, arguments: list[str], run: str) -> Job:
-        job = Job(f"{time.time_ns():020d}-{secrets.token_hex(4)}", arguments, run, time.time())
+    def _choose(self, jobs: list[Job]) -> Iterator[Job]:
+        """Yield the jobs whose turn it is, the oldest first."""
+        used = Counter(
+            (job.broker, job.prefix) for job in jobs if job.state == "running" and not job.is_service
+        )
+        for job in reversed(jobs):
+            if job.state != "waiting":
+                continue
+            kind = (job.broker, job.prefix)
+            free = self._slots if not job.broker else max(self._count_servers(*kind) or 1, 1)
+            if job.is_service:
+                yield job
+            elif used[kind] < free:
+                used[kind] += 1
+                yield job
+
+    def _add(self, arguments: list[str], run: str, broker: tuple[str, str] = ("", "")) -> Job:
+        name = f"{time.time_ns():020d}-{secrets.token_hex(4)}"
+        job = Job(name, arguments, run, time.time(), broker=broker[0], prefix=broker[1])
         folder = self._jobs / job.id
         try:
             folder.mkdir(parents=True, mode=0o700)
@@ -268,7 +337,7 @@ class Jobs:
         else:
             state = "waiting"
         output = tail(folder / "output.txt")
-        return Job(job.id, job.arguments, job.run, job.created, state, status, output)
+        return replace(job, state=state, status=status, output=output)
 
     @staticmethod
     def _status(folder: Path) -> int | None:
@@ -318,6 +387,31 @@ def tail(file: Path) -> str:
             return stream.read(OUTPUT_BYTES).decode(errors="replace")
     except OSError:
         return ""
+
+
+def read_text(file: Path) -> str:
+    """Return the text of an experiment, empty where it cannot be read."""
+    try:
+        with file.open(encoding="utf-8") as stream:
+            return stream.read(EXPERIMENT_BYTES)
+    except (OSError, ValueError):
+        return ""
+
+
+def read_broker(text: str) -> tuple[str, str]:
+    """Return the broker of an experiment and the prefix there; empty texts where it uses none.
+
+    It is that of `optimize`: of the experiment, or of the environment.
+    """
+    try:
+        values = yaml.parse(text, "experiment").values
+    except InputError:
+        return "", ""
+    if not isinstance(values, dict) or values.get("servers") in ("local", "in-process"):
+        return "", ""
+    broker = values.get("broker") or os.environ.get("SWARMWRIGHT_BROKER", "")
+    prefix = values.get("prefix") or os.environ.get(PREFIX_VARIABLE, "")
+    return (str(broker), str(prefix)) if broker else ("", "")
 
 
 def problems(output: str, file: str) -> Iterator[dict[str, Any]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import state_folder
+from swarmwright.experiment.broker_address import DEFAULT_BROKER
 
 PORT = 8501
 ATTEMPTS = 20
@@ -86,6 +87,8 @@ def serve(
     token: str | None = None,
     hosts: Collection[str] = (),
     read_only: bool = False,
+    broker: str = DEFAULT_BROKER,
+    prefix: str = "",
     on_ready: Callable[[str], object],
 ) -> None:
     """Show the runs below a folder in browsers, until SIGINT or SIGTERM.
@@ -97,6 +100,8 @@ def serve(
         token: secret of the address; default: that of this user.
         hosts: other names by which it is reached, as behind a proxy.
         read_only: refuse what changes something.
+        broker: address of the broker whose servers are shown first.
+        prefix: of its topics.
         on_ready: called with the address, token included, when it listens.
 
     Raises InputError when it cannot listen or a library is missing.
@@ -111,7 +116,15 @@ def serve(
     token = token or read_token()
     with listen(host, port) as listener:
         actual = listener.getsockname()[1]
-        app = create_app(folder, token=token, port=actual, hosts=hosts, read_only=read_only)
+        app = create_app(
+            folder,
+            token=token,
+            port=actual,
+            hosts=hosts,
+            read_only=read_only,
+            broker=broker,
+            prefix=prefix,
+        )
         configuration = uvicorn.Config(
             app,
             log_level="warning",

@@ -12,6 +12,8 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from swarmwright import InputError, Run
+from swarmwright.experiment.broker_address import DEFAULT_BROKER
+from swarmwright.ui.brokers import Brokers
 from swarmwright.ui.index import RunIndex
 from swarmwright.ui.jobs import Jobs
 
@@ -35,16 +37,22 @@ class Window:
     Attributes:
         index: the list of runs.
         jobs: the queue of commands.
+        brokers: those whose servers are shown.
         figures: held while Matplotlib draws, which it does in one thread at a time.
 
     Args:
         folder: whose runs are shown.
         read_only: start nothing.
+        broker: address of the broker whose servers are shown first.
+        prefix: of its topics.
     """
 
-    def __init__(self, folder: Path, *, read_only: bool = False) -> None:
+    def __init__(
+        self, folder: Path, *, read_only: bool = False, broker: str = DEFAULT_BROKER, prefix: str = ""
+    ) -> None:
         self.index = RunIndex(folder)
-        self.jobs = Jobs(folder)
+        self.brokers = Brokers(broker, prefix)
+        self.jobs = Jobs(folder, count_servers=self.brokers.count_servers)
         self._read_only = read_only
         self._opened: OrderedDict[str, tuple[object, Run]] = OrderedDict()
         self._pages: OrderedDict[Hashable, str | bytes] = OrderedDict()
@@ -66,6 +74,10 @@ class Window:
                 async with self._changed:
                     self._changed.notify_all()
             await asyncio.sleep(REFRESH_S if self.index.is_complete else 0)
+
+    def close(self) -> None:
+        """Close the connections to brokers."""
+        self.brokers.close()
 
     async def events(self, version: int) -> AsyncIterator[bytes]:
         """Yield changes of the list since a version, as server-sent events.

@@ -1,6 +1,7 @@
 """Runs that the window shows, and the application in this process."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from starlette.applications import Starlette
@@ -25,8 +26,8 @@ def complete_list(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make lists of runs complete from the start: nothing runs the watcher here."""
     create = Window.__init__
 
-    def create_complete(self: Window, folder: Path, *, read_only: bool = False) -> None:
-        create(self, folder, read_only=read_only)
+    def create_complete(self: Window, folder: Path, **options: Any) -> None:
+        create(self, folder, **options)
         self.index.refresh()
 
     monkeypatch.setattr(Window, "__init__", create_complete)

@@ -15,7 +15,7 @@ from starlette.applications import Starlette
 
 from swarmwright import InputError, Run
 from swarmwright.ui.app import create_app
-from swarmwright.ui.jobs import Job, Jobs, problems
+from swarmwright.ui.jobs import Job, Jobs, problems, read_broker
 from tests.python.ui.client import Answer, call
 
 SMALL = "simulation: minisim\nservers: in-process\nmethod: {population: 10, generations: 3}\n"
@@ -80,6 +80,45 @@ def test_a_job_is_interrupted_keeps_its_results_and_survives_its_window(jobs: Jo
     run = Run(jobs.folder / "endless")
     assert run.state == "interrupted"
     assert run.generations > 0
+
+
+def test_runs_on_a_broker_need_servers_there_and_no_processor(jobs: Jobs) -> None:
+    servers = 2
+    queue = Jobs(jobs.folder, slots=1, count_servers=lambda _broker, _prefix: servers)
+    on_broker = "simulation: minisim\nbroker: mqtt://localhost:9\nprefix: lab\n"
+    queue.start(on_broker, "there", [1, 2, 3])
+    queue.start(SMALL, "here", [1, 2])
+    queue.serve("minisim", 2, "mqtt://localhost:9", "lab")
+    queue.start_broker(1883)
+
+    def started() -> list[str]:
+        return [" ".join(job.arguments[:2]) for job in queue._choose(queue.list_jobs())]
+
+    assert started() == [
+        "optimize there.yaml", "optimize there.yaml", "optimize here.yaml",
+        "serve --broker", "broker --port",
+    ]  # fmt: skip
+    servers = 0
+    assert started().count("optimize there.yaml") == 1, "the first one waits for servers itself"
+
+
+@pytest.mark.parametrize(
+    ("text", "broker"),
+    [
+        ("broker: mqtt://a\nprefix: p", ("mqtt://a", "p")),
+        ("simulation: minisim", ("mqtt://env", "")),
+        ("servers: local\nbroker: mqtt://a", ("", "")),
+        ("servers: {launcher: slurm}\nbroker: mqtt://a", ("mqtt://a", "")),
+        ("[", ("", "")),
+        ("- a", ("", "")),
+    ],
+)
+def test_the_broker_of_an_experiment_is_that_of_the_command(
+    text: str, broker: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SWARMWRIGHT_BROKER", "mqtt://env")
+    monkeypatch.delenv("SWARMWRIGHT_PREFIX", raising=False)
+    assert read_broker(text) == broker
 
 
 @pytest.mark.slow

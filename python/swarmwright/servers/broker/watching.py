@@ -14,6 +14,13 @@ STALE_S = 2.5
 """Seconds after which a tool's status is stale; tools send it every second while they evaluate."""
 FORGET_S = 30.0
 """Seconds of silence after which a tool is considered killed and dropped."""
+MOST_SERVERS = 10_000
+"""Servers that are kept; what further ones announce is dropped."""
+MOST_TOOLS = 200
+"""Tools that are kept, likewise."""
+_MOST_CHARACTERS = 300
+"""Of a text in an announcement; announcements have up to 1 MiB, and peers may be hostile."""
+_MOST_SIMULATIONS = 100
 
 Json = dict[str, Any]
 
@@ -124,6 +131,47 @@ def describe_owed_message(server: ServerRow) -> str:
     return str(max(server.doing, key=lambda work: float(work["silent"]))["words"])
 
 
+def describe_work(server: ServerRow) -> str:
+    """Return the current work of a server: 'block of 12', 'episode, step 7'; '-' for none."""
+    if not server.doing:
+        return "-"
+    work = server.doing[0]
+    activity = "episode" if work["kind"] == "episode" else f"{work['kind']} of {work['evaluations']}"
+    if work.get("step") is not None:
+        activity += f", step {work['step']}"
+    if work.get("agent") is not None:
+        activity += f", agent {work['agent']}"
+    more = len(server.doing) - 1
+    return f"{activity} (+{more})" if more else activity
+
+
+def describe_abandoned(server: ServerRow, view: View) -> str:
+    """Return a message on a server that is reserved for a tool that has probably ended."""
+    if server.tool in view.gone:
+        why, free = "has ended", "it becomes free"
+    else:
+        why, free = "sends no status", "if that has ended, it becomes free"
+    return (
+        f"server {server.server} is still reserved for {server.tool}, which {why}; {free} after its current "
+        "work, at the latest after its --step-timeout (default 60 s)"
+    )
+
+
+def _shorten_presence(presence: Json) -> Json:
+    """Return what is shown of a presence; capabilities may be of any size."""
+    shown = {key: value for key, value in presence.items() if key not in {"capabilities", "simulations"}}
+    return {**_shorten(shown), "simulations": _shorten(presence["simulations"][:_MOST_SIMULATIONS])}
+
+
+def _shorten(value: Any) -> Any:  # noqa: ANN401 - JSON
+    """Return a value with its texts cut."""
+    if isinstance(value, dict):
+        return {key: _shorten(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_shorten(entry) for entry in value]
+    return value[:_MOST_CHARACTERS] if isinstance(value, str) else value
+
+
 class Watch:
     """Collector of peers' announcements, independent of the connection.
 
@@ -141,15 +189,21 @@ class Watch:
     def update(self, news: Mapping[str, Any]) -> None:
         """Process one event of `_engine.Watcher.poll`."""
         if "presence" in news:
-            self._presences[news["presence"]["server"]] = news["presence"]
+            server = news["presence"]["server"]
+            if server in self._presences or len(self._presences) < MOST_SERVERS:
+                self._presences[server] = _shorten_presence(news["presence"])
         elif "left" in news:
             self._presences.pop(news["left"], None)
         elif "status" in news and news["status"]["state"] == "left":
             self._tools.pop(news["token"], None)
-            self._gone.add(news["status"]["tool"])
+            self._gone.add(_shorten(news["status"]["tool"]))
+            if len(self._gone) > MOST_SERVERS:
+                self._gone &= {presence.get("tool") for presence in self._presences.values()}
         elif "status" in news:
-            self._tools[news["token"]] = _Tool(news["status"], self._clock())
-            self._gone.discard(news["status"]["tool"])
+            if news["token"] in self._tools or len(self._tools) < MOST_TOOLS:
+                status = _shorten(news["status"])
+                self._tools[news["token"]] = _Tool(status, self._clock())
+                self._gone.discard(status["tool"])
         elif "broker" in news:
             self._broker_lost = news["reason"] if news["broker"] == "lost" else None
             if self._broker_lost is None:

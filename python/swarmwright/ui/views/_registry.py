@@ -20,6 +20,7 @@ BUILT_IN = (
     "new",
     "draw",
     "jobs",
+    "servers",
     "genes",
     "front",
     "archive",

@@ -4,7 +4,14 @@ from typing import Any
 
 import pytest
 
-from swarmwright.servers.broker.watching import FORGET_S, STALE_S, Watch, describe_owed_message
+from swarmwright.servers.broker.watching import (
+    FORGET_S,
+    MOST_SERVERS,
+    MOST_TOOLS,
+    STALE_S,
+    Watch,
+    describe_owed_message,
+)
 
 Json = dict[str, Any]
 TOOL = "swarmwright@lab/1/00ff"
@@ -155,3 +162,27 @@ def test_after_the_broker_was_lost_only_those_who_are_there_are_shown(watch: Wat
     watch.update(presence(2))
     assert watch.view().broker_lost is None
     assert [server.server for server in watch.view().servers] == [2]
+
+
+def test_memory_is_bounded_where_peers_announce_themselves_without_end(watch: Watch) -> None:
+    for server in range(MOST_SERVERS + 50):
+        watch.update(presence(server))
+    for number in range(MOST_TOOLS + 50):
+        watch.update(status(work(1, 0.2), token=str(number)))
+    view = watch.view()
+    assert (len(view.servers), len(view.tools)) == (MOST_SERVERS, MOST_TOOLS)
+    watch.update(presence(0, "lost"))
+    assert watch.view().servers[0].state == "lost", "those that are known are kept up to date"
+    for number in range(2 * MOST_SERVERS):
+        watch.update(status(token="a", state="left", tool=f"tool {number}"))
+    assert len(watch.view().gone) <= MOST_SERVERS
+
+
+def test_texts_of_announcements_are_cut(watch: Watch) -> None:
+    long = presence(1, tool="x" * 100_000)
+    long["presence"]["capabilities"] = {"of any size": ["y" * 1000] * 1000}
+    long["presence"]["simulations"] = ["z" * 100_000] * 1000
+    watch.update(long)
+    [row] = watch.view().servers
+    assert len(str(row.record())) < 50_000
+    assert "capabilities" not in (row.presence or {})
