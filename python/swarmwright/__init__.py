@@ -49,6 +49,7 @@ Overview:
                                 checks for plug-ins
     methods, rankings, representations, modules, display    base classes of plug-ins; scenes that are drawn
     results                     types of results, for annotations
+    ui                          `show`: the window on runs in a notebook or a browser
     InputError, RunError        invalid input; a run that failed for other reasons
     PlugInError, SimulationError  of RunError: the code of a plug-in or of a simulation failed
 
@@ -70,7 +71,7 @@ from swarmwright.common.errors import (
 
 if TYPE_CHECKING:
     from swarmwright import controllers as representations
-    from swarmwright import display, methods, results, testing
+    from swarmwright import display, methods, results, testing, ui
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.paired import ControllerComparison, compare_controllers
     from swarmwright.analysis.sweep.result import SweepResult, sweep
@@ -163,6 +164,7 @@ __all__ = [
     "templates",
     "testing",
     "transfer",
+    "ui",
     "verify_bundle",
 ]
 
@@ -219,6 +221,7 @@ _MODULES = {
     "results": "results",
     "templates": "cli.templates",
     "testing": "testing",
+    "ui": "ui",
 }
 
 

@@ -21,6 +21,25 @@ from swarmwright.experiment.broker_address import DEFAULT_BROKER
     "--port", type=WholeNumber(0, 65535), help="Port to listen on, 0 for a free one. Default: 8501."
 )
 @click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    metavar="ADDRESS",
+    help="Address to listen on. Other machines need --password-file, --certificate and --key.",
+)
+@click.option(
+    "--certificate", type=ExistingPath(folder=False), metavar="FILE", help="Certificate for TLS (PEM)."
+)
+@click.option(
+    "--key", type=ExistingPath(folder=False), metavar="FILE", help="Private key of the certificate (PEM)."
+)
+@click.option(
+    "--password-file",
+    type=ExistingPath(folder=False),
+    metavar="FILE",
+    help="Ask for the password in the first line of FILE, which only you can read, instead of a token.",
+)
+@click.option(
     "--host-name",
     "hosts",
     multiple=True,
@@ -34,6 +53,10 @@ from swarmwright.experiment.broker_address import DEFAULT_BROKER
 def command(
     folder: Path | None,
     port: int | None,
+    host: str,
+    certificate: Path | None,
+    key: Path | None,
+    password_file: Path | None,
     hosts: tuple[str, ...],
     broker: str,
     prefix: str,
@@ -43,10 +66,11 @@ def command(
     """Show the runs below FOLDER (default: runs) in a browser, live.
 
     The printed address holds a secret token: whoever has it sees these runs. The window listens on 127.0.0.1
-    alone; from another machine, reach it through `ssh -L`. It ends with Ctrl-C; runs are not affected.
+    alone; from another machine, reach it through `ssh -L`, or let it listen there with a password and TLS. It
+    ends with Ctrl-C; runs are not affected.
     """
     from swarmwright.runs.folders import RUNS
-    from swarmwright.ui.server import serve
+    from swarmwright.ui.server import Settings, serve
 
     output = Output()
     if folder is None:
@@ -60,6 +84,15 @@ def command(
             with contextlib.suppress(webbrowser.Error):
                 webbrowser.open(address)
 
-    serve(
-        folder, port=port, hosts=hosts, read_only=read_only, broker=broker, prefix=prefix, on_ready=on_ready
+    settings = Settings(
+        host=host,
+        port=port,
+        hosts=hosts,
+        read_only=read_only,
+        broker=broker,
+        prefix=prefix,
+        certificate=certificate,
+        key=key,
+        password_file=password_file,
     )
+    serve(folder, settings, on_ready=on_ready)

@@ -2,10 +2,11 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from operator import index
 from os import PathLike
 from pathlib import Path
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.post_evaluation import PostEvaluation
     from swarmwright.runs.transfer.transferred import Transferred
     from swarmwright.runs.validation import Validation
+    from swarmwright.ui.notebook import NotebookWindow
 
 State = Literal["done", "stopped", "running", "interrupted", "killed", "failed"]
 
@@ -522,6 +524,40 @@ class Run:
             speed=speed,
             broker=broker,
         )
+
+    def ui(
+        self,
+        *,
+        read_only: bool = True,
+        frame_ancestors: str | Sequence[str] | None = None,
+        base: str = "",
+        hosts: Collection[str] = (),
+    ) -> "NotebookWindow":
+        """Show the run in the window of `swarmwright ui`, which this process serves until it ends.
+
+        A notebook shows the result as a frame; elsewhere, open its `address`. The next call returns the same
+        window.
+
+        Args:
+            read_only: refuse what changes the run.
+            frame_ancestors: origins of the pages that may show the window in a frame, as
+                `https://hub.example`. Default: `http://localhost:*` and `http://127.0.0.1:*`.
+            base: address under which the browser reaches it, if that is not this machine: with
+                jupyter-server-proxy on a hub `/user/ada/proxy/{port}/`, where `{port}` is replaced.
+            hosts: with `base`, names of the host in the browser's address.
+
+        Raises InputError when an origin is none, or the libraries of the extra `ui` are missing.
+        """
+        # The window is above the runs that it shows, and they do not depend on it.
+        notebook = import_module("swarmwright.ui.notebook")
+        window: NotebookWindow = notebook.show(
+            self.path,
+            read_only=read_only,
+            frame_ancestors=notebook.LOOPBACK if frame_ancestors is None else frame_ancestors,
+            base=base,
+            hosts=hosts,
+        )
+        return window
 
     def _repr_html_(self) -> str:
         """Return a summary with the fitness curve, for notebooks."""

@@ -3,3 +3,7 @@
 `swarmwright ui` starts it. It reads the stores of runs, so that runs need not know of it, and uses the public
 interface of the library alone. It needs `pip install 'swarmwright[ui]'`.
 """
+
+from swarmwright.ui.notebook import NotebookWindow, show
+
+__all__ = ["NotebookWindow", "show"]

@@ -21,6 +21,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
 from swarmwright.ui.guard import PLAYER_POLICY, Guard
 from swarmwright.ui.requests import MOST_DIGITS
+from swarmwright.ui.sessions import Sessions
 from swarmwright.ui.views import View, load_views
 from swarmwright.ui.views._base import STATIC
 from swarmwright.ui.window import Window
@@ -37,6 +38,9 @@ def create_app(
     read_only: bool = False,
     broker: str = DEFAULT_BROKER,
     prefix: str = "",
+    sessions: Sessions | None = None,
+    is_public: bool = False,
+    ancestors: Collection[str] = (),
 ) -> Starlette:
     """Return the application for an ASGI server.
 
@@ -48,6 +52,9 @@ def create_app(
         read_only: refuse what changes something.
         broker: address of the broker whose servers are shown first.
         prefix: of its topics.
+        sessions: of those who have entered the password, which takes the place of the token.
+        is_public: whether other machines may reach it.
+        ancestors: origins of pages that may show it in a frame.
 
     Raises InputError for a view of another package that is broken.
     """
@@ -119,6 +126,9 @@ def create_app(
                 hosts=hosts,
                 port=port,
                 read_only=read_only,
+                sessions=sessions,
+                is_public=is_public,
+                ancestors=ancestors,
                 asking=[f"/api/{name}" for view in views for name in view.asks],
             )
         ],

@@ -1,19 +1,24 @@
 """The server of the window: its port, its address, its token."""
 
+import ipaddress
 import os
 import secrets
 import socket
+import ssl
 import stat
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import state_folder
+from swarmwright.common.processes import allow_more_open_files
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
 
 PORT = 8501
 ATTEMPTS = 20
 """Ports after the first that are tried, unless one is given."""
+MOST_CONNECTIONS = 500
 
 
 CHARTS = Path(__file__).parent / "static" / "vendor" / "uPlot.esm.js"
@@ -79,61 +84,169 @@ def listen(host: str, port: int | None) -> socket.socket:
     raise InputError(f"{ports_text}: the window cannot listen on {host}: {reason}")
 
 
-def serve(
-    folder: Path,
-    *,
-    host: str = "127.0.0.1",
-    port: int | None = None,
-    token: str | None = None,
-    hosts: Collection[str] = (),
-    read_only: bool = False,
-    broker: str = DEFAULT_BROKER,
-    prefix: str = "",
-    on_ready: Callable[[str], object],
-) -> None:
-    """Show the runs below a folder in browsers, until SIGINT or SIGTERM.
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """How a window is reached, and what it may do.
 
-    Args:
-        folder: that exists; runs may come later.
-        host: address to listen on, of loopback.
-        port: to listen on, 0 for a free one; default: the first free one from 8501 on.
-        token: secret of the address; default: that of this user.
+    Attributes:
+        host: address to listen on.
+        port: to listen on, 0 for a free one; None: the first free one from 8501 on.
+        token: secret of the address; None: that of this user.
         hosts: other names by which it is reached, as behind a proxy.
         read_only: refuse what changes something.
         broker: address of the broker whose servers are shown first.
         prefix: of its topics.
-        on_ready: called with the address, token included, when it listens.
-
-    Raises InputError when it cannot listen or a library is missing.
+        certificate: PEM file for TLS.
+        key: of the certificate.
+        password_file: its first line is a password, which takes the place of the token.
+        frame_ancestors: origins of pages that may show the window in a frame.
     """
-    missing = missing_library()
-    if missing is not None:
-        raise InputError(missing)
-    import uvicorn
 
-    from swarmwright.ui.app import create_app
+    host: str = "127.0.0.1"
+    port: int | None = None
+    token: str | None = None
+    hosts: Collection[str] = ()
+    read_only: bool = False
+    broker: str = DEFAULT_BROKER
+    prefix: str = ""
+    certificate: Path | None = None
+    key: Path | None = None
+    password_file: Path | None = None
+    frame_ancestors: Collection[str] = ()
 
-    token = token or read_token()
-    with listen(host, port) as listener:
-        actual = listener.getsockname()[1]
-        app = create_app(
-            folder,
-            token=token,
-            port=actual,
-            hosts=hosts,
-            read_only=read_only,
-            broker=broker,
-            prefix=prefix,
-        )
+
+class Window:
+    """A window that listens; `run` shows it.
+
+    Attributes:
+        token: secret of its address; empty where it asks for a password.
+        port: that it listens on.
+        address: for browsers, with the token.
+
+    Args:
+        folder: that exists; runs may come later.
+        settings: how it is reached.
+
+    Raises InputError when it cannot listen, a library is missing, or other machines would reach it without
+    password and TLS.
+    """
+
+    def __init__(self, folder: Path, settings: Settings) -> None:
+        missing = missing_library()
+        if missing is not None:
+            raise InputError(missing)
+        check_exposure(settings)
+        import uvicorn
+
+        from swarmwright.ui.app import create_app
+        from swarmwright.ui.protocol import Connection
+        from swarmwright.ui.sessions import Sessions, read_password_file
+
+        sessions = None
+        if settings.password_file is not None:
+            sessions = Sessions(read_password_file(settings.password_file))
+        self.token = "" if sessions else settings.token or read_token()
+        allow_more_open_files()
+        self._listener = listen(settings.host, settings.port)
+        try:
+            self.port = self._listener.getsockname()[1]
+            app = create_app(
+                folder,
+                token=self.token or None,
+                sessions=sessions,
+                port=self.port,
+                hosts=settings.hosts,
+                is_public=not is_loopback(settings.host),
+                ancestors=settings.frame_ancestors,
+                read_only=settings.read_only,
+                broker=settings.broker,
+                prefix=settings.prefix,
+            )
+        except InputError:
+            self._listener.close()
+            raise
         configuration = uvicorn.Config(
             app,
-            log_level="warning",
+            http=Connection,
+            log_level="error",
             access_log=False,
             server_header=False,
             ws="none",
             timeout_graceful_shutdown=1,
-            limit_concurrency=200,
+            limit_concurrency=MOST_CONNECTIONS,
+            ssl_certfile=settings.certificate,
+            ssl_keyfile=settings.key,
         )
+        self._server = uvicorn.Server(configuration)
+        self._scheme = "http" if settings.certificate is None else "https"
+        self._host = settings.host
+
+    @property
+    def address(self) -> str:
+        """The address for browsers of this machine, or of others where it listens for those."""
+        host = socket.gethostname() if self._host in {"0.0.0.0", "::"} else self._host  # noqa: S104
         shown = f"[{host}]" if ":" in host else host
-        on_ready(f"http://{shown}:{actual}/?token={token}")
-        uvicorn.Server(configuration).run(sockets=[listener])
+        return f"{self._scheme}://{shown}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    def run(self) -> None:
+        """Answer until `end`, or in the main thread until SIGINT or SIGTERM."""
+        with self._listener:
+            self._server.run(sockets=[self._listener])
+
+    def end(self) -> None:
+        """Let `run` return."""
+        self._server.should_exit = True
+
+
+def serve(folder: Path, settings: Settings, *, on_ready: Callable[[str], object]) -> None:
+    """Show the runs below a folder in browsers, until SIGINT or SIGTERM.
+
+    on_ready: called with the address, token included, when it listens.
+
+    Raises InputError as `Window`.
+    """
+    window = Window(folder, settings)
+    on_ready(window.address)
+    window.run()
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is reached from this machine alone; other names than `localhost` are not."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def check_exposure(settings: Settings) -> None:
+    """Refuse to be reached by other machines without password and TLS, and a certificate that is none."""
+    options = {
+        "--password-file FILE": settings.password_file,
+        "--certificate FILE": settings.certificate,
+        "--key FILE": settings.key,
+    }
+    missing = [option for option, value in options.items() if value is None]
+    if missing and not is_loopback(settings.host):
+        raise InputError(
+            f"--host {settings.host}: other machines reach the window only with a password and TLS; add "
+            f"{' and '.join(missing)}, or leave --host out and use ssh -L"
+        )
+    if settings.certificate is None and settings.key is None:
+        return
+    if settings.certificate is None or settings.key is None:
+        raise InputError(f"TLS needs both --certificate and --key; {missing[-1]} is missing")
+
+    def refuse() -> str:  # otherwise OpenSSL asks on the terminal
+        raise InputError(
+            f"--key {settings.key}: has a passphrase; use a key without one "
+            "(`openssl pkey -in FILE -out FILE` removes it)"
+        )
+
+    try:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(settings.certificate, settings.key, password=refuse)
+    except OSError as error:  # ssl.SSLError is one
+        raise InputError(
+            f"--certificate {settings.certificate}, --key {settings.key}: cannot be used: "
+            f"{error.strerror or error}"
+        ) from None

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 from starlette.applications import Starlette
+from starlette.routing import Mount
 
+from swarmwright import InputError
 from swarmwright.ui.app import create_app
 from tests.python.ui.client import HOST, call
 
@@ -100,3 +102,79 @@ def test_a_read_only_window_refuses_what_changes_something(tmp_path: Path) -> No
 )
 def test_files_elsewhere_are_not_served(app: Starlette, target: str) -> None:
     assert call(app, target, headers=COOKIE).status == 404
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("origin", "http://["),
+        ("origin", "\xff"),
+        ("cookie", "swarmwright-8501"),
+        ("cookie", 'swarmwright-8501="\\777'),
+        ("cookie", "=;=;,;" * 5000),
+        ("authorization", "Bearer"),
+        ("authorization", "Basic " + "A" * 50_000),
+        ("content-length", "-1"),
+        ("sec-fetch-site", "\x00"),
+    ],
+)
+def test_malformed_headers_are_refused(app: Starlette, name: str, value: str) -> None:
+    assert call(app, "/api/window", headers={name: value}).status in {401, 403}
+
+
+@pytest.mark.parametrize("path", ["/static/\x00", "/\x00", "/static/a\x7f"])
+def test_paths_with_control_characters_lead_nowhere(app: Starlette, path: str) -> None:
+    assert call(app, path, headers=COOKIE).status == 404
+
+
+def test_a_token_in_the_path_needs_no_cookie(app: Starlette) -> None:
+    assert call(app, f"/~{TOKEN}/api/window").status == 200
+    assert call(app, f"/~{TOKEN}/static/main.js").status == 200
+    assert call(app, f"/~{TOKEN}/").status == 200
+    for path in ("/~", "/~/", f"/~{TOKEN}", f"/~{TOKEN}x/api/window", "/~wrong/api/window", "/~wrong/"):
+        assert call(app, path).status == 401
+    evil = {"origin": "http://evil.example"}
+    assert call(app, f"/~{TOKEN}/api/window", headers=evil).status == 403
+
+
+def test_read_only_holds_for_paths_with_a_token(tmp_path: Path) -> None:
+    app = create_app(tmp_path, token=TOKEN, read_only=True)
+    assert call(app, f"/~{TOKEN}/api/start", method="POST").status == 405
+
+
+def test_only_chosen_pages_show_it_in_a_frame(app: Starlette, tmp_path: Path) -> None:
+    assert "frame-ancestors 'none'" in call(app, "/", headers=COOKIE).headers["content-security-policy"]
+    framed = create_app(tmp_path, token=None, ancestors=["http://localhost:*", "https://hub.example"])
+    policy = call(framed, "/").headers["content-security-policy"]
+    assert policy.endswith("frame-ancestors http://localhost:* https://hub.example")
+    replay = call(framed, "/replay?run=x").headers["content-security-policy"]
+    assert "frame-ancestors 'self' http://localhost:* https://hub.example" in replay
+    assert "sandbox allow-scripts;" in replay
+
+
+@pytest.mark.parametrize(
+    "origin", ["*", "hub.example", "http://a; script-src *", "http://a b", "", "http://"]
+)
+def test_origins_that_are_none_are_refused(tmp_path: Path, origin: str) -> None:
+    with pytest.raises(InputError, match="is not an origin"):
+        call(create_app(tmp_path, token=None, ancestors=[origin]), "/")
+
+
+def test_it_works_below_the_path_of_another_application(tmp_path: Path) -> None:
+    app = Starlette(routes=[Mount("/swarm", create_app(tmp_path, token=TOKEN, port=8501, read_only=True))])
+    answer = call(app, "/swarm/", token=TOKEN)
+    assert (answer.status, answer.headers["location"]) == (303, "./")
+    assert "path=" not in answer.headers["set-cookie"].lower(), "the browser takes that of the page"
+    assert call(app, "/swarm/api/window", headers=COOKIE).status == 200
+    assert call(app, f"/swarm/~{TOKEN}/api/window").status == 200
+    assert call(app, "/swarm/api/window").status == 401
+    assert call(app, "/swarm/api/start", method="POST", headers=COOKIE).status == 405
+    page = call(app, "/swarm/", headers=COOKIE).body.decode()
+    assert not re.search(r'(?:href|src)="/', page), "all addresses are relative"
+
+
+@pytest.mark.parametrize("host", ["10.0.0.1:8501", "[2001:db8::1]"])
+def test_addresses_are_names_of_a_public_window(tmp_path: Path, host: str) -> None:
+    app = create_app(tmp_path, token=None, is_public=True)
+    assert call(app, "/api/window", headers={"host": host}).status == 200
+    assert call(app, "/api/window", headers={"host": "evil.example"}).status == 403
