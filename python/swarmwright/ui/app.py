@@ -19,7 +19,7 @@ from starlette.staticfiles import StaticFiles
 from swarmwright import SwarmwrightError
 from swarmwright.common.errors import InputError
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
-from swarmwright.ui.guard import PLAYER_POLICY, Guard
+from swarmwright.ui.guard import PLAYER_POLICY, Guard, check_ancestors
 from swarmwright.ui.requests import MOST_DIGITS
 from swarmwright.ui.sessions import Sessions
 from swarmwright.ui.views import View, load_views
@@ -56,8 +56,9 @@ def create_app(
         is_public: whether other machines may reach it.
         ancestors: origins of pages that may show it in a frame.
 
-    Raises InputError for a view of another package that is broken.
+    Raises InputError for a view of another package that is broken, and for an ancestor that is no origin.
     """
+    check_ancestors(ancestors)
     window = Window(folder, read_only=read_only, broker=broker, prefix=prefix)
     views = load_views()
 

@@ -51,6 +51,7 @@ class BrokerWatch:
         self._closed = threading.Event()
         self._is_answered = threading.Event()
         self._asked = 0.0
+        self._count: int | None = None
         self._set_state("connecting", "")
         self._last: dict[int, dict[str, Any]] = {}
 
@@ -116,7 +117,7 @@ class BrokerWatch:
                     return
 
     def _set_state(self, state: str, message: str) -> None:
-        self._count: int | None = None
+        self._count = None
         self._answer = json.dumps(
             {
                 "broker": self.url,

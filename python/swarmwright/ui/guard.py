@@ -81,8 +81,6 @@ class Guard:
         sessions: of those who have entered a password, which takes the place of the token.
         is_public: whether it is reached by other addresses of this machine than those of loopback.
         ancestors: origins of pages that may show the window in a frame, such as `http://localhost:*`.
-
-    Raises InputError for an ancestor that is no origin.
     """
 
     def __init__(
@@ -106,7 +104,7 @@ class Guard:
         self._asking = asking
         self._sessions = sessions
         self._is_public = is_public
-        self._ancestors = check_ancestors(ancestors)
+        self._ancestors = " ".join(ancestors)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or let the application answer."""
@@ -240,21 +238,24 @@ def path_below(scope: Scope) -> str:
     return path.removeprefix(root) if path == root or path.startswith(f"{root}/") else path
 
 
-def check_ancestors(origins: Collection[str]) -> str:
-    """Return origins as a policy names them. Raises InputError for what is no origin."""
+def check_ancestors(origins: Collection[str]) -> None:
+    """Raise InputError for what is no origin."""
     for origin in origins:
         if origin != "'self'" and ANCESTOR.fullmatch(origin) is None:
             raise InputError(
                 f"frame_ancestors: {origin[:100]!r} is not an origin such as 'http://localhost:*' or "
                 "'https://hub.example'"
             )
-    return " ".join(origins)
 
 
 def allow_ancestors(policy: str, ancestors: str) -> str:
-    """Return a policy that also allows pages of these origins to show the window in a frame."""
-    policy = policy.replace("frame-ancestors 'none'", f"frame-ancestors {ancestors}")
-    return policy.replace("frame-ancestors 'self'", f"frame-ancestors 'self' {ancestors}")
+    """Return a policy that also allows pages of these origins to show the window in a frame.
+
+    policy: ends with `frame-ancestors`.
+    """
+    first, _, present = policy.partition("frame-ancestors ")
+    allowed = dict.fromkeys([*present.replace("'none'", "").split(), *ancestors.split()])
+    return f"{first}frame-ancestors {' '.join(allowed)}"
 
 
 async def read_password(receive: Receive) -> str:
@@ -270,7 +271,7 @@ async def read_password(receive: Receive) -> str:
         if not message.get("more_body", False):
             break
     [password] = parse_qs(body.decode("ascii"), max_num_fields=3).get("password", [""])
-    return password
+    return str(password)
 
 
 def login_page(problem: str, status: int) -> Response:

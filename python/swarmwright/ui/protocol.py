@@ -2,7 +2,7 @@
 
 import asyncio
 
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 PATIENCE_S = 15.0
 """For a connection to send the head of a request."""
@@ -12,7 +12,7 @@ class Connection(H11Protocol):
     """A connection that is closed when no request comes: a client could hold all there may be."""
 
     _timer: asyncio.TimerHandle | None = None
-    _last: object = None
+    _last: RequestResponseCycle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Wait for a request."""
@@ -26,9 +26,9 @@ class Connection(H11Protocol):
         super().connection_lost(exc)
 
     def _check(self) -> None:
-        is_waiting = self.cycle is None or self.cycle.response_complete
-        if is_waiting and self.cycle is self._last:
+        cycle: RequestResponseCycle | None = self.cycle
+        if cycle is self._last and (cycle is None or cycle.response_complete):
             self.transport.close()
             return
-        self._last = self.cycle
+        self._last = cycle
         self._timer = self.loop.call_later(PATIENCE_S, self._check)

@@ -157,7 +157,7 @@ def test_only_chosen_pages_show_it_in_a_frame(app: Starlette, tmp_path: Path) ->
 )
 def test_origins_that_are_none_are_refused(tmp_path: Path, origin: str) -> None:
     with pytest.raises(InputError, match="is not an origin"):
-        call(create_app(tmp_path, token=None, ancestors=[origin]), "/")
+        create_app(tmp_path, token=None, ancestors=[origin])
 
 
 def test_it_works_below_the_path_of_another_application(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def test_the_first_line_of_a_private_file_is_the_password(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read_password_file(tmp_path / "missing")
     with pytest.raises(InputError, match="is not a regular file"):
-        read_password_file(tmp_path)
+        read_password_file(Path("/dev/zero"))
 
 
 @pytest.fixture

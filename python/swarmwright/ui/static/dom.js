@@ -50,7 +50,7 @@ export async function ask(path, parameters = {}) {
     }
   }
   const response = await fetch(`api/${path}?${query}`);
-  if (response.status === 401) throw new Error("The token is not known any more: open the printed address again.");
+  if (response.status === 401) throw new Error(await response.text());
   const body = (response.headers.get("content-type") ?? "").includes("json") ? await response.json() : {};
   if (!response.ok) throw new Error(body.error ?? `${path}: the server answered ${response.status}`);
   return body;

@@ -35,8 +35,13 @@ async function route() {
 }
 
 function theme(choice) {
-  if (choice) localStorage.setItem("swarmwright-theme", choice);
-  const chosen = localStorage.getItem("swarmwright-theme");
+  let chosen = choice;
+  try {
+    if (choice) localStorage.setItem("swarmwright-theme", choice);
+    else chosen = localStorage.getItem("swarmwright-theme");
+  } catch {
+    // A frame on another site, as in a notebook, may be refused to store anything.
+  }
   if (chosen) document.documentElement.dataset.theme = chosen;
 }
 
