@@ -125,7 +125,7 @@ class Guard:
                     headers["Content-Security-Policy"] = allow_ancestors(policy, self._ancestors)
             await send(message)
 
-        scope, has_token = self._without_token(scope)
+        scope, has_token = self._strip_token(scope)
         path = path_below(scope)
         headers = Headers(scope=scope)
         answer = self._refuse(scope, headers, path)
@@ -135,7 +135,7 @@ class Guard:
             answer = self._ask_for_token(scope, headers)
         await (answer or self._app)(scope, receive, send_with_headers)
 
-    def _without_token(self, scope: Scope) -> tuple[Scope, bool]:
+    def _strip_token(self, scope: Scope) -> tuple[Scope, bool]:
         """Return the scope of a path without its token, and whether it has the right one."""
         path = path_below(scope)
         if self._token is None or not path.startswith(TOKEN_PATH):
@@ -276,11 +276,11 @@ async def read_password(receive: Receive) -> str:
 
 def login_page(problem: str, status: int) -> Response:
     """Return the page that asks for the password."""
-    told = f'<p class="problem" role="alert">{escape(problem)}</p>' if problem else ""
+    alert = f'<p class="problem" role="alert">{escape(problem)}</p>' if problem else ""
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1"><title>Swarmwright</title>'
-        f"<style>{STYLE}</style><h1>Swarmwright</h1>{told}"
+        f"<style>{STYLE}</style><h1>Swarmwright</h1>{alert}"
         '<form method="post" action="login"><label>Password '
         '<input type="password" name="password" autocomplete="current-password" required autofocus></label>'
         "<button>Log in</button></form></html>"
