@@ -529,7 +529,7 @@ fn a_sample_that_cannot_be_made_is_refused() {
     let changes: [(Change, &str); 8] = [
         (
             |sample| sample.distribution = "cauchy".to_owned(),
-            "sample.distribution: \"cauchy\" is unknown; expected normal",
+            "sample.distribution: \"cauchy\" is unknown here, only normal",
         ),
         (
             |sample| {
