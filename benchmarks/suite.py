@@ -148,6 +148,12 @@ def _commands(scale: Scale) -> Suite:
     return CommandSuite(scale.smaller)
 
 
+def _window(scale: Scale) -> Suite:
+    from benchmarks.window import WindowSuite
+
+    return WindowSuite(scale.smaller)
+
+
 def _busy(_scale: Scale) -> Suite:
     from benchmarks.busy import BusySuite
 
@@ -182,6 +188,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "wrappers": _wrappers,
     "gazebo": _gazebo,
     "commands": _commands,
+    "window": _window,
     "busy": _busy,
     "servers": _servers,
     "frevo": _frevo,
