@@ -134,11 +134,11 @@ def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     )
 
     @functools.wraps(command)
-    def observed(**options: Any) -> Any:  # noqa: ANN401 - the command's
+    def run_observed(**options: Any) -> Any:  # noqa: ANN401 - the command's
         values = {field.name: options.pop(field.name) for field in fields(Observing) if field.name in options}
         return command(observing=Observing(**values), **options)
 
-    return log_options(metrics(observed))
+    return log_options(metrics(run_observed))
 
 
 class ToolObserver:

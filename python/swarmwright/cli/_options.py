@@ -249,7 +249,7 @@ def candidate_id(value: str) -> tuple[int | None, int]:
     return (generation[0] if generation else None), candidate
 
 
-def renamed(value: str) -> tuple[str, str]:
+def parse_new_name(value: str) -> tuple[str, str]:
     """Split a group or task from its new name at the first equals sign."""
     old, equals, new = value.partition("=")
     if not old or not equals or not new.strip():
@@ -447,7 +447,7 @@ compare_options = combine_options(
     click.option(
         "--label",
         "labels",
-        type=renamed,
+        type=parse_new_name,
         multiple=True,
         metavar="GROUP=NAME",
         help="Rename a group or task: --label nnga='genetic algorithm'. Repeatable.",

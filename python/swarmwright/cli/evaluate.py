@@ -208,9 +208,9 @@ def _show_settings(output: Output, settings: Sequence[str]) -> None:
         output.text(f"Settings: {', '.join(settings)}")
 
 
-def _refuse(given: Mapping[str, object], option: str) -> None:
+def _refuse(options: Mapping[str, object], option: str) -> None:
     """Raise a UsageError for a given option that cannot be combined with another."""
-    for name, value in given.items():
+    for name, value in options.items():
         if value is not None:
             raise click.UsageError(f"{name}: cannot be combined with {option}; leave it out")
 

@@ -118,7 +118,7 @@ def command(
     show_warnings()
     if target is not None and (target / "run.sqlite").exists() and target.resolve() != run.resolve():
         raise click.UsageError(f"--output {target}: is the folder of another run; name a separate folder")
-    which: dict[str, Any] = {"generation": generation, "candidate": candidate, "force": force}
+    chosen: dict[str, Any] = {"generation": generation, "candidate": candidate, "force": force}
     if bundle is not None:
         if form is not None or target is not None or verify:
             raise click.UsageError(
@@ -126,7 +126,9 @@ def command(
             )
         if group is not None:
             raise click.UsageError("--group goes with --to: a bundle holds one controller for all agents")
-        bundled = export_bundle(run, bundle, prefix=prefix or PREFIX, mapping=mapping, license=terms, **which)
+        bundled = export_bundle(
+            run, bundle, prefix=prefix or PREFIX, mapping=mapping, license=terms, **chosen
+        )
         _print_bundle(output, run, bundle, bundled)
         return 0
     if model:
@@ -134,7 +136,7 @@ def command(
             raise click.UsageError(
                 "--model writes into a folder: name it with --output, leave out --to and --verify"
             )
-        subject, written = importer_of(model).write_back(run, model, target, **which)
+        subject, written = importer_of(model).write_back(run, model, target, **chosen)
         _print_subject(output, subject, written)
         output.json({"run": str(run), "files": [str(file) for file in written]})
         return 0
@@ -145,7 +147,7 @@ def command(
     if mapping is not None or terms is not None:
         raise click.UsageError("--mapping and --license are for bundles: name one with --bundle FILE.zip")
     exported = export_controller(
-        run, to=form, output=target, group=group, prefix=prefix, verify=verify, **which
+        run, to=form, output=target, group=group, prefix=prefix, verify=verify, **chosen
     )
     facts = _print_subject(output, exported.subject, exported.files)
     verification = exported.verification

@@ -213,7 +213,7 @@ def compute_elites_over_generations(run: "Run", chosen: Container[int]) -> Itera
     ends = run._store.ends()
     numbers = [number for number in range(len(ends)) if number in chosen]
     borders = deque((int(ends[number]), number) for number in numbers)
-    for first, fitness, metrics in run._store.measured([end for end, _ in borders]):
+    for first, fitness, metrics in run._store.iterate_parts([end for end, _ in borders]):
         collector.add(first, fitness, metrics)
         while borders and borders[0][0] <= first + len(fitness):
             yield borders.popleft()[1], collector.elites()

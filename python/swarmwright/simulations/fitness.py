@@ -287,7 +287,7 @@ class FitnessExpression:
         message = "; ".join(hints)
         return f"{message}{' ' if message.endswith('?') else '; '}available: {', '.join(names)}"
 
-    def weighted_sum(self) -> tuple[float, dict[str, float]] | None:
+    def split_weighted_sum(self) -> tuple[float, dict[str, float]] | None:
         """Return the constant and the factor of each name if the expression is a weighted sum; else None.
 
         A mission has such a fitness in its file: `offset` and `factors`.

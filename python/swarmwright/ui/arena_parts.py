@@ -35,7 +35,7 @@ def several(options: Sequence[str], value: Sequence[str], *, is_optional: bool =
     return {"type": "several", "options": list(options), "value": list(value), "is_optional": is_optional}
 
 
-def named(kind: str, *, is_optional: bool = False) -> dict[str, Any]:
+def reference(kind: str, *, is_optional: bool = False) -> dict[str, Any]:
     """Return a field for the name of a `patch`, `object` or `kind` of robots, or for some `patches`."""
     return {"type": kind, "is_optional": is_optional}
 
@@ -44,39 +44,39 @@ SHARE = {"type": "flag", "value": False, "is_optional": True}
 METERS = "m"
 
 
-def _summed(**fields: Mapping[str, Any]) -> dict[str, Any]:
+def _sum(**fields: Mapping[str, Any]) -> dict[str, Any]:
     return {**fields, "when": choice(WHEN, "each_tick"), "share": SHARE}
 
 
-def _averaged(**fields: Mapping[str, Any]) -> dict[str, Any]:
+def _mean(**fields: Mapping[str, Any]) -> dict[str, Any]:
     return {**fields, "when": choice(WHEN, "mean")}
 
 
 METRICS: dict[str, dict[str, Any]] = {
-    "robots_on": _summed(patch=named("patch"), robots=named("kind", is_optional=True)),
-    "most_robots_on": _summed(patches=named("patches")),
-    "returns": {"sources": named("patches"), "nest": named("patch")},
+    "robots_on": _sum(patch=reference("patch"), robots=reference("kind", is_optional=True)),
+    "most_robots_on": _sum(patches=reference("patches")),
+    "returns": {"sources": reference("patches"), "nest": reference("patch")},
     "time_until": {
-        "patch": named("patch"),
+        "patch": reference("patch"),
         "at_least": number(1, is_optional=True),
         "at_most": number(None, is_optional=True),
     },
-    "crossings_south": {"patch": named("patch")},
-    "objects_on": _summed(patch=named("patch"), object=named("object", is_optional=True)),
-    "objects_held": _summed(object=named("object", is_optional=True)),
-    "object_distance": _averaged(patch=named("patch"), object=named("object", is_optional=True)),
-    "largest_group": {**_averaged(link=number(0.35, METERS)), "share": SHARE},
-    "groups": _averaged(link=number(0.35, METERS)),
-    "order": _averaged(),
-    "speed": _averaged(),
-    "group_speed": _averaged(link=number(None, METERS, is_optional=True)),
-    "distance_to_center": _averaged(),
-    "nearest_distance": _averaged(),
-    "covered_share": _averaged(radius=number(0.25, METERS)),
+    "crossings_south": {"patch": reference("patch")},
+    "objects_on": _sum(patch=reference("patch"), object=reference("object", is_optional=True)),
+    "objects_held": _sum(object=reference("object", is_optional=True)),
+    "object_distance": _mean(patch=reference("patch"), object=reference("object", is_optional=True)),
+    "largest_group": {**_mean(link=number(0.35, METERS)), "share": SHARE},
+    "groups": _mean(link=number(0.35, METERS)),
+    "order": _mean(),
+    "speed": _mean(),
+    "group_speed": _mean(link=number(None, METERS, is_optional=True)),
+    "distance_to_center": _mean(),
+    "nearest_distance": _mean(),
+    "covered_share": _mean(radius=number(0.25, METERS)),
     "visited_share": {"cell": number(0.1, METERS)},
     "cell_age": {"side": number(2, METERS), "cells": number(10)},
-    "shape_deviation": _averaged(shape={"type": "shape", "value": {"circle": 0.5}}),
-    "chain_reach": _averaged(**{"from": named("patch"), "to": named("patch")}, link=number(0.3, METERS)),
+    "shape_deviation": _mean(shape={"type": "shape", "value": {"circle": 0.5}}),
+    "chain_reach": _mean(**{"from": reference("patch"), "to": reference("patch")}, link=number(0.3, METERS)),
     "largest_group_area": {
         "link": number(0.35, METERS),
         "disc": number(0.25, METERS),
@@ -85,16 +85,16 @@ METRICS: dict[str, dict[str, Any]] = {
     "mean_distance": {
         "radius": number(1.2, METERS),
         "most": number(2.5, METERS),
-        "outside": named("patches", is_optional=True),
+        "outside": reference("patches", is_optional=True),
     },
-    "mean_distance_inside": {"patch": named("patch"), "most": number(1, METERS)},
+    "mean_distance_inside": {"patch": reference("patch"), "most": number(1, METERS)},
     "mean_distance_rim": {
-        "patch": named("patch"),
+        "patch": reference("patch"),
         "near": number(0.05, METERS),
         "most": number(1, METERS),
     },
-    "robots_in_wrong_half": {"patch": named("patch")},
-    "stop_errors": {"patch": named("patch")},
+    "robots_in_wrong_half": {"patch": reference("patch")},
+    "stop_errors": {"patch": reference("patch")},
 }
 """Fields of each kind of metric, those that are used most first."""
 

@@ -278,7 +278,7 @@ class Generations:
         )
         return np.array([end for (end,) in cursor], dtype=np.int64)
 
-    def measured(
+    def iterate_parts(
         self, ends: Sequence[int], metrics: int
     ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
         """Yield the fitness and the metrics of all evaluations in parts, without checking digests.

@@ -327,10 +327,12 @@ class StoreReader:
         with self._generations() as generations:
             return generations.ends()
 
-    def measured(self, ends: Sequence[int]) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-        """Yield fitness and metrics of all evaluations in large parts: `Generations.measured`."""
+    def iterate_parts(
+        self, ends: Sequence[int]
+    ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+        """Yield fitness and metrics of all evaluations in large parts: `Generations.iterate_parts`."""
         with self._generations() as generations:
-            yield from generations.measured(ends, len(self.metrics))
+            yield from generations.iterate_parts(ends, len(self.metrics))
 
     def best_fitness(self, first: int, end: int) -> float:
         """Return the best fitness of the evaluations from `first` to before `end`; NaN if all failed."""

@@ -268,7 +268,7 @@ def weigh(_window: Window, values: dict[str, Any]) -> Values:
         expression = FitnessExpression(read_field(values, "text", str))
     except ExpressionError as error:
         raise InputError(f"fitness: {error}") from None
-    weights = expression.weighted_sum()
+    weights = expression.split_weighted_sum()
     if weights is None or expression.uses_simulation_fitness:
         return {"fitness": None}
     offset, factors = weights
