@@ -175,8 +175,9 @@ def serve(folder: Path) -> Iterator[tuple[int, int]]:
     """Serve the window on the first processor; yield its port and the number of its process."""
     program = (
         "import os, sys; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); from pathlib import Path\n"
-        "from swarmwright.ui.server import serve\n"
-        "serve(Path(sys.argv[1]), port=0, token='benchmark', on_ready=lambda line: print(line, flush=True))"
+        "from swarmwright.ui.server import Settings, serve\n"
+        "settings = Settings(port=0, token='benchmark')\n"
+        "serve(Path(sys.argv[1]), settings, on_ready=lambda line: print(line, flush=True))"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", program, str(folder)], stdout=subprocess.PIPE, text=True

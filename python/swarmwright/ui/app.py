@@ -118,7 +118,7 @@ def create_app(
             routes.append(Route(f"/{name}", showing(bind(make, window))))
         if view.script.parent != STATIC:
             routes.append(Mount(f"/views/{view.name}", StaticFiles(directory=view.script.parent)))
-    return Starlette(
+    app = Starlette(
         routes=routes,
         middleware=[
             Middleware(
@@ -135,6 +135,8 @@ def create_app(
         ],
         lifespan=lifespan,
     )
+    app.state.window = window
+    return app
 
 
 def address(view: View) -> str:

@@ -59,6 +59,7 @@ class Window:
         self._lock = threading.Lock()
         self.figures = threading.Lock()
         self._changed = asyncio.Condition()
+        self._is_ending = False
 
     async def watch(self) -> None:
         """Look for changes until cancelled."""
@@ -79,17 +80,23 @@ class Window:
         """Close the connections to brokers."""
         self.brokers.close()
 
+    async def end_events(self) -> None:
+        """Let all streams of events end."""
+        self._is_ending = True
+        async with self._changed:
+            self._changed.notify_all()
+
     async def events(self, version: int) -> AsyncIterator[bytes]:
         """Yield changes of the list since a version, as server-sent events.
 
         A reader that is slow gets what has changed meanwhile at once: nothing is queued for it.
         """
-        while True:
+        while not self._is_ending:
             if self.index.version != version:
                 version, message = self.index.delta(version)
                 yield b"data: " + message + b"\n\n"
             async with self._changed:
-                if self.index.version == version:
+                if self.index.version == version and not self._is_ending:
                     try:
                         await asyncio.wait_for(self._changed.wait(), HEARTBEAT_S)
                     except TimeoutError:

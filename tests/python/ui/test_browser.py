@@ -45,7 +45,8 @@ def window(folder: Path, *options: str, port: int = 0) -> Iterator[str]:
         process.terminate()
         process.wait(10)
         if process.stdout is not None:
-            process.stdout.close()
+            with process.stdout:
+                assert "Traceback" not in process.stdout.read()
 
 
 def eventually(ask: Callable[[], WebElement | bool | None], what: str, seconds: float = 40) -> WebElement:

@@ -324,7 +324,7 @@ mod tests {
             (&[0x81, 0x81, 1, 2, 3, 4], "not binary"),
             (&[0x83, 0x81, 1, 2, 3, 4], "opcode"),
             (&[0x8b, 0x81, 1, 2, 3, 4], "opcode"),
-            (&[0x09, 0x81, 1, 2, 3, 4], "in parts"),
+            (&[0x09, 0x81, 1, 2, 3, 4], "fragmented"),
             (
                 &[&[0x89, 0xff, 0][..], &announced, &[1, 2, 3, 4]].concat(),
                 "too long",
