@@ -296,7 +296,7 @@ fn metrics_of_objects_name_the_object() {
 fn robots_that_do_not_fit_are_counted() {
     let message = refusal(&json!({"robots": 2000}));
     let found = message
-        .split("to start: ")
+        .split("only ")
         .nth(1)
         .and_then(|rest| rest.split(' ').next())
         .and_then(|number| number.parse::<f64>().ok())
