@@ -173,7 +173,12 @@ def test_it_works_below_the_path_of_a_proxy(browser: Chrome, two_runs: Path, tmp
         )
         try:
             base = f"http://127.0.0.1:{port}/swarm/"
-            eventually(lambda: browser.get(f"{base}?token={served.token}") is None, "the proxy answers")
+
+            def is_opened() -> bool:
+                browser.get(f"{base}?token={served.token}")
+                return True
+
+            eventually(is_opened, "the proxy answers")
             eventually(lambda: "2 runs" in page_text(browser), "the runs are listed")
             assert browser.current_url == base
             [cookie] = [each for each in browser.get_cookies() if each["path"] != "/"]
