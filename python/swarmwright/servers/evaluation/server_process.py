@@ -96,8 +96,9 @@ class _Preemption:
         before = self._sample()
         while self._sample().continues(before) and time.monotonic() <= deadline:
             time.sleep(_POLL_S)
+        # Before anything else: the next episode may have begun already, or begin now.
+        self._leave()
         if before.is_stepped or self._sample().is_stepped:
-            self._leave()  # the next episode has begun already
             self.finish()
         os.kill(os.getpid(), signal.SIGINT)
         threading.Event().wait(DISCONNECT_S)
