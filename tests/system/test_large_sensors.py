@@ -132,7 +132,7 @@ def test_sensors_above_what_the_broker_takes_are_refused_at_once_with_both_figur
     launch("serve", "eye.py:Eye", "--broker", narrow.url, "--json").until_event("ready")
     said = refused(launch, experiment, narrow)
     assert "a sensor message of 1" in said
-    assert "is larger than the 1000000 that the broker takes" in said
+    assert "is larger than the 1000000 that the broker accepts" in said
 
 
 @pytest.mark.timeout(600)  # it may have to build the jar
@@ -146,7 +146,7 @@ def test_servers_in_java_refuse_them_too(
     server = serve_java(narrow.url, main="Eye", classpath=str(tmp_path))
     said = refused(launch, experiment, narrow)
     assert "a sensor message of 1" in said
-    assert "is larger than the 1000000 that the broker takes" in said
+    assert "is larger than the 1000000 that the broker accepts" in said
     assert "lost the broker" not in server.stderr
     narrow.kill()
     narrow.start()

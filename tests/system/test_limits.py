@@ -52,7 +52,7 @@ def test_a_candidate_that_is_larger_than_the_broker_takes_fails_with_the_reason(
     path = experiment(WIDE.format(mode="offloaded", hidden=2000))
     tool = launch("optimize", path, "--broker", narrow.url, "--out", "run")
     assert tool.wait() == 1
-    assert f"is larger than the {LARGEST} that the broker takes" in tool.stderr
+    assert f"is larger than the {LARGEST} that the broker accepts" in tool.stderr
 
 
 SILENT = """\

@@ -69,7 +69,7 @@ def test_a_forgetful_or_wrong_one_is_found_out(form: str, tmp_path: Path) -> Non
     everything = Sequences(accepts.first, accepts.sensors, accepts.actuators, always[:1].repeat(len(accepts)))
     with pytest.raises(
         RunError,
-        match=r"refused \(the step from .* s: sensors\..* is not a finite number, or beyond 32 bits: the",
+        match=r"refused \(the step from .* s: sensors\..* is not a finite number, or beyond 32 bits; the",
     ):
         exporter(form).run(tmp_path, "robot", everything)
 
