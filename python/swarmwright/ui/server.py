@@ -82,7 +82,7 @@ def listen(host: str, port: int | None) -> socket.socket:
         else:
             return listener
     ports_text = f"ports {ports[0]} to {ports[-1]}" if len(ports) > 1 else f"--port {ports[0]}"
-    raise InputError(f"{ports_text}: the window cannot listen on {host}: {reason}")
+    raise InputError(f"{ports_text}: the window cannot listen on {host}: {reason}; choose another --port")
 
 
 @dataclass(frozen=True, kw_only=True)
