@@ -225,8 +225,7 @@ template <typename Entry>
                                const std::vector<std::string>& types) {
   const auto at =
       std::find_if(entries.begin(), entries.end(), [&](const Entry& entry) { return entry.place.topic == topic; });
-  throw MappingError(at->place.where + ": the type '" + at->place.type + "' is unknown; expected " +
-                     choice(types));
+  throw MappingError(at->place.where + ": the type '" + at->place.type + "' is unknown; expected " + choice(types));
 }
 
 double total(const std::vector<float>& actuators, const ActuatorMapping& actuator) {
