@@ -77,7 +77,7 @@ pub(crate) unsafe fn optional<'a>(
     unsafe { CStr::from_ptr(pointer) }
         .to_str()
         .map(Some)
-        .map_err(|_| Trouble::Invalid(format!("{label}: not valid UTF-8")))
+        .map_err(|_| Trouble::Invalid(format!("{label}: is not valid UTF-8")))
 }
 
 /// Text behind a pointer, whatever it is.

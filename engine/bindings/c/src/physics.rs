@@ -146,7 +146,7 @@ pub(crate) unsafe fn read(pointer: *const RawPhysics) -> Result<(PhysicsKind, Ar
         )));
     }
     let missing =
-        |name: &str| Trouble::Invalid(format!("swarmwright_physics.{name}: a null pointer"));
+        |name: &str| Trouble::Invalid(format!("swarmwright_physics.{name}: must not be a null pointer"));
     let live = Arc::<Live>::default();
     let table = Table {
         maker: Maker {

@@ -39,7 +39,7 @@ unsafe fn fill(scene: *mut Picture, work: impl FnOnce(&mut Scene) -> Result<(), 
     shield(|| {
         // SAFETY: as the caller promises.
         let picture = unsafe { scene.as_mut() }
-            .ok_or_else(|| Trouble::invalid("the scene: a null pointer"))?;
+            .ok_or_else(|| Trouble::invalid("the scene: must not be a null pointer"))?;
         work(&mut picture.0)
     })
 }
