@@ -94,8 +94,11 @@ pub(crate) unsafe fn read(
 ) -> Result<Arc<Table>, Trouble> {
     // SAFETY: as the caller promises.
     let raw = unsafe { input::structure(pointer)? };
-    let missing =
-        |name: &str| Trouble::Invalid(format!("swarmwright_simulation.{name}: must not be a null pointer"));
+    let missing = |name: &str| {
+        Trouble::Invalid(format!(
+            "swarmwright_simulation.{name}: must not be a null pointer"
+        ))
+    };
     if !description.metrics.is_empty() && raw.metrics.is_none() {
         return Err(missing("metrics"));
     }

@@ -145,8 +145,11 @@ pub(crate) unsafe fn read(pointer: *const RawPhysics) -> Result<(PhysicsKind, Ar
             "swarmwright_physics.title: {title:?} found, expected {TITLES}NAME, the name of the simulation in experiments"
         )));
     }
-    let missing =
-        |name: &str| Trouble::Invalid(format!("swarmwright_physics.{name}: must not be a null pointer"));
+    let missing = |name: &str| {
+        Trouble::Invalid(format!(
+            "swarmwright_physics.{name}: must not be a null pointer"
+        ))
+    };
     let live = Arc::<Live>::default();
     let table = Table {
         maker: Maker {
