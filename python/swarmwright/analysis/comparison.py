@@ -124,7 +124,7 @@ last."""
 
 
 def check_order(order: object, groups: "Sequence[Group]") -> None:
-    """Raise InputError unless groups can be put in this order."""
+    """Raise InputError unless `order` is a known name or a list of labels of these groups."""
     if isinstance(order, str):
         if order not in get_args(Named):
             names = ", ".join(get_args(Named))

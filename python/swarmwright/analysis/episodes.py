@@ -18,11 +18,11 @@ from swarmwright.runs.run import Run
 
 
 def fitness_at(run: Run, evaluations: int | None = None) -> tuple[float, int]:
-    """Return the best fitness after so many evaluations, NaN if there was none, and after how many it is.
+    """Return the best fitness within a number of evaluations, NaN if there is none, and the number counted.
 
-    These are fewer if the run has fewer, or if only finished generations count, see
+    Fewer evaluations count if the run has fewer, or if only finished generations count, see
     `is_compared_by_generation`.
-    evaluations: None: at the run's end.
+    evaluations: None: the whole run.
     """
     history = run.history
     if evaluations is not None:

@@ -141,9 +141,9 @@ class ControllerComparison(ComparedByValue):
 
     @cached_property
     def fitness_difference(self) -> Estimate | None:
-        """The difference of fitness as the ranking makes it of several episodes, a median for example.
+        """Difference in fitness as the ranking aggregates episodes, for example by the median.
 
-        None where that is the mean of the episodes, and where a failed episode does not count.
+        None if both fitness values are means, or if either is not reportable.
         """
         if all(contender.fitness == contender.mean for contender in (self.first, self.second)):
             return None
@@ -228,9 +228,9 @@ class Contender(NamedTuple):
 
     @classmethod
     def of(cls, letter: str, value: Run | Controller | str | PathLike[str]) -> Self:
-        """Return what an argument names. letter: A or B, for what has no name.
+        """Return the contender that an argument names. letter: A or B, the label of a nameless one.
 
-        Raises InputError where there is no such run, candidate or controller.
+        Raises InputError if there is no such run, candidate or controller.
         """
         if isinstance(value, Controller):
             return cls(letter, value)

@@ -70,9 +70,9 @@ def names_of(runs: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
 
 
 def expand_folders(folders: Iterable[Path]) -> tuple[list[Path], list[Path]]:
-    """Return folders, of sweeps those of their runs in their place, and those that are missing of a sweep.
+    """Return the folders, each sweep replaced by its runs, and the missing runs of sweeps.
 
-    Raises InputError where the record of a sweep cannot be read.
+    Raises InputError if the record of a sweep cannot be read.
     """
     paths: list[Path] = []
     missing: list[Path] = []
@@ -84,14 +84,14 @@ def expand_folders(folders: Iterable[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def missing_words(missing: list[Path]) -> str:
-    """Return in words that runs of sweeps are not there."""
+    """Describe the missing runs of sweeps."""
     named = ", ".join(map(str, missing[:3]))
     more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
     return f"{named}{more}: missing; the same sweep runs {'it' if len(missing) == 1 else 'them'}"
 
 
 def exclude_missing(folders: Iterable[Path]) -> list[LeftOut]:
-    """Return runs of sweeps that are not there as runs that do not count."""
+    """Return the missing runs of sweeps as excluded runs."""
     return [LeftOut(folder, "missing", "missing; the same sweep runs it") for folder in folders]
 
 

@@ -94,7 +94,7 @@ def table(comparison: "Comparison") -> str:
 
 
 def html_of(comparison: "Comparison") -> str:
-    """Return what `table` says as HTML, for notebooks."""
+    """Return the content of `table` as HTML, for notebooks."""
     several = len(comparison.tasks) > 1
     heading = (comparison.heading or comparison.indicator.heading).removesuffix(":")
     if comparison.held_out:
@@ -495,7 +495,7 @@ def _pairs(pairs: Sequence["Pair"]) -> list[str]:
 
 
 def _tabular(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int) -> list[str]:
-    """Return a table. words: how many columns hold words, the first ones; the others hold numbers."""
+    """Return a LaTeX table. words: number of leading text columns; the others hold numbers."""
     body = [" & ".join(map(_escape_latex, row)) + r" \\" for row in (head, *rows)]
     return [
         rf"\begin{{tabular}}{{{'l' * words}{'r' * (len(head) - words)}}}",

@@ -147,7 +147,7 @@ def has_other_models(groups: Sequence[Distinguished]) -> bool:
 
 
 def different_tasks() -> str:
-    """Return a note that groups are tested within several tasks."""
+    """Return a note that groups are tested only against groups with the same task."""
     return "groups solve different tasks, and those of one task are tested against each other"
 
 

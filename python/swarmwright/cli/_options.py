@@ -72,7 +72,7 @@ def finite_number(value: str) -> float:
 
 
 def broker_url(value: str) -> str:
-    """Check the address of a broker; it has no password, as other users of the machine can list processes."""
+    """Check a broker's address, which must have no password: other users can list processes."""
     problem = broker_problem(value)
     if problem:
         raise click.BadParameter(f"the broker's address {problem}.")

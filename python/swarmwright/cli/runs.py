@@ -197,7 +197,7 @@ def list_(
     for reason in broken:
         output.json({"error": reason})
     if not runs and not broken:
-        beside = folder is None and any(Path().glob(f"*/{FILE}"))  # of `--out`
+        beside = folder is None and any(Path().glob(f"*/{FILE}"))  # created with `--out`
         cure = (
             "`swarmwright runs list .` lists those in" if beside else "`swarmwright optimize FILE` makes one"
         )

@@ -1,4 +1,4 @@
-"""Reads untrusted zip archives within limits: a small archive can unpack to any size."""
+"""Reading of untrusted zip archives within limits: a small archive can unpack to any size."""
 
 import re
 import zipfile
@@ -26,7 +26,7 @@ DAMAGED = (
 
 @contextmanager
 def open_archive(path: Path, kind: str) -> Iterator[zipfile.ZipFile]:
-    """Check and open an archive; its unpacked size is within the limits.
+    """Open an archive after checking that its unpacked size is within the limits.
 
     kind: expected content, for messages, such as "an FMU".
 

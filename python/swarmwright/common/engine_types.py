@@ -74,7 +74,7 @@ class WarningFields(TypedDict):
     failed: FailedEvaluation | None
     """The failed evaluation that it reports, if any."""
     unaudited: bool
-    """Whether it reports results that count without audits."""
+    """Whether the warning reports results that count without audits."""
 
 
 class Counts(TypedDict):

@@ -1,4 +1,4 @@
-"""Reads and writes files named by users and experiments."""
+"""Input and output of files named by users and experiments."""
 
 import codecs
 import errno

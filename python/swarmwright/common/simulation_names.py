@@ -105,12 +105,12 @@ class SimulationName:
 
     @property
     def is_environment(self) -> bool:
-        """Whether it is an environment of another library."""
+        """Whether the simulation is an environment of another library."""
         return bool(self.library)
 
     @property
     def is_command(self) -> bool:
-        """Whether a program runs it: a command, a ROS system or an FMU."""
+        """Whether a program runs the simulation: a command, a ROS system or an FMU."""
         return is_definition(self.text)
 
     @property

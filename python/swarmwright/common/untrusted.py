@@ -1,4 +1,4 @@
-"""Escapes text of peers and files for output, so that it can neither control a terminal nor imitate a line.
+"""Escaped output of text from peers and files, so that it can neither control a terminal nor imitate a line.
 
 Servers and tools choose their titles, names and reasons freely, and so do files. A terminal interprets escape
 sequences (ESC and C1), line breaks, and Unicode's direction marks.

@@ -243,7 +243,7 @@ def _is_block(node: Node) -> bool:
 
 
 def _require_plain(source: Source) -> None:
-    """Raise InputError for YAML that is read, but has mistakes, such as a key that is there twice."""
+    """Raise InputError for mistakes in YAML that can be read, such as a duplicate key."""
     if source.problems:
         path, line, message = source.problems[0]
         raise InputError(f"{_NAME}:{line}: {format_path(path)}: {message}")

@@ -229,7 +229,7 @@ def _values(controllers: ControllerSet, candidate: int) -> Json:
 
 
 def play_episode(server: Server, controllers: ControllerSet, candidate: int, seed: int) -> "Any":  # noqa: ANN401
-    """Play the same episode stepwise, with our controllers or the parameters of a set."""
+    """Play the same episode stepwise, with the candidate's controllers or parameters."""
     if controllers.architecture["kind"] == "parameter_set":
         return server.play(
             parameters={**server.settings.parameters, **_values(controllers, candidate), "seed": seed}

@@ -138,6 +138,6 @@ class Process:
             self._process.wait()
 
     def close(self) -> None:
-        """Stop it finally."""
+        """Stop the process and close its output file."""
         self.stop()
         self._said.close()

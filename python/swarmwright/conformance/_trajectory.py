@@ -29,7 +29,7 @@ class Wander:
     seed: int = 0
 
     def __call__(self, agent: int, turn: int, _sensors: Numbers) -> list[float]:
-        """Actuators."""
+        """Return the actuators of an agent."""
         rows = []
         for index in range(self.actuators):
             number = (self.seed * 40503 + agent * 69069 + turn * 30011 + index * 7919 + 12345) & 0xFFFFFFFF
@@ -46,7 +46,7 @@ class Always:
     values: tuple[float, ...]
 
     def __call__(self, _agent: int, _turn: int, _sensors: Numbers) -> Sequence[float]:
-        """Actuators."""
+        """Return the actuators of an agent."""
         return self.values
 
 
@@ -61,10 +61,10 @@ class Steer:
         self._agents: dict[int, _engine.Controller] = {}
 
     def __call__(self, agent: int, turn: int, sensors: Numbers) -> Sequence[float]:
-        """Actuators."""
+        """Return the actuators of an agent."""
         if turn == 0 or agent not in self._agents:
             self._agents[agent] = _engine.Controller(self._text)
-        # The shortest decimals that read back as these numbers.
+        # Send the shortest decimals that read back as these numbers.
         return [float(str(value)) for value in self._agents[agent].step(sensors)]
 
 

@@ -28,10 +28,10 @@ _NOT_SAID = ("advice", "doubt")
 class Result:
     """The result of one rule.
 
-    source: the rule's origin and section: `D6.1, ...` or `Swarmwright, ...`. status: `died` when the
-    peer was gone after it, `not run` when it could not be tried, `skipped` when it does not apply. detail: a
-    note, or the reason. sent, came, expected, fix: of a failure. seconds: how long it took. advice: what to
-    do so that rules that were skipped apply. doubt: what may be wrong although no rule is violated.
+    source: the rule's origin and section: `D6.1, ...` or `Swarmwright, ...`. status: `died` if the peer was
+    gone afterwards, `not run` if the rule could not be tried, `skipped` if it does not apply. detail: a note,
+    or the reason. sent, came, expected, fix: details of a failure. seconds: duration. advice: how to make
+    skipped rules apply. doubt: what may be wrong although no rule is violated.
     """
 
     id: str

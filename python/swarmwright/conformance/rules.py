@@ -88,7 +88,7 @@ class Rule:
 
     @property
     def group(self) -> str:
-        """The part before the dot."""
+        """Group of the rule: its id up to the dot."""
         return self.id.partition(".")[0]
 
 

@@ -235,7 +235,7 @@ class Controller:
         return type(self), (self._text,)
 
     def __repr__(self) -> str:
-        """Name the kind and the sizes."""
+        """Return the kind with the parameters or the sizes."""
         kind = self.specification.get("kind")
         if self.parameters:
             return f"<Controller {kind}: {self.parameters}>"

@@ -259,7 +259,7 @@ class Diagram:
         return float(x - half[0]), float(y - half[1]), float(x + half[0]), float(y + half[1])
 
     def draw(self, axes: "Axes", note: str) -> None:
-        """Draw on axes that are `size` inches wide and high; note: below."""
+        """Draw on axes that are `size` inches wide and high, with a note below."""
         self._draw_arrows(axes)
         self._draw_states(axes)
         missing = sum(

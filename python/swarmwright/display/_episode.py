@@ -86,9 +86,9 @@ def record(episode: Playable, most_bodies: int | None = None) -> Recording:
 def record_in_parts(
     episode: Playable, beginning: int | None = None, *, most_bodies: int | None = None
 ) -> Iterator[tuple[Recording, bool]]:
-    """Record an episode as `record`; yield its beginning, if the episode is longer, and the whole.
+    """Record an episode as `record` does; yield the beginning of a longer episode, then the whole.
 
-    Each comes with whether it is the whole. beginning: steps, at least 1; None: only the whole.
+    Yields (recording, whether it is the whole). beginning: steps, at least 1; None: only the whole.
     """
     tracer = Tracer.from_episode(episode)
     reader = _SceneReader(episode)

@@ -256,7 +256,7 @@ def draw_ground(axes: "Axes", scene: Scene) -> "list[Artist]":
     floor = [] if scene.floor is None else [floor_patch(scene)]
     for patch in [*floor, *scene.patches]:
         shape = _shape(patch)
-        # The grid, at 0.5, is above the floor and below its patches.
+        # zorder: the grid (0.5) is above the floor and below the patches.
         shape.set(
             facecolor=floor_color(patch.grey), edgecolor="none", zorder=0.6 if edge or not floor else 0.2
         )

@@ -57,7 +57,7 @@ class Importer(ABC):
     unused: ClassVar[frozenset[str]] = frozenset()
     """Names of `ImportOptions` that do not apply and are refused."""
     last: ClassVar[bool] = False
-    """Whether it is tried last, to explain problems of unrecognized files."""
+    """Whether the importer is tried last, to explain problems of unrecognized files."""
 
     @abstractmethod
     def recognises(self, files: Sequence[Path]) -> bool:

@@ -55,7 +55,7 @@ def with_right_section(
     if not sections:
         return message
     suggestion = nearest(key, parameters if section == "parameters" else _keys_of(section, values))
-    # Prefer "episodes" of this section for "episode" to the same key of another section.
+    # For "episode", suggest "episodes" of this section before "episode" of another.
     if suggestion is None or not (suggestion.startswith(key) or key.startswith(suggestion)):
         return f"{subject}; it belongs to another section: {sections}"
     # Names of parameters may coincide with keys elsewhere.

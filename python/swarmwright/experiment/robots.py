@@ -68,7 +68,7 @@ def expand_robot(
     Values stay unchanged if another robot is set, or if the robot or the mission is invalid.
 
     Args:
-        values: of the experiment.
+        values: the experiment's values.
         paths: of the settings.
         folder: returns the base folder of paths at a key of the parameters.
     """

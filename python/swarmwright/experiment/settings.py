@@ -124,13 +124,13 @@ def _parse_setting(text: str) -> Setting:
 def check_allowed(
     settings: Iterable[Setting], keys: Collection[str], reason: str, values: Mapping[str, Any], *, ask: bool
 ) -> None:
-    """Raise InputError for settings of other keys, one line each.
+    """Raise InputError for settings of keys that are not allowed, one line each.
 
     Args:
         settings: to check.
         keys: the allowed keys.
         reason: why other keys are not allowed, the end of a sentence.
-        values: of the experiment.
+        values: the experiment's values.
         ask: whether the class of a simulation may be imported, to find its parameters.
     """
     problems = []

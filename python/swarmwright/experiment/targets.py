@@ -58,7 +58,7 @@ class OtherSimulation:
 
     @property
     def sets_servers(self) -> bool:
-        """Whether it sets its own servers or broker."""
+        """Whether the simulation sets its own servers or broker."""
         values = self._source().values if self._has_keys else None
         return isinstance(values, Mapping) and not {"servers", "broker"}.isdisjoint(values)
 

@@ -56,12 +56,12 @@ class UnavailableMethod(Method):
 
     @property
     def budget(self) -> int:
-        """Unknown."""
+        """Raise NotImplementedError, as the method is unavailable."""
         raise NotImplementedError
 
     @property
     def population_fitness(self) -> Fitness:
-        """Unknown."""
+        """Raise NotImplementedError, as the method is unavailable."""
         raise NotImplementedError
 
     def _ask(self) -> Genomes:

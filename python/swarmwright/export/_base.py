@@ -51,7 +51,7 @@ class Exporter(ABC):
     """Most steps of a random sequence for verification."""
 
     compiled: ClassVar[bool] = False
-    """Whether it contains compiled code, so that its bytes differ between machines; see `portable`."""
+    """Whether the files contain compiled code, so that their bytes depend on the machine; see `portable`."""
 
     untried: ClassVar[str] = ""
     """Part that no verification compiles or runs; empty if there is none."""

@@ -51,7 +51,7 @@ class Driver:
     def drive(self, sequences: Sequences) -> NDArray[np.float32]:
         """Return the actuators after each step, (steps, actuators), one period per step.
 
-        Raises RunError if it accepts NaN or infinite sensors, or refuses other sensors.
+        Raises RunError if the FMU accepts NaN or infinite sensors, or refuses other sensors.
         """
         sensors, actuators = (self._description.get_variables(causality) for causality in ("input", "output"))
         period = self._description.step_size or 1.0

@@ -42,7 +42,7 @@ for at in range(0, len(data), width):
 
 
 def format_modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> Files:
-    """Return the module and its self-test, which parameter sets lack. Arguments as in `module_text`."""
+    """Return the module and, except for parameter sets, its self-test. Arguments as in `module_text`."""
     files: Files = {f"{prefix}.py": module_text(subject, prefix, numbers, dialect)}
     if subject.steers:
         files[f"{prefix}_test.py"] = _test(subject, values_of(subject, prefix))

@@ -61,7 +61,7 @@ class Sequences(ComparedByValue):
         return self.part(slice(end))
 
     def part(self, selection: slice | NDArray[np.bool_]) -> "Sequences":
-        """Return a part of the steps, whose sequences are not interrupted."""
+        """Return the selected steps; the selection must not interrupt a sequence."""
         overflows = None if self.may_overflow is None else self.may_overflow[selection]
         return Sequences(
             self.first[selection],

@@ -141,7 +141,7 @@ class Subject(Evolved):
 
     @property
     def steers(self) -> bool:
-        """Whether it steers agents; False for a parameter set."""
+        """Whether the controller steers agents; False for a parameter set."""
         return "sensors" in self.specification
 
     @cached_property

@@ -104,7 +104,7 @@ class PackedEpisode:
     """Seed of the simulation."""
     content: bytes
     is_whole: bool
-    """Whether it goes to the end of the episode."""
+    """Whether the recording goes to the end of the episode."""
 
 
 def pack_replay(

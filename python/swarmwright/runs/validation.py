@@ -320,7 +320,7 @@ def format_validation_command(run: "Run", episodes: int = EPISODES) -> str:
     episodes: number of held-out episodes, if the experiment does not set it.
     """
     is_set = run.experiment.validate.episodes not in {0, AUTO}
-    # Resuming validates with the experiment's number; if it has none, or the run is too short, set a number.
+    # `resume` validates with the experiment's number; set one if it is missing, or the run is too short.
     option = f" --set validate.episodes={episodes}"
     if run.validation_is_due or (is_set and run.state != "done"):
         option = ""
@@ -542,7 +542,7 @@ def _count_budgeted_evaluations(experiment: Experiment, reader: StoreReader) -> 
 
 
 def _select_simulation_episodes(experiment: Experiment, evaluation: Evaluation) -> Evaluation:
-    """Return an evaluation with its episodes in the simulation that validates it."""
+    """Return an evaluation with its episodes in the slow simulation, if the ranking has one."""
     return (
         dataclasses.replace(evaluation, episodes=evaluation.metrics[:, -1])
         if reports_slow(experiment)

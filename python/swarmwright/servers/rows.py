@@ -145,7 +145,7 @@ class WarningEntry(NamedTuple):
     failed: FailedEvaluation | None = None
     """The evaluation that a pool gave up, if any."""
     unaudited: bool = False
-    """Whether it concerns results that count without audits."""
+    """Whether the warning concerns results that count without audits."""
 
     @classmethod
     def from_episode(cls, episode: int, words: str, candidate: int, error: str) -> Self:

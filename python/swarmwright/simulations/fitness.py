@@ -318,7 +318,7 @@ class FitnessExpression:
 
 
 class JudgedEpisode:
-    """An episode in this process with the fitness of an expression; NaN if it has no value."""
+    """An episode in this process whose fitness is the value of an expression; NaN if it has none."""
 
     def __init__(self, episode: "Episode | PlayedEpisode", expression: FitnessExpression) -> None:
         self._episode = episode

@@ -1,4 +1,4 @@
-"""Runs a user's simulation for the engine, checks its results and explains its exceptions."""
+"""Host of a user's simulation: runs it for the engine, checks its results, explains its exceptions."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

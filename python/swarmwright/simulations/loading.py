@@ -1,4 +1,4 @@
-"""Loads the class of a simulation: `package.module:Class`, `path/to/file.py:Class`, or an adapter's name."""
+"""Loading of a simulation's class: `package.module:Class`, `path/to/file.py:Class`, or an adapter's name."""
 
 import importlib
 import importlib.util

@@ -193,7 +193,7 @@ def changing(change: Callable[[dict[str, Any]], Any]) -> Callable[[Request], Any
 
 
 def showing(make: Callable[[Request], str]) -> Callable[[Request], Any]:
-    """Return an endpoint of HTML documents, such as replays, that reach nothing."""
+    """Return an endpoint for HTML documents, such as replays, that cannot access the network."""
 
     async def respond(request: Request) -> Response:
         try:

@@ -70,7 +70,7 @@ class Field:
 
     @property
     def is_choice(self) -> bool:
-        """Whether it takes nothing but its choices."""
+        """Whether the field accepts only its choices."""
         return not self.takes
 
     def describe(self) -> dict[str, Any]:

@@ -27,7 +27,7 @@ PLAYER_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
-"""Of a replay, one document with its scripts: it has an origin of its own and reaches nothing."""
+"""Policy of a replay, one document with its scripts: it has its own origin and no network access."""
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "X-Content-Type-Options": "nosniff",

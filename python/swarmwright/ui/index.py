@@ -217,7 +217,7 @@ def summarize(run: Run, name: str) -> Row:
         picked = [history[round(position)] for position in np.linspace(0, len(history) - 1, SPARK_POINTS)]
     try:
         tags = run.tags
-    except InputError:  # the run is worth a row nevertheless
+    except InputError:  # list the run without tags
         tags = ()
     return Row(
         id=name,

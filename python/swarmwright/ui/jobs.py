@@ -84,7 +84,7 @@ class Job:
 
     @property
     def is_service(self) -> bool:
-        """Whether it goes on until it is stopped."""
+        """Whether the job runs until it is stopped."""
         return self.arguments[:1] in (["serve"], ["broker"])
 
 

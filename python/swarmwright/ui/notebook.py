@@ -48,7 +48,7 @@ class NotebookWindow:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is served."""
+        """Whether the window is served."""
         return self._thread.is_alive()
 
     def close(self) -> None:

@@ -210,9 +210,9 @@ class Window:
 def serve(folder: Path, settings: Settings, *, on_ready: Callable[[str], object]) -> None:
     """Show the runs below a folder in browsers, until SIGINT or SIGTERM.
 
-    on_ready: called with the address, token included, when it listens.
+    on_ready: called with the address, including the token, once the server listens.
 
-    Raises InputError as `Window`.
+    Raises InputError as `Window` does.
     """
     window = Window(folder, settings)
     on_ready(window.address)

@@ -89,7 +89,7 @@ class Window:
     async def events(self, version: int) -> AsyncIterator[bytes]:
         """Yield changes of the list since a version, as server-sent events.
 
-        A reader that is slow gets what has changed meanwhile at once: nothing is queued for it.
+        A slow reader gets all changes since its version at once; nothing is queued for it.
         """
         while not self._is_ending:
             if self.index.version != version:

@@ -216,7 +216,7 @@ def _with_folders(entries: Iterable[tuple[str, Mapping[str, Any], Experiment]]) 
 
 
 def _with_digest(name: str, values: Mapping[str, Any], used_names: Collection[str]) -> str:
-    """Return a name with a digest of the values, of six digits or more if that is already used."""
+    """Return a name with a digest of the values: six digits, or more until the name is unused."""
     text = json.dumps(values, default=str, ensure_ascii=False)
     digest = hashlib.sha256(text.encode()).hexdigest()
     lengths = range(_DIGITS, len(digest) + 1)

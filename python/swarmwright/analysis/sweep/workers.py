@@ -62,7 +62,7 @@ class _Process:
         self._send(settings)
 
     def give(self, task: Task, message: Json) -> None:
-        """Send it a task."""
+        """Send the worker a task."""
         self.task = task
         self._send(message)
 
@@ -73,7 +73,7 @@ class _Process:
             self.process.stdin.flush()
 
     def read_reports(self) -> list[Json] | None:
-        """Return its reports since the last call; None if it has ended."""
+        """Return the worker's reports since the last call; None if the worker has ended."""
         data = os.read(self.events, 1 << 16)
         if not data:
             return None
@@ -81,7 +81,7 @@ class _Process:
         return [json.loads(line) for line in lines]
 
     def dismiss(self) -> None:
-        """Request its end, which interrupts a run in progress."""
+        """Ask the worker to end, which interrupts a run in progress."""
         if self.process.stdin is not None and not self.process.stdin.closed:
             with suppress(BrokenPipeError):
                 self.process.stdin.close()

@@ -41,7 +41,7 @@ class Offloading(Actor):
             self.reply(request, fitness=fitness.tobytes(), seconds=0.0)
 
     def reply(self, request: Json, **fields: Any) -> None:  # noqa: ANN401 - MessagePack
-        """Answer."""
+        """Publish the answer to a request."""
         kind = "evaluated" if request["kind"] == "evaluate" else "sensors"
         message = {"kind": kind, "version": 1, "request": request["request"], "server": self.server, **fields}
         payload = msgpack.packb(message)

@@ -66,7 +66,7 @@ def interrupt(tool: Tool) -> str:
 
 
 class Slow(Actor):
-    """Takes its time, so that there is a middle of an episode."""
+    """A slow actor, so that an episode can be interrupted in the middle."""
 
     at = 0.0
 

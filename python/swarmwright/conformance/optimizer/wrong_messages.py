@@ -108,7 +108,7 @@ class Junk(WrongFirst):
     at_once = 6
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:  # noqa: ARG002
-        """Nothing, a word, a list, a number, half an object, bytes that are not UTF-8."""
+        """Return nothing, a word, a list, a number, half an object, and bytes that are not UTF-8."""
         return ["", "hello", "[]", "7", '{"simulation_hash":', b"\xff\xfe{}"]
 
 
@@ -238,7 +238,7 @@ class WrongFitness(WrongFirst):
     seconds=600,
 )
 def wrong_fitness(tool: Tool) -> None:
-    """Five wrong messages, each with a pause, and the fitness."""
+    """Send five wrong messages, each with a pause, and then the fitness."""
     must_go_on(
         tool, "wrong fitness", make_actors(WrongFitness), "fitness as text, null, a list, true, and missing"
     )
@@ -251,7 +251,7 @@ class Chatty(Actor):
     """Adds an unknown key."""
 
     def says(self, topic: str, **fields: object) -> None:
-        """With one more key."""
+        """Publish a message with one more key."""
         super().says(topic, **fields, note=NOTE)
 
 

@@ -52,7 +52,7 @@ def _running(server: ServerPeer, junk: Maker, why: str, *, waits: bool = True) -
     episode.start()
     episode.gather()
     if episode.over:
-        return  # it controls its agents itself
+        return  # the simulation controls its agents itself
     trajectory = episode.trajectory
     agents = [agent for agent, _, _ in episode.pending]
     pieces = junk(episode.hash)

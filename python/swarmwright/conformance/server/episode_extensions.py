@@ -103,7 +103,7 @@ def watch_episode(server: Server, **fields: Any) -> tuple[Trajectory, list[Json]
     needs=["S2.3"],
 )
 def sends_scene_per_step(server: Server) -> str:
-    """The steps of the scenes: all from 0, as many as agents were asked."""
+    """Check that the steps of the scenes are 0, 1, 2, ..., with more scenes than turns."""
     skip_without_scenes(server)
     trajectory, scenes, sent = watch_episode(server, scenes=PARTS)
     for scene in scenes:

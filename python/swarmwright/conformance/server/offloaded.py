@@ -123,7 +123,7 @@ _MOST_REPETITIONS = 1 << 16
     needs=["S2.3"],
 )
 def is_answered(server: Server) -> None:
-    """Three candidates in two episodes; a sample of three, and its genomes."""
+    """Evaluate three candidates in two episodes, then a sample of three and its genomes."""
     controllers = list_controllers(server)
     _finite(server, evaluation(server, controllers, SEEDS))
     if not makes_samples(server, controllers.architecture):
@@ -402,9 +402,9 @@ def answers_in_order(server: Server) -> None:
     needs=["S9.1", "S2.9"],
 )
 def is_held_for_tool(server: Server) -> None:
-    """After an evaluation: discoveries, a request of another tool, one of this tool, then run: false.
+    """Check that an evaluation reserves the server for its tool until run: false.
 
-    Then requests for another instance, and for this one.
+    Then send requests for another instance and for this one.
     """
     controllers = list_controllers(server)
     request_fitness(server, evaluation(server, controllers, [1]))

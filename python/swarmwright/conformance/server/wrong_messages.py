@@ -319,7 +319,7 @@ def integers(server: ServerPeer) -> None:
     needs=["S1.2"],
 )
 def takes_last_key(server: Server) -> None:
-    """A discovery with the wrong title before the right one."""
+    """Send a discovery with the key `simulation` twice, the wrong title first."""
     question = server.discovery()
     text = json.dumps({**question, "first": 1}).replace("{", '{"simulation": "no such simulation", ', 1)
     server.client.publish("discovery", text)

@@ -224,7 +224,7 @@ class FixedProbability(Condition):
     def probability(
         self, senses: Senses, parameters: Parameters, state: Numbers, random: RandomNumbers
     ) -> Numbers:
-        """Return the probability."""
+        """Return the parameter `probability`."""
         return parameters["probability"]
 
 

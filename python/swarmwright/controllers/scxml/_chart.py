@@ -20,9 +20,9 @@ class Event:
 
     name: str
     internal: bool
-    """Whether it is raised, and so handled before events that are sent."""
+    """Whether the event is raised, and so handled before events that are sent."""
     optional: bool
-    """Whether it may be for other receivers, so that no transition has to wait for it."""
+    """Whether the event may be for other receivers, so that no transition has to wait for it."""
     line: int
 
 
@@ -40,7 +40,7 @@ class Transition:
     targets: list[str] = field(default_factory=list)
     actions: list[Action] = field(default_factory=list)
     internal: bool = False
-    """Whether it stays in its state if all targets are inside of it."""
+    """Whether the transition stays in its state if all targets are inside of it."""
 
 
 @dataclass

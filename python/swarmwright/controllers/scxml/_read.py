@@ -333,7 +333,7 @@ class _Reader:
         return value
 
     def _check_events(self) -> None:
-        """Drop events that no transition waits for; report those without numbers, which are mistakes."""
+        """Drop events that no transition waits for; report those without actuators, which are mistakes."""
         descriptors = [
             event for state in self.states.values() for t in state.transitions for event in t.events
         ]

@@ -47,7 +47,7 @@ class Edge:
     on_step: Condition | None = None
     """Condition under which a control step triggers it; None for never."""
     compares: bool = False
-    """Whether it depends on a sensor, or on a control step."""
+    """Whether the transition depends on a sensor, or on a control step."""
 
 
 @dataclass(frozen=True)

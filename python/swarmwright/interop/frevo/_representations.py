@@ -138,7 +138,7 @@ _COUNTED = 4
 
 @dataclass(frozen=True)
 class MachineOptions:
-    """Options of mealy_fsm, omitted entries of FREVO's, and notes for the user."""
+    """Options of mealy_fsm, FREVO's entries that are omitted, and notes for the user."""
 
     states: int
     levels: list[list[float]]

@@ -129,7 +129,7 @@ class Statement:
     """Position of the semicolon or the brace, in characters."""
     body: list["Statement"] | None = field(default=None)
     is_result: bool = False
-    """Whether it is the result expression of a body."""
+    """Whether the statement is the result expression of a body."""
 
 
 def unescape(text: str) -> str:

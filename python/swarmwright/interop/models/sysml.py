@@ -53,7 +53,7 @@ class Feature:
     scope: tuple[str, ...] = ()
     """Path of the enclosing feature."""
     is_definition: bool = False
-    """Whether it is a definition and not a usage."""
+    """Whether the feature is a definition and not a usage."""
     direction: str = ""
     """in, out or inout; empty without one."""
     name: str = ""

@@ -112,7 +112,7 @@ class Resumption:
 def extend_experiment(
     run: Run, experiment: Experiment, settings: Iterable[str], budget: Mapping[str, float | None]
 ) -> Experiment:
-    """Return an experiment with a larger budget, or with settings of where to evaluate.
+    """Return an experiment with a larger budget or another place of evaluation.
 
     Args:
         run: the run to resume.

@@ -507,7 +507,7 @@ class Moment:
 
     @classmethod
     def of(cls, connection: sqlite3.Connection) -> Self:
-        """Return the moment that the connection's transaction reads."""
+        """Return the extent of the store that the connection's transaction sees."""
 
         def last(column: str, table: str) -> int | None:
             value = connection.execute(f"SELECT max({column}) FROM {table}").fetchone()[0]  # noqa: S608 - our own names

@@ -319,7 +319,7 @@ def apply_expression(
 
 
 def tolerance_of(declared: Iterable[tuple[str | None, float | None]]) -> float | None:
-    """Return the largest tolerance among declared (determinism, tolerance) pairs; None for any difference."""
+    """Return the largest tolerance of (determinism, tolerance) pairs; None if any difference is allowed."""
     kinds = list(declared)
     if any(kind == "none" for kind, _ in kinds):
         return None

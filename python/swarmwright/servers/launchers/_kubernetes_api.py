@@ -166,7 +166,7 @@ class Api:
 
         try:
             return self._request(method, self.namespace, dict(manifest), field_validation="Strict")
-        except ValidationError as error:  # of the client's models
+        except ValidationError as error:  # raised by the client's models
             first = error.errors()[0]
             field = ".".join(str(part) for part in first["loc"] if not isinstance(part, int))
             raise InputError(f"servers: kubernetes: {field}: {first['msg']}") from error

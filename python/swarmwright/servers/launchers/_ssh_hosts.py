@@ -77,7 +77,7 @@ class _Remote:
     process: Any = None
     """AsyncSSH's process, None before the start."""
     stopped: bool = False
-    """Whether it was asked to end."""
+    """Whether the server was asked to end."""
 
 
 class Hosts:

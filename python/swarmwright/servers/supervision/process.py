@@ -59,7 +59,7 @@ class Process:
         self.hung: str | None = None
         """Why its supervisor ended it."""
         self.recycled = False
-        """Whether it was asked to end because it has reached its quota."""
+        """Whether the process was asked to end because it has reached its quota."""
         self.started = time.monotonic()
         self.progress = Progress()
         self._lines: deque[str] = deque(maxlen=_KEPT_LINES)

@@ -70,9 +70,9 @@ class SupervisedServer:
     last: ServerExit | None = None
     """How its last process ended."""
     is_given_up: bool = False
-    """Whether it will not be restarted."""
+    """Whether the server will not be restarted."""
     has_left: bool = False
-    """Whether it left for good because another server has its id."""
+    """Whether the server left for good because another server has its id."""
 
     def is_to_be_replaced(self, process: Process) -> bool:
         """Whether its process has reached its quota and must be replaced."""

@@ -43,7 +43,7 @@ Problem = tuple[Path_, str]
 
 
 def problems(options: "FmuOptions") -> list[Problem]:
-    """Return the problems of a definition with its FMU, with their keys."""
+    """Return the mismatches between a definition and its FMU, each with its key."""
     try:
         description = options.description
     except InputError as error:

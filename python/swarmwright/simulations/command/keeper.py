@@ -1,4 +1,4 @@
-"""Starts the processes of a simulation's command, and ends them with all their descendants.
+"""Processes of a simulation's command: started, and ended with all their descendants.
 
 This is a separate program that needs only Python's standard library: `python -I -S keeper.py DESCRIPTOR`,
 where the descriptor is a Unix socket of packets. It adopts processes whose parents end, including those that

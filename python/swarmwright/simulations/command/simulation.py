@@ -482,7 +482,7 @@ class CommandSimulation(Simulation):
         self.folder = instance.new_folder(name)
         for log in self.options.log:
             (self.folder / log).parent.mkdir(parents=True, exist_ok=True)
-        # A parameter with the name of a placeholder is only in the parameter file.
+        # A parameter named like a placeholder is passed only in the parameter file.
         built_in = {"seed": self.seed} | self._placeholders(instance, number)
         self._values = Values(built_in, parameters, self._choices, self._declared)
         self._printed = CapturedOutput(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)

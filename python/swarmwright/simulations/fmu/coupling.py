@@ -1,4 +1,4 @@
-"""Writes SSPs: systems of several FMUs."""
+"""Export of SSPs: systems of several FMUs."""
 
 import io
 import re

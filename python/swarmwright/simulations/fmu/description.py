@@ -142,12 +142,12 @@ class Variable:
 
     @property
     def is_number(self) -> bool:
-        """Whether it is a single number or boolean."""
+        """Whether the variable is a single number or boolean."""
         return not self.is_array and self.type in _NUMBERS
 
     @property
     def is_real(self) -> bool:
-        """Whether it may have a fraction."""
+        """Whether the variable may have a fraction."""
         return self.type in _REALS
 
 
@@ -162,7 +162,7 @@ class Exchange:
     indicators: int
     """Number of event indicators."""
     completes: bool
-    """Whether it must be notified of completed solver steps."""
+    """Whether the FMU must be notified of completed solver steps."""
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ class Instance:
             raise FmuError(f"the FMU's library cannot be loaded: {error}") from error
         self._is_fresh = False
         self.is_corrupted = False
-        """Whether it had a fatal error, after which FMI forbids further calls."""
+        """Whether the instance had a fatal error, after which FMI forbids further calls."""
         self._make()
 
     def _library(self, arguments: dict[str, str]) -> Any:  # noqa: ANN401 - FMPy has no types

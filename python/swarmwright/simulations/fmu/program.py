@@ -327,7 +327,7 @@ class ExchangeInstance(Instance):
             self._check()
 
     def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
-        """Set the inputs; a change is an event."""
+        """Set the inputs; changed inputs trigger an event."""
         names, inputs = tuple(variable.name for variable in variables), list(values)
         if inputs != self._inputs.get(names) and not self._ended:
             self._inputs[names] = inputs

@@ -1,4 +1,4 @@
-"""Runs a controller on a robot at a fixed rate, with the topics of a mapping."""
+"""Control of a robot by a controller at a fixed rate, with the topics of a mapping."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measures the time of steps with a duration, which slow topics prolong."""
+"""Timing of steps with a fixed duration, which slow topics prolong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Starts and ends a simulator, and in ROS 1 its master."""
+"""Start and end of a simulator, and in ROS 1 of its master."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads sensors from topics and publishes actuators on topics, according to a mapping."""
+"""Sensors read from topics and actuators published on topics, according to a mapping."""
 
 from __future__ import annotations
 

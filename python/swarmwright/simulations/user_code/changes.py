@@ -75,7 +75,7 @@ class Choice:
 
     part: Part
     copied: bool
-    """Whether it is the copy."""
+    """Whether the source is the copy."""
     current: Part | None
     """If it is the copy: the current source at its origin, if any."""
 

@@ -62,7 +62,7 @@ class Part:
 
     @property
     def digests(self) -> dict[str, str]:
-        """Location -> SHA-256."""
+        """SHA-256 of each file by its location."""
         return {location: source.digest for location, source in self.files.items()}
 
     @property

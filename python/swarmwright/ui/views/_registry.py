@@ -35,7 +35,7 @@ NAME = re.compile("[a-z][a-z0-9_]*")
 def load_views() -> tuple[View, ...]:
     """Return all views: our own first, then those of other packages by name.
 
-    Raises InputError for one that cannot be imported, is no view, or has a name or request of another.
+    Raises InputError for a view that cannot be imported, is no View, or takes another's name or request.
     """
     views: list[View] = [import_module(f"swarmwright.ui.views.{name}").VIEW for name in BUILT_IN]
     names = {key for view in views for key in keys(view)}
@@ -61,6 +61,6 @@ def load_views() -> tuple[View, ...]:
 
 
 def keys(view: View) -> set[str]:
-    """Return what a view takes: its address and those of its requests."""
+    """Return the addresses of a view and of its requests."""
     requests = {f"/api/{key}" for group in (view.answers, view.asks, view.changes) for key in group}
     return {f"#/{view.name}", *requests, *(f"/{key}" for key in view.documents)}

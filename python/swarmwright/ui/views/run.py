@@ -227,7 +227,7 @@ def send_parts(run: Run, options: dict[str, Any], keep: Callable[[bytes], None])
     packed_parts = pack_replay(run, beginning=BEGINNING, most_bodies=limit_bodies(options), **options)
     while True:
         try:
-            with computing:  # not while a part is sent: a reader may be slow, or gone
+            with computing:  # released while a part is sent: readers may be slow or gone
                 packed = next(packed_parts, None)
         except SwarmwrightError as error:
             if not is_begun:
@@ -329,7 +329,7 @@ def read_speed(values: dict[str, Any]) -> float:
 
 
 def send_export(_window: Window, request: Request) -> Response:
-    """Return a file that was made."""
+    """Return a finished export."""
     exported = shelf.get(request.query_params.get("id", ""))
     return Response(
         exported.content,

@@ -171,7 +171,7 @@ def draw(drawing: Drawing) -> "Figure":
         figure, axes = new_figure_with_list(
             title, about, 7.0, blocks, letters=_LINE_CHARACTERS, highest=_HIGHEST
         )
-        # The numbers of its axes need space.
+        # Leave space for the labels of the axes.
         left, low, width, height = axes.get_position().bounds
         axes.set_position((left + 0.09 * width, low + 0.09 * height, 0.9 * width, 0.9 * height))
         _draw_matrix(axes, transitions, states)

@@ -22,7 +22,7 @@ class LaunchedServer:
     """When it was started or began to run, monotonic seconds."""
     health: Health = field(default_factory=lambda: Health("waiting"))
     was_ready: bool = False
-    """Whether it has been on the broker."""
+    """Whether the server has been on the broker."""
 
 
 @dataclass
