@@ -7,7 +7,7 @@ final class TooLarge extends RuntimeException {
   /** Names the message, the bytes of its packet and the limit. */
   TooLarge(String label, long bytes, long max) {
     super(
-        label + " of " + bytes + " bytes is larger than the " + max + " that the broker takes",
+        label + " of " + bytes + " bytes is larger than the " + max + " that the broker accepts",
         null,
         false,
         false);

@@ -345,7 +345,7 @@ class MachineTest extends MachineFixture {
         "control",
         "'server': 7, 'simulation_hash': 'h', 'tool': 'ada', 'reply': 'swarmwright/v1/tool/t'");
     assertEquals(
-        "a sensor message of 66 bytes is larger than the 60 that the broker takes",
+        "a sensor message of 66 bytes is larger than the 60 that the broker accepts",
         out.last("reason").toString());
     assertEquals("true", out.last("invalid").toString());
     out.most = Integer.MAX_VALUE;
@@ -359,7 +359,7 @@ class MachineTest extends MachineFixture {
     work();
     assertEquals(1, out.replies.size());
     assertTrue(out.error().contains("its answer of "), out.error());
-    assertTrue(out.error().contains(" is larger than the 300 that the broker takes"), out.error());
+    assertTrue(out.error().contains(" is larger than the 300 that the broker accepts"), out.error());
     out.mostOfAnswers = Integer.MAX_VALUE;
     evaluate(2, "ada", 0, 1);
     work();
@@ -378,7 +378,7 @@ class MachineTest extends MachineFixture {
     out.mostOfAnswers = 1;
     startAndStep("i", ", 'seed': 13", reply);
     assertEquals(1, out.replies.size());
-    assertTrue(out.notices.toString().contains("larger than the 1 that the broker takes"));
+    assertTrue(out.notices.toString().contains("larger than the 1 that the broker accepts"));
     assertTrue(isFree(", 'tool': 'ada'"), "held for ada");
   }
 
