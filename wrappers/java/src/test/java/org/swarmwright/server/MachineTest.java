@@ -359,7 +359,8 @@ class MachineTest extends MachineFixture {
     work();
     assertEquals(1, out.replies.size());
     assertTrue(out.error().contains("its answer of "), out.error());
-    assertTrue(out.error().contains(" is larger than the 300 that the broker accepts"), out.error());
+    assertTrue(
+        out.error().contains(" is larger than the 300 that the broker accepts"), out.error());
     out.mostOfAnswers = Integer.MAX_VALUE;
     evaluate(2, "ada", 0, 1);
     work();
