@@ -181,7 +181,7 @@ def test_steps_that_do_not_begin_where_the_last_one_ended_are_errors(fmi: str, t
                 world.fmu.doStep(currentCommunicationPoint=time, communicationStepSize=0.25)
             assert world.said[-1] == f"the step begins at {said} s"
 
-        refused(3600.0, "3600 s, the start time that was set up is 0")
+        refused(3600.0, "3600 s, but the start time that was set up is 0")
         kept = world.fmu.getFMUState()
         world.step(0)
         once = world.double("fitness")

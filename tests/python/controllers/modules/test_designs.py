@@ -66,7 +66,9 @@ def test_a_design_is_a_run_like_others(form: str, method: str, own: Path, tmp_pa
     start = Experiment.load(file, [f"controller.machine={tmp_path / 'machine/controller.yaml'}"])
     assert start.representation().initial is not None
     for form_ in sorted(EXPORTERS.built_in.keys() - {"machine", "python"}):
-        with pytest.raises(InputError, match=r"are code in Python|have no C code|only mealy_fsm"):
+        with pytest.raises(
+            InputError, match=r"are code in Python|have no C code|does not support|only mealy_fsm"
+        ):
             export_controller(run, to=form_, output=tmp_path / form_)
 
 

@@ -120,7 +120,7 @@ def test_a_launcher_whose_budget_is_spent_is_left_out(caplog: pytest.LogCaptureF
         assert [len(row.servers) for row in rows] == [0, 1]
         assert launched.use.keys() == {"process", "other"}
         launched.check()
-    assert "the budget of process, 1, was spent" in caplog.text
+    assert "the budget of process, 1, is spent" in caplog.text
 
 
 def test_few_of_many_late_servers_are_asked_for_their_lines(
