@@ -262,7 +262,7 @@ def test_a_parameter_with_the_name_of_a_placeholder_is_refused_in_episodes(
         (":;", {"files": ["world.sdf"]}, r"^simulation: command: contains neither \{speed\} nor"),
         (": {parameters};", {}, None),
         ("cat parameters.yaml;", {}, None),
-        ("", {"parameters_format": "json"}, "unless it opens parameters.json"),
+        ("", {"parameters_format": "json"}, "only if it opens parameters.json"),
         ("sh script;", {"sources": ["script"]}, None),
     ],
 )
