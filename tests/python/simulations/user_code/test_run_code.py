@@ -225,7 +225,7 @@ def test_what_a_deleted_copy_was_is_known(run: Run, project: Path, caplog: pytes
     with pytest.raises(InputError, match="it is not executed"):
         repeat(Run.open(run.path))
     assert not repeat(Run.open(run.path, trust=True)).same
-    assert "which HAS changed; gather.py:Gather is used as it is now" in caplog.text
+    assert "which HAS changed; using the present gather.py:Gather" in caplog.text
     with pytest.raises(InputError, match=r"has changed since(.|\n)*--accept-changed-code"):
         resume(run.path, generations=5)
     assert resume(run.path, generations=5, accept_changed_code=True).sessions[-1].code == 2
