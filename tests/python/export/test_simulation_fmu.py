@@ -186,7 +186,7 @@ def test_steps_that_do_not_begin_where_the_last_one_ended_are_errors(fmi: str, t
         world.step(0)
         once = world.double("fitness")
         for time in (0.0, 0.5, 3600.0):
-            refused(time, f"{time:g} s, the last one ended at 0.25")
+            refused(time, f"{time:g} s, but the last one ended at 0.25")
         assert world.double("fitness") == once
         assert not world.flag("done")
         world.fmu.setFMUState(kept)
