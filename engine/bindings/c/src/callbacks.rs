@@ -10,13 +10,14 @@ use swarmwright_worlds::{Description, Scene};
 use crate::error::{OK, Trouble, forget, from_callback};
 use crate::input::{self, Structure};
 use crate::live::{Live, inside};
-use crate::parameters::Given;
+use crate::parameters::ParameterHandle;
 use crate::scene::Picture;
 
 pub(crate) type Create =
     unsafe extern "C" fn(context: *mut c_void, simulation: *mut *mut c_void) -> i32;
 pub(crate) type Destroy = unsafe extern "C" fn(simulation: *mut c_void);
-type Reset = unsafe extern "C" fn(*mut c_void, parameters: *const Given<'_>, seed: u64) -> i32;
+type Reset =
+    unsafe extern "C" fn(*mut c_void, parameters: *const ParameterHandle<'_>, seed: u64) -> i32;
 type Acting = unsafe extern "C" fn(*mut c_void, agents: *mut *const u32, count: *mut usize) -> i32;
 type IsDone = unsafe extern "C" fn(*mut c_void, done: *mut bool) -> i32;
 type Sense = unsafe extern "C" fn(*mut c_void, agent: u32, sensors: *mut f32) -> i32;
@@ -200,7 +201,7 @@ impl Object {
         &self.table
     }
 
-    pub(crate) fn reset(&mut self, handle: &Given<'_>, seed: u64) -> Result<(), Trouble> {
+    pub(crate) fn reset(&mut self, handle: &ParameterHandle<'_>, seed: u64) -> Result<(), Trouble> {
         // SAFETY: as said above.
         called("reset", || unsafe {
             (self.table.reset)(self.made.pointer, handle, seed)

@@ -12,7 +12,7 @@ use swarmwright_wrapper::scenes::is_sent;
 use crate::callbacks::{Object, Table};
 use crate::error::Trouble;
 use crate::parallel::{self, WorkerGroup};
-use crate::parameters::Given;
+use crate::parameters::ParameterHandle;
 
 /// Agents have numbers below this where a simulation names no limit: each that acts costs memory up to its number.
 const MOST_AGENTS: u32 = 1 << 24;
@@ -130,7 +130,7 @@ impl Simulation for Foreign {
         let seed = seed(parameters)?;
         self.not_shown.set(None);
         self.steps = 0;
-        let handle = Given::new(parameters);
+        let handle = ParameterHandle::new(parameters);
         match self.object.reset(&handle, seed) {
             Err(Trouble::Parameter(error)) => return Err(error),
             other => self.or_fail(other),

@@ -11,7 +11,7 @@ use crate::error::{Trouble, c_text, shield, shield_or};
 use crate::input;
 
 /// `swarmwright_parameters`: what a simulation is reset with.
-pub struct Given<'a> {
+pub struct ParameterHandle<'a> {
     parameters: &'a Parameters,
     json: OnceCell<CString>,
     /// Lists that were given out, which stay as long as this does.
@@ -19,7 +19,7 @@ pub struct Given<'a> {
     positions: RefCell<Vec<Box<[[f32; 2]]>>>,
 }
 
-impl<'a> Given<'a> {
+impl<'a> ParameterHandle<'a> {
     pub(crate) fn new(parameters: &'a Parameters) -> Self {
         Self {
             parameters,
@@ -40,10 +40,10 @@ impl<'a> Given<'a> {
 /// # Safety
 /// As `input::object`, `input::text` and `input::write` ask of `handle`, `name` and `value`.
 unsafe fn read<T>(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     value: *mut T,
-    find: impl FnOnce(&Given<'_>, ParameterReader<'_>, &str) -> Result<Option<T>, Trouble>,
+    find: impl FnOnce(&ParameterHandle<'_>, ParameterReader<'_>, &str) -> Result<Option<T>, Trouble>,
 ) -> i32 {
     shield(|| {
         // SAFETY: as the caller promises.
@@ -68,7 +68,7 @@ unsafe fn read<T>(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameters_new(
     json: *const c_char,
-    handle: *mut *mut Given<'static>,
+    handle: *mut *mut ParameterHandle<'static>,
 ) -> i32 {
     shield(|| {
         // SAFETY: as the caller promises.
@@ -78,7 +78,7 @@ pub unsafe extern "C" fn swarmwright_parameters_new(
         })?;
         // Leaked here, taken back when it is freed.
         let parameters: &'static Parameters = Box::leak(Box::new(parameters));
-        let new = Box::into_raw(Box::new(Given::new(parameters)));
+        let new = Box::into_raw(Box::new(ParameterHandle::new(parameters)));
         // SAFETY: as the caller promises.
         unsafe { input::write("the pointer for the parameters", handle, new) }
     })
@@ -89,7 +89,7 @@ pub unsafe extern "C" fn swarmwright_parameters_new(
 /// # Safety
 /// `handle` is null or what that function gave, once.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn swarmwright_parameters_free(handle: *mut Given<'static>) {
+pub unsafe extern "C" fn swarmwright_parameters_free(handle: *mut ParameterHandle<'static>) {
     shield(|| {
         if !handle.is_null() {
             // SAFETY: both were leaked by the function above, and they are not used any more.
@@ -109,7 +109,9 @@ pub unsafe extern "C" fn swarmwright_parameters_free(handle: *mut Given<'static>
 /// # Safety
 /// `handle` is null or the parameters that a callback has.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn swarmwright_parameters_json(handle: *const Given<'_>) -> *const c_char {
+pub unsafe extern "C" fn swarmwright_parameters_json(
+    handle: *const ParameterHandle<'_>,
+) -> *const c_char {
     shield_or(null(), || {
         // SAFETY: as the caller promises.
         let handle = unsafe { input::object("the parameters", handle)? };
@@ -123,7 +125,7 @@ pub unsafe extern "C" fn swarmwright_parameters_json(handle: *const Given<'_>) -
 /// `handle` as above, `name` is null or ends with NUL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_given(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
 ) -> bool {
     shield_or(false, || {
@@ -144,7 +146,7 @@ pub unsafe extern "C" fn swarmwright_parameter_given(
 /// `handle` and `name` as above, `value` is null or may be written to.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_integer(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     low: i64,
     high: i64,
@@ -164,7 +166,7 @@ pub unsafe extern "C" fn swarmwright_parameter_integer(
 /// As `swarmwright_parameter_integer`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_number(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     low: f64,
     high: f64,
@@ -184,7 +186,7 @@ pub unsafe extern "C" fn swarmwright_parameter_number(
 /// As `swarmwright_parameter_integer`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_single(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     low: f32,
     high: f32,
@@ -204,7 +206,7 @@ pub unsafe extern "C" fn swarmwright_parameter_single(
 /// As `swarmwright_parameter_integer`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_flag(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     value: *mut bool,
 ) -> i32 {
@@ -218,7 +220,7 @@ pub unsafe extern "C" fn swarmwright_parameter_flag(
 /// As `swarmwright_parameter_integer`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_seed(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     value: *mut u64,
 ) -> i32 {
@@ -232,7 +234,7 @@ pub unsafe extern "C" fn swarmwright_parameter_seed(
 /// As `swarmwright_parameter_integer`, for `text` and `length`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_text(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     text: *mut *const c_char,
     length: *mut usize,
@@ -255,7 +257,7 @@ pub unsafe extern "C" fn swarmwright_parameter_text(
 /// As `swarmwright_parameter_integer`; `choices` are `count` texts that end with NUL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_choice(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     choices: *const *const c_char,
     count: usize,
@@ -280,7 +282,7 @@ pub unsafe extern "C" fn swarmwright_parameter_choice(
 /// As `swarmwright_parameter_integer`, for `values` and `count`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_numbers(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     least: usize,
     most: usize,
@@ -310,7 +312,7 @@ pub unsafe extern "C" fn swarmwright_parameter_numbers(
 /// As `swarmwright_parameter_integer`; `position` points to two numbers.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_position(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     width: f32,
     height: f32,
@@ -331,7 +333,7 @@ pub unsafe extern "C" fn swarmwright_parameter_position(
 /// As `swarmwright_parameter_integer`, for `positions` and `count`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_positions(
-    handle: *const Given<'_>,
+    handle: *const ParameterHandle<'_>,
     name: *const c_char,
     most: u32,
     width: f32,

@@ -21,7 +21,7 @@ use crate::foreign::{check_agents, seed};
 use crate::input::{self, Structure};
 use crate::live::{inside, is_inside};
 use crate::options::{self, Listener, RawOptions, seconds};
-use crate::parameters::Given;
+use crate::parameters::ParameterHandle;
 use crate::server::trouble;
 use relay::{Answer, News, Relay, Request};
 use relayed::Relayed;
@@ -32,7 +32,7 @@ use relayed::Relayed;
 pub struct RawEvent {
     size: usize,
     kind: i32,
-    parameters: *const Given<'static>,
+    parameters: *const ParameterHandle<'static>,
     seed: u64,
     actuators: *const f32,
     count: usize,
@@ -43,22 +43,22 @@ unsafe impl Structure for RawEvent {
     const NAME: &'static str = "swarmwright_event";
 }
 
-/// What the last event told, as long as it is needed.
+/// The data of the last event, as long as it points to them.
 #[derive(Default)]
-struct Told {
+struct EventData {
     /// Before what it points to, so that it goes first.
-    given: Option<Box<Given<'static>>>,
+    given: Option<Box<ParameterHandle<'static>>>,
     parameters: Option<Box<Parameters>>,
     actuators: Vec<f32>,
 }
 
 // SAFETY: its cells are used by the thread that polls; the pointer in it is to what stands beside it.
-unsafe impl Send for Told {}
+unsafe impl Send for EventData {}
 
 /// `swarmwright_plugin`.
 pub struct Plugin {
     relay: Arc<Relay>,
-    told: Mutex<Told>,
+    event: Mutex<EventData>,
     description: Description,
     listener: Listener,
     /// Why the server has left the broker by itself, if it has.
@@ -99,7 +99,7 @@ impl Plugin {
             })?;
         Ok(Self {
             relay,
-            told: Mutex::default(),
+            event: Mutex::default(),
             description,
             listener,
             left,
@@ -107,8 +107,8 @@ impl Plugin {
         })
     }
 
-    fn told(&self) -> Result<MutexGuard<'_, Told>, Trouble> {
-        match self.told.try_lock() {
+    fn lock_event(&self) -> Result<MutexGuard<'_, EventData>, Trouble> {
+        match self.event.try_lock() {
             Ok(guard) => Ok(guard),
             Err(TryLockError::Poisoned(guard)) => Ok(guard.into_inner()),
             Err(TryLockError::WouldBlock) => Err(Trouble::invalid(
@@ -119,7 +119,7 @@ impl Plugin {
 
     fn poll(&self, patience: f64, event: &mut RawEvent) -> Result<(), Trouble> {
         let until = Instant::now() + seconds("the time to wait", patience)?;
-        let mut state = self.told()?;
+        let mut state = self.lock_event()?;
         let (news, notices) = self.relay.look(until);
         for notice in &notices {
             inside(|| self.listener.tell(notice));
@@ -165,13 +165,15 @@ impl Plugin {
     }
 }
 
-impl Told {
-    fn keep(&mut self, parameters: Box<Parameters>) -> *const Given<'static> {
+impl EventData {
+    fn keep(&mut self, parameters: Box<Parameters>) -> *const ParameterHandle<'static> {
         self.given = None;
         let parameters = &**self.parameters.insert(parameters);
         // SAFETY: boxed, so that it stays where it is; `given` is dropped before it, here and at the end.
         let parameters: &'static Parameters = unsafe { &*std::ptr::from_ref(parameters) };
-        &raw const **self.given.insert(Box::new(Given::new(parameters)))
+        &raw const **self
+            .given
+            .insert(Box::new(ParameterHandle::new(parameters)))
     }
 }
 

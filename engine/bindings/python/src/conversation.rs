@@ -83,7 +83,7 @@ impl Conversation {
     }
 
     /// As [`tell`](Self::tell), for genomes that were taken.
-    pub fn told(&mut self, genomes: Vec<f32>, fitness: &[f64]) -> PyResult<Vec<f32>> {
+    pub fn tell_taken(&mut self, genomes: Vec<f32>, fitness: &[f64]) -> PyResult<Vec<f32>> {
         self.asked = Some(genomes);
         self.tell(fitness)
     }
@@ -106,7 +106,7 @@ impl Conversation {
     }
 
     /// As [`told`](Self::told), for a sample.
-    pub fn told_sample(&mut self, fitness: &[f64]) -> PyResult<()> {
+    pub fn tell_sample(&mut self, fitness: &[f64]) -> PyResult<()> {
         let outcome = self.search.tell(&[], fitness);
         outcome.map_err(|error| self.reason(error))
     }

@@ -11,7 +11,7 @@ use swarmwright_wrapper::guarded;
 use crate::errors::{engine, input};
 use crate::simulation::any;
 use crate::values::object;
-use crate::worlds::{kept, scene, scene_arrays, text};
+use crate::worlds::{catch_panic, scene, scene_arrays, text};
 
 /// Who acts next, and what they sense.
 type Acting<'py> = (
@@ -50,7 +50,7 @@ impl PyEpisodes {
             let mut episode = match simulations.first() {
                 // A host has one object, of which another episode needs another one.
                 Some(first) if !simulation.is_instance_of::<PyString>() => {
-                    kept(|| first.duplicate())?.ok_or_else(|| {
+                    catch_panic(|| first.duplicate())?.ok_or_else(|| {
                         input("seeds: this simulation runs one episode at a time in a process; pass a single seed")
                     })?
                 }
@@ -58,7 +58,7 @@ impl PyEpisodes {
             };
             let mut parameters: Parameters = parameters.clone();
             parameters.insert("seed".to_owned(), Value::from(*seed));
-            kept(|| episode.reset(&parameters))?.map_err(input)?;
+            catch_panic(|| episode.reset(&parameters))?.map_err(input)?;
             let description = episode.described(&parameters).map_err(input)?;
             (sensors, actuators) = (description.sensors, description.actuators);
             simulations.push(episode);
@@ -97,7 +97,7 @@ impl PyEpisodes {
         let rows = sensors.chunks_exact_mut(self.sensors.max(1));
         for ((episode, agent), row) in episodes.iter().zip(&agents).zip(rows) {
             let simulation = &self.simulations[*episode as usize];
-            kept(|| simulation.sense(*agent, row))?;
+            catch_panic(|| simulation.sense(*agent, row))?;
         }
         let shape = [agents.len(), self.sensors];
         Ok((
@@ -145,7 +145,7 @@ impl PyEpisodes {
         let fitness: PyResult<Vec<f64>> = self
             .simulations
             .iter()
-            .map(|simulation| kept(|| simulation.fitness()))
+            .map(|simulation| catch_panic(|| simulation.fitness()))
             .collect();
         Ok(fitness?.into_pyarray(py))
     }
@@ -170,7 +170,7 @@ impl PyEpisodes {
                     .description()
                     .metrics_named(&names)
                     .map_err(input)?;
-                kept(|| worlds::measure(simulation.as_ref(), &indices, row))?;
+                catch_panic(|| worlds::measure(simulation.as_ref(), &indices, row))?;
             }
         }
         values

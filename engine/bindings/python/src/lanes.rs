@@ -52,7 +52,7 @@ pub struct Group {
     acting: Vec<Vec<u32>>,
     /// By episode; those that have ended have theirs.
     results: Vec<Vec<f64>>,
-    wanted: Vec<usize>,
+    metrics: Vec<usize>,
 }
 
 impl Group {
@@ -74,9 +74,9 @@ impl Group {
         if ended == self.seen.over {
             return;
         }
-        let numbers = 1 + self.wanted.len();
+        let numbers = 1 + self.metrics.len();
         let mut results = vec![f64::NAN; self.seen.over.len() * numbers];
-        results_of(host, ended, &self.seen.over, &self.wanted, &mut results);
+        results_of(host, ended, &self.seen.over, &self.metrics, &mut results);
         let rows = results.chunks_exact(numbers);
         for (index, (result, row)) in self.results.iter_mut().zip(rows).enumerate() {
             if self.seen.over[index] && !ended[index] {
@@ -95,7 +95,7 @@ impl Together for Hosted {
     ) -> Result<(), ParameterError> {
         let mut group = Group {
             results: vec![Vec::new(); seeds.len()],
-            wanted: metrics.to_vec(),
+            metrics: metrics.to_vec(),
             ..Group::default()
         };
         let started = self.call(|python| {

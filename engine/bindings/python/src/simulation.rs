@@ -110,10 +110,10 @@ pub fn call<T>(
         call(host.bind(py)).map_err(|error| {
             if error.is_instance_of::<PyKeyboardInterrupt>(py) {
                 // It is raised again in the thread that waits for the episode.
-                let again = py
+                let raised = py
                     .import("_thread")
                     .and_then(|m| m.call_method0("interrupt_main"));
-                let reason = again.map_or_else(|e| e.to_string(), |_| "interrupted".to_owned());
+                let reason = raised.map_or_else(|e| e.to_string(), |_| "interrupted".to_owned());
                 return Trouble::Failed(reason.into());
             }
             let reason = error.value(py).to_string();

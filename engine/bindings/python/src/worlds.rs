@@ -126,7 +126,7 @@ pub fn steers_itself(title: &str, parameters: &Bound<'_, PyDict>) -> PyResult<bo
 }
 
 /// Runs the code of a simulation; its failure becomes an error.
-pub fn kept<T>(call: impl FnOnce() -> T) -> PyResult<T> {
+pub fn catch_panic<T>(call: impl FnOnce() -> T) -> PyResult<T> {
     guarded(call).map_err(|failure| engine(failure.reason))
 }
 
@@ -159,7 +159,7 @@ impl PyEpisode {
         let simulation = any(simulation)?;
         let controller = self::controller(controller)?;
         let parameters = object("parameters", parameters)?;
-        kept(|| worlds::Episode::new(simulation, &parameters, &controller))?
+        catch_panic(|| worlds::Episode::new(simulation, &parameters, &controller))?
             .map(Self)
             .map_err(input)
     }
@@ -171,7 +171,7 @@ impl PyEpisode {
 
     #[getter]
     fn fitness(&self) -> PyResult<f64> {
-        kept(|| self.0.simulation().fitness())
+        catch_panic(|| self.0.simulation().fitness())
     }
 
     fn metrics(&self, names: Vec<String>) -> PyResult<Vec<f64>> {
@@ -181,7 +181,7 @@ impl PyEpisode {
             .metrics_named(&names)
             .map_err(input)?;
         let mut values = vec![f64::NAN; indices.len()];
-        kept(|| worlds::measure(simulation, &indices, &mut values))?;
+        catch_panic(|| worlds::measure(simulation, &indices, &mut values))?;
         Ok(values)
     }
 
@@ -200,14 +200,14 @@ impl PyEpisode {
     }
 
     fn step(&mut self) -> PyResult<()> {
-        kept(|| self.0.step())?.map_err(engine)
+        catch_panic(|| self.0.step())?.map_err(engine)
     }
 
     fn step_observed<'py>(&mut self, py: Python<'py>) -> PyResult<Observed<'py>> {
         let description = self.0.simulation().description();
         let widths = [description.sensors, description.actuators];
         let (mut agents, mut sensed, mut done) = (Vec::new(), Vec::new(), Vec::new());
-        kept(|| {
+        catch_panic(|| {
             self.0.step_observed(|agent, sensors, actuators| {
                 agents.push(agent);
                 sensed.extend_from_slice(sensors);
@@ -237,7 +237,7 @@ impl PyEpisode {
 }
 
 fn shown(simulation: &dyn Simulation) -> PyResult<worlds::Scene> {
-    kept(|| simulation.scene())?.ok_or_else(|| engine("this simulation has nothing to show"))
+    catch_panic(|| simulation.scene())?.ok_or_else(|| engine("this simulation has nothing to show"))
 }
 
 /// What a simulation looks like, as plain values.

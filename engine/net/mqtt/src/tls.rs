@@ -147,12 +147,12 @@ pub(crate) fn refused(error: &io::Error, settings: &Settings) -> Option<ConnectE
     };
     Some(ConnectError::Tls {
         url: settings.url.to_string(),
-        reason: told(alert, settings),
+        reason: describe_alert(alert, settings),
     })
 }
 
 /// What an alert of the broker means, and how to fix it.
-fn told(alert: AlertDescription, settings: &Settings) -> String {
+fn describe_alert(alert: AlertDescription, settings: &Settings) -> String {
     use AlertDescription as A;
     match (alert, &settings.certificate) {
         // It is sent for want of a certificate in TLS 1.2, and of anything else that both sides have to agree on.
@@ -236,7 +236,7 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
             "the server does not use TLS; check the port, or use mqtt:// or ws://"
                 .to_owned()
         }
-        rustls::Error::AlertReceived(alert) => told(*alert, settings),
+        rustls::Error::AlertReceived(alert) => describe_alert(*alert, settings),
         other => other.to_string(),
     }
 }

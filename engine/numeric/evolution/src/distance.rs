@@ -61,7 +61,7 @@ impl Farthest {
         let doubt = 2.0 * (genome.len() + LANES) as f32 * f32::EPSILON;
         self.0.clear();
         Level::best().run(Nearly {
-            one: genome,
+            genome,
             others: others.clone(),
             distances: &mut self.0,
         });
@@ -97,7 +97,7 @@ impl Farthest {
 
 /// Adds the distance to each of several genomes, in binary32.
 struct Nearly<'a, I> {
-    one: &'a [f32],
+    genome: &'a [f32],
     others: I,
     distances: &'a mut Vec<f32>,
 }
@@ -108,7 +108,7 @@ impl<'a, I: Iterator<Item = &'a [f32]>> Kernel for Nearly<'_, I> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         for other in self.others {
-            self.distances.push(nearly(self.one, other));
+            self.distances.push(nearly(self.genome, other));
         }
     }
 }

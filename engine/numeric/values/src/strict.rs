@@ -52,9 +52,9 @@ impl Display for Error {
 impl std::error::Error for Error {}
 
 /// What was found, in the words of JSON.
-struct Found<'a>(Unexpected<'a>);
+struct ActualValue<'a>(Unexpected<'a>);
 
-impl Display for Found<'_> {
+impl Display for ActualValue<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             Unexpected::Unit => f.write_str("null"),
@@ -76,12 +76,12 @@ impl de::Error for Error {
     }
 
     fn invalid_type(actual: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        let actual = Found(actual);
+        let actual = ActualValue(actual);
         Self::custom(format_args!("invalid type: {actual}, expected {expected}"))
     }
 
     fn invalid_value(actual: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        let actual = Found(actual);
+        let actual = ActualValue(actual);
         Self::custom(format_args!("invalid value: {actual}, expected {expected}"))
     }
 }

@@ -107,9 +107,9 @@ impl Work {
             None
         };
         let genomes = if is_made {
-            self.conversation.told(results.genomes, &fitness)?
+            self.conversation.tell_taken(results.genomes, &fitness)?
         } else {
-            self.conversation.told_sample(&fitness)?;
+            self.conversation.tell_sample(&fitness)?;
             Vec::new()
         };
         let genomes = sample.map_or(Kept::Genomes(genomes), |sample| {

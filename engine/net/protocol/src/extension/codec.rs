@@ -24,8 +24,8 @@ fn decode<T: DeserializeOwned>(payload: &[u8], schema: &str) -> Result<T, Decode
     rmp_serde::from_slice(payload).map_err(|error| {
         // It is read again to find out where the error is: to keep that in mind takes time in each message.
         let mut deserializer = rmp_serde::Deserializer::from_read_ref(payload);
-        let again = serde_path_to_error::deserialize::<_, T>(&mut deserializer);
-        let path = again.err().map(|error| error.path().to_string());
+        let second = serde_path_to_error::deserialize::<_, T>(&mut deserializer);
+        let path = second.err().map(|error| error.path().to_string());
         let words = match &error {
             Error::TypeMismatch(marker) => {
                 format!("a MessagePack {marker:?} came, expected the type of {schema}.schema.json")

@@ -16,9 +16,9 @@ pub(super) struct Constants {
     /// c_c: of the path of the covariance matrix.
     pub c_c: f64,
     /// c_1: of the rank-one update.
-    pub one: f64,
+    pub c_1: f64,
     /// c_mu: of the rank-mu update.
-    pub all: f64,
+    pub c_mu: f64,
     /// d_sigma
     pub damping: f64,
     /// Expected length of a vector of standard normal numbers, one for each gene.
@@ -49,8 +49,8 @@ impl Constants {
             effective,
             c_sigma,
             c_c,
-            one: rank_one,
-            all,
+            c_1: rank_one,
+            c_mu: all,
             damping: damping(n, effective) + c_sigma,
             expected: n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n)),
         }
@@ -58,7 +58,7 @@ impl Constants {
 
     /// After so many generations eigenvectors are computed anew: often enough, and seldom enough for little work per gene.
     pub fn gap(&self, genes: usize) -> f64 {
-        1.0 / (self.one + self.all) / count(genes) / 10.0
+        1.0 / (self.c_1 + self.c_mu) / count(genes) / 10.0
     }
 }
 

@@ -142,10 +142,10 @@ impl Full {
         lengths: &[f64],
         order: &[usize],
     ) {
-        let mut total = constants.one - lost;
-        let mut rows = vec![(constants.one, covariance_path)];
+        let mut total = constants.c_1 - lost;
+        let mut rows = vec![(constants.c_1, covariance_path)];
         for (weight, index) in constants.weights.iter().zip(order) {
-            let weight = constants.all * weight;
+            let weight = constants.c_mu * weight;
             total += weight;
             // Those that are far away count as those at the usual distance do, else a matrix would not stay positive definite.
             let weight = if weight < 0.0 {

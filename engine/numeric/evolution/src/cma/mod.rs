@@ -200,7 +200,7 @@ impl Cma {
         let stalled = self.lengthen_paths(&shift);
         let lost = if stalled {
             let keep = self.constants.c_c;
-            self.constants.one * keep * (2.0 - keep)
+            self.constants.c_1 * keep * (2.0 - keep)
         } else {
             0.0
         };
@@ -258,7 +258,7 @@ impl Cma {
     /// Changes the unit of each gene by its variance in the sample.
     fn learn_units(&mut self, lost: f64, order: &[usize]) {
         let genes = self.mean.len();
-        let (rank_one, all) = (self.constants.one - lost, self.constants.all);
+        let (rank_one, all) = (self.constants.c_1 - lost, self.constants.c_mu);
         let mut sum = vec![0.0; genes];
         for (value, along) in sum.iter_mut().zip(&self.covariance_path) {
             *value = rank_one * (along * along);

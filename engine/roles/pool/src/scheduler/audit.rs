@@ -7,14 +7,14 @@ use std::collections::BTreeMap;
 
 use crate::scheduler::fleet::Fleet;
 use crate::scheduler::modes::in_flight::InFlight;
-use crate::scheduler::queue::results::Found;
+use crate::scheduler::queue::results::ServerResult;
 
 /// Results of one evaluation that are not agreed upon yet.
 #[derive(Debug, Clone)]
 struct Check {
-    first: Found,
+    first: ServerResult,
     /// Another server's that is not the same.
-    second: Option<Found>,
+    second: Option<ServerResult>,
 }
 
 impl Check {
@@ -28,7 +28,7 @@ impl Check {
 }
 
 /// Whether what two servers found is the same, within a tolerance where there is one.
-fn same(first: &Found, other: &Found, tolerance: Option<f64>) -> bool {
+fn same(first: &ServerResult, other: &ServerResult, tolerance: Option<f64>) -> bool {
     let agree = |a: f64, b: f64| match tolerance {
         None => a.to_bits() == b.to_bits(),
         Some(tolerance) => (a - b).abs() <= tolerance * a.abs().max(b.abs()).max(1.0),
@@ -60,13 +60,16 @@ pub(crate) enum Compared {
     /// Its server had its say before.
     Double,
     /// Two servers found this.
-    Agreed(Found),
+    Agreed(ServerResult),
     /// Two servers do not agree.
-    Differ(Found, Found),
+    Differ(ServerResult, ServerResult),
     /// Two found the same, the third did not: what is right and what is wrong.
-    Wrong { right: [Found; 2], wrong: Found },
+    Wrong {
+        right: [ServerResult; 2],
+        wrong: ServerResult,
+    },
     /// No two of three agree.
-    AllDiffer([Found; 3]),
+    AllDiffer([ServerResult; 3]),
 }
 
 /// Results that wait for a second server's, by evaluation.
@@ -101,12 +104,12 @@ impl Audits {
     }
 
     /// A result waits for another server's, or two that differ for a third one's.
-    pub fn wait(&mut self, evaluation: usize, first: Found, second: Option<Found>) {
+    pub fn wait(&mut self, evaluation: usize, first: ServerResult, second: Option<ServerResult>) {
         self.0.insert(evaluation, Check { first, second });
     }
 
     /// What another server found.
-    pub fn compare(&mut self, evaluation: usize, result: Found, fleet: &Fleet) -> Compared {
+    pub fn compare(&mut self, evaluation: usize, result: ServerResult, fleet: &Fleet) -> Compared {
         let Some(check) = self.0.remove(&evaluation) else {
             return Compared::Late;
         };
@@ -114,8 +117,8 @@ impl Audits {
             self.0.insert(evaluation, check);
             return Compared::Double;
         }
-        let tolerance = |other: &Found| fleet.tolerance(other.server, result.server);
-        let agrees = |other: &Found| same(other, &result, tolerance(other));
+        let tolerance = |other: &ServerResult| fleet.tolerance(other.server, result.server);
+        let agrees = |other: &ServerResult| same(other, &result, tolerance(other));
         let Check { first, second } = check;
         match second {
             None if agrees(&first) => Compared::Agreed(first),
@@ -136,13 +139,13 @@ impl Audits {
     }
 
     /// The results of an evaluation that wait for another one's: nothing more is awaited.
-    pub fn end(&mut self, evaluation: usize) -> Option<(Found, Option<Found>)> {
+    pub fn end(&mut self, evaluation: usize) -> Option<(ServerResult, Option<ServerResult>)> {
         let check = self.0.remove(&evaluation)?;
         Some((check.first, check.second))
     }
 
     /// All that wait, by evaluation: nothing more is awaited.
-    pub fn take_all(&mut self) -> impl Iterator<Item = (usize, Vec<Found>)> + use<> {
+    pub fn take_all(&mut self) -> impl Iterator<Item = (usize, Vec<ServerResult>)> + use<> {
         let checks = std::mem::take(&mut self.0).into_iter();
         checks.map(|(evaluation, check)| {
             let results = std::iter::once(check.first).chain(check.second);

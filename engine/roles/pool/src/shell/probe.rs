@@ -6,13 +6,13 @@ use std::thread;
 use swarmwright_mqtt::{Settings, Waker, holds_back_small_packets};
 
 /// Whether the broker holds them back, or why that is not known.
-type Found = Result<bool, String>;
+type Answer = Result<bool, String>;
 
 /// Asks, and keeps the answer until it is taken.
 pub(crate) struct Probe {
     settings: Settings,
     waker: Waker,
-    answer: Arc<Mutex<Option<Found>>>,
+    answer: Arc<Mutex<Option<Answer>>>,
 }
 
 impl Probe {
@@ -43,7 +43,7 @@ impl Probe {
     }
 
     /// The answer, once.
-    pub fn take(&self) -> Option<Found> {
+    pub fn take(&self) -> Option<Answer> {
         let mut answer = self.answer.lock().unwrap_or_else(PoisonError::into_inner);
         answer.take()
     }

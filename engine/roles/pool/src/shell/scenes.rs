@@ -112,7 +112,7 @@ pub struct SceneEpisode {
 }
 
 /// A server that has scenes.
-struct Found {
+struct SceneServer {
     server: u64,
     /// Which start of it answered.
     instance: Option<String>,
@@ -173,7 +173,7 @@ impl SceneEpisode {
             heard: Instant::now(),
             options,
         };
-        let Found {
+        let SceneServer {
             server,
             instance,
             on_own_topic,

@@ -97,9 +97,9 @@ impl Lag {
         news
     }
 
-    /// What to tell the user when the broker at `address` has been asked whether it holds small packets back; `answer`:
+    /// Describe the delay to the user, when the broker at `address` has been asked whether it holds small packets back; `answer`:
     /// the answer, or why there is none.
-    pub fn told(&self, answer: Result<bool, String>, address: &str) -> Option<String> {
+    pub fn describe(&self, answer: Result<bool, String>, address: &str) -> Option<String> {
         let suspect = self.0?;
         match answer {
             Ok(false) => None,

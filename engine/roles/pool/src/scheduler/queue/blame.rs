@@ -374,8 +374,9 @@ impl Attribution {
     /// may yet succeed.
     pub fn resolve(&mut self, faults: &Faults, all: bool) -> Vec<Resolved> {
         let mut resolved = Vec::new();
-        let again = |record: &Record| record.aside.is_some() && record.verdict(faults).is_none();
-        let all = all && !self.by_evaluation.values().any(again);
+        let is_pending =
+            |record: &Record| record.aside.is_some() && record.verdict(faults).is_none();
+        let all = all && !self.by_evaluation.values().any(is_pending);
         for record in self.by_evaluation.values_mut() {
             let open = !all && record.failures.iter().any(|(_, confirmed)| !confirmed);
             if record.aside.is_none() || (open && record.verdict(faults).is_some()) {

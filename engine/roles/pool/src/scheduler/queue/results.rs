@@ -35,15 +35,15 @@ pub struct Settled {
     pub metrics: Vec<f64>,
 }
 
-/// What a server found in one evaluation.
+/// The result of one evaluation by one server.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Found {
+pub(crate) struct ServerResult {
     pub server: u64,
     pub fitness: f64,
     pub metrics: Vec<f64>,
 }
 
-impl Found {
+impl ServerResult {
     pub fn new(server: u64, fitness: f64, metrics: Vec<f64>) -> Self {
         Self {
             server,

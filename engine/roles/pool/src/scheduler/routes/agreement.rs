@@ -6,7 +6,7 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::audit::Compared;
 use crate::scheduler::queue::blame::{Blame, Cause};
 use crate::scheduler::queue::piece::Piece;
-use crate::scheduler::queue::results::Found;
+use crate::scheduler::queue::results::ServerResult;
 
 impl Scheduler {
     /// Whether an evaluation is to be repeated on another server before its result counts.
@@ -37,7 +37,7 @@ impl Scheduler {
     }
 
     /// Has an evaluation repeated before its result counts.
-    pub(super) fn audit(&mut self, evaluation: usize, first: Found) {
+    pub(super) fn audit(&mut self, evaluation: usize, first: ServerResult) {
         let Some(never) = self.fleet.auditors_but(&[first.server]) else {
             return;
         };
@@ -47,7 +47,7 @@ impl Scheduler {
     }
 
     /// What another server found where a result waits for that.
-    pub(super) fn audited(&mut self, evaluation: usize, result: Found, now: Instant) {
+    pub(super) fn audited(&mut self, evaluation: usize, result: ServerResult, now: Instant) {
         match self.audits.compare(evaluation, result, &self.fleet) {
             Compared::Late => self.counts.late += 1,
             Compared::Double => self.counts.double += 1,
@@ -64,14 +64,20 @@ impl Scheduler {
         }
     }
 
-    fn confirm(&mut self, evaluation: usize, result: &Found, now: Instant) {
+    fn confirm(&mut self, evaluation: usize, result: &ServerResult, now: Instant) {
         self.ledger.unqueue(evaluation);
         self.count(evaluation, result, now);
     }
 
     /// Two servers do not agree: a third one is asked, if there is one.
-    fn ask_third(&mut self, evaluation: usize, first: Found, second: Found, now: Instant) {
-        let description = self.told(evaluation, &[first.clone(), second.clone()]);
+    fn ask_third(
+        &mut self,
+        evaluation: usize,
+        first: ServerResult,
+        second: ServerResult,
+        now: Instant,
+    ) {
+        let description = self.describe_disagreement(evaluation, &[first.clone(), second.clone()]);
         let servers = [first.server, second.server];
         let Some(never) = self.fleet.auditors_but(&servers) else {
             return self.disagree(evaluation, &[first, second]);
@@ -85,8 +91,8 @@ impl Scheduler {
     }
 
     /// It cannot be told which server is wrong.
-    fn disagree(&mut self, evaluation: usize, results: &[Found]) {
-        let description = self.told(evaluation, results);
+    fn disagree(&mut self, evaluation: usize, results: &[ServerResult]) {
+        let description = self.describe_disagreement(evaluation, results);
         self.outlook.disagree(format!(
             "{description}; which one is right can only be decided with more servers that agree{}",
             self.other_cause(results)
@@ -94,7 +100,7 @@ impl Scheduler {
     }
 
     /// What else may be the cause where servers differ: mostly that the simulation does not begin anew, which it declares.
-    fn other_cause(&self, results: &[Found]) -> &'static str {
+    fn other_cause(&self, results: &[ServerResult]) -> &'static str {
         let declared = results
             .iter()
             .all(|result| self.fleet.repeats_itself(result.server));
@@ -107,7 +113,7 @@ impl Scheduler {
     }
 
     /// Who found what, in words.
-    fn told(&self, evaluation: usize, results: &[Found]) -> String {
+    fn describe_disagreement(&self, evaluation: usize, results: &[ServerResult]) -> String {
         let each: Vec<String> = results
             .iter()
             .map(|result| format!("{} on server {}", result.fitness, result.server))
@@ -120,13 +126,19 @@ impl Scheduler {
     }
 
     /// A server is wrong, as two others say: it is not used any more, and what it did is done again.
-    fn exclude(&mut self, evaluation: usize, wrong: &Found, right: &[Found], now: Instant) {
+    fn exclude(
+        &mut self,
+        evaluation: usize,
+        wrong: &ServerResult,
+        right: &[ServerResult],
+        now: Instant,
+    ) {
         let server = wrong.server;
         let mut results = right.to_vec();
         results.push(wrong.clone());
         let reason = format!(
             "server {server} gives wrong results and is no longer used: {}",
-            self.told(evaluation, &results)
+            self.describe_disagreement(evaluation, &results)
         );
         let cause = self.other_cause(&results);
         self.let_go(server);
@@ -149,7 +161,7 @@ impl Scheduler {
         self.counts.recomputed += reopened as u64;
         for (evaluation, mut results) in self.audits.take_all() {
             results.retain(|result| result.server != server);
-            match <[Found; 1]>::try_from(results) {
+            match <[ServerResult; 1]>::try_from(results) {
                 Ok([first]) => {
                     self.ledger.unqueue(evaluation);
                     self.audit(evaluation, first.clone());

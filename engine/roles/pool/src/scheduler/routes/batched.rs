@@ -11,7 +11,7 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::batch::Batch;
 use crate::scheduler::queue::piece::Piece;
-use crate::scheduler::queue::results::Found;
+use crate::scheduler::queue::results::ServerResult;
 
 impl Scheduler {
     pub(crate) fn start_batch(&mut self, piece: Piece, server: u64, now: Instant) {
@@ -111,7 +111,7 @@ impl Scheduler {
         }
         for (index, fitness, metrics) in progress.ended {
             let evaluation = request.piece.first() + index;
-            let result = Found::new(server, fitness, metrics);
+            let result = ServerResult::new(server, fitness, metrics);
             self.settle(&request.piece, evaluation, result, now);
         }
         if let Some((step, actuators)) = progress.answer {

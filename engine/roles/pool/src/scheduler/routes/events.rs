@@ -110,7 +110,7 @@ impl Scheduler {
     /// The answer to [`Action::AskBroker`]: whether the broker at `address` holds small packets back, or why that could
     /// not be found out.
     pub fn broker_holds_back(&mut self, answer: Result<bool, String>, address: &str) {
-        if let Some(text) = self.fleet.lag().told(answer, address) {
+        if let Some(text) = self.fleet.lag().describe(answer, address) {
             self.outbox.warn(text);
         }
     }

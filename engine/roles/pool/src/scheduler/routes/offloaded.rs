@@ -10,7 +10,7 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::job::Job;
 use crate::scheduler::queue::piece::Piece;
-use crate::scheduler::queue::results::Found;
+use crate::scheduler::queue::results::ServerResult;
 use crate::work::Work;
 
 impl Scheduler {
@@ -108,7 +108,7 @@ impl Scheduler {
             }
             for (offset, &fitness) in finite {
                 let evaluation = request.piece.first() + offset;
-                let result = Found::new(request.server, fitness, Vec::new());
+                let result = ServerResult::new(request.server, fitness, Vec::new());
                 self.settle_proven(&request.piece, evaluation, result, now);
             }
             return;
@@ -118,7 +118,7 @@ impl Scheduler {
             match needed(&metrics, value) {
                 Ok(values) => {
                     let evaluation = request.piece.first() + offset;
-                    let result = Found::new(request.server, fitness, values);
+                    let result = ServerResult::new(request.server, fitness, values);
                     self.settle(&request.piece, evaluation, result, now);
                 }
                 Err(reason) => self.fail_one(&request, offset, reason, None, now),

@@ -7,14 +7,20 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::modes::in_flight::{Again, Dropped};
 use crate::scheduler::queue::blame::Cause;
 use crate::scheduler::queue::piece::{Piece, Purpose};
-use crate::scheduler::queue::results::Found;
+use crate::scheduler::queue::results::ServerResult;
 
 /// How many episodes have to have their fitness twice before it is told: a single one may have come twice on its way.
 const MOST_REPEATED: usize = 3;
 
 impl Scheduler {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
-    pub(super) fn settle(&mut self, piece: &Piece, evaluation: usize, result: Found, now: Instant) {
+    pub(super) fn settle(
+        &mut self,
+        piece: &Piece,
+        evaluation: usize,
+        result: ServerResult,
+        now: Instant,
+    ) {
         self.server_succeeded(result.server, 1);
         self.settle_proven(piece, evaluation, result, now);
     }
@@ -24,7 +30,7 @@ impl Scheduler {
         &mut self,
         piece: &Piece,
         evaluation: usize,
-        result: Found,
+        result: ServerResult,
         now: Instant,
     ) {
         if piece.purpose == Purpose::Probe {
@@ -55,7 +61,7 @@ impl Scheduler {
     }
 
     /// A result counts: copies of its evaluation are not needed any more.
-    pub(super) fn count(&mut self, evaluation: usize, result: &Found, now: Instant) {
+    pub(super) fn count(&mut self, evaluation: usize, result: &ServerResult, now: Instant) {
         let shared = self.ledger.is_shared(evaluation);
         self.ledger
             .settle(evaluation, result.server, result.fitness, &result.metrics);

@@ -14,7 +14,7 @@ use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::queue::blame::{Blame, Cause};
 use crate::scheduler::queue::piece::Piece;
-use crate::scheduler::queue::results::Found;
+use crate::scheduler::queue::results::ServerResult;
 use crate::scheduler::{Action, Scheduler};
 
 /// By how much a message may come later than one that was published after it, on another topic.
@@ -191,7 +191,7 @@ impl Scheduler {
             Ok(metrics) => {
                 self.record_run(&run, Outcome::Done, None, None, now);
                 let evaluation = run.piece.first();
-                let result = Found::new(run.server, message.fitness, metrics);
+                let result = ServerResult::new(run.server, message.fitness, metrics);
                 self.settle(&run.piece, evaluation, result, now);
             }
             Err(reason) => {

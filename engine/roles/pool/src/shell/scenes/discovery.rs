@@ -7,7 +7,7 @@ use swarmwright_protocol::{Discovery, Message, ServerMessage, Topic};
 
 use super::SceneError;
 use super::SceneError::Impossible;
-use super::{Found, GoOn, SceneEpisode};
+use super::{GoOn, SceneEpisode, SceneServer};
 
 /// How often discovery is repeated.
 const ASK: Duration = Duration::from_millis(500);
@@ -16,7 +16,7 @@ const BETTER: Duration = Duration::from_secs(2);
 
 impl SceneEpisode {
     /// Looks for a free server that has scenes.
-    pub(super) fn find(&mut self, hash: &str, go_on: GoOn<'_>) -> Result<Found, SceneError> {
+    pub(super) fn find(&mut self, hash: &str, go_on: GoOn<'_>) -> Result<SceneServer, SceneError> {
         let begin = Instant::now();
         let mut limit = begin + self.options.discovery;
         let mut ask = begin;
@@ -35,7 +35,7 @@ impl SceneEpisode {
             for message in self.answers(hash, ask.min(limit), go_on)? {
                 let announced = message.capabilities.swarmwright.as_ref();
                 if let Some(announced) = announced.filter(|announced| announced.scenes) {
-                    return Ok(Found {
+                    return Ok(SceneServer {
                         server: message.server,
                         instance: announced.instance.clone(),
                         on_own_topic: announced.control,
