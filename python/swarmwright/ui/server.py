@@ -1,7 +1,6 @@
 """The server of the window: its port, its address, its token."""
 
 import ipaddress
-import logging
 import os
 import secrets
 import socket
@@ -139,16 +138,8 @@ class Window:
         check_exposure(settings)
         import uvicorn
 
-        class Server(uvicorn.Server):
-            """Ends streams before it ends, and says nothing of readers that do not read their last bytes."""
-
-            async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-                logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
-                await app.state.window.end_events()
-                await super().shutdown(sockets)
-
         from swarmwright.ui.app import create_app
-        from swarmwright.ui.protocol import Connection
+        from swarmwright.ui.protocol import Connection, Server
         from swarmwright.ui.sessions import Sessions, read_password_file
 
         sessions = None
@@ -186,7 +177,7 @@ class Window:
             ssl_certfile=settings.certificate,
             ssl_keyfile=settings.key,
         )
-        self._server = Server(configuration)
+        self._server = Server(configuration, app.state.window.end_events)
         self._scheme = "http" if settings.certificate is None else "https"
         self._host = settings.host
 
