@@ -92,6 +92,8 @@ class _Document:
         _require_plain(source)
         if not isinstance(source.values, Mapping | None):
             raise InputError("must be a mapping of keys")
+        if self._root is not None and not isinstance(self._root, MappingNode):  # `---` or `null` alone
+            raise InputError("must be a mapping of keys, not empty")
         self.values: dict[str, Any] = dict(source.values or {})
 
     def check(self, result: str, expected: Mapping[str, Any]) -> str:

@@ -45,7 +45,7 @@ from swarmwright.simulations.user_code.parts import (
     read_simulation,
     with_data,
 )
-from swarmwright.simulations.user_code.permission import remember, require_copy, require_named
+from swarmwright.simulations.user_code.permission import remember, require_copy, require_named, trusts
 from swarmwright.simulations.user_code.trust import trusting
 
 if TYPE_CHECKING:
@@ -79,6 +79,16 @@ def collect_code(experiment: Experiment, patterns: Sequence[str] | None = None) 
         patterns = _patterns(experiment)
         find_named_files(get_home(part), patterns)
     return [with_data(part, patterns), *parts]
+
+
+def is_code_trusted(experiment: Experiment) -> bool:
+    """Return whether all code that an experiment names may be executed; none is, and nobody is asked."""
+    try:
+        simulation = read_simulation(experiment.simulation)
+        parts = [*read_plug_ins(experiment), *([] if simulation is None else [simulation])]
+    except InputError:
+        return False
+    return all(map(trusts, parts))
 
 
 def _patterns(experiment: Experiment) -> list[str]:

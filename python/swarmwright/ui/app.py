@@ -181,13 +181,14 @@ def changing(change: Callable[[dict[str, Any]], Any]) -> Callable[[Request], Any
                 return json_response({"error": "the request is larger than 2 MiB"}, 413)
         try:
             values = json.loads(body)
+        except (ValueError, RecursionError):
+            return json_response({"error": "the request is not valid JSON"}, 400)
+        try:
             if not isinstance(values, dict):
                 raise InputError("the request must be an object of JSON")
             return json_response(await run_in_threadpool(change, values))
         except SwarmwrightError as error:
             return json_response({"error": str(error)}, 422)
-        except (ValueError, RecursionError):
-            return json_response({"error": "the request is not valid JSON"}, 400)
 
     return respond
 

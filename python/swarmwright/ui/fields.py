@@ -80,7 +80,7 @@ class Field:
         return {
             key: value
             for key, value in values.items()
-            if value not in ("", None, False, ()) and key != "range"
+            if value is not None and value is not False and value not in ("", ()) and key != "range"
         }
 
 

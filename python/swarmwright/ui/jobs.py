@@ -29,7 +29,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from swarmwright import InputError
+from swarmwright import InputError, Run
 from swarmwright.common import yaml
 from swarmwright.common.files import state_folder
 from swarmwright.experiment.broker_address import PREFIX_VARIABLE
@@ -49,6 +49,7 @@ EXPERIMENT_BYTES = 1 << 20
 SHELL = ("/bin/sh", "-c", 'status=$0; trap : INT; "$@"; echo $? > "$status"')
 CHECK = """
 import sys
+answer, sys.stdout = sys.stdout, sys.stderr  # the experiment's code may print while it is imported
 from pathlib import Path
 from swarmwright import Experiment, InputError
 try:
@@ -58,7 +59,7 @@ try:
     else:
         Experiment.load(sys.argv[1])
 except InputError as error:
-    print(error)
+    print(error, file=answer)
 """
 
 
@@ -142,10 +143,7 @@ class Jobs:
         try:
             for path, content in files.items():
                 path.write_text(content, encoding="utf-8")
-            loaded = subprocess.run(
-                [sys.executable, "-c", CHECK, *(path.name for path in files)], cwd=self.folder, text=True,
-                capture_output=True, timeout=CHECK_S, check=False, stdin=subprocess.DEVNULL,
-            )  # fmt: skip
+            loaded = run_python(CHECK, [path.name for path in files], self.folder)
         except subprocess.TimeoutExpired:
             return [{"line": None, "message": f"took more than {CHECK_S:.0f} s to load"}]
         except OSError as error:
@@ -194,9 +192,12 @@ class Jobs:
 
     def _write(self, name: str, text: str, runs: Iterable[str]) -> Path:
         """Write a file for runs into the folder. Raises InputError when a name is taken."""
-        existing = [run for run in runs if (self.folder / run).exists()]
+        queued = {job.run for job in self.list_jobs() if job.state in {"waiting", "running"}}
+        existing = [run for run in runs if run in queued or (self.folder / run).exists()]
         if existing:
-            raise InputError(f"name: {existing[0]} exists already in {self.folder}; choose another name")
+            raise InputError(
+                f"name: {existing[0]} exists already in {self.folder} or in the queue; choose another name"
+            )
         file = self.folder / f"{name}.yaml"
         try:
             with file.open("x", encoding="utf-8") as stream:
@@ -212,7 +213,7 @@ class Jobs:
     def resume(self, run: str, generations: int | None) -> Job:
         """Put a run into the queue that was interrupted, or that goes on to more generations."""
         options = [] if generations is None else ["--generations", str(generations)]
-        broker = read_broker(read_text(self.folder / run / "experiment.yaml"))
+        broker = read_broker(yaml.dump(Run(self.folder / run).experiment.to_mapping()))
         return self._add(["resume", *options, "--", run], run, broker)
 
     def delete(self, runs: list[str]) -> Job:
@@ -306,7 +307,7 @@ class Jobs:
 
     def _run(self, job: Job) -> None:
         folder = (self._jobs / job.id).absolute()
-        command = [sys.executable, "-m", "swarmwright", *job.arguments]
+        command = [sys.executable, "-P", "-m", "swarmwright", *job.arguments]
         with (folder / "output.txt").open("wb") as output:
             output.write(f"$ swarmwright {shlex.join(job.arguments)}\n".encode())
             output.flush()
@@ -362,6 +363,23 @@ class Jobs:
             yield
 
 
+def run_python(code: str, arguments: list[str], folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Run a few lines of Python in a folder, whose files cannot take the place of modules.
+
+    Raises TimeoutExpired after `CHECK_S` seconds, and OSError where no process can be started.
+    """
+    return subprocess.run(
+        [sys.executable, "-P", "-c", code, *arguments],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=CHECK_S,
+        check=False,
+    )
+
+
 def require_name(name: str) -> None:
     """Raise InputError for what cannot be the name of a run."""
     if NAME.fullmatch(name) is None:
@@ -386,15 +404,6 @@ def tail(file: Path) -> str:
             stream.seek(max(0, file.stat().st_size - OUTPUT_BYTES))
             return stream.read(OUTPUT_BYTES).decode(errors="replace")
     except OSError:
-        return ""
-
-
-def read_text(file: Path) -> str:
-    """Return the text of an experiment, empty where it cannot be read."""
-    try:
-        with file.open(encoding="utf-8") as stream:
-            return stream.read(EXPERIMENT_BYTES)
-    except (OSError, ValueError):
         return ""
 
 

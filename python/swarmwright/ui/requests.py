@@ -49,13 +49,6 @@ def read_field(values: dict[str, Any], name: str, kind: type[T]) -> T:
     return value
 
 
-def read_index(value: Any) -> int:  # noqa: ANN401 - JSON
-    """Return a whole number of a request. Raises InputError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise InputError(f"{str(value)[:50]!r}: must be a whole number")
-    return value
-
-
 def read_whole(value: Any, name: str) -> int:  # noqa: ANN401 - JSON
     """Return a whole number of a request, or a text that is one, as fields of forms have it.
 
@@ -64,6 +57,8 @@ def read_whole(value: Any, name: str) -> int:  # noqa: ANN401 - JSON
     try:
         if isinstance(value, str) and len(value) <= MOST_DIGITS:
             return int(value)
-        return read_index(value)
-    except (ValueError, InputError):
-        raise InputError(f"{name}: must be a whole number, not {str(value)[:50]!r}") from None
+    except ValueError:
+        pass
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise InputError(f"{name}: must be a whole number, not {str(value)[:50]!r}")
+    return value

@@ -175,3 +175,9 @@ def test_each_value_of_a_template_can_be_changed(name: str) -> None:
             changed = set_value(text, [section, key], "changed")
             assert len(changed.splitlines()) == len(text.splitlines())
             assert changed.count("#") == text.count("#")
+
+
+@pytest.mark.parametrize("text", ["---", "null", "~", "--- # nothing\n", "%YAML 1.2\n---\n"])
+def test_a_text_that_is_empty_but_for_marks_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="must be a mapping"):
+        set_value(text, ["simulation"], "minisim")

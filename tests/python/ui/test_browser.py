@@ -184,7 +184,7 @@ def test_a_mission_is_drawn_tried_saved_and_evolved_on(browser: Chrome, tmp_path
         browser.find_element(By.XPATH, "//button[text()='Save']").click()
         find(browser, "a[href^='#/new?mission=']").click()
         eventually(lambda: "Nothing is wrong" in page_text(browser), "the experiment with it is right")
-        assert "mission: my_aggregation.yaml" in (
+        assert 'mission: "my_aggregation.yaml"' in (
             find(browser, "textarea.editor").get_attribute("value") or ""
         )
     assert (tmp_path / "runs" / "my_aggregation.yaml").read_text().count("obstacles") == 1

@@ -92,3 +92,9 @@ def test_mistakes_leave_a_form(values: dict[str, object]) -> None:
     assert "method.kind" in paths(form)
     assert form.field(["method", "kind"]).is_kind
     assert form.field(["nothing"]) == Field(("nothing",), ("any",))
+
+
+def test_a_limit_of_zero_is_sent() -> None:
+    sections = [section.describe() for section in describe_form(Kinds(simulation="minisim")).sections]
+    fields = {tuple(field["path"]): field for section in sections for field in section["fields"]}
+    assert fields["seed",]["low"] == 0

@@ -261,3 +261,27 @@ def test_wrong_requests_start_nothing(
 def test_forms_of_other_pages_cannot_ask(app: Starlette, kind: str) -> None:
     assert post(app, "stop", {"job": "x"}, kind).status == 415
     assert call(app, "/api/stop").status == 405
+
+
+@pytest.mark.slow
+def test_files_of_the_folder_take_the_place_of_no_module(jobs: Jobs) -> None:
+    for name in ("json", "numpy", "swarmwright", "sitecustomize"):
+        (jobs.folder / f"{name}.py").write_text("from pathlib import Path\nPath('executed').touch()\n")
+    assert jobs.check(SMALL) == []
+    jobs.delete(["none"])
+    until(jobs, lambda now: now[0].state == "failed")
+    assert not (jobs.folder / "executed").exists()
+
+
+@pytest.mark.slow
+def test_what_code_prints_while_it_is_imported_is_no_mistake(jobs: Jobs) -> None:
+    (jobs.folder / "chatty.py").write_text("print('loading the model')\n")
+    found = jobs.check("simulation: chatty.py:Sim\nservers: in-process\n")
+    assert ["chatty.py: has no class 'Sim'" in problem["message"] for problem in found] == [True], found
+
+
+def test_a_run_that_waits_is_not_queued_again(jobs: Jobs) -> None:
+    jobs.start(SMALL, "twice", [])
+    with pytest.raises(InputError, match=r"name: twice exists already in .* or in the queue"):
+        jobs.start(SMALL, "twice", [])
+    assert len(jobs.list_jobs()) == 1

@@ -70,6 +70,12 @@ def trusts_file(name: str) -> bool:
     )
 
 
+def trusts(part: Part) -> bool:
+    """Return whether a part is trusted, or an installed package, without asking the user."""
+    files = _list_user_files(part)
+    return not files or trust.is_trusted(files) or trust.is_trusted(part.digests)
+
+
 def _list_user_files(part: Part) -> dict[str, str]:
     if part.module is None:
         return part.digests

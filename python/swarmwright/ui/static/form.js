@@ -11,7 +11,7 @@ const keyOf = (path) => JSON.stringify(path);
 
 /**
  * Makes a form. `host` has the text: `text()`, `replace(text)`; `vary(field, value)` is asked for by a field,
- * `isVaried(path)` says whether it was.
+ * `isVaried(path)` says whether it was; `mayExecute()`, whether the code that the text names may be executed.
  */
 export function makeForm(host) {
   const find = h("input", { type: "search", "aria-label": "Find a field", placeholder: "find a field", input: () => update() });
@@ -54,7 +54,7 @@ export function makeForm(host) {
     known = answer.form;
     values = answer.values;
     build();
-    if (answer.class && !asked.has(answer.class)) {
+    if (answer.class && host.mayExecute() && !asked.has(answer.class)) {
       asked.add(answer.class);
       change("class_parameters", { simulation: answer.class }).then(() => !isGone && read(), () => {});
     }
@@ -291,6 +291,8 @@ export function makeForm(host) {
     element,
     read,
     update,
+    /** Resolves when all that was entered is in the text. */
+    settled: () => changes,
     showProblems(list) {
       problems = list;
       update();

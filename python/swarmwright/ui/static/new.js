@@ -8,7 +8,9 @@ const MOST_UNDONE = 100;
 
 export function show(view, query) {
   const editor = h("textarea", { class: "editor", spellcheck: "false", rows: 26, "aria-label": "Experiment (YAML)", input: () => { forget(); later(); } });
-  const problems = h("ul", { class: "problems", role: "status" });
+  const problems = h("ul", { class: "problems" });
+  const held = h("p", { class: "hint", hidden: true }, "This run was not made on this machine, and its code is not trusted. Read it first; checking the experiment executes it. ",
+    h("button", { type: "button", click: () => hold(false) }, "Check"));
   const name = h("input", { required: true, pattern: "[A-Za-z0-9_][A-Za-z0-9_.\\-]{0,99}", "aria-label": "Name", placeholder: "name" });
   const seeds = h("input", { type: "number", min: 1, max: 200, step: 1, value: 1, "aria-label": "Number of seeds", input: () => sweep.plan() });
   const start = h("button", { type: "submit", class: "primary" }, "Start");
@@ -19,6 +21,7 @@ export function show(view, query) {
   let timer = null;
   let asked = 0;
   let isGone = false;
+  let isHeld = false; // the text names code of somebody else, which is executed when it is checked
   let isWrong = false;
   let runs = null; // of a sweep; 0 where it is wrong, null without one
 
@@ -41,21 +44,30 @@ export function show(view, query) {
     },
     vary: (field, value) => sweep.toggle(field, value),
     isVaried: (path) => sweep.isVaried(path),
+    mayExecute: () => !isHeld,
   });
 
   view.append(
     h("h1", {}, "New experiment"),
     h("form", { class: "tools", submit: (event) => { event.preventDefault(); begin(); } },
       h("label", {}, "from ", choice), h("label", {}, "name ", name), h("label", {}, "seeds ", seeds), start,
-      h("span", { class: "hint" }, "One run for each seed, from 1 on.")),
+      h("span", { class: "hint" }, "One run uses the seed of the experiment; several use seeds 1, 2, 3, …")),
     refused,
     sweep.element,
     h("div", { class: "workbench" }, form.element,
-      h("div", { class: "text-column" }, h("div", { class: "tools" }, h("h2", {}, "YAML"), undo), editor, h("h2", {}, "Check"), problems)),
+      h("div", { class: "text-column" }, h("div", { class: "tools" }, h("h2", {}, "YAML"), undo), editor, h("h2", {}, "Check"), held, h("div", { role: "status" }, problems))),
   );
 
   function allow() {
-    start.disabled = isWrong || runs === 0;
+    start.disabled = isWrong || isHeld || runs === 0;
+  }
+
+  function hold(isOn) {
+    isHeld = isOn;
+    held.hidden = !isOn;
+    problems.replaceChildren();
+    allow();
+    if (!isOn) later(0);
   }
 
   /** Changes the text for the form, and shows where. */
@@ -82,8 +94,10 @@ export function show(view, query) {
 
   async function take(source, suggested) {
     try {
-      editor.value = (await ask("experiment", source)).text;
+      const answer = await ask("experiment", source);
+      editor.value = answer.text;
       forget();
+      hold(!answer.is_trusted);
       if (!name.value || name.dataset.suggested === name.value) name.value = name.dataset.suggested = suggested;
       editor.scrollTop = 0;
       later(0);
@@ -94,7 +108,11 @@ export function show(view, query) {
 
   function later(wait = CHECK_AFTER_MS) {
     clearTimeout(timer);
-    timer = setTimeout(() => { form.read(); sweep.plan(); check(); }, wait);
+    timer = setTimeout(() => {
+      form.read();
+      sweep.plan();
+      if (!isHeld) check();
+    }, wait);
   }
 
   async function check() {
@@ -133,7 +151,9 @@ export function show(view, query) {
 
   async function begin() {
     refused.textContent = "";
+    start.disabled = true; // a second click would start it again
     try {
+      await form.settled();
       const count = Number(seeds.value);
       const common = { text: editor.value, name: name.value };
       const answer = runs === null
@@ -145,6 +165,7 @@ export function show(view, query) {
     } catch (error) {
       refused.textContent = error.message;
     }
+    allow();
   }
 
   (async () => {
@@ -154,7 +175,8 @@ export function show(view, query) {
       const mission = query.get("mission");
       choice.value = "arena:aggregation";
       await take({ template: choice.value }, mission.replace(/\.yaml$/, "_run"));
-      editor.value = editor.value.replace(/^( *mission: *)\S+/m, `$1${mission}`);
+      // As a text in JSON, which YAML reads, too: the address may come from anywhere.
+      editor.value = editor.value.replace(/^( *mission: *)\S+/m, (_match, key) => key + JSON.stringify(mission));
       if (query.get("fitness")) editor.value = `${editor.value.trimEnd()}\nfitness: ${JSON.stringify(query.get("fitness"))}\n`;
       later(0);
     } else if (query.get("run")) {

@@ -1,7 +1,11 @@
 """The drawing board: missions of the arena, read, checked, tried and written."""
 
 import math
+import os
+import re
 import secrets
+import stat
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +21,8 @@ from swarmwright.servers.evaluation.shown import ShownEpisode
 from swarmwright.simulations.fitness import ExpressionError, FitnessExpression
 from swarmwright.ui.arena_parts import PARTS
 from swarmwright.ui.index import as_values
-from swarmwright.ui.jobs import EXPERIMENT_BYTES, NAME
-from swarmwright.ui.requests import read_field, read_index
+from swarmwright.ui.jobs import require_name
+from swarmwright.ui.requests import read_field, read_whole
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.window import Window
 
@@ -29,33 +33,45 @@ MOST_ROBOTS = 500
 MOST_ROBOT_SECONDS = 30_000.0
 """Robots times seconds of an episode that is tried; its record takes about 2 kB for each."""
 MOST_METRICS = 100
+MISSION_BYTES = 64 << 10
+"""Of a mission's text: YAML of 1 MiB takes many seconds to read."""
+KEY = re.compile(r"^(\w+) *:", re.MULTILINE)
+KEYS = {"walls", "start"}
+"""Keys by which a file is recognised as a mission."""
 
 
 def names(folder: Path) -> dict[str, list[str]]:
     """Return the names of built-in missions, and of the mission files in a folder."""
-    files = []
-    for file in sorted(folder.glob("*.yaml")):
-        if not file.name.startswith(".") and file.is_file() and file.stat().st_size <= EXPERIMENT_BYTES:
-            try:
-                values = yaml.read(file).values
-            except InputError:
-                continue
-            if isinstance(values, dict) and "walls" in values and "start" in values:
-                files.append(file.name)
+    files = [
+        file.name
+        for file in sorted(folder.glob("*.yaml"))
+        if not file.name.startswith(".") and set(KEY.findall(read_text(file))) >= KEYS
+    ]
     return {"built_in": templates.missions(), "files": files}
+
+
+def read_text(file: Path) -> str:
+    """Return the text of a mission's file; empty where it is no file, too large, or cannot be read."""
+    try:
+        descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
+        with os.fdopen(descriptor, "rb") as stream:
+            is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)
+            content = stream.read(MISSION_BYTES + 1) if is_file else b""
+        return content.decode() if len(content) <= MISSION_BYTES else ""
+    except (OSError, UnicodeDecodeError):
+        return ""
 
 
 def text_of(folder: Path, name: str) -> str:
     """Return the YAML of a built-in mission, or of a file in the folder."""
-    if name in names(folder)["files"]:
-        return (folder / name).read_text("utf-8")
-    return templates.mission(name)
+    text = read_text(folder / name) if name.endswith(".yaml") and "/" not in name else ""
+    return text if set(KEY.findall(text)) >= KEYS else templates.mission(name)
 
 
 def parse(text: str) -> dict[str, Any]:
     """Return the mission that a text describes. Raises InputError with its line when it is none."""
-    if len(text) > EXPERIMENT_BYTES:
-        raise InputError("the mission is larger than 1 MiB")
+    if len(text.encode(errors="replace")) > MISSION_BYTES:
+        raise InputError(f"the mission is larger than {MISSION_BYTES >> 10} KiB")
     source = yaml.parse(text, "mission")
     if source.problems:
         raise InputError("\n".join(f"mission:{line}: {message}" for _, line, message in source.problems))
@@ -70,8 +86,13 @@ def problems(mission: dict[str, Any], folder: Path) -> list[str]:
     try:
         experiment(mission, folder)
     except InputError as error:
-        return [line.strip().replace(PREFIX, "") for line in str(error).splitlines() if line.strip()]
+        return strip_keys(error)
     return []
+
+
+def strip_keys(error: InputError) -> list[str]:
+    """Return the lines of an error, with the keys of a mission's own file."""
+    return [line.strip().removeprefix(PREFIX) for line in str(error).splitlines() if line.strip()]
 
 
 def experiment(mission: dict[str, Any], folder: Path, fitness: str | None = None) -> Experiment:
@@ -112,13 +133,15 @@ def read_robot(folder: Path, name: str) -> Any:  # noqa: ANN401 - as the file ha
     try:
         if not file.resolve().is_relative_to(folder.resolve()):
             raise InputError(f"robot: {name[:100]!r} is not below {folder}")
-        if file.is_file() and file.stat().st_size <= EXPERIMENT_BYTES:
+        if file.is_file() and file.stat().st_size <= MISSION_BYTES:
             return yaml.read(file).values
     except InputError:
         raise
     except (OSError, ValueError):
         pass
-    raise InputError(f"robot: {name[:100]!r} is no file below {folder}, or is larger than 1 MiB")
+    raise InputError(
+        f"robot: {name[:100]!r} is no file below {folder}, or is larger than {MISSION_BYTES >> 10} KiB"
+    )
 
 
 def describe_start(mission: dict[str, Any], folder: Path, seed: int) -> dict[str, Any]:
@@ -210,21 +233,20 @@ def save(folder: Path, name: str, mission: dict[str, Any], *, over: bool) -> str
 
     Raises InputError when the name is none or is taken, or the mission has mistakes.
     """
-    if NAME.fullmatch(name) is None:
-        raise InputError(
-            f"name: {name[:100]!r}: use letters, digits, '_', '-' and '.', at most 100, and no '.' first"
-        )
+    require_name(name)
     wrong = problems(mission, folder)
     if wrong:
         raise InputError("\n".join(wrong))
     file = folder / f"{name}.yaml"
-    if file.exists() and (not over or file.name not in names(folder)["files"]):
+    if file.exists() and not (over and set(KEY.findall(read_text(file))) >= KEYS):
         raise InputError(f"name: {file} exists already; choose another name")
     new = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
     try:
         new.write_text(yaml.dump(mission), encoding="utf-8")
         new.rename(file)
     except OSError as error:
+        with suppress(OSError):
+            new.unlink(missing_ok=True)
         raise InputError(f"name: {file} cannot be written: {error.strerror}") from None
     return file.name
 
@@ -257,7 +279,10 @@ def check(window: Window, mission: dict[str, Any], values: dict[str, Any]) -> Va
     if wrong:
         return {"problems": wrong, "start": None}
     try:
-        return {"problems": [], "start": describe_start(mission, folder, read_index(values.get("seed", 0)))}
+        return {
+            "problems": [],
+            "start": describe_start(mission, folder, read_whole(values.get("seed", 0), "seed")),
+        }
     except SwarmwrightError as error:
         return {"problems": str(error).splitlines(), "start": None}
 
@@ -283,7 +308,7 @@ def start_try(window: Window, values: dict[str, Any]) -> Values:
     page, recording = try_out(
         mission,
         window.index.folder,
-        seed=read_index(values.get("seed")),
+        seed=read_whole(values.get("seed"), "seed"),
         run=window.index.path(name) if name else None,
         fitness=read_field(values, "fitness", str) or None,
     )

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 from contextlib import closing
 from dataclasses import asdict
 from typing import Any
@@ -11,12 +10,14 @@ from starlette.requests import Request
 
 from swarmwright import InputError, templates
 from swarmwright.common.errors import engine_errors
+from swarmwright.common.yaml import dump
 from swarmwright.experiment.broker_address import broker_problem, prefix_problem
+from swarmwright.runs.code import is_code_trusted
 from swarmwright.servers.broker.watching import watch_broker
 from swarmwright.ui.entries import change_text, find_kinds, show_values
 from swarmwright.ui.fields import Form, Kinds, describe_form, is_described_elsewhere, parameter_fields
-from swarmwright.ui.jobs import CHECK_S
-from swarmwright.ui.requests import read_field, read_index
+from swarmwright.ui.jobs import run_python
+from swarmwright.ui.requests import read_field, read_whole
 from swarmwright.ui.sweeps import Plan, plan_sweep, read_path
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.window import Window
@@ -38,15 +39,15 @@ MOST_TITLES = 500
 
 
 def read_experiment(window: Window, request: Request) -> Values:
-    """Return a template, or the experiment of a run, as YAML."""
+    """Return a template, or the experiment of a run, as YAML, and whether its code may be executed.
+
+    That of a run is from its store: `experiment.yaml` beside it may name other code.
+    """
     if "run" in request.query_params:
-        file = window.run(request).path / "experiment.yaml"
-        try:
-            return {"text": file.read_text("utf-8")}
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{file}: cannot be read: {error}") from None
+        experiment = window.run(request).experiment
+        return {"text": dump(experiment.to_mapping()), "is_trusted": is_code_trusted(experiment)}
     name, _, mission = request.query_params.get("template", "minisim").partition(":")
-    return {"text": templates.arena(mission) if mission else templates.text(name)}
+    return {"text": templates.arena(mission) if mission else templates.text(name), "is_trusted": True}
 
 
 def list_templates(_window: Window, _request: Request) -> Values:
@@ -66,7 +67,7 @@ def start(window: Window, values: dict[str, Any]) -> Values:
     problems = window.jobs.check(text)
     if problems:
         return {"problems": problems}
-    seeds = [read_index(seed) for seed in read_field(values, "seeds", list)]
+    seeds = [read_whole(seed, "seeds") for seed in read_field(values, "seeds", list)]
     return {"jobs": [asdict(job) for job in window.jobs.start(text, read_field(values, "name", str), seeds)]}
 
 
@@ -111,10 +112,7 @@ def describe_class(window: Window, values: dict[str, Any]) -> Values:
     if not is_described_elsewhere(Kinds(simulation=name)) or "\0" in name:
         raise InputError("simulation: must name a class, such as file.py:Class")
     try:
-        described = subprocess.run(
-            [sys.executable, "-c", DESCRIBE, name], cwd=window.index.folder, capture_output=True, text=True,
-            timeout=CHECK_S, check=False, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        described = run_python(DESCRIBE, [name], window.index.folder)
         answer = json.loads((described.stdout.strip().splitlines() or ["{}"])[-1])
     except (subprocess.TimeoutExpired, OSError, ValueError):
         answer = {}
@@ -141,7 +139,9 @@ def read_plan(window: Window, values: dict[str, Any]) -> tuple[str, Plan]:
     """Return the experiment of a sweep, and its variants."""
     text = read_field(values, "text", str)
     form = find_form(window, find_kinds(text)[1])
-    return text, plan_sweep(text, read_field(values, "vary", list), read_index(values.get("seeds")), form)
+    return text, plan_sweep(
+        text, read_field(values, "vary", list), read_whole(values.get("seeds"), "seeds"), form
+    )
 
 
 def show_plan(window: Window, values: dict[str, Any]) -> Values:

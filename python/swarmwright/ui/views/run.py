@@ -31,7 +31,7 @@ from swarmwright.ui.replays import (
     mean_of,
     read_parameters,
 )
-from swarmwright.ui.requests import read_field, read_index, read_integer, read_number, read_whole
+from swarmwright.ui.requests import read_field, read_integer, read_number, read_whole
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.window import Window
 
@@ -258,8 +258,8 @@ def compare_parameters(window: Window, values: dict[str, Any]) -> Values:
     """Return the mean fitness and metrics with the run's and with other parameters, on the same seeds."""
     run = window.run_of(read_field(values, "run", str))
     parameters = check_parameters(read_field(values, "parameters", dict))
-    caller, number = read_field(values, "caller", str)[:100], read_index(values.get("number"))
-    episodes = EPISODES if values.get("episodes") is None else read_index(values["episodes"])
+    caller, number = read_field(values, "caller", str)[:100], read_whole(values.get("number"), "number")
+    episodes = EPISODES if values.get("episodes") is None else read_whole(values["episodes"], "episodes")
     numbers = read_candidate(values)
     newest.ask(caller, number)
 

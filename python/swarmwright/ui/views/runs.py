@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from swarmwright import InputError
-from swarmwright.ui.requests import read_field, read_index
+from swarmwright.ui.requests import read_field, read_whole
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.window import Window
 
@@ -29,7 +29,7 @@ def delete(window: Window, values: dict[str, Any]) -> Values:
 def resume(window: Window, values: dict[str, Any]) -> Values:
     """Resume runs, by a job each, up to a number of generations if there is one."""
     generations = values.get("generations")
-    count = None if generations is None else read_index(generations)
+    count = None if generations is None else read_whole(generations, "generations")
     return {"jobs": [asdict(window.jobs.resume(run, count)) for run in read_runs(window, values)]}
 
 

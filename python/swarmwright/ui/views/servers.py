@@ -7,7 +7,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from swarmwright.simulations import catalogue
-from swarmwright.ui.requests import read_field, read_index
+from swarmwright.ui.requests import read_field, read_whole
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.window import Window
 
@@ -38,7 +38,7 @@ def serve(window: Window, values: dict[str, Any]) -> Values:
     """Start servers on a broker of the window."""
     url, prefix = read_field(values, "broker", str), read_field(values, "prefix", str)
     window.brokers.find(url, prefix)
-    count = read_index(values.get("count"))
+    count = read_whole(values.get("count"), "count")
     return {
         "jobs": [asdict(window.jobs.serve(read_field(values, "simulation", str), count, url, prefix))],
     }
@@ -46,7 +46,7 @@ def serve(window: Window, values: dict[str, Any]) -> Values:
 
 def start_broker(window: Window, values: dict[str, Any]) -> Values:
     """Start a broker on this machine."""
-    return {"jobs": [asdict(window.jobs.start_broker(read_index(values.get("port"))))]}
+    return {"jobs": [asdict(window.jobs.start_broker(read_whole(values.get("port"), "port")))]}
 
 
 VIEW = View(

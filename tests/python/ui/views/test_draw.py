@@ -1,6 +1,7 @@
 """Missions on the drawing board: read from any mission, checked by the engine, written as YAML."""
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -318,3 +319,17 @@ def test_a_read_only_window_draws_and_saves_nothing(tmp_path: Path) -> None:
 def test_wrong_requests_are_told_why(tmp_path: Path, name: str, values: Any) -> None:
     answer = post(tmp_path, name, values)
     assert answer.status == 422 or answer.values["problems"]
+
+
+def test_large_files_and_links_are_no_missions(tmp_path: Path) -> None:
+    (tmp_path / "large.yaml").write_text(dump(SMALL) + "# " + "x" * 70_000)
+    (tmp_path / "secret").write_text(dump(SMALL))
+    (tmp_path / "link.yaml").symlink_to(tmp_path / "secret")
+    os.mkfifo(tmp_path / "pipe.yaml")
+    (tmp_path / "gone.yaml").symlink_to(tmp_path / "nowhere")
+    assert missions.names(tmp_path)["files"] == []
+    for name in ("large.yaml", "link.yaml", "pipe.yaml", "../secret.yaml"):
+        with pytest.raises(InputError):
+            missions.text_of(tmp_path, name)
+    with pytest.raises(InputError, match="larger than 64 KiB"):
+        missions.parse("a: " + "x" * (1 << 17))

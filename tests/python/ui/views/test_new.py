@@ -1,14 +1,18 @@
 """Requests of the page for new experiments: its form and its sweeps."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 from starlette.applications import Starlette
 
+import swarmwright
 from swarmwright import templates
 from swarmwright.common import yaml
+from swarmwright.runs.code import is_code_trusted
+from swarmwright.simulations.user_code import trust
 from swarmwright.ui.app import create_app
 from tests.python.ui.client import Answer, call
 
@@ -160,3 +164,63 @@ def test_a_window_for_reading_edits_forms_but_runs_no_code(tmp_path: Path) -> No
     assert post(app, "form", {"text": MINISIM}).status == 200
     for name in ("check", "sweep", "class_parameters"):
         assert post(app, name, {"text": MINISIM, "simulation": "x.py:X"}).status == 405
+
+
+CODE = """
+from pathlib import Path
+import numpy as np
+from swarmwright import Simulation
+Path({marker!r}).touch()
+
+
+class Own(Simulation):
+    title, sensors, actuators = "own", 1, 1
+
+    def reset(self, parameters, seed):
+        self.left = 2
+        return np.zeros((1, 1))
+
+    def step(self, actions):
+        self.left -= 1
+        return np.zeros((1, 1))
+
+    def done(self):
+        return self.left == 0
+
+    def fitness(self):
+        return 1.0
+"""
+
+
+@pytest.mark.usefixtures("complete_list")
+def test_a_run_says_whether_its_code_is_trusted_and_none_is_executed(
+    two_runs: Path,
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "runs"
+    shutil.copytree(two_runs, folder)
+    own = call(create_app(folder, token=None), "/api/experiment", run="run-1").values
+    assert own["is_trusted"]
+    # A file beside the store is not read: it may name other code, or be a link to any file.
+    (folder / "run-1" / "experiment.yaml").unlink()
+    (folder / "run-1" / "experiment.yaml").symlink_to("/etc/hostname")
+    assert call(create_app(folder, token=None), "/api/experiment", run="run-1").values["text"] == own["text"]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("complete_list")
+def test_code_of_somebody_else_is_not_trusted(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file, folder, marker = tmp_path / "own.py", tmp_path / "runs", tmp_path / "executed"
+    file.write_text(CODE.format(marker=str(marker)))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "author"))
+    experiment = {"simulation": f"{file}:Own", "method": {"population": 4, "generations": 1}}
+    swarmwright.optimize(experiment, servers="in-process", out=folder / "run")
+    marker.unlink()
+    assert is_code_trusted(swarmwright.Run(folder / "run").experiment)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "reader"))
+    trust._granted.clear()
+    assert not call(create_app(folder, token=None), "/api/experiment", run="run").values["is_trusted"]
+    assert not marker.exists()
