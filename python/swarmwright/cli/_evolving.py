@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
-from swarmwright.cli._observing import Observing, observe_run
+from swarmwright.cli._observing import ObserverOptions, observe_run
 from swarmwright.cli._output import STDOUT, Output, complain
 from swarmwright.cli._progress import Progress, progress
 from swarmwright.cli._runs import extra_lines, failure_lines
@@ -29,6 +29,8 @@ from swarmwright.common.formatting import format_duration, format_rate
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
     from swarmwright.runs.callbacks import Callback
+    from swarmwright.runs.optimization.generation import OnGeneration
+    from swarmwright.servers.evaluation.base import Progress as OnProgress
 
 FILES = {
     "best.json": "the best controller",
@@ -56,12 +58,19 @@ def watch_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     return tensorboard(mlflow(command))
 
 
+class Work(Protocol):
+    """Runs an experiment, calling these functions after each generation and within it."""
+
+    def __call__(self, *, on_generation: "OnGeneration", on_progress: "OnProgress") -> "Run":
+        """Return the run."""
+
+
 def evolve(
     output: Output,
     experiment: "Experiment",
-    work: "Callable[..., Run]",
+    work: Work,
     *,
-    observing: Observing,
+    observing: ObserverOptions,
     broker: str | None = None,
     prefix: str | None = None,
 ) -> int:
@@ -70,8 +79,8 @@ def evolve(
     Args:
         output: where to show them.
         experiment: the experiment to run.
-        work: gets `on_generation` and `on_progress`, to call after each generation and within it.
-        observing: where to report progress beside the output.
+        work: runs the experiment.
+        observing: where to report progress besides the output.
         broker: the run's broker, if it may differ from the experiment's.
         prefix: topic prefix, if it differs from the experiment's.
     """
@@ -81,17 +90,9 @@ def evolve(
     try:
         with leave_reports_to_caller():
             run, reader = _run(output, experiment, work, observing)
-            error = reader.lost
-            if error is None:
-                try:
-                    _conclude(output, run, broker, where)
-                except OSError as failure:
-                    if isinstance(failure, BrokenPipeError) or failure.filename != STDOUT:
-                        raise
-                    error = failure
-            if error is not None:
-                return _report_lost_output(error, run, where)
-            return INTERRUPTED if run.interrupted else 0
+            if reader.lost is not None:
+                return _report_lost_output(reader.lost, run, where)
+            return _conclude(output, run, broker, where)
     except InterruptedWithResults as interrupt:
         # On standard error, in place of the results.
         complain(
@@ -103,8 +104,8 @@ def evolve(
 def _run(
     output: Output,
     experiment: "Experiment",
-    work: "Callable[..., Run]",
-    observing: Observing,
+    work: Work,
+    observing: ObserverOptions,
 ) -> "tuple[Run, Reader]":
     """Do the work and show its progress; return the run, and whether the output was read to the end."""
     from swarmwright.runs.optimization.optimize import InterruptedWithResults
@@ -167,7 +168,7 @@ def _report_lost_output(error: OSError, run: "Run", where: str) -> int:
     return INTERRUPTED if closed else RunError.exit_status
 
 
-def _watchers(experiment: "Experiment", observing: Observing) -> "Iterator[Callback]":
+def _watchers(experiment: "Experiment", observing: ObserverOptions) -> "Iterator[Callback]":
     from swarmwright.runs import callbacks
 
     if observing.tensorboard is not None:
@@ -210,7 +211,18 @@ class Reader:
             self.lost = error
 
 
-def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> None:
+def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> int:
+    """Print the results, or report why they cannot be printed; return the exit status."""
+    try:
+        _print_results(output, run, broker, where)
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) or error.filename != STDOUT:
+            raise
+        return _report_lost_output(error, run, where)
+    return INTERRUPTED if run.interrupted else 0
+
+
+def _print_results(output: Output, run: "Run", broker: str | None, where: str) -> None:
     """Print the results, the location of the files, and the next steps."""
     from swarmwright.runs import picture
 

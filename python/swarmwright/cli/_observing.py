@@ -109,8 +109,8 @@ def _endpoint(value: str) -> tuple[str, int]:
 
 
 @dataclass(frozen=True)
-class Observing:
-    """Where a command reports its progress to, beside its output."""
+class ObserverOptions:
+    """Where a command reports progress besides its output."""
 
     log: Path | None = None
     log_level: str = "info"
@@ -123,8 +123,8 @@ class Observing:
 def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     """Add `--log FILE` with its level and size, and `--metrics HOST:PORT`.
 
-    The command gets `observing`, an `Observing`. It also takes `--tensorboard` and `--mlflow`, if they are
-    declared above.
+    The command gets `observing`, an `ObserverOptions`. It also takes `--tensorboard` and `--mlflow`, if they
+    are declared above.
     """
     metrics = click.option(
         "--metrics",
@@ -134,11 +134,13 @@ def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     )
 
     @functools.wraps(command)
-    def run_observed(**options: Any) -> Any:  # noqa: ANN401 - the command's
-        values = {field.name: options.pop(field.name) for field in fields(Observing) if field.name in options}
-        return command(observing=Observing(**values), **options)
+    def with_observers(**options: Any) -> Any:  # noqa: ANN401 - the command's
+        values = {
+            field.name: options.pop(field.name) for field in fields(ObserverOptions) if field.name in options
+        }
+        return command(observing=ObserverOptions(**values), **options)
 
-    return log_options(metrics(run_observed))
+    return log_options(metrics(with_observers))
 
 
 class ToolObserver:
@@ -180,7 +182,7 @@ class ToolObserver:
 
 
 @contextmanager
-def observe_run(output: Output, observing: Observing) -> Iterator[ToolObserver]:
+def observe_run(output: Output, observing: ObserverOptions) -> Iterator[ToolObserver]:
     """Open the log and metrics of an optimization during a `with` block, and show its warnings."""
     from swarmwright.servers.evaluation.reports import listening
 
@@ -195,13 +197,15 @@ def observe_run(output: Output, observing: Observing) -> Iterator[ToolObserver]:
             from swarmwright.runs.monitoring.prometheus import ToolMetrics, serve_metrics
 
             figures = ToolMetrics()
-            _say(output, log, stack.enter_context(serve_metrics(figures, *observing.metrics)))
+            _announce_metrics(output, log, stack.enter_context(serve_metrics(figures, *observing.metrics)))
             stack.enter_context(listening(figures.report))
         yield ToolObserver(log, figures)
 
 
 @contextmanager
-def observe_servers(output: Output, observing: Observing) -> "Iterator[tuple[Log, ServerMetrics | None]]":
+def observe_servers(
+    output: Output, observing: ObserverOptions
+) -> "Iterator[tuple[Log, ServerMetrics | None]]":
     """Open the log and metrics of servers during a `with` block."""
     with ExitStack() as stack:
         log = stack.enter_context(Log(observing.log, observing.log_level, size=observing.log_size))
@@ -210,10 +214,10 @@ def observe_servers(output: Output, observing: Observing) -> "Iterator[tuple[Log
             from swarmwright.runs.monitoring.prometheus import ServerMetrics, serve_metrics
 
             figures = ServerMetrics()
-            _say(output, log, stack.enter_context(serve_metrics(figures, *observing.metrics)))
+            _announce_metrics(output, log, stack.enter_context(serve_metrics(figures, *observing.metrics)))
         yield log, figures
 
 
-def _say(output: Output, log: Log, url: str) -> None:
+def _announce_metrics(output: Output, log: Log, url: str) -> None:
     log.write("info", "metrics_offered", url=url)
     output.text(f"Metrics for Prometheus are at {url}")

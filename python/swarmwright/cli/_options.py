@@ -47,8 +47,6 @@ class WholeNumber(click.IntRange):
 class RealNumber(click.FloatRange):
     """A number in a range; NaN, which no limit excludes, is refused."""
 
-    name = "seconds"
-
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401 - click's signature
         """The number."""
         try:
@@ -58,6 +56,12 @@ class RealNumber(click.FloatRange):
         if math.isnan(number):
             self.fail(f"'{value}' is not a number.", param, ctx)
         return float(super().convert(value, param, ctx))
+
+
+class Seconds(RealNumber):
+    """A duration in a range."""
+
+    name = "seconds"
 
 
 # Types below are functions: click reports the option, and the message of `click.BadParameter`.
@@ -382,13 +386,13 @@ Counted from 0. Default: the best.""",
 
 def _with_comparison(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     @functools.wraps(command)
-    def comparing(**options: Any) -> Any:  # noqa: ANN401 - the command's
+    def with_options(**options: Any) -> Any:  # noqa: ANN401 - the command's
         from swarmwright.cli._comparison import ComparisonOptions
 
         compared = ComparisonOptions.from_options(options)
         return command(compared=compared, **options)
 
-    return comparing
+    return with_options
 
 
 compare_options = combine_options(
@@ -528,7 +532,7 @@ def prefix_settings(prefix: str | None) -> tuple[str, ...]:
 
 wait_option: Decorator = click.option(
     "--wait",
-    type=RealNumber(0, 31 * 86400.0),
+    type=Seconds(0, 31 * 86400.0),
     help="Time to wait for an unreachable broker. Default: the experiment's timeouts.connect, or 0.",
 )
 
@@ -623,7 +627,7 @@ def episodes_options(figure: str, table: str) -> Decorator:
 
 def _with_checked_files(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     @functools.wraps(command)
-    def checking(picture: Path | None, table: Path | None, **options: Any) -> Any:  # noqa: ANN401 - the command's
+    def with_options(picture: Path | None, table: Path | None, **options: Any) -> Any:  # noqa: ANN401 - the command's
         if picture is not None:
             from swarmwright.display.figures import style
 
@@ -634,7 +638,7 @@ def _with_checked_files(command: Any) -> Any:  # noqa: ANN401 - click's decorato
             check(table, CSV)
         return command(picture=picture, table=table, **options)
 
-    return checking
+    return with_options
 
 
 def write_episodes(output: Output, evaluation: Any, picture: Path | None, table: Path | None) -> None:  # noqa: ANN401

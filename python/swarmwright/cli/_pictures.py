@@ -59,11 +59,11 @@ def open_in_browser(file: Path) -> bool:
     return False
 
 
-class Picture(NamedTuple):
+class PictureOptions(NamedTuple):
     """Options of a command that shows an episode: the file for it, or None, and what it shows."""
 
     file: Path | None
-    opening: bool
+    open_browser: bool
     speed: float
     shown: "Shown"
 
@@ -73,7 +73,7 @@ class Picture(NamedTuple):
         return {"fitness": recording.fitness, "steps": steps, "picture": str(self.file)}
 
     @property
-    def sentence(self) -> str:
+    def saved_message(self) -> str:
         """The kind and path of the written file."""
         assert self.file is not None
         words = {".html": "The page", ".mp4": "The video", ".gif": "The animation"}
@@ -81,7 +81,7 @@ class Picture(NamedTuple):
 
     def open(self, output: Output) -> None:
         """Open the file in a browser, if that was requested; print its address."""
-        if self.file is None or not self.opening:
+        if self.file is None or not self.open_browser:
             return
         address = self.file.absolute().as_uri()
         if open_in_browser(self.file):
@@ -92,22 +92,23 @@ class Picture(NamedTuple):
 
 def _with_picture(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     @functools.wraps(command)
-    def picturing(
+    def with_options(
         *,
         picture: Path | None,
-        opening: bool,
+        open_browser: bool,
         speed: float,
         parts: str,
         colors: str,
         **rest: Any,  # noqa: ANN401 - those of the command
     ) -> Any:  # noqa: ANN401 - the command's
         if picture is None:
-            check_unsaved({"opening": "--open", "parts": "--show", "colors": "--colors"})
+            check_unsaved({"open_browser": "--open", "parts": "--show", "colors": "--colors"})
         else:
             _check_file(picture)
-        return command(picture=Picture(picture, opening, speed, _parse_parts(parts, colors)), **rest)
+        options = PictureOptions(picture, open_browser, speed, _parse_parts(parts, colors))
+        return command(picture=options, **rest)
 
-    return picturing
+    return with_options
 
 
 picture_options = combine_options(
@@ -121,7 +122,7 @@ picture_options = combine_options(
     ),
     click.option(
         "--open",
-        "opening",
+        "open_browser",
         is_flag=True,
         help="With --save: open the file in a browser, if there is a display.",
     ),
@@ -152,7 +153,7 @@ picture_options = combine_options(
     ),
     _with_picture,
 )
-"""`--save`, `--open`, `--speed`, `--show` and `--colors`; the command gets `picture`, a `Picture`."""
+"""`--save`, `--open`, `--speed`, `--show` and `--colors`; the command gets `picture`, a `PictureOptions`."""
 
 
 def check_unsaved(options: Mapping[str, str]) -> None:
@@ -167,6 +168,8 @@ def broker_of(experiment: "Experiment", broker: str | None, simulation: str | No
     """Return the broker on which to compute an episode; None for this process.
 
     For a simulation that this process lacks, the experiment's broker or the environment's is the default.
+    Unlike `options.experiment_broker`, this ignores `servers`: `servers: local` does not apply to a single
+    episode.
     simulation: replaces the experiment's.
     """
     from swarmwright.simulations import catalogue

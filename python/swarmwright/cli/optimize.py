@@ -9,7 +9,7 @@ from swarmwright.cli import _options as options
 from swarmwright.cli._commands import SETTINGS, Command
 from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._experiments import experiment_of
-from swarmwright.cli._observing import Observing, observe_options
+from swarmwright.cli._observing import ObserverOptions, observe_options
 from swarmwright.cli._output import Output, show_warnings
 
 
@@ -49,7 +49,7 @@ def command(
     out: Path | None,
     servers: options.Servers | None,
     wait: float | None,
-    observing: Observing,
+    observing: ObserverOptions,
     output: Output,
 ) -> int:
     """Run the experiment in FILE.

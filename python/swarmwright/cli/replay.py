@@ -9,7 +9,7 @@ import click
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._output import Output, get_stdout, show_warnings
-from swarmwright.cli._pictures import Picture, broker_of, picture_options
+from swarmwright.cli._pictures import PictureOptions, broker_of, picture_options
 from swarmwright.common.errors import engine_errors
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ _BEFORE_A_RUN = (
 @options.json_option
 def command(
     run: Path,
-    picture: Picture,
+    picture: PictureOptions,
     beside: tuple[str, ...],
     generation: int | None,
     candidate: int | None,
@@ -141,7 +141,7 @@ def _replay_beside(replay: "Replay", name: str, how: dict[str, Any]) -> "Replay"
     return replay.with_best_of(Run.open(Path(name)))
 
 
-def _save(output: Output, replay: "Replay", picture: Picture, others: list["Replay"]) -> None:
+def _save(output: Output, replay: "Replay", picture: PictureOptions, others: list["Replay"]) -> None:
     from swarmwright.runs.replay import name_replays
 
     assert picture.file is not None
@@ -149,7 +149,7 @@ def _save(output: Output, replay: "Replay", picture: Picture, others: list["Repl
     recording = replay.save(
         picture.file, speed=picture.speed, shown=picture.shown, companions=others, names=names
     )
-    output.text(f"{replay.controller_sentence} {replay.outcome(recording.fitness)} {picture.sentence}")
+    output.text(f"{replay.controller_sentence} {replay.outcome(recording.fitness)} {picture.saved_message}")
     output.json({**picture.describe(recording), **replay.identity()})
 
 

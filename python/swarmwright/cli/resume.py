@@ -8,7 +8,7 @@ import click
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._evolving import evolve, watch_options
-from swarmwright.cli._observing import Observing, observe_options
+from swarmwright.cli._observing import ObserverOptions, observe_options
 from swarmwright.cli._output import Output, show_warnings
 
 
@@ -64,7 +64,7 @@ def command(
     accept_changed_code: bool,
     simulation: str | None,
     settings: tuple[str, ...],
-    observing: Observing,
+    observing: ObserverOptions,
     output: Output,
 ) -> int:
     """Continue a run that was interrupted or failed.

@@ -14,7 +14,7 @@ import click
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log
-from swarmwright.cli._observing import Observing, observe_options, observe_servers
+from swarmwright.cli._observing import ObserverOptions, observe_options, observe_servers
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._signals import Terminated
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
@@ -49,7 +49,7 @@ LARGEST_RANDOM_ID = 2**31 - 1
 @options.prefix_option
 @click.option(
     "--step-timeout",
-    type=options.RealNumber(0.1, 86400.0),
+    type=options.Seconds(0.1, 86400.0),
     default=60.0,
     show_default=True,
     help="Time an episode waits for an agent's actuators before it is aborted.",
@@ -63,12 +63,12 @@ LARGEST_RANDOM_ID = 2**31 - 1
 @options.wait_option
 @click.option(
     "--broker-timeout",
-    type=options.RealNumber(1.0, 31 * 86400.0),
+    type=options.Seconds(1.0, 31 * 86400.0),
     help="Exit when the broker has been unreachable for this long. Default: keep trying.",
 )
 @click.option(
     "--grace",
-    type=options.RealNumber(0.0, 86400.0),
+    type=options.Seconds(0.0, 86400.0),
     default=3.0,
     show_default=True,
     help="Time after SIGTERM to finish the current request or episode; a second signal exits at once.",
@@ -95,7 +95,7 @@ def command(
     broker_timeout: float | None,
     grace: float,
     modules: tuple[str, ...],
-    observing: Observing,
+    observing: ObserverOptions,
     output: Output,
 ) -> int:
     """Start simulation servers.

@@ -14,8 +14,16 @@ from swarmwright.experiment.broker_address import DEFAULT_BROKER
 from swarmwright.servers.broker.credentials import prepare
 
 HEADINGS = (
-    *("id", "host/pid", "state", "reserved for", "since", "simulations"),
-    *("dimensions", "sensors", "actuators", "metrics"),
+    "id",
+    "host/pid",
+    "state",
+    "reserved for",
+    "since",
+    "simulations",
+    "dimensions",
+    "sensors",
+    "actuators",
+    "metrics",
 )
 COLORS = {"ready": "green", "busy": "yellow", "lost": "red", "answers": "green"}
 USUAL_DIMENSIONS = (1, 2, 3)
@@ -43,7 +51,7 @@ USUAL_DIMENSIONS = (1, 2, 3)
 )
 @click.option(
     "--wait",
-    type=options.RealNumber(0.0, 3600.0),
+    type=options.Seconds(0.0, 3600.0),
     help="Time to listen for announcements, and again for answers to --simulation. Default: 1.",
 )
 @click.option(
@@ -52,7 +60,7 @@ USUAL_DIMENSIONS = (1, 2, 3)
     help="Refresh until Ctrl-C, showing current work, the blocking server and all active optimization tools.",
 )
 @click.option(
-    "--every", type=options.RealNumber(0.1, 3600.0), help="With --watch: refresh interval. Default: 1."
+    "--every", type=options.Seconds(0.1, 3600.0), help="With --watch: refresh interval. Default: 1."
 )
 @click.option(
     "--forget-lost",

@@ -13,7 +13,7 @@ from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._experiments import experiment_of
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._pictures import Picture, broker_of, check_unsaved, picture_options
+from swarmwright.cli._pictures import PictureOptions, broker_of, check_unsaved, picture_options
 
 if TYPE_CHECKING:
     from swarmwright import Experiment
@@ -57,7 +57,7 @@ def command(
     seed: int | None,
     broker: str | None,
     prefix: str | None,
-    picture: Picture,
+    picture: PictureOptions,
     visual: bool,
     output: Output,
 ) -> None:
@@ -94,7 +94,7 @@ def _save(
     controller: Path | None,
     seed: int | None,
     broker: str | None,
-    picture: Picture,
+    picture: PictureOptions,
 ) -> None:
     from swarmwright.servers.evaluation.evaluate import Episode
     from swarmwright.servers.evaluation.shown import ShownEpisode
@@ -105,7 +105,7 @@ def _save(
     result = Episode(
         recording.fitness, episode.metrics(recording), episode.controller.parameters, episode.seed
     )
-    _print(output, result, controller, picture.describe(recording), picture.sentence)
+    _print(output, result, controller, picture.describe(recording), picture.saved_message)
 
 
 def _print(

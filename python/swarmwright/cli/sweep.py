@@ -10,7 +10,7 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import SETTINGS, Command
-from swarmwright.cli._observing import Observing, observe_options, observe_run
+from swarmwright.cli._observing import ObserverOptions, observe_options, observe_run
 from swarmwright.cli._output import Output, complain, show_warnings
 from swarmwright.cli._signals import INTERRUPTED
 from swarmwright.common.formatting import format_count
@@ -64,7 +64,7 @@ def command(
     out: Path | None,
     servers: options.Servers | None,
     jobs: int | None,
-    observing: Observing,
+    observing: ObserverOptions,
     output: Output,
 ) -> int:
     """Run an experiment with several settings and seeds, and compare.

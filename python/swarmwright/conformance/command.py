@@ -60,7 +60,7 @@ _shared = options.combine_options(
     click.option("--list", "listing", is_flag=True, help="List the rules without checking them."),
     click.option(
         "--wait",
-        type=options.RealNumber(0.1, 86400.0),
+        type=options.Seconds(0.1, 86400.0),
         default=30.0,
         show_default=True,
         help="Time to wait for the peer at the start.",
@@ -109,14 +109,14 @@ _shared = options.combine_options(
 )
 @click.option(
     "--timeout",
-    type=options.RealNumber(0.05, 3600.0),
+    type=options.Seconds(0.05, 3600.0),
     default=5.0,
     show_default=True,
     help="Time-out of a single answer.",
 )
 @click.option(
     "--step-timeout",
-    type=options.RealNumber(0.1, 86400.0),
+    type=options.Seconds(0.1, 86400.0),
     help="Time after which the server aborts an episode, as configured.",
 )
 @_shared
@@ -210,7 +210,7 @@ def server_command(
 )
 @click.option(
     "--lasts",
-    type=options.RealNumber(0.5, 3600.0),
+    type=options.Seconds(0.5, 3600.0),
     default=30.0,
     show_default=True,
     help="Time-out of a single run of the tool.",
