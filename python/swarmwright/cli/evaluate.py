@@ -160,7 +160,7 @@ def command(
             if repeats
             else NOT_EVALUATED,
         )
-    where: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         "experiment": experiment,
         "broker": options.experiment_broker(experiment, broker, servers),
         "servers": servers,
@@ -168,19 +168,19 @@ def command(
     if opened is not None and repeats:
         if metrics is not None:
             raise click.UsageError("--metrics: add --episodes N; metrics are measured in new episodes only")
-        return show_repetition(output, repeat(opened, candidate, generation, **where))
-    where |= {"episodes": episodes or EPISODES, "seed": seed}
+        return show_repetition(output, repeat(opened, candidate, generation, **arguments))
+    arguments |= {"episodes": episodes or EPISODES, "seed": seed}
     if opened is not None and curve is not None:
         _show_settings(output, settings)
         with shown_episodes(output) as on_progress:
-            learned = learning_curve(opened, curve, on_progress=on_progress, **where)
+            learned = learning_curve(opened, curve, on_progress=on_progress, **arguments)
         show_learning_curve(output, learned, file, settings)
         return 0
-    where |= {"controller": controller_file, "metrics": _names(metrics)}
+    arguments |= {"controller": controller_file, "metrics": _names(metrics)}
     with shown_episodes(output) as on_progress:
-        evaluated: Any = opened or experiment
+        subject: Any = opened or experiment
         evaluation: ControllerEvaluation = post_evaluate(
-            evaluated, candidate, generation, on_progress=on_progress, **where
+            subject, candidate, generation, on_progress=on_progress, **arguments
         )
     source = {"run": str(run)} | ({} if controller_file is None else {"controller": str(controller_file)})
     output.json({**source, "settings": list(settings), **evaluation.to_mapping()})
@@ -208,9 +208,9 @@ def _show_settings(output: Output, settings: Sequence[str]) -> None:
         output.text(f"Settings: {', '.join(settings)}")
 
 
-def _refuse(options: Mapping[str, object], option: str) -> None:
+def _refuse(conflicting: Mapping[str, object], option: str) -> None:
     """Raise a UsageError for a given option that cannot be combined with another."""
-    for name, value in options.items():
+    for name, value in conflicting.items():
         if value is not None:
             raise click.UsageError(f"{name}: cannot be combined with {option}; leave it out")
 
@@ -336,8 +336,16 @@ def show_learning_curve(
 
 
 _REPETITION = (
-    *("number", "generation", "candidate", "seeds", "recorded", "repeated", "same", "left_out"),
-    *("recorded_errors", "errors"),
+    "number",
+    "generation",
+    "candidate",
+    "seeds",
+    "recorded",
+    "repeated",
+    "same",
+    "left_out",
+    "recorded_errors",
+    "errors",
 )
 """Fields of a repetition for `--json`."""
 

@@ -156,8 +156,9 @@ def command(
         output.json(record)
         return 0
     checked = {
-        "largest_difference": verification.largest_difference, "verification": verification.to_mapping()
-    }  # fmt: skip
+        "largest_difference": verification.largest_difference,
+        "verification": verification.to_mapping(),
+    }
     output.json(record | checked)
     if verification.self_test:
         output.text(f"The self-test {verification.self_test} is ok")
@@ -188,8 +189,12 @@ def _print_bundle(output: Output, run: Path, file: Path, bundled: "Bundle") -> N
     output.text(f"{file}: SHA-256 of the manifest {bundled.digest}")
     output.json(
         {
-            "run": str(run), "bundle": str(file), "digest": bundled.digest, **facts,
+            "run": str(run),
+            "bundle": str(file),
+            "digest": bundled.digest,
+            **facts,
             "verified": {form: verification.to_mapping() for form, verification in bundled.verified.items()},
-            "unverified": bundled.unverified, "without": bundled.without,
+            "unverified": bundled.unverified,
+            "without": bundled.without,
         }
-    )  # fmt: skip
+    )
