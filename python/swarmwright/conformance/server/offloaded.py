@@ -313,7 +313,7 @@ def trees(server: Server) -> str:
     "A parameter set is refused as invalid if the simulation asks for actuators, else it gives the "
     "stepwise fitness.",
     where="protocol.md, Controllers",
-    fix="answer error invalid if the simulation asks an agent that no controller controls",
+    fix="answer error invalid if the simulation asks an agent that has no controller",
     needs=["S2.3"],
 )
 def parameter_set(server: Server) -> str | None:
@@ -322,7 +322,7 @@ def parameter_set(server: Server) -> str | None:
         must_announce_kind(server, "parameter_set")
         numbers_given = numbers_in_parameters(server) or {"conformance": 1}
         request = evaluation(server, parameter_set_of(numbers_given, 1), [1])
-        must_be_refused(server, request, ["invalid"], "agents are asked, and no controller controls them")
+        must_be_refused(server, request, ["invalid"], "agents without a controller are asked")
         return None
     controllers = parameter_sets(server, CANDIDATES)
     if server.deterministic is False:
