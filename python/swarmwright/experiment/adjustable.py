@@ -11,12 +11,10 @@ from swarmwright.simulations import catalogue
 
 Kind = Literal["integer", "number", "boolean", "string"]
 _KINDS: dict[type, Kind] = {bool: "boolean", int: "integer", float: "number", str: "string"}
-_E_PUCK_NOISE, _E_PUCK_LOSS = 0.05, 0.85
-"""Of the reference model, around which `E_PUCKS` are ranges."""
 _MISSION_DEFAULTS = {"robots": 20, "duration": 120}
-"""Of the arena's missions, which do not say them all."""
+"""Defaults of the arena for missions that do not set them."""
 _FRAME_TIME = "stepSize"
-"""Of built-in simulations; it changes nothing but the speed of pictures, and comes last."""
+"""Parameter that only changes the speed of pictures; listed last."""
 _MOST = 1000
 """Most parameters of an experiment that are listed."""
 
@@ -110,7 +108,7 @@ def _format_key(path: tuple[str | int, ...]) -> str:
 
 
 def _iter_arena(adjustables: list[Adjustable], parameters: Mapping[str, Any]) -> Iterator[Adjustable]:
-    """Yield parameters of the arena: what its mission says counts unless the experiment sets it."""
+    """Yield parameters of the arena; defaults come from the mission."""
     mission = mission_of(parameters.get("mission")) or {}
     missions = tuple(catalogue.mission_names())
     for adjustable in adjustables:
@@ -126,8 +124,7 @@ def _iter_arena(adjustables: list[Adjustable], parameters: Mapping[str, Any]) ->
     if preset in PRESETS:
         for item in E_PUCKS:
             key = _format_key(item.path[1:])
-            value = _E_PUCK_LOSS if item.path[-1] == "loss" else _E_PUCK_NOISE
-            yield Adjustable(key, "number", value, minimum=0.0, maximum=1.0)
+            yield Adjustable(key, "number", item.reference, minimum=0.0, maximum=1.0)
     # Of a mission by name, the parts that can be set.
     parts = _iter_parts({key: mission[key] for key in mission if key not in parameters}, ("mission",))
     yield from (replace(part, is_set=False) for part in parts)

@@ -27,6 +27,8 @@ class Range:
     high: float
     prefix: str = field(default="vary: ", compare=False)
     """Prefix in messages."""
+    reference: float | None = field(default=None, compare=False)
+    """The value without sampling, if known here."""
 
     def __str__(self) -> str:
         """Return prefix, key and values: `--vary parameters.speedDefenders=0.4..0.8`."""
@@ -104,13 +106,13 @@ def _parse_number(text: str) -> float | None:
 
 
 E_PUCKS = (
-    Range(("parameters", "robot", "drive", "noise"), 0.0, 0.15),
-    Range(("parameters", "robot", "sensors", "proximity", "noise"), 0.0, 0.1),
-    Range(("parameters", "robot", "sensors", "light", "noise"), 0.0, 0.9),
-    Range(("parameters", "robot", "sensors", "ground", "noise"), 0.0, 0.1),
-    Range(("parameters", "robot", "sensors", "range_and_bearing", "loss"), 0.8, 0.95),
+    Range(("parameters", "robot", "drive", "noise"), 0.0, 0.15, reference=0.05),
+    Range(("parameters", "robot", "sensors", "proximity", "noise"), 0.0, 0.1, reference=0.05),
+    Range(("parameters", "robot", "sensors", "light", "noise"), 0.0, 0.9, reference=0.05),
+    Range(("parameters", "robot", "sensors", "ground", "noise"), 0.0, 0.1, reference=0.05),
+    Range(("parameters", "robot", "sensors", "range_and_bearing", "loss"), 0.8, 0.95, reference=0.85),
 )
-"""Ranges for the arena's e-pucks, around noise 0.05 and loss 0.85 of the reference model."""
+"""Ranges for the arena's e-pucks, around the values of the reference model in the engine's `presets.rs`."""
 PRESETS = (DEFAULT, "e-puck-rm1.2")
 
 

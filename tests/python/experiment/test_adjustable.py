@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, Run, post_evaluate
+from swarmwright import Experiment, InputError, Run, evaluate, post_evaluate
 from swarmwright.experiment.adjustable import Adjustable, list_adjustable
 from swarmwright.experiment.settings import parameter_settings
 
@@ -34,6 +35,38 @@ def test_robots_and_noise_of_a_mission_by_name() -> None:
     assert adjustables["duration"].value == 120
     patch = adjustables["mission.floor.patches.1.circle.radius"]
     assert (patch.kind, patch.is_set) == ("number", False)
+
+
+def test_listed_defaults_of_the_arena_are_those_of_the_engine() -> None:
+    mission: dict[str, Any] = {
+        "walls": {"rectangle": [3, 3]},
+        "start": {"disc": {"radius": 1}},
+        "floor": {
+            "patches": [{"name": "spot", "circle": {"center": [0, 0], "radius": 0.5}, "color": "black"}]
+        },
+        "lights": [{"at": [1, 0, 0.75], "intensity": 5}],
+        "metrics": {"spread": {"kind": "nearest_distance"}},
+        "fitness": "spread",
+    }
+    experiment = Experiment.from_mapping(
+        {"simulation": "arena", "parameters": {"mission": mission}, "controller": {"kind": "evostick"}}
+    )
+    defaults = {
+        adjustable.key: adjustable.value
+        for adjustable in list_adjustable(experiment)
+        if adjustable.key in {"robots", "duration"} or adjustable.key.startswith("robot.")
+    }
+    genomes = np.random.default_rng(1).uniform(-1, 1, (2, experiment.genome_size)).astype(np.float32)
+    expected = evaluate(experiment, genomes, servers="in-process")
+
+    def is_same(values: dict[str, Any]) -> bool:
+        changed = experiment.with_settings(parameter_settings(values))
+        return np.array_equal(evaluate(changed, genomes, servers="in-process"), expected)
+
+    assert len(defaults) == 7
+    assert is_same(defaults)
+    for key, value in defaults.items():
+        assert not is_same({key: value * 0.9 if value < 1 else value - 1}), key
 
 
 def test_declared_limits_and_odd_names(tmp_path: Path) -> None:
