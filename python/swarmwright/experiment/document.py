@@ -124,8 +124,8 @@ class Faults(Options):
     """Treatment of failing, slow and wrong servers and evaluations."""
 
     attempts: int = Field(default=_FAULTS["attempts"], ge=1, le=1000)
-    """Attempts at an evaluation before it counts as failed, without those that the server or another
-    evaluation may have spoiled. For simulations with bitwise determinism, two failures suffice.
+    """Attempts at an evaluation before it counts as failed, not counting failures that the server or
+    another evaluation may have caused. For simulations with bitwise determinism, two failures suffice.
     """
     quarantine: int = Field(default=_FAULTS["quarantine"], ge=1, le=1000)
     """Servers that may crash or hang on an evaluation before it counts as failed; at least 3 for servers that

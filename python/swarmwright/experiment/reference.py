@@ -1,9 +1,10 @@
 """The reference page of experiment files: `python -m swarmwright.experiment.reference`.
 
-A description that an earlier section has already is replaced by a reference to that section.
+A long description that an earlier section has already is replaced by a link to that section.
 """
 
 import json
+import re
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -36,6 +37,8 @@ _OF_ROS = {
 """Titles of the sections of `simulation: {ros: ..}`, by model."""
 _MORE = {"modules": "[Modules](modules.md) says what each behaviour and condition computes."}
 """Texts after the description of a kind of controller."""
+_LONG = 80
+"""Length in characters above which a repeated description becomes a link."""
 
 
 def format_reference() -> str:
@@ -65,15 +68,17 @@ def _iter_simulations(schema: dict[str, Any]) -> Iterator[str]:
         ("Ros", "ROS", {"ros", "step"}),
     ):
         definition = schema["$defs"][name]
-        yield from ("", f"## simulation ({title})", "", definition["description"], "")
-        section = f"[{title}](#simulation-{title.lower()})"
+        heading = f"simulation ({title})"
+        yield from ("", f"## {heading}", "", definition["description"], "")
+        section = _format_link(title, heading)
         yield from _iter_table(definition["properties"], required, schema, described, section)
     described = {}
     for name, title in _OF_ROS.items():
         definition = schema["$defs"][f"Ros{name}"]
         yield from ("", f"### {title}", "", definition["description"], "")
         required = set(definition.get("required", []))
-        yield from _iter_table(definition["properties"], required, schema, described, title)
+        section = _format_link(title, title)
+        yield from _iter_table(definition["properties"], required, schema, described, section)
 
 
 def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
@@ -86,22 +91,18 @@ def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
     ]
     shared = _find_shared([variant["properties"] for variant in variants])
     if shared:
-        yield from ("", "Options of all kinds, unless a kind's own table differs:")
         if name == "method":
             steady = [f"`{kind}`" for kind in METHODS.built_in if METHODS.get(kind).steady_state]
             listed = f"{', '.join(steady[:-1])} and {steady[-1]}"
-            yield f"Only {listed} support `operation: steady_state`."
-        yield ""
+            yield from ("", f"Only {listed} support `operation: steady_state`.")
+        yield from ("", "Options of all kinds, unless a kind's own table differs:", "")
         yield from _iter_table(shared, set(), schema)
     described: dict[str, str] = {}
     kinds_by_options: dict[str, str] = {}
     for variant in variants:
         kind = _kind(variant)["const"]
-        yield from (
-            "",
-            f"### `{name}: {{kind: {kind}}}`{' (default)' if kind == DEFAULT_KINDS[name] else ''}",
-        )
-        yield from ("", variant["description"])
+        heading = f"`{name}: {{kind: {kind}}}`{' (default)' if kind == DEFAULT_KINDS[name] else ''}"
+        yield from ("", f"### {heading}", "", variant["description"])
         if name == "controller" and kind in _MORE:
             yield from ("", _MORE[kind])
         options = {
@@ -114,7 +115,8 @@ def _iter_kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
             yield from ("", f"Its options are those of `{same}`.")
         elif options:
             yield ""
-            yield from _iter_table(options, set(variant.get("required", [])), schema, described, f"`{kind}`")
+            section = _format_link(f"`{kind}`", heading)
+            yield from _iter_table(options, set(variant.get("required", [])), schema, described, section)
 
 
 def _kind(variant: dict[str, Any]) -> dict[str, Any]:
@@ -155,9 +157,11 @@ def _iter_launchers(schema: dict[str, Any]) -> Iterator[str]:
             for key, schema_of_key in definition["properties"].items()
             if key not in shared["properties"]
         }
-        yield from ("", f"### `servers: {{launcher: {kind}}}`", "", definition["description"], "")
+        heading = f"`servers: {{launcher: {kind}}}`"
+        yield from ("", f"### {heading}", "", definition["description"], "")
         if options:
-            yield from _iter_table(options, set(definition["required"]), schema, described, f"`{kind}`")
+            section = _format_link(f"`{kind}`", heading)
+            yield from _iter_table(options, set(definition["required"]), schema, described, section)
 
 
 def _iter_simulation(title: str) -> Iterator[str]:
@@ -191,7 +195,8 @@ def _iter_table(
 ) -> Iterator[str]:
     """Yield a table of keys.
 
-    `described` has the section of each description so far, by the description; `section` names this section.
+    `described` has the section of each description so far, by the description; `section` links to this
+    section.
     """
     yield "| key | type | default | meaning |"
     yield "|---|---|---|---|"
@@ -200,10 +205,15 @@ def _iter_table(
         meaning = key.get("description", "")
         if described is not None:
             first = described.setdefault(meaning, section)
-            reference = f"As for {first}."
-            if first != section and len(reference) < len(meaning):
-                meaning = reference
+            if first != section and len(meaning) > _LONG:
+                meaning = f"As for {first}."
         yield _format_row(f"`{name}`", _format_type(key, schema), default, meaning)
+
+
+def _format_link(text: str, heading: str) -> str:
+    """Return a link to the section with this heading."""
+    anchor = re.sub(r"[^\w\s-]", "", heading).lower().replace(" ", "-")
+    return f"[{text}](#{anchor})"
 
 
 def _format_row(*cells: str) -> str:
