@@ -249,7 +249,7 @@ def measure(
 def build_indicator(elites: Elites) -> Indicator:
     """Return the indicator by which a front, or an archive, is compared with its former states.
 
-    It is hypervolume or the QD score, as of `measure` for a single run with these elites.
+    It is hypervolume or the QD score, the same that `measure` uses for a single run with these elites.
     """
     return (
         _build_front_indicator([elites], None)
