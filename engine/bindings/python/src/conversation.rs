@@ -189,15 +189,15 @@ impl Conversation {
 }
 
 /// Whether numbers have the same bits.
-fn are_same(left: &[f32], other: &[f32]) -> bool {
+fn are_same(left: &[f32], right: &[f32]) -> bool {
     // A loop without a way out is one that the compiler can do in vectors.
-    let differ = |(left, other): (&[f32], &[f32])| {
-        let pairs = left.iter().zip(other);
-        pairs.fold(0, |bits, (left, other)| {
-            bits | (left.to_bits() ^ other.to_bits())
+    let differ = |(left, right): (&[f32], &[f32])| {
+        let pairs = left.iter().zip(right);
+        pairs.fold(0, |bits, (left, right)| {
+            bits | (left.to_bits() ^ right.to_bits())
         })
     };
     left.chunks(1024)
-        .zip(other.chunks(1024))
+        .zip(right.chunks(1024))
         .all(|parts| differ(parts) == 0)
 }

@@ -65,7 +65,7 @@ impl Differential {
         let count = members.len() / genes.max(1);
         assert!(genes == 0 || (count >= 4 && members.len() == count * genes));
         let member = |index: usize| &members[index * genes..(index + 1) * genes];
-        let [first, other, third] = distinct(stream, count, target);
+        let [first, second, third] = distinct(stream, count, target);
         let base = match self.base {
             Base::Best => member(best),
             Base::Random => member(third),
@@ -73,7 +73,7 @@ impl Differential {
         };
         let (plus, minus) = match self.base {
             Base::TargetToBest => (member(best), member(first)),
-            Base::Best | Base::Random => (member(first), member(other)),
+            Base::Best | Base::Random => (member(first), member(second)),
         };
         for gene in 0..genes {
             let from = f64::from(base[gene]);

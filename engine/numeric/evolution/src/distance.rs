@@ -9,10 +9,10 @@ const LANES: usize = 16;
 
 /// The sum of absolute differences, added in the genome's order.
 #[must_use]
-pub fn distance(left: &[f32], other: &[f32]) -> f64 {
+pub fn distance(left: &[f32], right: &[f32]) -> f64 {
     left.iter()
-        .zip(other)
-        .fold(0.0, |sum, (left, other)| sum + difference(*left, *other))
+        .zip(right)
+        .fold(0.0, |sum, (left, right)| sum + difference(*left, *right))
 }
 
 /// The distance of one genome to each of several, see [`distance`].
@@ -115,13 +115,13 @@ impl<'a, I: Iterator<Item = &'a [f32]>> Kernel for Nearly<'_, I> {
 
 /// The distance in binary32, in sums of their own.
 #[inline(always)]
-fn nearly(left: &[f32], other: &[f32]) -> f32 {
-    let (ones, rest) = left.as_chunks::<LANES>();
-    let (others, other_rest) = other[..left.len()].as_chunks::<LANES>();
+fn nearly(left: &[f32], right: &[f32]) -> f32 {
+    let (lefts, left_rest) = left.as_chunks::<LANES>();
+    let (rights, right_rest) = right[..left.len()].as_chunks::<LANES>();
     let mut sums = [0.0; LANES];
-    for (ones, others) in ones.iter().zip(others) {
+    for (lefts, rights) in lefts.iter().zip(rights) {
         for lane in 0..LANES {
-            sums[lane] += (ones[lane] - others[lane]).abs();
+            sums[lane] += (lefts[lane] - rights[lane]).abs();
         }
     }
     let mut width = LANES / 2;
@@ -132,13 +132,13 @@ fn nearly(left: &[f32], other: &[f32]) -> f32 {
         width /= 2;
     }
     let mut sum = sums[0];
-    for (left, other) in rest.iter().zip(other_rest) {
-        sum += (left - other).abs();
+    for (left, right) in left_rest.iter().zip(right_rest) {
+        sum += (left - right).abs();
     }
     sum
 }
 
 #[inline]
-fn difference(left: f32, other: f32) -> f64 {
-    (f64::from(left) - f64::from(other)).abs()
+fn difference(left: f32, right: f32) -> f64 {
+    (f64::from(left) - f64::from(right)).abs()
 }

@@ -92,8 +92,8 @@ fn hash(genome: &[f32]) -> u64 {
 }
 
 #[inline]
-fn bits([low, other]: [f32; 2]) -> u64 {
-    u64::from(low.to_bits()) | u64::from(other.to_bits()) << 32
+fn bits([low, high]: [f32; 2]) -> u64 {
+    u64::from(low.to_bits()) | u64::from(high.to_bits()) << 32
 }
 
 #[inline]
@@ -101,6 +101,6 @@ fn mixed(sum: u64, word: u64) -> u64 {
     (sum.rotate_left(29) ^ word).wrapping_mul(FACTOR)
 }
 
-fn same(left: &[f32], other: &[f32]) -> bool {
-    (0..left.len()).all(|gene| left[gene].to_bits() == other[gene].to_bits())
+fn same(left: &[f32], right: &[f32]) -> bool {
+    (0..left.len()).all(|gene| left[gene].to_bits() == right[gene].to_bits())
 }

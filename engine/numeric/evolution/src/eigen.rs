@@ -106,9 +106,9 @@ impl Kernel for Small {
             |index, [cosine, sine]| {
                 let (upper, lower) = rows[index * size..(index + 2) * size].split_at_mut(size);
                 for (above, below) in upper.iter_mut().zip(lower) {
-                    let (first, other) = (*above, *below);
-                    *below = sine * first + cosine * other;
-                    *above = cosine * first - sine * other;
+                    let (first, second) = (*above, *below);
+                    *below = sine * first + cosine * second;
+                    *above = cosine * first - sine * second;
                 }
             },
             |_| (),

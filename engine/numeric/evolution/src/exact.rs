@@ -128,11 +128,11 @@ fn power_above(number: f64) -> f64 {
 }
 
 /// A sum, rounded, and its rounding error.
-fn two_sum(left: f64, other: f64) -> (f64, f64) {
-    let (large, small) = if left.abs() < other.abs() {
-        (other, left)
+fn two_sum(left: f64, right: f64) -> (f64, f64) {
+    let (large, small) = if left.abs() < right.abs() {
+        (right, left)
     } else {
-        (left, other)
+        (left, right)
     };
     let sum = large + small;
     (sum, small - (sum - large))

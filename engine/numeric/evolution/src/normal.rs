@@ -43,18 +43,18 @@ fn of_vector<L: Lanes>(words: &[u64; VECTOR], numbers: &mut [f32; 2 * VECTOR]) {
         lengths[lane] = (words[lane] as u32 >> 1) as i32;
         turns[lane] = (words[lane] >> 32) as i32;
     }
-    let (mut ones, mut others) = ([0.0; VECTOR], [0.0; VECTOR]);
+    let (mut firsts, mut seconds) = ([0.0; VECTOR], [0.0; VECTOR]);
     for lane in (0..VECTOR).step_by(L::WIDTH) {
         let length = L::from_int(L::Int::load(&lengths[lane..]));
         let length = length.add(L::splat(0.5)).mul(L::splat(UNIT));
         let turn = L::from_int(L::Int::load(&turns[lane..])).mul(L::splat(UNIT));
-        let [first, other] = normal_pair(length, turn);
-        first.store(&mut ones[lane..]);
-        other.store(&mut others[lane..]);
+        let [first, second] = normal_pair(length, turn);
+        first.store(&mut firsts[lane..]);
+        second.store(&mut seconds[lane..]);
     }
     for lane in 0..VECTOR {
-        numbers[2 * lane] = ones[lane];
-        numbers[2 * lane + 1] = others[lane];
+        numbers[2 * lane] = firsts[lane];
+        numbers[2 * lane + 1] = seconds[lane];
     }
 }
 

@@ -113,13 +113,13 @@ pub(crate) fn side_by_side(
 
 /// As [`halves`], of products of 32 bits, which vectors have.
 #[inline(always)]
-fn halves_of_32(left: u64, other: u64) -> (u64, u64) {
-    let (one_low, one_high) = (left & LOWER, left >> 32);
-    let (other_low, other_high) = (other & LOWER, other >> 32);
-    let low = one_low * other_low;
-    let middle = one_high * other_low + (low >> 32);
-    let rest = one_low * other_high + (middle & LOWER);
-    let high = one_high * other_high + (middle >> 32) + (rest >> 32);
+fn halves_of_32(left: u64, right: u64) -> (u64, u64) {
+    let (left_low, left_high) = (left & LOWER, left >> 32);
+    let (right_low, right_high) = (right & LOWER, right >> 32);
+    let low = left_low * right_low;
+    let middle = left_high * right_low + (low >> 32);
+    let rest = left_low * right_high + (middle & LOWER);
+    let high = left_high * right_high + (middle >> 32) + (rest >> 32);
     (rest << 32 | low & LOWER, high)
 }
 
@@ -129,8 +129,8 @@ fn halves_of_32(left: u64, other: u64) -> (u64, u64) {
     reason = "the lower half is what is meant"
 )]
 #[inline(always)]
-fn halves(left: u64, other: u64) -> (u64, u64) {
-    let product = u128::from(left) * u128::from(other);
+fn halves(left: u64, right: u64) -> (u64, u64) {
+    let product = u128::from(left) * u128::from(right);
     (product as u64, (product >> 64) as u64)
 }
 

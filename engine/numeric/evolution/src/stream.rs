@@ -475,31 +475,31 @@ pub fn rows<T: Send>(
 /// once for each thread.
 pub(crate) fn rows_of_two<T: Send, U: Send, R>(
     streams: &mut [Stream],
-    (ones, others): (&mut [T], &mut [U]),
+    (lefts, rights): (&mut [T], &mut [U]),
     length: usize,
     few: usize,
     scratch: impl Fn() -> R + Send + Sync,
     make: impl Fn(&mut R, usize, &mut Stream, &mut [T], &mut [U]) + Sync,
 ) {
     let length = length.max(1);
-    if ones.len() < 2 * few {
+    if lefts.len() < 2 * few {
         let mut scratch = scratch();
-        let both = ones
+        let both = lefts
             .chunks_exact_mut(length)
-            .zip(others.chunks_exact_mut(length));
-        for (index, (stream, (left, other))) in streams.iter_mut().zip(both).enumerate() {
-            make(&mut scratch, index, stream, left, other);
+            .zip(rights.chunks_exact_mut(length));
+        for (index, (stream, (left, right))) in streams.iter_mut().zip(both).enumerate() {
+            make(&mut scratch, index, stream, left, right);
         }
         return;
     }
     streams
         .par_iter_mut()
-        .zip(ones.par_chunks_exact_mut(length))
-        .zip(others.par_chunks_exact_mut(length))
+        .zip(lefts.par_chunks_exact_mut(length))
+        .zip(rights.par_chunks_exact_mut(length))
         .with_min_len(few.div_ceil(length))
         .enumerate()
-        .for_each_init(scratch, |scratch, (index, ((stream, left), other))| {
-            make(scratch, index, stream, left, other);
+        .for_each_init(scratch, |scratch, (index, ((stream, left), right))| {
+            make(scratch, index, stream, left, right);
         });
 }
 

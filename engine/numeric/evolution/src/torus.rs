@@ -224,9 +224,9 @@ impl Torus {
 
 /// Whether one member is better than another; those that failed are not.
 #[inline]
-fn is_ahead(left: Member, other: Member) -> bool {
+fn is_ahead(left: Member, right: Member) -> bool {
     // Without jumps, which would be guessed wrong half of the time.
-    (left.1 > other.1) | ((left.1 == other.1) & (left.0 > other.0))
+    (left.1 > right.1) | ((left.1 == right.1) & (left.0 > right.0))
 }
 
 /// In which of so many equal parts of 0 .. 1 a number lies.

@@ -26,7 +26,7 @@ fn check(matrix: &[f64], size: usize) -> Vec<f64> {
             let product: f64 = vector(row)
                 .iter()
                 .zip(vector(column))
-                .map(|(left, other)| left * other)
+                .map(|(left, right)| left * right)
                 .sum();
             let expected = f64::from(u8::from(row == column));
             assert!(
@@ -45,9 +45,9 @@ fn close(actual: &[f64], expected: &[f64]) {
     let most = expected
         .iter()
         .fold(0.0, |most: f64, value| most.max(value.abs()));
-    for (left, other) in actual.iter().zip(expected) {
+    for (left, right) in actual.iter().zip(expected) {
         assert!(
-            (left - other).abs() <= 1e-14 * most,
+            (left - right).abs() <= 1e-14 * most,
             "{actual:?} {expected:?}"
         );
     }

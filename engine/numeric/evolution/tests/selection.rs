@@ -32,7 +32,7 @@ fn ranked(fitness: &[f64]) -> Vec<usize> {
         .filter(|index| !fitness[*index].is_nan())
         .collect();
     // Adding 0.0 turns -0.0 into 0.0, which is its equal.
-    order.sort_by(|left, other| (fitness[*other] + 0.0).total_cmp(&(fitness[*left] + 0.0)));
+    order.sort_by(|left, right| (fitness[*right] + 0.0).total_cmp(&(fitness[*left] + 0.0)));
     order
 }
 

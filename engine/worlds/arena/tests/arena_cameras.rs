@@ -106,8 +106,8 @@ fn expected(targets: &[[f64; 2]], [cos, sin]: [f64; 2], from: [f64; 2], rims: f6
 #[track_caller]
 fn all_close(a: &[f64], b: &[f64], within: f64) {
     assert_eq!(a.len(), b.len());
-    for (left, other) in a.iter().zip(b) {
-        assert!((left - other).abs() <= within, "{a:?}, {b:?}");
+    for (left, right) in a.iter().zip(b) {
+        assert!((left - right).abs() <= within, "{a:?}, {b:?}");
     }
 }
 

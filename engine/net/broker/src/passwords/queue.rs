@@ -98,7 +98,7 @@ pub struct CheckQueue {
     returning_order: VecDeque<Key>,
     networks: HashMap<Box<str>, Allowance>,
     /// Of accounts within a network, and in all.
-    places: HashMap<(Box<str>, Key), Allowance>,
+    origins: HashMap<(Box<str>, Key), Allowance>,
     accounts: HashMap<Key, Allowance>,
     all: Option<Allowance>,
     workers: usize,
@@ -122,7 +122,7 @@ impl CheckQueue {
             returning: HashSet::new(),
             returning_order: VecDeque::new(),
             networks: HashMap::new(),
-            places: HashMap::new(),
+            origins: HashMap::new(),
             accounts: HashMap::new(),
             all: None,
             workers,
@@ -264,7 +264,7 @@ impl CheckQueue {
             if network < 1.0 || (account < 1.0 && !is_trusted) {
                 continue;
             }
-            let within = ACCOUNT_RATE.level(self.places.get(&origin), now);
+            let within = ACCOUNT_RATE.level(self.origins.get(&origin), now);
             let rank = (network, within, attempt.returns, is_trusted);
             // Of two equals the newest, which is later in the list.
             if best.is_none_or(|(_, before)| rank >= before) {
@@ -278,8 +278,8 @@ impl CheckQueue {
         let after = NETWORK_RATE.after(self.networks.get(network), amount, now);
         self.networks.insert(network.into(), after);
         let origin = (network.into(), account);
-        let after = ACCOUNT_RATE.after(self.places.get(&origin), amount, now);
-        self.places.insert(origin, after);
+        let after = ACCOUNT_RATE.after(self.origins.get(&origin), amount, now);
+        self.origins.insert(origin, after);
         if counts {
             let after = ACCOUNT_RATE.after(self.accounts.get(&account), amount, now);
             self.accounts.insert(account, after);
@@ -382,7 +382,7 @@ impl CheckQueue {
             |rate: &Rate, allowance: &Allowance| rate.level(Some(allowance), now) < rate.most;
         self.networks
             .retain(|_, allowance| is_partly(&NETWORK_RATE, allowance));
-        self.places
+        self.origins
             .retain(|_, allowance| is_partly(&ACCOUNT_RATE, allowance));
         self.accounts
             .retain(|_, allowance| is_partly(&ACCOUNT_RATE, allowance));

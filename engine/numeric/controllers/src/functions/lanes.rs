@@ -39,8 +39,9 @@ pub fn sigmoid<L: Lanes>(x: L) -> L {
 /// sin(pi * a) for a in -1..=1.
 #[inline(always)]
 pub fn sin_pi<L: Lanes>(a: L) -> L {
-    let (half, unit) = (L::splat(0.5), L::splat(1.0));
-    let r = unit.sub(a).select(a, half.lt(a));
+    #[expect(clippy::disallowed_names, reason = "the number 1")]
+    let (half, one) = (L::splat(0.5), L::splat(1.0));
+    let r = one.sub(a).select(a, half.lt(a));
     let r = L::splat(-1.0).sub(r).select(r, r.lt(L::splat(-0.5)));
     sin_pi_half(r)
 }

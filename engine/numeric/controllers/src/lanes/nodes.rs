@@ -54,17 +54,18 @@ pub(crate) fn apply_to<L: Lanes, const N: usize>(
 /// An output of the range as an actuator; what lies outside of the range stays outside.
 #[inline(always)]
 pub(crate) fn stretched<L: Lanes>(range: OutputRange, output: L) -> L {
-    let (unit, two) = (L::splat(1.0), L::splat(2.0));
+    #[expect(clippy::disallowed_names, reason = "the number 1")]
+    let (one, two) = (L::splat(1.0), L::splat(2.0));
     if range == OutputRange::SYMMETRIC {
         output
     } else if range == OutputRange::UNIT {
-        two.mul(output).sub(unit)
+        two.mul(output).sub(one)
     } else {
         let (low, high) = range.bounds();
         output
             .sub(L::splat(low))
             .div(L::splat(high - low))
             .mul(two)
-            .sub(unit)
+            .sub(one)
     }
 }

@@ -265,7 +265,7 @@ impl State<'_> {
 
 fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
-    sorted.sort_by(|left, other| other.total_cmp(left));
+    sorted.sort_by(|left, right| right.total_cmp(left));
     median_of(sorted.len(), |rank| sorted[rank])
 }
 

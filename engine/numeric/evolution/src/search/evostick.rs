@@ -111,11 +111,13 @@ impl Search for Evostick {
         assert_eq!(genomes.len(), self.population.len());
         let mut order: Vec<usize> = (0..fitness.len()).collect();
         // The first of equals is the better one; a failed one is the worst.
-        order.sort_by(|left, other| {
+        order.sort_by(|first, second| {
             let key = |index: usize| (fitness[index].is_nan(), -fitness[index]);
-            let ((one_failed, left), (other_failed, other)) = (key(*left), key(*other));
-            one_failed.cmp(&other_failed).then(
-                left.partial_cmp(&other)
+            let ((first_failed, first_cost), (second_failed, second_cost)) =
+                (key(*first), key(*second));
+            first_failed.cmp(&second_failed).then(
+                first_cost
+                    .partial_cmp(&second_cost)
                     .unwrap_or(std::cmp::Ordering::Equal),
             )
         });

@@ -266,7 +266,7 @@ impl Gaussian {
         let pairs = || ranks.chunks_exact(2).map(|pair| (pair[0], pair[1]));
         match self.learning {
             Learning::Decay(decay) => {
-                let weights: Vec<f64> = pairs().map(|(first, other)| first - other).collect();
+                let weights: Vec<f64> = pairs().map(|(plus, minus)| plus - minus).collect();
                 let mut gradient = self.sample.weighted(&weights);
                 let all = count(fitness.len());
                 for (value, center) in gradient.iter_mut().zip(&self.sample.center) {
@@ -277,9 +277,7 @@ impl Gaussian {
             }
             Learning::Deviations { rate, change } => {
                 let half = count(fitness.len()) / 2.0;
-                let weights: Vec<f64> = pairs()
-                    .map(|(first, other)| (first - other) / 2.0)
-                    .collect();
+                let weights: Vec<f64> = pairs().map(|(plus, minus)| (plus - minus) / 2.0).collect();
                 let mut gradient = self.sample.weighted(&weights);
                 for (value, deviation) in gradient.iter_mut().zip(&self.deviation) {
                     *value = deviation * *value / half;
@@ -287,9 +285,7 @@ impl Gaussian {
                 self.adam.climb(&mut gradient);
                 self.sample.shift(gradient.into_iter());
                 // The ranks add up to 0, so that of z^2 - 1 nothing but z^2 is left.
-                let means: Vec<f64> = pairs()
-                    .map(|(first, other)| (first + other) / 2.0)
-                    .collect();
+                let means: Vec<f64> = pairs().map(|(plus, minus)| (plus + minus) / 2.0).collect();
                 let squares = self.sample.weighted_squares(&means);
                 for (deviation, square) in self.deviation.iter_mut().zip(squares) {
                     let change = clip(rate * square / half, -change, change);

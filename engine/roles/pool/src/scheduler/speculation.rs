@@ -113,7 +113,7 @@ impl View<'_> {
         let mut idle: Vec<(f64, u64)> = idle
             .filter_map(|(id, slot)| Some((slot.rate?, id)))
             .collect();
-        idle.sort_by(|left, other| other.0.total_cmp(&left.0).then(left.1.cmp(&other.1)));
+        idle.sort_by(|left, right| right.0.total_cmp(&left.0).then(left.1.cmp(&right.1)));
         idle
     }
 
@@ -152,7 +152,7 @@ impl View<'_> {
                 });
             }
         }
-        all.sort_by(|left, other| other.remaining.total_cmp(&left.remaining));
+        all.sort_by(|left, right| right.remaining.total_cmp(&left.remaining));
         all
     }
 

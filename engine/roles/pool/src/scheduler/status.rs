@@ -131,7 +131,7 @@ impl Scheduler {
         }
         all.retain(|entry| overtaken.iter().all(|other| other.server != entry.server));
         all.extend(overtaken);
-        all.sort_by(|left, other| other.silent.total_cmp(&left.silent));
+        all.sort_by(|left, right| right.silent.total_cmp(&left.silent));
         all
     }
 

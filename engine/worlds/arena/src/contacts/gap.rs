@@ -38,12 +38,13 @@ pub(crate) fn to_object<L: Lanes>(
     way: [Number<L>; 2],
     radius: f32,
 ) -> Gap<L> {
-    let (zero, unit) = (number::<L>(0.0), number::<L>(1.0));
+    #[expect(clippy::disallowed_names, reason = "the number 1")]
+    let (zero, one) = (number::<L>(0.0), number::<L>(1.0));
     match object.form {
         Form::Disc { radius: own } => {
             let length = square(way).sqrt();
             let valid = zero.lt(length);
-            let inverse = (unit / length).only_where(valid);
+            let inverse = (one / length).only_where(valid);
             let normal = [way[0] * inverse, way[1] * inverse];
             Gap {
                 normal,
@@ -63,8 +64,8 @@ pub(crate) fn to_object<L: Lanes>(
             let (depth_x, depth_y) = (number(hx) - absolute(x), number(hy) - absolute(y));
             let across = depth_x.lt(depth_y);
             let (left, below) = (x.lt(zero), y.lt(zero));
-            let (sign_x, sign_y) = ((-unit).select(unit, left), (-unit).select(unit, below));
-            let inverse = (unit / length).only_where(outside);
+            let (sign_x, sign_y) = ((-one).select(one, left), (-one).select(one, below));
+            let inverse = (one / length).only_where(outside);
             let nx = (dx * inverse).select(sign_x.only_where(across), outside);
             let ny = (dy * inverse).select(zero.select(sign_y, across), outside);
             let depth = depth_x.select(depth_y, across);

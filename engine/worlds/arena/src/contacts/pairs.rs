@@ -170,9 +170,9 @@ impl<L: Lanes> Pairs<L> {
             let (mut way, mut speed) = ([number(0.0); 2], [number(0.0); 2]);
             for (lane, touch) in touches.iter().enumerate() {
                 let [a, b] = touch.spots;
-                let (first, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
-                let between_middles = between((&first.at, a), (&other.at, b));
-                let relative = between((&first.before, a), (&other.before, b));
+                let (first, second) = (&moved[a.vector as usize], &moved[b.vector as usize]);
+                let between_middles = between((&first.at, a), (&second.at, b));
+                let relative = between((&first.before, a), (&second.before, b));
                 let lane = lane_of::<L>(lane as u32);
                 for axis in 0..2 {
                     way[axis].set_lane(lane, between_middles[axis].0);
@@ -206,10 +206,10 @@ impl<L: Lanes> Pairs<L> {
                 // Copied, so that they are known to be the same after robots have changed.
                 let touch = all[index * L::WIDTH + lane];
                 let [a, b] = touch.spots;
-                let (first, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
+                let (first, second) = (&moved[a.vector as usize], &moved[b.vector as usize]);
                 let mut contact = contacts.lane(lane);
                 let [nx, ny] = contact.normal;
-                let relative = between((&first.velocity, a), (&other.velocity, b));
+                let relative = between((&first.velocity, a), (&second.velocity, b));
                 let approach = relative[0] * nx + relative[1] * ny;
                 let slip = relative[1] * nx - relative[0] * ny - number(touch.rims);
                 let pair = &touch.pair;
@@ -223,16 +223,16 @@ impl<L: Lanes> Pairs<L> {
     }
 }
 
-/// From a lane of one to a lane of the other.
+/// From a lane of the first to a lane of the second.
 #[inline(always)]
 fn between<L: Lanes>(
     (first, a): (&[Number<L>; 2], Spot),
-    (other, b): (&[Number<L>; 2], Spot),
+    (second, b): (&[Number<L>; 2], Spot),
 ) -> [Number<f32>; 2] {
     let (a, b) = (lane_of::<L>(a.lane), lane_of::<L>(b.lane));
     [
-        Number(other[0].lane(b) - first[0].lane(a)),
-        Number(other[1].lane(b) - first[1].lane(a)),
+        Number(second[0].lane(b) - first[0].lane(a)),
+        Number(second[1].lane(b) - first[1].lane(a)),
     ]
 }
 

@@ -136,9 +136,9 @@ fn cross<L: Lanes>(
                 let least = absolute(along[axis]).lt(number(LEAST));
                 let inverse = number::<L>(1.0) / number(LEAST).select(along[axis], least);
                 let first = (way[axis] - number(half[axis])) * inverse;
-                let other = (way[axis] + half[axis]) * inverse;
-                from = first.at_most(other).at_least(from);
-                to = first.at_least(other).at_most(to);
+                let second = (way[axis] + half[axis]) * inverse;
+                from = first.at_most(second).at_least(from);
+                to = first.at_least(second).at_most(to);
             }
             Crossing {
                 from,

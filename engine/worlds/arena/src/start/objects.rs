@@ -115,7 +115,7 @@ fn axes(pose: Pose) -> [[f32; 2]; 2] {
 }
 
 /// Whether points lie on different sides of a line across one of these axes.
-fn apart(first: &[[f32; 2]], other: &[[f32; 2]], axes: &[[f32; 2]]) -> bool {
+fn apart(first: &[[f32; 2]], second: &[[f32; 2]], axes: &[[f32; 2]]) -> bool {
     axes.iter().any(|[ax, ay]| {
         let extent = |points: &[[f32; 2]]| {
             let start = (f32::INFINITY, f32::NEG_INFINITY);
@@ -124,7 +124,7 @@ fn apart(first: &[[f32; 2]], other: &[[f32; 2]], axes: &[[f32; 2]]) -> bool {
                 (low.min(at), high.max(at))
             })
         };
-        let ((low, high), (least, most)) = (extent(first), extent(other));
+        let ((low, high), (least, most)) = (extent(first), extent(second));
         high <= least || most <= low
     })
 }

@@ -33,13 +33,14 @@ impl LaneKind for MealyFsm {
         actuators: &mut [L],
     ) {
         let state = &mut state[0];
-        let (zero, unit) = (L::Int::splat(0), L::Int::splat(1));
+        #[expect(clippy::disallowed_names, reason = "the number 1")]
+        let (zero, one) = (L::Int::splat(0), L::Int::splat(1));
         let mut row = state.floor();
         for (sensor, thresholds) in sensors.iter().zip(&self.thresholds) {
             // A specification has at most a million weights, so no row comes near 2^31.
             row = row.mul(L::Int::splat(thresholds.len() as i32 + 1));
             for threshold in thresholds {
-                row = row.add(unit.select(zero, L::splat(*threshold).lt(*sensor)));
+                row = row.add(one.select(zero, L::splat(*threshold).lt(*sensor)));
             }
         }
         let mut at = [0; MOST_LANES];

@@ -183,7 +183,8 @@ impl Modules {
         sensors: &[L],
         random: LaneRandom<L>,
     ) {
-        let (zero, unit) = (L::splat(0.0), L::splat(1.0));
+        #[expect(clippy::disallowed_names, reason = "the number 1")]
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
         let count = row.get(3).floor();
         let settled = zero.lt(state[1]);
         let ground = ground_in_lanes(sensors[4]);
@@ -198,7 +199,7 @@ impl Modules {
                 held = held.add(one_where::<L>(*holds));
             }
         }
-        state[1] = unit;
+        state[1] = one;
         let changes = L::Int::splat(0).lt(held);
         if !changes.any() {
             return;
@@ -213,7 +214,7 @@ impl Modules {
             rest = rest.sub(one_where::<L>(*holds));
         }
         state[0] = target;
-        state[1] = zero.select(unit, changes);
+        state[1] = zero.select(one, changes);
         state[2] = zero.select(state[2], changes);
     }
 }

@@ -46,8 +46,8 @@ impl Random<u32> {
 
 /// Sixteen bits that `unit` does not look at, as a number below `count`.
 #[inline]
-fn below(first: u32, other: u32, count: u32) -> u32 {
-    ((first & 255 | (other & 255) << 8) * count) >> 16
+fn below(low: u32, high: u32, count: u32) -> u32 {
+    ((low & 255 | (high & 255) << 8) * count) >> 16
 }
 
 #[inline]
@@ -120,9 +120,9 @@ impl<L: Lanes> LaneRandom<L> {
     }
 
     #[inline(always)]
-    fn below(first: L::Int, other: L::Int, count: L::Int) -> L::Int {
+    fn below(low: L::Int, high: L::Int, count: L::Int) -> L::Int {
         let byte = L::Int::splat(255);
-        let high = other.and(byte).shl(L::Int::splat(8));
-        first.and(byte).or(high).mul(count).shr(L::Int::splat(16))
+        let high = high.and(byte).shl(L::Int::splat(8));
+        low.and(byte).or(high).mul(count).shr(L::Int::splat(16))
     }
 }

@@ -37,15 +37,15 @@ impl Fleet {
     }
 
     /// How far the results of two servers may differ; none: not at all.
-    pub fn tolerance(&self, first: u64, other: u64) -> Option<f64> {
+    pub fn tolerance(&self, first: u64, second: u64) -> Option<f64> {
         let declared = |id| {
             let announced = self.announcement(id)?;
             let statistical = announced.determinism.as_deref() == Some("statistical");
             statistical.then(|| announced.tolerance.unwrap_or_default())
         };
-        match (declared(first), declared(other)) {
-            (Some(first), Some(other)) => Some(first.max(other)),
-            (first, other) => first.or(other),
+        match (declared(first), declared(second)) {
+            (Some(first), Some(second)) => Some(first.max(second)),
+            (first, second) => first.or(second),
         }
     }
 

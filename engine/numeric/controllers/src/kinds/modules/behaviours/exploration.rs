@@ -43,21 +43,22 @@ pub(super) fn act_in_lanes<L: Lanes>(
     proximity: [L; 2],
     random: LaneRandom<L>,
 ) -> [L; 2] {
-    let (zero, unit) = (L::splat(0.0), L::splat(1.0));
+    #[expect(clippy::disallowed_names, reason = "the number 1")]
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
     let (to_left, to_right) = (zero.lt(*turn), turn.lt(zero));
-    let ahead = unit.select(zero, explores);
-    let left = unit.neg().select(ahead, explores.and(to_left));
-    let right = unit.neg().select(ahead, explores.and(to_right));
+    let ahead = one.select(zero, explores);
+    let left = one.neg().select(ahead, explores.and(to_left));
+    let right = one.neg().select(ahead, explores.and(to_right));
     let close = L::splat(NEAR).le(length(proximity));
     let blocked = close.and(zero.le(proximity[0]));
     let begins = explores.and(blocked).and_not(to_left.or(to_right));
     if begins.any() {
         let steps = random.turn(most.floor());
-        let steps = L::from_int(steps).at_least(unit);
+        let steps = L::from_int(steps).at_least(one);
         let signed = steps.select(steps.neg(), proximity[1].lt(zero));
         *turn = signed.select(*turn, begins);
     }
-    let turned = unit.neg().select(unit, to_right);
+    let turned = one.neg().select(one, to_right);
     let turned = turn.sub(turned);
     *turn = turned.select(*turn, explores.and(to_left.or(to_right)));
     [left, right]

@@ -93,13 +93,14 @@ impl<L: Lanes> LanePull<L> {
 
 #[inline(always)]
 fn steer_in_lanes<L: Lanes>(x: L, y: L) -> [L; 2] {
-    let (zero, unit) = (L::splat(0.0), L::splat(1.0));
+    #[expect(clippy::disallowed_names, reason = "the number 1")]
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
     let length = length([x, y]);
     let short = length.lt(L::splat(SHORT));
-    let (x, y) = (unit.select(x, short), zero.select(y, short));
-    let inner = x.div(unit.select(length, short));
+    let (x, y) = (one.select(x, short), zero.select(y, short));
+    let inner = x.div(one.select(length, short));
     let inner = zero.select(inner, inner.is_nan());
-    let inner = inner.at_most(unit).at_least(unit.neg());
+    let inner = inner.at_most(one).at_least(one.neg());
     let to_left = zero.lt(y);
-    [inner.select(unit, to_left), unit.select(inner, to_left)]
+    [inner.select(one, to_left), one.select(inner, to_left)]
 }
