@@ -132,7 +132,7 @@ impl Table {
 }
 
 /// An object of the caller's, which is ended when this is dropped.
-pub(crate) struct Made {
+pub(crate) struct ForeignObject {
     pub pointer: *mut c_void,
     maker: Maker,
 }
@@ -142,21 +142,21 @@ impl Maker {
     ///
     /// # Errors
     /// The caller says so.
-    pub(crate) fn make(&self) -> Result<Made, Trouble> {
+    pub(crate) fn make(&self) -> Result<ForeignObject, Trouble> {
         let mut pointer = null_mut();
         // SAFETY: the functions keep to the header, and none of them unwinds.
         called("create", || unsafe {
             (self.create)(self.context, &raw mut pointer)
         })?;
         self.live.add();
-        Ok(Made {
+        Ok(ForeignObject {
             pointer,
             maker: self.clone(),
         })
     }
 }
 
-impl Drop for Made {
+impl Drop for ForeignObject {
     fn drop(&mut self) {
         if let Some(destroy) = self.maker.destroy {
             // SAFETY: `create` made the object, and no other reference to it is left.
@@ -169,7 +169,7 @@ impl Drop for Made {
 /// One of the caller's simulations.
 pub(crate) struct Object {
     table: Arc<Table>,
-    made: Made,
+    object: ForeignObject,
 }
 
 // SAFETY: the header says that an object is called from several threads, from one at a time.
@@ -192,7 +192,7 @@ pub(crate) fn called(name: &str, call: impl FnOnce() -> i32) -> Result<(), Troub
 impl Object {
     pub(crate) fn create(table: &Arc<Table>) -> Result<Self, Trouble> {
         Ok(Self {
-            made: table.maker.make()?,
+            object: table.maker.make()?,
             table: Arc::clone(table),
         })
     }
@@ -204,7 +204,7 @@ impl Object {
     pub(crate) fn reset(&mut self, handle: &ParameterHandle<'_>, seed: u64) -> Result<(), Trouble> {
         // SAFETY: as said above.
         called("reset", || unsafe {
-            (self.table.reset)(self.made.pointer, handle, seed)
+            (self.table.reset)(self.object.pointer, handle, seed)
         })
     }
 
@@ -213,7 +213,7 @@ impl Object {
         let (mut first, mut count) = (null(), 0);
         // SAFETY: as said above.
         called("acting", || unsafe {
-            (self.table.acting)(self.made.pointer, &raw mut first, &raw mut count)
+            (self.table.acting)(self.object.pointer, &raw mut first, &raw mut count)
         })?;
         agents.clear();
         if count > 0 {
@@ -235,21 +235,23 @@ impl Object {
         };
         let mut done = false;
         // SAFETY: as said above.
-        called("done", || unsafe { call(self.made.pointer, &raw mut done) })?;
+        called("done", || unsafe {
+            call(self.object.pointer, &raw mut done)
+        })?;
         Ok(Some(done))
     }
 
     pub(crate) fn sense(&self, agent: u32, sensors: &mut [f32]) -> Result<(), Trouble> {
         // SAFETY: as said above.
         called("sense", || unsafe {
-            (self.table.sense)(self.made.pointer, agent, sensors.as_mut_ptr())
+            (self.table.sense)(self.object.pointer, agent, sensors.as_mut_ptr())
         })
     }
 
     pub(crate) fn step(&mut self, actuators: &[f32]) -> Result<(), Trouble> {
         // SAFETY: as said above.
         called("step", || unsafe {
-            (self.table.step)(self.made.pointer, actuators.as_ptr(), actuators.len())
+            (self.table.step)(self.object.pointer, actuators.as_ptr(), actuators.len())
         })
     }
 
@@ -257,7 +259,7 @@ impl Object {
         let mut fitness = f64::NAN;
         // SAFETY: as said above.
         called("fitness", || unsafe {
-            (self.table.fitness)(self.made.pointer, &raw mut fitness)
+            (self.table.fitness)(self.object.pointer, &raw mut fitness)
         })?;
         Ok(fitness)
     }
@@ -267,7 +269,7 @@ impl Object {
         if let (Some(call), false) = (self.table.metrics, metrics.is_empty()) {
             // SAFETY: as said above.
             called("metrics", || unsafe {
-                call(self.made.pointer, metrics.as_mut_ptr())
+                call(self.object.pointer, metrics.as_mut_ptr())
             })?;
         }
         Ok(metrics)
@@ -286,7 +288,7 @@ impl Object {
         let (mut picture, mut milliseconds) = (Picture(Scene::default()), 250);
         // SAFETY: as said above.
         called("scene", || unsafe {
-            call(self.made.pointer, &raw mut picture, &raw mut milliseconds)
+            call(self.object.pointer, &raw mut picture, &raw mut milliseconds)
         })?;
         Ok((picture.0.width > 0.0).then_some((picture.0, milliseconds)))
     }
@@ -299,7 +301,7 @@ impl Object {
         let mut milliseconds = 250;
         // SAFETY: as said above.
         called("show", || unsafe {
-            call(self.made.pointer, &raw mut milliseconds)
+            call(self.object.pointer, &raw mut milliseconds)
         })?;
         Ok(Some(milliseconds))
     }

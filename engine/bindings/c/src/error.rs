@@ -47,16 +47,16 @@ impl From<ParameterError> for Trouble {
     }
 }
 
-/// The words of the last trouble, as C reads them.
+/// The last trouble, as C reads them.
 #[derive(Default)]
-struct Words {
+struct LastError {
     text: CString,
     parameter: Option<CString>,
     reason: CString,
 }
 
 thread_local! {
-    static LAST: RefCell<Words> = RefCell::default();
+    static LAST: RefCell<LastError> = RefCell::default();
 }
 
 /// Text for C, which ends at the first NUL: those inside become spaces.
@@ -65,26 +65,26 @@ pub(crate) fn c_text(text: &str) -> CString {
 }
 
 fn keep(trouble: &Trouble) {
-    let words = match trouble {
-        Trouble::Invalid(text) | Trouble::Failed(text) => Words {
+    let error = match trouble {
+        Trouble::Invalid(text) | Trouble::Failed(text) => LastError {
             text: c_text(text),
             parameter: None,
             reason: c_text(text),
         },
-        Trouble::Parameter(error) => Words {
+        Trouble::Parameter(error) => LastError {
             text: c_text(&error.to_string()),
             parameter: Some(c_text(&error.name)),
             reason: c_text(&error.reason),
         },
     };
     // A thread that is ending cannot store it any more, and will not ask for it.
-    let _ = LAST.try_with(|last| last.replace(words));
+    let _ = LAST.try_with(|last| last.replace(error));
 }
 
 /// Runs what stands behind a function of the ABI: errors are kept for the thread, panics become errors.
 pub(crate) fn shield(call: impl FnOnce() -> Result<(), Trouble>) -> i32 {
     let result = catch_unwind(AssertUnwindSafe(call))
-        .unwrap_or_else(|cause| Err(Trouble::Failed(said(cause.as_ref()))));
+        .unwrap_or_else(|cause| Err(Trouble::Failed(panic_message(cause.as_ref()))));
     match result {
         Ok(()) => OK,
         Err(trouble) => {
@@ -104,7 +104,7 @@ pub(crate) fn shield_or<T>(otherwise: T, call: impl FnOnce() -> Result<T, Troubl
     value
 }
 
-fn said(cause: &(dyn Any + Send)) -> String {
+fn panic_message(cause: &(dyn Any + Send)) -> String {
     let text = cause
         .downcast_ref::<&str>()
         .map(ToString::to_string)
@@ -122,18 +122,18 @@ pub(crate) fn forget() {
 
 /// What a callback said before it returned with a status other than [`OK`].
 pub(crate) fn from_callback(status: i32, callback: &str) -> Trouble {
-    let words = LAST.try_with(RefCell::take).unwrap_or_default();
+    let last = LAST.try_with(RefCell::take).unwrap_or_default();
     let plain = |text: &CString| text.to_string_lossy().into_owned();
-    match (status, words.parameter) {
+    match (status, last.parameter) {
         (INVALID, Some(name)) => Trouble::Parameter(ParameterError {
             name: plain(&name),
-            reason: plain(&words.reason),
+            reason: plain(&last.reason),
         }),
-        _ if words.text.is_empty() => Trouble::Failed(format!(
+        _ if last.text.is_empty() => Trouble::Failed(format!(
             "the simulation's function {callback} returned {status} without a reason"
         )),
-        (INVALID, None) => Trouble::Invalid(plain(&words.text)),
-        _ => Trouble::Failed(plain(&words.text)),
+        (INVALID, None) => Trouble::Invalid(plain(&last.text)),
+        _ => Trouble::Failed(plain(&last.text)),
     }
 }
 
@@ -151,7 +151,7 @@ pub extern "C" fn swarmwright_error() -> *const c_char {
 #[unsafe(no_mangle)]
 pub extern "C" fn swarmwright_error_parameter() -> *const c_char {
     shield_or(null(), || {
-        let name = |last: &RefCell<Words>| {
+        let name = |last: &RefCell<LastError>| {
             let last = last.borrow();
             last.parameter.as_ref().map_or(null(), |name| name.as_ptr())
         };

@@ -8,7 +8,7 @@ use swarmwright_arena::{
 };
 use swarmwright_worlds::{ParameterError, fail};
 
-use crate::callbacks::{Create, Destroy, Made, Maker, called};
+use crate::callbacks::{Create, Destroy, ForeignObject, Maker, called};
 use crate::description::{check_title, determinism};
 use crate::error::Trouble;
 use crate::input::{self, Structure};
@@ -175,13 +175,13 @@ pub(crate) unsafe fn read(pointer: *const RawPhysics) -> Result<(PhysicsKind, Ar
 /// One of the caller's simulators.
 struct Foreign {
     table: Table,
-    made: Made,
+    object: ForeignObject,
 }
 
 // SAFETY: the header says that an object is called from several threads, from one at a time.
 unsafe impl Send for Foreign {}
 
-fn words(trouble: Trouble) -> String {
+fn message_of(trouble: Trouble) -> String {
     match trouble {
         Trouble::Invalid(text) | Trouble::Failed(text) => text,
         Trouble::Parameter(error) => error.to_string(),
@@ -190,9 +190,9 @@ fn words(trouble: Trouble) -> String {
 
 impl Foreign {
     fn boxed(table: &Table) -> Result<Box<dyn Physics>, String> {
-        let object = table.maker.make().map_err(words)?;
+        let object = table.maker.make().map_err(message_of)?;
         Ok(Box::new(Self {
-            made: object,
+            object,
             table: table.clone(),
         }))
     }
@@ -266,7 +266,7 @@ fn with_world<T>(world: &World, call: impl FnOnce(&RawWorld) -> T) -> T {
 
 fn or_fail(result: Result<(), Trouble>) {
     if let Err(trouble) = result {
-        fail(words(trouble));
+        fail(message_of(trouble));
     }
 }
 
@@ -285,7 +285,7 @@ impl Physics for Foreign {
             };
             // SAFETY: as said above.
             called("start", || unsafe {
-                (self.table.start)(self.made.pointer, &raw const raw)
+                (self.table.start)(self.object.pointer, &raw const raw)
             })
         });
         match begun {
@@ -300,7 +300,7 @@ impl Physics for Foreign {
     fn step(&mut self, robots: &[Motion]) {
         // SAFETY: as said above.
         or_fail(called("step", || unsafe {
-            (self.table.step)(self.made.pointer, robots.as_ptr(), robots.len())
+            (self.table.step)(self.object.pointer, robots.as_ptr(), robots.len())
         }));
     }
 
@@ -308,7 +308,7 @@ impl Physics for Foreign {
         let (robots, objects) = (robots.as_mut_ptr(), objects.as_mut_ptr());
         // SAFETY: as said above.
         or_fail(called("poses", || unsafe {
-            (self.table.poses)(self.made.pointer, robots, objects)
+            (self.table.poses)(self.object.pointer, robots, objects)
         }));
     }
 
@@ -319,7 +319,7 @@ impl Physics for Foreign {
         let (pointer, count) = (distances.as_mut_ptr(), distances.len());
         // SAFETY: as said above.
         or_fail(called("rays", || unsafe {
-            rays(self.made.pointer, robot as u32, pointer, count)
+            rays(self.object.pointer, robot as u32, pointer, count)
         }));
         true
     }

@@ -14,20 +14,20 @@ use crate::sample;
 pub struct Conversation {
     pub search: Box<dyn Search>,
     genes: usize,
-    asked: Option<Vec<f32>>,
+    pending: Option<Vec<f32>>,
     /// Why there was no new start, or no genomes.
     failed: Failure,
 }
 
 /// What is to be evaluated.
-pub enum Asked {
+pub enum Candidates {
     /// (candidates, genes), row-major.
     Genomes(Vec<f32>),
     /// What they are made from.
     Sample(Box<Sample>),
 }
 
-impl Asked {
+impl Candidates {
     /// Number of candidates of so many genes.
     pub fn candidates(&self, genes: usize) -> usize {
         match self {
@@ -46,26 +46,26 @@ impl Conversation {
         Self {
             search: Box::new(search),
             genes,
-            asked: None,
+            pending: None,
             failed,
         }
     }
 
     /// The genomes to be evaluated: those asked for last, if their fitness is missing.
     pub fn ask(&mut self) -> PyResult<&[f32]> {
-        if self.asked.is_none() {
+        if self.pending.is_none() {
             let genomes = self.search.ask().map_err(|error| self.reason(error))?;
-            self.asked = Some(genomes);
+            self.pending = Some(genomes);
         }
-        Ok(self.asked.as_deref().unwrap_or_default())
+        Ok(self.pending.as_deref().unwrap_or_default())
     }
 
     /// Takes their fitness, and returns them.
     pub fn tell(&mut self, fitness: &[f64]) -> PyResult<Vec<f32>> {
-        let genomes = match self.asked.take() {
+        let genomes = match self.pending.take() {
             Some(genomes) if genomes.len() == fitness.len() * self.genes => genomes,
             other => {
-                self.asked = other;
+                self.pending = other;
                 return Err(input(
                     "expected one fitness value for each genome of the last ask",
                 ));
@@ -76,36 +76,36 @@ impl Conversation {
         Ok(genomes)
     }
 
-    /// As [`ask`](Self::ask), handed over until [`told`](Self::told).
+    /// As [`ask`](Self::ask), handed over until [`tell_taken`](Self::tell_taken).
     pub fn take(&mut self) -> PyResult<Vec<f32>> {
         self.ask()?;
-        Ok(self.asked.take().unwrap_or_default())
+        Ok(self.pending.take().unwrap_or_default())
     }
 
     /// As [`tell`](Self::tell), for genomes that were taken.
     pub fn tell_taken(&mut self, genomes: Vec<f32>, fitness: &[f64]) -> PyResult<Vec<f32>> {
-        self.asked = Some(genomes);
+        self.pending = Some(genomes);
         self.tell(fitness)
     }
 
     /// As [`take`](Self::take) without making genomes that a sample stands for, in the store and for servers.
-    pub fn draw(&mut self) -> PyResult<Asked> {
-        if self.asked.is_none()
+    pub fn draw(&mut self) -> PyResult<Candidates> {
+        if self.pending.is_none()
             && let Some(count) = self.search.draw().map_err(|error| self.reason(error))?
         {
             if let Some(sample) = self.short_sample(count) {
-                return Ok(Asked::Sample(Box::new(sample)));
+                return Ok(Candidates::Sample(Box::new(sample)));
             }
             let mut genomes = vec![0.0; count * self.genes];
             if let Some(drawn) = self.search.drawn() {
                 drawn.genomes_parallel(0, &mut genomes);
             }
-            return Ok(Asked::Genomes(genomes));
+            return Ok(Candidates::Genomes(genomes));
         }
-        self.take().map(Asked::Genomes)
+        self.take().map(Candidates::Genomes)
     }
 
-    /// As [`told`](Self::told), for a sample.
+    /// As [`tell`](Self::tell), for a sample.
     pub fn tell_sample(&mut self, fitness: &[f64]) -> PyResult<()> {
         let outcome = self.search.tell(&[], fitness);
         outcome.map_err(|error| self.reason(error))
@@ -140,7 +140,7 @@ impl Conversation {
 
     /// Takes the fitness of the next genomes if they are those of this sample; returns whether they are.
     pub fn retell_sample(&mut self, sample: &Sample, fitness: &[f64]) -> PyResult<bool> {
-        let drawn = match self.asked {
+        let drawn = match self.pending {
             Some(_) => None,
             None => self.search.draw().map_err(|error| self.reason(error))?,
         };
@@ -152,7 +152,7 @@ impl Conversation {
         if !same {
             return Ok(false);
         }
-        let genomes = self.asked.take().unwrap_or_default();
+        let genomes = self.pending.take().unwrap_or_default();
         let outcome = self.search.tell(&genomes, fitness);
         outcome.map_err(|error| self.reason(error)).map(|()| true)
     }
@@ -168,8 +168,8 @@ impl Conversation {
     }
 
     /// Number of genomes that were asked for last and have no fitness yet.
-    pub fn asked(&self) -> usize {
-        self.asked.as_ref().map_or(0, Vec::len) / self.genes.max(1)
+    pub fn candidate_count(&self) -> usize {
+        self.pending.as_ref().map_or(0, Vec::len) / self.genes.max(1)
     }
 
     /// Fitness of the members that stay; None where there are no such.

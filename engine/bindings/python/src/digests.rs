@@ -11,7 +11,7 @@ use swarmwright_protocol::Sample;
 
 use crate::errors::engine;
 use crate::local::lock;
-use crate::methods::Kept;
+use crate::methods::StoredGenomes;
 use crate::sample;
 use crate::threads;
 
@@ -45,7 +45,7 @@ impl PyDigests {
         fitness: PyReadonlyArray1<'_, f64>,
         episodes: PyReadonlyArray2<'_, f64>,
         metrics: PyReadonlyArray3<'_, f64>,
-        genomes: Kept<'_>,
+        genomes: StoredGenomes<'_>,
     ) -> PyResult<Self> {
         // One representation of each value: NaN has many, and zero has two.
         let canonical = |value: &f64| {
@@ -59,8 +59,10 @@ impl PyDigests {
         let episodes: Vec<f64> = episodes.as_array().iter().copied().collect();
         let metrics: Vec<f64> = metrics.as_array().iter().copied().collect();
         let genomes = match genomes {
-            Kept::Sample(sample) => Genes::Sample(of_sample(&sample.get().0)?),
-            Kept::Genomes(genomes) => Genes::Genomes(genomes.as_array().iter().copied().collect()),
+            StoredGenomes::Sample(sample) => Genes::Sample(of_sample(&sample.get().0)?),
+            StoredGenomes::Genomes(genomes) => {
+                Genes::Genomes(genomes.as_array().iter().copied().collect())
+            }
         };
         threads::start()?;
         let (send, receive) = channel();

@@ -18,9 +18,9 @@ type Many<'py> = (
     PyReadonlyArray1<'py, bool>,
 );
 
-/// What is seen of all episodes between two steps.
+/// The state of all episodes between two steps.
 #[derive(Default)]
-struct Seen {
+struct BatchState {
     agents: usize,
     /// (episodes, agents), row-major.
     acting: Vec<bool>,
@@ -29,7 +29,7 @@ struct Seen {
     over: Vec<bool>,
 }
 
-impl Seen {
+impl BatchState {
     fn take(&mut self, returned: &Bound<'_, PyAny>) -> PyResult<()> {
         let (acting, observations, over): Many<'_> = returned.extract()?;
         let (acting, observations) = (acting.as_array(), observations.as_array());
@@ -47,7 +47,7 @@ impl Seen {
 /// The episodes of a batch, which are stepped together.
 #[derive(Default)]
 pub struct Group {
-    seen: Seen,
+    state: BatchState,
     /// By episode.
     acting: Vec<Vec<u32>>,
     /// By episode; those that have ended have theirs.
@@ -58,9 +58,9 @@ pub struct Group {
 impl Group {
     /// Looks at what a call has returned; asks for the results of the episodes that have ended with it.
     fn look(&mut self, host: &Hosted, ended: &[bool]) {
-        let agents = self.seen.agents.max(1);
+        let agents = self.state.agents.max(1);
         self.acting = self
-            .seen
+            .state
             .acting
             .chunks(agents)
             .map(|acts| {
@@ -71,15 +71,15 @@ impl Group {
                     .collect()
             })
             .collect();
-        if ended == self.seen.over {
+        if ended == self.state.over {
             return;
         }
         let numbers = 1 + self.metrics.len();
-        let mut results = vec![f64::NAN; self.seen.over.len() * numbers];
-        results_of(host, ended, &self.seen.over, &self.metrics, &mut results);
+        let mut results = vec![f64::NAN; self.state.over.len() * numbers];
+        results_of(host, ended, &self.state.over, &self.metrics, &mut results);
         let rows = results.chunks_exact(numbers);
         for (index, (result, row)) in self.results.iter_mut().zip(rows).enumerate() {
-            if self.seen.over[index] && !ended[index] {
+            if self.state.over[index] && !ended[index] {
                 *result = row.to_vec();
             }
         }
@@ -102,7 +102,7 @@ impl Together for Hosted {
             let seeds = PyArray1::from_slice(python.py(), seeds);
             let parameters = dict(python.py(), parameters)?;
             let returned = python.call_method1("start", (parameters, seeds))?;
-            group.seen.take(&returned)
+            group.state.take(&returned)
         });
         match started {
             Err(Trouble::Refused(text)) => return Err(refused(&text)),
@@ -118,13 +118,13 @@ impl Together for Hosted {
     }
 
     fn done(&self, episode: usize) -> bool {
-        self.group.seen.over.get(episode).copied().unwrap_or(true)
+        self.group.state.over.get(episode).copied().unwrap_or(true)
     }
 
     fn sense(&self, episode: usize, agent: u32, sensors: &mut [f32]) {
-        let row = episode * self.group.seen.agents + agent as usize;
+        let row = episode * self.group.state.agents + agent as usize;
         let first = row * self.sensors();
-        let rows = &self.group.seen.observations;
+        let rows = &self.group.state.observations;
         if let Some(row) = rows.get(first..first + sensors.len()) {
             sensors.copy_from_slice(row);
         }
@@ -133,17 +133,17 @@ impl Together for Hosted {
     fn step(&mut self, actuators: &[f32]) {
         let mut group = std::mem::take(&mut self.group);
         let width = self.actuators();
-        let shape = [group.seen.over.len(), group.seen.agents, width];
+        let shape = [group.state.over.len(), group.state.agents, width];
         let mut all = vec![0.0; shape.iter().product()];
-        let acts = group.seen.acting.iter();
+        let acts = group.state.acting.iter();
         let places = all.chunks_exact_mut(width).zip(acts).filter(|(_, a)| **a);
         for ((slot, _), row) in places.zip(actuators.chunks_exact(width)) {
             slot.copy_from_slice(row);
         }
-        let ended = group.seen.over.clone();
+        let ended = group.state.over.clone();
         or_fail(self.call(|python| {
             let actions = PyArray1::from_vec(python.py(), all).reshape(shape)?;
-            group.seen.take(&python.call_method1("go", (actions,))?)
+            group.state.take(&python.call_method1("go", (actions,))?)
         }));
         group.look(self, &ended);
         self.group = group;
@@ -190,7 +190,7 @@ fn run(
     episodes: &mut [SwarmControllers],
     results: &mut [f64],
 ) -> Result<(), RolloutError> {
-    let mut state = Seen::default();
+    let mut state = BatchState::default();
     let mut ended = vec![false; episodes.len()];
     let started = host.call(|python| {
         let seeds = PyArray1::from_vec(python.py(), seeds);
@@ -222,7 +222,7 @@ fn run(
 fn actions(
     host: &Hosted,
     episodes: &mut [SwarmControllers],
-    state: &Seen,
+    state: &BatchState,
 ) -> Result<Vec<f32>, RolloutError> {
     let (sensors, actuators) = (host.sensors(), host.actuators());
     let mut actions = vec![0.0; state.acting.len() * actuators];

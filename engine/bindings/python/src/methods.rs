@@ -50,7 +50,7 @@ impl PySearch {
 
 /// Genomes as the store has them.
 #[derive(FromPyObject)]
-pub enum Kept<'py> {
+pub enum StoredGenomes<'py> {
     Sample(Bound<'py, PySample>),
     Genomes(PyReadonlyArray2<'py, f32>),
 }
@@ -326,15 +326,20 @@ impl PySearch {
     }
 
     /// Asks, and tells the fitness of these genomes if they are those asked for; returns whether they are.
-    fn retell(&mut self, py: Python<'_>, genomes: Kept<'_>, fitness: Row<'_>) -> PyResult<bool> {
+    fn retell(
+        &mut self,
+        py: Python<'_>,
+        genomes: StoredGenomes<'_>,
+        fitness: Row<'_>,
+    ) -> PyResult<bool> {
         let conversation = self.here()?;
         let fitness = fitness.as_slice()?;
         let genomes = match &genomes {
-            Kept::Sample(sample) => {
+            StoredGenomes::Sample(sample) => {
                 let sample = &sample.get().0;
                 return py.detach(|| conversation.retell_sample(sample, fitness));
             }
-            Kept::Genomes(genomes) => genomes.as_slice()?,
+            StoredGenomes::Genomes(genomes) => genomes.as_slice()?,
         };
         py.detach(|| conversation.retell(genomes, fitness))
     }
@@ -372,7 +377,9 @@ impl PySearch {
     #[getter]
     fn sample(&mut self) -> PyResult<Option<PySample>> {
         let conversation = self.here()?;
-        Ok(conversation.sample(conversation.asked()).map(PySample))
+        Ok(conversation
+            .sample(conversation.candidate_count())
+            .map(PySample))
     }
 
     fn state<'py>(&mut self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {

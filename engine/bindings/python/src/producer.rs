@@ -24,7 +24,7 @@ use crate::results::{Fitness, Metrics, arrays};
 use crate::sample::PySample;
 use crate::statistics::aggregate;
 
-use queue::{End, Kept, Produced, Shared};
+use queue::{End, Produced, ProducedGenomes, Shared};
 use work::{Limits, Place, Work};
 
 /// The thread of a producer. The pool that it was lent knows it, too: a producer may be lost before anyone can close it, as when
@@ -248,10 +248,10 @@ impl PyProducer {
         let shape = [candidates, self.episodes, self.metrics];
         let (episodes, metrics) = arrays(py, produced.episodes, produced.metrics, shape)?;
         let genomes = match produced.genomes {
-            Kept::Genomes(genomes) => PyArray1::from_vec(py, genomes)
+            ProducedGenomes::Genomes(genomes) => PyArray1::from_vec(py, genomes)
                 .reshape([candidates, self.genes])?
                 .into_any(),
-            Kept::Sample(sample) => Bound::new(py, PySample(*sample))?.into_any(),
+            ProducedGenomes::Sample(sample) => Bound::new(py, PySample(*sample))?.into_any(),
         };
         let fitness = PyArray1::from_vec(py, produced.fitness);
         let population = match produced.population {

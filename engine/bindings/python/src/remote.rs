@@ -9,7 +9,7 @@ use swarmwright_controllers::Architecture;
 use swarmwright_pool::{About, Attempt, Pool, PoolError, Warning, Work};
 use swarmwright_protocol::Sample;
 
-use crate::conversation::Asked;
+use crate::conversation::Candidates;
 use crate::errors::input;
 use crate::pool::error;
 use crate::sample::genomes_of;
@@ -43,7 +43,7 @@ impl Servers {
     /// Evaluates a generation; None when `go_on` said no. `sample`: what genomes are made from, where that is known.
     pub fn evaluate(
         &mut self,
-        request: Asked,
+        request: Candidates,
         sample: Option<Sample>,
         seeds: &[u64],
         go_on: impl Fn() -> bool,
@@ -59,13 +59,13 @@ impl Servers {
         let (architecture, specification) = (self.architecture.clone(), self.specification.clone());
         let seeds = seeds.to_vec();
         let work = match (request, sample) {
-            (Asked::Sample(sample), _) => {
+            (Candidates::Sample(sample), _) => {
                 Work::drawn(architecture, specification, *sample, genomes_of, seeds)
             }
-            (Asked::Genomes(genomes), None) => {
+            (Candidates::Genomes(genomes), None) => {
                 Work::of(architecture, specification, genomes, seeds)
             }
-            (Asked::Genomes(genomes), Some(sample)) => {
+            (Candidates::Genomes(genomes), Some(sample)) => {
                 Work::of(architecture, specification, genomes, seeds)
                     .and_then(|work| work.sampled(sample))
             }

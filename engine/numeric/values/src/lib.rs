@@ -46,7 +46,7 @@ fn mismatch(value: &Value, error: strict::Error) -> Mismatch {
     let path = || error.path.iter().rev();
     // What was found is not in the words of types with a choice of forms, of which an object may be one.
     let part = at(value, path()).filter(|part| !part.is_object());
-    let phrase = part.map(words::found);
+    let phrase = part.map(words::describe_value);
     let reason = plain(&error.reason);
     Mismatch {
         path: path_in_words(path()),
@@ -93,7 +93,7 @@ pub fn read_kind<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
         reason,
     };
     let Value::Object(fields) = value else {
-        let phrase = words::found(value);
+        let phrase = words::describe_value(value);
         return Err(wrong(
             "",
             format!("{phrase}, expected an object with a kind"),
@@ -103,7 +103,7 @@ pub fn read_kind<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
     let kind = match fields.remove("kind") {
         Some(Value::String(kind)) => kind,
         Some(other) => {
-            let phrase = words::found(&other);
+            let phrase = words::describe_value(&other);
             return Err(wrong("kind", format!("{phrase}, expected a string")));
         }
         None => return Err(wrong("", "missing field `kind`".to_owned())),

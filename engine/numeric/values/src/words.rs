@@ -8,7 +8,7 @@ use crate::suggestions::did_you_mean;
 const MOST: usize = 40;
 
 /// What was found, cut to a length that fits a message.
-pub(crate) fn found(value: &Value) -> String {
+pub(crate) fn describe_value(value: &Value) -> String {
     let note = if value.is_string() { " (a string)" } else { "" };
     match value {
         Value::Object(_) => "an object found".to_owned(),

@@ -406,8 +406,8 @@ pub(crate) fn metrics_wanted(
     description: &Description,
     names: &[String],
 ) -> Result<Vec<usize>, Refusal> {
-    let again = |(index, name): &(usize, &String)| names[..*index].contains(name);
-    if let Some((_, name)) = names.iter().enumerate().find(again) {
+    let is_repeated = |(index, name): &(usize, &String)| names[..*index].contains(name);
+    if let Some((_, name)) = names.iter().enumerate().find(is_repeated) {
         return Err(invalid(format!("metrics: {name:?} is named twice")));
     }
     let indices = description.metrics_named(names);

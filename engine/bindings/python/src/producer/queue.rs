@@ -20,14 +20,14 @@ const BYTES: usize = 1 << 25;
 const TOGETHER: usize = 8;
 
 /// Genomes as the store keeps them.
-pub enum Kept {
+pub enum ProducedGenomes {
     Genomes(Vec<f32>),
     Sample(Box<Sample>),
 }
 
 /// A generation that the method has been told of.
 pub struct Produced {
-    pub genomes: Kept,
+    pub genomes: ProducedGenomes,
     pub episodes: Vec<f64>,
     pub metrics: Vec<f64>,
     pub fitness: Vec<f64>,
@@ -47,8 +47,8 @@ impl Produced {
             return Ok(summary);
         }
         let genomes = match &self.genomes {
-            Kept::Genomes(genomes) => of_genomes(genomes),
-            Kept::Sample(sample) => of_sample(sample)?,
+            ProducedGenomes::Genomes(genomes) => of_genomes(genomes),
+            ProducedGenomes::Sample(sample) => of_sample(sample)?,
         };
         let digests = columns(&self.fitness, &self.episodes, &self.metrics, genomes);
         let population = self.population.as_ref().unwrap_or(&self.fitness);
@@ -60,8 +60,10 @@ impl Produced {
     fn bytes(&self) -> usize {
         let numbers = self.episodes.len() + self.metrics.len() + 2 * self.fitness.len();
         let genomes = match &self.genomes {
-            Kept::Genomes(genomes) => size_of_val(&genomes[..]),
-            Kept::Sample(sample) => sample.rows().iter().map(|(_, row)| size_of_val(*row)).sum(),
+            ProducedGenomes::Genomes(genomes) => size_of_val(&genomes[..]),
+            ProducedGenomes::Sample(sample) => {
+                sample.rows().iter().map(|(_, row)| size_of_val(*row)).sum()
+            }
         };
         genomes + 8 * numbers
     }

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use pyo3::prelude::*;
 use swarmwright_evolution::{Aggregate, Outcome};
 
-use super::queue::{Kept, Produced, Shared};
-use crate::conversation::{Asked, Conversation};
+use super::queue::{Produced, ProducedGenomes, Shared};
+use crate::conversation::{Candidates, Conversation};
 use crate::local::{Evaluation, lock};
 use crate::remote::{Evaluated, Servers};
 use crate::results::apart;
@@ -96,7 +96,7 @@ impl Work {
         shared.done.store(0, Ordering::Relaxed);
         let total = candidates * seeds.len();
         shared.total.store(total, Ordering::Relaxed);
-        let is_made = matches!(request, Asked::Genomes(_));
+        let is_made = matches!(request, Candidates::Genomes(_));
         let Some(results) = self.evaluate(request, candidates, seeds, shared)? else {
             return Ok(None);
         };
@@ -112,8 +112,8 @@ impl Work {
             self.conversation.tell_sample(&fitness)?;
             Vec::new()
         };
-        let genomes = sample.map_or(Kept::Genomes(genomes), |sample| {
-            Kept::Sample(Box::new(sample))
+        let genomes = sample.map_or(ProducedGenomes::Genomes(genomes), |sample| {
+            ProducedGenomes::Sample(Box::new(sample))
         });
         let population = self.conversation.members();
         Ok(Some(Produced {
@@ -130,29 +130,31 @@ impl Work {
     }
 
     /// What is to be evaluated next: servers make the genomes of a sample themselves, and a store that keeps samples needs none.
-    fn ask(&mut self) -> PyResult<Asked> {
+    fn ask(&mut self) -> PyResult<Candidates> {
         match self.place {
             Place::Servers(_) if self.samples => self.conversation.draw(),
-            _ => self.conversation.take().map(Asked::Genomes),
+            _ => self.conversation.take().map(Candidates::Genomes),
         }
     }
 
     /// What came out of a generation; None when it was interrupted.
     fn evaluate(
         &mut self,
-        request: Asked,
+        request: Candidates,
         candidates: usize,
         seeds: &[u64],
         shared: &Shared,
     ) -> PyResult<Option<Evaluated>> {
         let go_on = || !shared.stopped.load(Ordering::Relaxed);
         let (evaluation, genomes) = match (&mut self.place, request) {
-            (Place::Here(evaluation), Asked::Genomes(genomes)) => (evaluation, genomes),
-            (Place::Here(evaluation), Asked::Sample(sample)) => (evaluation, genomes_of(&sample)),
+            (Place::Here(evaluation), Candidates::Genomes(genomes)) => (evaluation, genomes),
+            (Place::Here(evaluation), Candidates::Sample(sample)) => {
+                (evaluation, genomes_of(&sample))
+            }
             (Place::Servers(servers), request) => {
                 let sample = match request {
-                    Asked::Genomes(_) => self.conversation.sample(candidates),
-                    Asked::Sample(_) => None,
+                    Candidates::Genomes(_) => self.conversation.sample(candidates),
+                    Candidates::Sample(_) => None,
                 };
                 return servers.evaluate(request, sample, seeds, go_on, |done, waiting_for| {
                     waiting_for.clone_into(&mut lock(&shared.waits));

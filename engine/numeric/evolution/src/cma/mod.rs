@@ -48,8 +48,8 @@ pub struct Cma {
     steps: Vec<f64>,
     /// Squared lengths of the normal numbers of which they were made.
     lengths: Vec<f64>,
-    told: u32,
-    /// (1 - c_sigma)^(2 told)
+    generations: u32,
+    /// (1 - c_sigma)^(2 generations)
     faded: f64,
     monitor: Monitor,
 }
@@ -100,7 +100,7 @@ impl Cma {
             full: (!start.separable).then(|| Full::new(genes, constants.gap(genes))),
             steps: Vec::new(),
             lengths: Vec::new(),
-            told: 0,
+            generations: 0,
             faded: 1.0,
             monitor: Monitor::new(genes, start.population, start.step),
             constants,
@@ -125,7 +125,7 @@ impl Cma {
         assert_eq!(streams.len(), population);
         assert_eq!(genomes.len(), population * genes);
         if let Some(full) = &mut self.full {
-            full.decompose_if_due(self.told);
+            full.decompose_if_due(self.generations);
         }
         let mut steps = std::mem::take(&mut self.steps);
         let mut lengths = std::mem::take(&mut self.lengths);
@@ -191,8 +191,8 @@ impl Cma {
         assert_eq!(self.lengths.len(), self.population());
         assert_eq!(fitness.len(), self.population());
         let order = best_first(fitness);
-        self.told += 1;
-        self.monitor.note(fitness, &order, self.told);
+        self.generations += 1;
+        self.monitor.note(fitness, &order, self.generations);
         let shift = self.weighted(&order[..self.constants.parents]);
         for (gene, value) in self.mean.iter_mut().enumerate() {
             *value += self.sigma * self.units[gene] * shift[gene];

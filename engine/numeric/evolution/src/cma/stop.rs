@@ -84,7 +84,7 @@ pub(super) struct Monitor {
     population: usize,
     first_sigma: f64,
     /// Generations told.
-    told: u32,
+    generations: u32,
     /// Lowest and highest fitness of the last generation, of candidates that did not fail.
     range: [f64; 2],
     /// The best fitness of each of the last generations, the newest last.
@@ -104,7 +104,7 @@ impl Monitor {
             genes,
             population,
             first_sigma,
-            told: 0,
+            generations: 0,
             range: [0.0; 2],
             recent: Vec::new(),
             bests: Vec::new(),
@@ -117,7 +117,7 @@ impl Monitor {
 
     /// Takes the fitness of a generation; `order`: the best first, failed ones last.
     pub fn note(&mut self, fitness: &[f64], order: &[usize], generations: u32) {
-        self.told = generations;
+        self.generations = generations;
         let ranked = |rank: usize| {
             let value = fitness[order[rank]];
             if value.is_nan() {
@@ -170,11 +170,11 @@ impl Monitor {
             ),
             (
                 Stop::Noeffectaxis,
-                state.has_no_effect_along(self.told as usize % self.genes.max(1)),
+                state.has_no_effect_along(self.generations as usize % self.genes.max(1)),
             ),
             (Stop::Noeffectcoord, state.has_no_effect_on_a_gene()),
             (Stop::Tolstagnation, self.stagnates()),
-            (Stop::Maxiter, f64::from(self.told) >= self.longest()),
+            (Stop::Maxiter, f64::from(self.generations) >= self.longest()),
         ];
         criteria
             .into_iter()
@@ -200,8 +200,8 @@ impl Monitor {
         let patience = (100.0 + 100.0 * genes * genes.sqrt() / population).floor();
         let length = self.bests.len();
         let part = (patience / 10.0).max(count(length) / 10.0).floor();
-        let enough = f64::from(self.told) > genes * (5.0 + 100.0 / population)
-            && f64::from(self.told - self.improved) > patience / 2.0
+        let enough = f64::from(self.generations) > genes * (5.0 + 100.0 / population)
+            && f64::from(self.generations - self.improved) > patience / 2.0
             && length > 100
             && 2.0 * part < count(length);
         if !enough {

@@ -28,18 +28,18 @@ impl Check {
 }
 
 /// Whether what two servers found is the same, within a tolerance where there is one.
-fn same(first: &ServerResult, other: &ServerResult, tolerance: Option<f64>) -> bool {
-    let agree = |a: f64, b: f64| match tolerance {
+fn agree(first: &ServerResult, second: &ServerResult, tolerance: Option<f64>) -> bool {
+    let is_close = |a: f64, b: f64| match tolerance {
         None => a.to_bits() == b.to_bits(),
         Some(tolerance) => (a - b).abs() <= tolerance * a.abs().max(b.abs()).max(1.0),
     };
-    agree(first.fitness, other.fitness)
-        && first.metrics.len() == other.metrics.len()
+    is_close(first.fitness, second.fitness)
+        && first.metrics.len() == second.metrics.len()
         && first
             .metrics
             .iter()
-            .zip(&other.metrics)
-            .all(|(a, b)| agree(*a, *b))
+            .zip(&second.metrics)
+            .all(|(a, b)| is_close(*a, *b))
 }
 
 /// A share of all numbers, without a pattern that the order of the evaluations could have (`SplitMix64`).
@@ -118,7 +118,7 @@ impl Audits {
             return Compared::Double;
         }
         let tolerance = |other: &ServerResult| fleet.tolerance(other.server, result.server);
-        let agrees = |other: &ServerResult| same(other, &result, tolerance(other));
+        let agrees = |other: &ServerResult| agree(other, &result, tolerance(other));
         let Check { first, second } = check;
         match second {
             None if agrees(&first) => Compared::Agreed(first),

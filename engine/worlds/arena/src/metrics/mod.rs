@@ -15,7 +15,7 @@ use swarmwright_lanes::{Lanes, MOST_LANES, Number, number};
 use crate::bodies::Bodies;
 use crate::place::{Patch, Place};
 use state::{State, gather};
-use swarm::{Kept, Visits};
+use swarm::{MetricCache, Visits};
 
 pub(crate) use kind::{Metric, When};
 
@@ -87,7 +87,7 @@ pub(crate) struct Tally<L> {
     ticks: u32,
     /// The robots of each lane.
     states: Vec<State>,
-    kept: Kept,
+    cache: MetricCache,
     visits: Option<Visits>,
 }
 
@@ -101,7 +101,7 @@ impl<L: Lanes> Tally<L> {
             sums: [0.0; MOST_LANES],
             ticks: 0,
             states: Vec::new(),
-            kept: Kept::default(),
+            cache: MetricCache::default(),
             visits: None,
         }
     }
@@ -250,7 +250,7 @@ impl<L: Lanes> Tally<L> {
                 let mut values = [0.0; MOST_LANES];
                 for (lane, value) in values[..L::WIDTH].iter_mut().enumerate() {
                     let robots = &self.states[lane * bodies.len()..][..bodies.len()];
-                    *value = swarm::value(metric, robots, layout, &mut self.kept);
+                    *value = swarm::value(metric, robots, layout, &mut self.cache);
                 }
                 let when = metric.when().unwrap_or(When::End);
                 self.settle(&values[..L::WIDTH], when);

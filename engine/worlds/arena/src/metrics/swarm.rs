@@ -16,14 +16,19 @@ const MOST_SQUARES: f64 = 100_000.0;
 
 /// What a metric computes once and keeps from one call to the next.
 #[derive(Debug, Default)]
-pub(super) struct Kept {
+pub(super) struct MetricCache {
     /// The middles of the squares of the free floor.
     floor: Vec<[f64; 2]>,
     outline: Option<Outline>,
 }
 
 /// The value of a metric now.
-pub(super) fn value(metric: &Metric, robots: &[State], layout: &Place, cache: &mut Kept) -> f64 {
+pub(super) fn value(
+    metric: &Metric,
+    robots: &[State],
+    layout: &Place,
+    cache: &mut MetricCache,
+) -> f64 {
     let count = robots.len() as f64;
     match metric {
         Metric::Order { .. } => {

@@ -43,7 +43,7 @@ fn round_of(
     stream: u64,
 ) -> Result<Vec<Pose>, usize> {
     let mut poses: Vec<Pose> = Vec::with_capacity(team.len());
-    let mut occupied = Taken::new(start, team.len(), team.radius());
+    let mut occupied = OccupiedCells::new(start, team.len(), team.radius());
     for index in 0..team.len() as u64 {
         let pose = (0..TRIES)
             .map(|attempt| {
@@ -64,7 +64,7 @@ fn round_of(
 }
 
 /// Robots in the cells of a grid, so that a robot is compared with those around it alone.
-struct Taken {
+struct OccupiedCells {
     low: [f32; 2],
     side: f32,
     counts: [usize; 2],
@@ -76,7 +76,7 @@ struct Taken {
 /// No robot.
 const NONE: u32 = u32::MAX;
 
-impl Taken {
+impl OccupiedCells {
     fn new(start: &Start, robots: usize, radius: f32) -> Self {
         let (low, high) = match (start.disc, start.rectangle) {
             (Some((center, radius)), _) => (
@@ -132,7 +132,7 @@ impl Taken {
 fn fits(
     pose: Pose,
     others: &[Pose],
-    occupied: &Taken,
+    occupied: &OccupiedCells,
     team: &Team,
     (layout, objects): (&Place, &[(Form, Pose)]),
 ) -> bool {

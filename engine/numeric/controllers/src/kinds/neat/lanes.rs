@@ -2,7 +2,7 @@
 
 use swarmwright_lanes::{Lanes, MOST_LANES};
 
-use super::{KEPT, Neat, activation, kept, output};
+use super::{KEPT, Neat, activation, pack_output, unpack_output};
 use crate::OutputRange;
 use crate::kinds::{Kind, LaneKind};
 use crate::lanes::nodes::stretched;
@@ -48,7 +48,7 @@ impl LaneKind for Neat {
                         state[KEPT * node].store(&mut high);
                         state[KEPT * node + 1].store(&mut low);
                         for lane in 0..L::WIDTH {
-                            let heard = output([high[lane], low[lane]]);
+                            let heard = unpack_output([high[lane], low[lane]]);
                             sums[lane] += heard * f64::from(genomes[lane][at]);
                         }
                     } else {
@@ -64,7 +64,8 @@ impl LaneKind for Neat {
                 for lane in 0..L::WIDTH {
                     let genome = genomes[lane];
                     let sum = sums[lane] + f64::from(genome[bias]);
-                    [high[lane], low[lane]] = kept(activation(slope.map(|at| genome[at]), sum));
+                    [high[lane], low[lane]] =
+                        pack_output(activation(slope.map(|at| genome[at]), sum));
                 }
                 state[KEPT * node] = L::load(&high);
                 state[KEPT * node + 1] = L::load(&low);
@@ -75,7 +76,7 @@ impl LaneKind for Neat {
             parts[0].store(&mut high);
             parts[1].store(&mut low);
             for lane in 0..L::WIDTH {
-                high[lane] = output([high[lane], low[lane]]) as f32;
+                high[lane] = unpack_output([high[lane], low[lane]]) as f32;
             }
             *actuator = stretched(OutputRange::UNIT, L::load(&high));
         }

@@ -38,13 +38,13 @@ impl Neat {
 const KEPT: usize = 2;
 
 #[inline]
-fn kept(output: f64) -> [f32; KEPT] {
+fn pack_output(output: f64) -> [f32; KEPT] {
     let bits = output.to_bits();
     [bits >> 32, bits & u64::from(u32::MAX)].map(|half| f32::from_bits(half as u32))
 }
 
 #[inline]
-fn output([high, low]: [f32; KEPT]) -> f64 {
+fn unpack_output([high, low]: [f32; KEPT]) -> f64 {
     f64::from_bits(u64::from(high.to_bits()) << 32 | u64::from(low.to_bits()))
 }
 
@@ -111,13 +111,13 @@ impl Kind for Neat {
                 for source in row {
                     let heard = match source.checked_sub(self.sensors) {
                         None => f64::from(sensors[*source]),
-                        Some(at) => output([state[KEPT * at], state[KEPT * at + 1]]),
+                        Some(at) => unpack_output([state[KEPT * at], state[KEPT * at + 1]]),
                     };
                     sum += heard * f64::from(next());
                 }
                 sum += f64::from(bias);
                 let slope = (node >= hidden).then(&mut next);
-                let parts = kept(activation(slope, sum));
+                let parts = pack_output(activation(slope, sum));
                 state[KEPT * node..][..KEPT].copy_from_slice(&parts);
             }
         }
@@ -125,7 +125,7 @@ impl Kind for Neat {
             .iter_mut()
             .zip(state[KEPT * hidden..].chunks_exact(KEPT))
         {
-            *actuator = OutputRange::UNIT.actuator(output([parts[0], parts[1]]) as f32);
+            *actuator = OutputRange::UNIT.actuator(unpack_output([parts[0], parts[1]]) as f32);
         }
     }
 }

@@ -31,12 +31,12 @@ pub(crate) struct Answers {
 
 impl Answers {
     /// Messages were sent.
-    pub fn sent(&mut self, messages: u32) {
+    pub fn on_sent(&mut self, messages: u32) {
         self.together = self.together.saturating_add(messages);
     }
 
     /// It answered after such a time.
-    pub fn came(&mut self, wait: Duration) {
+    pub fn on_answer(&mut self, wait: Duration) {
         self.seconds += wait.as_secs_f64();
         if wait < SOON {
             return;
@@ -124,13 +124,13 @@ mod tests {
     /// Whether a server is suspicious whose steps of `agents` agents take so many milliseconds each.
     fn suspicious(agents: u32, steps: impl IntoIterator<Item = f64>) -> bool {
         let mut answers = Answers::default();
-        answers.sent(2);
+        answers.on_sent(2);
         for milliseconds in steps {
-            answers.came(Duration::from_secs_f64(milliseconds / 1e3));
-            answers.sent(1);
+            answers.on_answer(Duration::from_secs_f64(milliseconds / 1e3));
+            answers.on_sent(1);
             for _ in 1..agents {
-                answers.came(Duration::from_micros(80));
-                answers.sent(1);
+                answers.on_answer(Duration::from_micros(80));
+                answers.on_sent(1);
             }
         }
         answers.are_late()

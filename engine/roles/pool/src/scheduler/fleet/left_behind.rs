@@ -13,7 +13,7 @@ const MIN_PAUSE: Duration = Duration::from_secs(1);
 const MAX_HASHES: usize = 8;
 
 #[derive(Debug, Default)]
-struct Left {
+struct AbandonedServer {
     /// Episodes that it may be at, the last one at the end; none where it computes something else, or only waits.
     hashes: Vec<String>,
     /// When it was told first and last.
@@ -23,18 +23,18 @@ struct Left {
 /// These servers, until they answer a discovery: one that is at an episode answers none.
 #[derive(Debug, Default)]
 pub(crate) struct LeftBehind {
-    servers: BTreeMap<u64, Left>,
+    servers: BTreeMap<u64, AbandonedServer>,
 }
 
 impl LeftBehind {
     /// A server may still be at this episode, or at something else.
     pub fn add(&mut self, server: u64, hash: Option<String>) {
-        let left = self.servers.entry(server).or_default();
+        let abandoned = self.servers.entry(server).or_default();
         let Some(hash) = hash else { return };
-        left.hashes.retain(|other| *other != hash);
-        left.hashes.push(hash);
-        if left.hashes.len() > MAX_HASHES {
-            left.hashes.remove(0);
+        abandoned.hashes.retain(|other| *other != hash);
+        abandoned.hashes.push(hash);
+        if abandoned.hashes.len() > MAX_HASHES {
+            abandoned.hashes.remove(0);
         }
     }
 
@@ -47,19 +47,26 @@ impl LeftBehind {
     /// that were told a moment ago.
     pub fn due(&mut self, all: bool, now: Instant) -> Vec<(u64, Option<String>)> {
         let age = |then: Instant| now.saturating_duration_since(then);
-        self.servers
-            .retain(|_, left| left.told.is_none_or(|(first, _)| age(first) < MAX_TELLING));
+        self.servers.retain(|_, abandoned| {
+            abandoned
+                .told
+                .is_none_or(|(first, _)| age(first) < MAX_TELLING)
+        });
         let mut due = Vec::new();
-        for (server, left) in &mut self.servers {
-            if !all && left.told.is_some_and(|(_, last)| age(last) < MIN_PAUSE) {
+        for (server, abandoned) in &mut self.servers {
+            if !all
+                && abandoned
+                    .told
+                    .is_some_and(|(_, last)| age(last) < MIN_PAUSE)
+            {
                 continue;
             }
-            let (first, _) = left.told.unwrap_or((now, now));
-            left.told = Some((first, now));
-            if left.hashes.is_empty() {
+            let (first, _) = abandoned.told.unwrap_or((now, now));
+            abandoned.told = Some((first, now));
+            if abandoned.hashes.is_empty() {
                 due.push((*server, None));
             }
-            let hashes = left.hashes.iter().cloned();
+            let hashes = abandoned.hashes.iter().cloned();
             due.extend(hashes.map(|hash| (*server, Some(hash))));
         }
         due

@@ -412,7 +412,7 @@ impl Fleet {
     /// Messages of an episode went to its server.
     pub fn sent_to(&mut self, id: u64, messages: u32) {
         if let Some(slot) = self.slots.get_mut(&id) {
-            slot.answers.sent(messages);
+            slot.answers.on_sent(messages);
         }
     }
 
@@ -421,7 +421,7 @@ impl Fleet {
         let Some(slot) = self.slots.get_mut(&id) else {
             return false;
         };
-        slot.answers.came(wait);
+        slot.answers.on_answer(wait);
         self.lag.is_news(id, slot.answers)
     }
 

@@ -333,7 +333,7 @@ impl Fleet {
     }
 
     /// A server left in good order. Returns the jobs that it had.
-    pub fn left(&mut self, id: u64) -> Vec<Job> {
+    pub fn on_leave(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
         self.health.process_ended(id);
         self.left_behind.remove(id);

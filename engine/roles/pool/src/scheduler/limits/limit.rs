@@ -19,7 +19,7 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 #[derive(Debug, Default)]
 pub(crate) struct Limit {
     /// The largest that went through.
-    taken: usize,
+    largest_accepted: usize,
     /// How often in a row a connection ended on a size that has not gone through since, and the smallest of those.
     ends: u32,
     ended_on: usize,
@@ -42,7 +42,7 @@ struct Learnt {
 impl Limit {
     /// So much went through.
     pub fn took(&mut self, size: usize) {
-        self.taken = self.taken.max(size);
+        self.largest_accepted = self.largest_accepted.max(size);
         if size >= self.ended_on {
             self.ends = 0;
         }
@@ -57,14 +57,14 @@ impl Limit {
 
     /// A connection ended when so much had been sent and was not known to have gone through; `whole`: it cannot be sent
     /// in smaller parts. Whether the advice is another one now.
-    pub fn ended(&mut self, size: usize, whole: bool, now: Instant) -> bool {
+    pub fn on_connection_end(&mut self, size: usize, whole: bool, now: Instant) -> bool {
         if self.ends == 0 {
             self.ended_on = size;
         }
         self.ends += 1;
         self.ended_on = self.ended_on.min(size);
         let patience = match &self.learnt {
-            _ if size <= self.taken => CONFIRMATIONS_KNOWN,
+            _ if size <= self.largest_accepted => CONFIRMATIONS_KNOWN,
             Some(_) => 1,
             None => CONFIRMATIONS_UNKNOWN,
         };
@@ -73,8 +73,8 @@ impl Limit {
         }
         let size = std::mem::take(&mut self.ended_on);
         self.ends = 0;
-        if size <= self.taken {
-            self.taken = 0;
+        if size <= self.largest_accepted {
+            self.largest_accepted = 0;
         }
         self.learn(size, whole, now);
         true
@@ -93,7 +93,7 @@ impl Limit {
         }
         // What went through is larger than half of what did not, or the half is tried.
         let advice = (broke / 2)
-            .max(self.taken.min(broke.saturating_sub(1)))
+            .max(self.largest_accepted.min(broke.saturating_sub(1)))
             .max(1);
         self.learnt = Some(Learnt {
             broke,
@@ -125,13 +125,14 @@ impl Limit {
     }
 
     /// The largest size that went through; 0 for none.
-    pub fn taken(&self) -> usize {
-        self.taken
+    pub fn largest_accepted(&self) -> usize {
+        self.largest_accepted
     }
 
     /// Whether about as much as is advised has gone through: the advice stands for a while.
     pub fn is_settled(&self) -> bool {
-        self.advice().is_some_and(|advice| advice / 2 < self.taken)
+        self.advice()
+            .is_some_and(|advice| advice / 2 < self.largest_accepted)
     }
 
     /// Whether connections end again and again on what cannot be made smaller.
@@ -161,7 +162,7 @@ mod tests {
             limit.tick(now);
             let size = limit.advice().unwrap_or(usize::MAX).min(wanted);
             if size > most {
-                limit.ended(size, false, now);
+                limit.on_connection_end(size, false, now);
                 losses += 1;
             } else {
                 limit.took(size);
@@ -179,7 +180,7 @@ mod tests {
             (limit.advice(), limit.broke()),
             (Some(12_500), Some(25_000))
         );
-        assert_eq!(limit.taken(), 12_500);
+        assert_eq!(limit.largest_accepted(), 12_500);
         assert!(limit.is_settled());
         // After one, two, four .. minutes twice as much is tried.
         assert_eq!(losses(&mut limit, 20_000, 100_000, 3600, start), 5);
@@ -192,21 +193,21 @@ mod tests {
         losses(&mut limit, 20_000, 100_000, 20, start);
         assert_eq!(losses(&mut limit, usize::MAX, 100_000, 100, start), 0);
         assert_eq!(limit.advice(), None);
-        assert_eq!(limit.taken(), 100_000);
+        assert_eq!(limit.largest_accepted(), 100_000);
     }
 
     #[test]
     fn a_connection_that_ends_once_teaches_nothing() {
         let (start, mut limit) = (Instant::now(), Limit::default());
         for _ in 0..10 {
-            assert!(!limit.ended(9000, false, start));
+            assert!(!limit.on_connection_end(9000, false, start));
             limit.took(9000);
         }
         assert_eq!(limit.advice(), None);
         // Less went through, which says nothing of more.
-        assert!(!limit.ended(12_000, false, start));
+        assert!(!limit.on_connection_end(12_000, false, start));
         limit.took(10_000);
-        assert!(limit.ended(11_000, false, start));
+        assert!(limit.on_connection_end(11_000, false, start));
         assert_eq!(
             (limit.advice(), limit.broke()),
             (Some(10_000), Some(11_000))
@@ -218,10 +219,10 @@ mod tests {
         let (start, mut limit) = (Instant::now(), Limit::default());
         limit.took(9000);
         for _ in 0..3 {
-            assert!(!limit.ended(8000, false, start));
+            assert!(!limit.on_connection_end(8000, false, start));
         }
-        assert!(limit.ended(8000, false, start));
-        assert_eq!((limit.advice(), limit.taken()), (Some(4000), 0));
+        assert!(limit.on_connection_end(8000, false, start));
+        assert_eq!((limit.advice(), limit.largest_accepted()), (Some(4000), 0));
     }
 
     #[test]
@@ -229,12 +230,15 @@ mod tests {
         let (start, mut limit) = (Instant::now(), Limit::default());
         limit.took(15_000);
         for ends in 1..=4 {
-            limit.ended(81_000, true, start);
+            limit.on_connection_end(81_000, true, start);
             assert!(!limit.is_hopeless(), "{ends}");
         }
-        assert!(limit.ended(81_000, true, start));
+        assert!(limit.on_connection_end(81_000, true, start));
         assert!(limit.is_hopeless());
-        assert_eq!((limit.broke(), limit.taken()), (Some(81_000), 15_000));
+        assert_eq!(
+            (limit.broke(), limit.largest_accepted()),
+            (Some(81_000), 15_000)
+        );
         // What goes through in the end was not hopeless.
         limit.took(81_000);
         assert!(!limit.is_hopeless());
@@ -244,7 +248,7 @@ mod tests {
     fn what_can_be_smaller_is_never_hopeless() {
         let (start, mut limit) = (Instant::now(), Limit::default());
         for _ in 0..100 {
-            limit.ended(81_000, false, start);
+            limit.on_connection_end(81_000, false, start);
         }
         assert!(!limit.is_hopeless());
     }

@@ -190,11 +190,11 @@ impl Limits {
     /// it.
     pub fn ended_on(&mut self, bytes: usize, now: Instant) {
         let whole = bytes <= self.whole.saturating_add(HEADER);
-        self.packet.ended(bytes, whole, now);
+        self.packet.on_connection_end(bytes, whole, now);
         if self.packet.is_hopeless() {
             let connection =
                 format!("the connection of this tool on every packet of {bytes} bytes");
-            self.hopeless = Some(hopeless(&connection, self.packet.taken()));
+            self.hopeless = Some(hopeless(&connection, self.packet.largest_accepted()));
         }
     }
 
@@ -278,8 +278,8 @@ impl Limits {
             return false;
         }
         let limit = self.of(suspect.kind);
-        let excused = suspect.size > limit.taken();
-        limit.ended(suspect.size, suspect.size == 1, now);
+        let excused = suspect.size > limit.largest_accepted();
+        limit.on_connection_end(suspect.size, suspect.size == 1, now);
         let is_hopeless = limit.is_hopeless();
         self.bytes = suspect.bytes;
         if is_hopeless {

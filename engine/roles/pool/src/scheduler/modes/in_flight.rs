@@ -31,13 +31,13 @@ struct Ended {
 }
 
 /// What a fitness means that came for an episode that is over.
-pub(crate) enum Again {
+pub(crate) enum LateFitness {
     /// Its server sent another value before.
     Other(u64),
     /// Its server sent the same value before; and for how many episodes that are remembered it did so.
     Same(u64, usize),
     /// The episode was given up.
-    Late,
+    GivenUp,
     /// The episode is not known.
     Unknown,
 }
@@ -256,23 +256,23 @@ impl InFlight {
     }
 
     /// A fitness came for an episode that is not under way.
-    pub fn came_again(&mut self, hash: &str, fitness: f64) -> Again {
+    pub fn came_again(&mut self, hash: &str, fitness: f64) -> LateFitness {
         let mut ended = self.ended.iter_mut();
         let Some(episode) = ended.find(|ended| ended.hash == hash) else {
-            return Again::Unknown;
+            return LateFitness::Unknown;
         };
         if !episode.answered {
-            return Again::Late;
+            return LateFitness::GivenUp;
         }
         let server = episode.server;
         let is_same = |first: f64| first == fitness || (first.is_nan() && fitness.is_nan());
         if !episode.fitness.is_none_or(is_same) {
-            return Again::Other(server);
+            return LateFitness::Other(server);
         }
         episode.repeated = true;
         let repeated = self.ended.iter();
         let repeated = repeated.filter(|ended| ended.server == server && ended.repeated);
-        Again::Same(server, repeated.count())
+        LateFitness::Same(server, repeated.count())
     }
 
     /// The server of an episode that is over, and whether its fitness came.

@@ -111,9 +111,9 @@ impl<'a> Cause<'a> {
 
 /// How an evaluation failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum How {
+pub(crate) enum FailureKind {
     /// The server said so, or sent what cannot be used.
-    Said,
+    Reported,
     /// The tool's own server went down at it.
     Crashed,
     /// The server was lost, or silent, while it was at it.
@@ -127,7 +127,7 @@ pub(crate) struct Failure {
     /// Which start of it, where it says so.
     pub instance: Option<String>,
     pub reason: String,
-    pub how: How,
+    pub kind: FailureKind,
     /// Whether the server repeats itself to the bit, and had just succeeded with something else.
     pub certain: bool,
     pub at: Instant,
@@ -154,22 +154,27 @@ struct Record {
 }
 
 impl Record {
-    fn count(&self, how: How) -> u32 {
+    fn count(&self, kind: FailureKind) -> u32 {
         let same_installation = self
             .failures
             .iter()
-            .filter(|(failure, _)| failure.how == how);
+            .filter(|(failure, _)| failure.kind == kind);
         u32::try_from(same_installation.count()).unwrap_or(u32::MAX)
     }
 
     fn verdict(&self, faults: &Faults) -> Option<Verdict> {
-        let [reported, crashed, lost] =
-            [How::Said, How::Crashed, How::Lost].map(|how| self.count(how));
+        let [reported, crashed, lost] = [
+            FailureKind::Reported,
+            FailureKind::Crashed,
+            FailureKind::Lost,
+        ]
+        .map(|kind| self.count(kind));
         let quarantined =
             crashed >= faults.quarantine || crashed + lost >= faults.quarantine.max(LEAST_LOST);
         // Where servers repeat themselves to the bit, what two of them say is said by a third one, too.
         let certain = |last: &Failure| {
-            let is_report = |failure: &Failure| failure.certain && failure.how == How::Said;
+            let is_report =
+                |failure: &Failure| failure.certain && failure.kind == FailureKind::Reported;
             let same = |failure: &Failure| is_report(failure) && failure.reason == last.reason;
             let times = self
                 .failures
@@ -261,7 +266,7 @@ impl Attribution {
         faults: &Faults,
     ) -> Option<Verdict> {
         let record = self.by_evaluation.entry(evaluation).or_default();
-        let confirmed = failure.how == How::Lost;
+        let confirmed = failure.kind == FailureKind::Lost;
         record.failures.push((failure, confirmed));
         record.verdict(faults)
     }
@@ -291,7 +296,8 @@ impl Attribution {
         self.losses.push_back((now, with));
         for (evaluation, record) in &mut self.by_evaluation {
             if Some(*evaluation) != with {
-                let is_kept = |failure: &Failure| failure.how != How::Lost || !recent(failure.at);
+                let is_kept =
+                    |failure: &Failure| failure.kind != FailureKind::Lost || !recent(failure.at);
                 record.failures.retain(|(failure, _)| is_kept(failure));
             }
         }
@@ -320,13 +326,15 @@ impl Attribution {
             // What another start said, perhaps on another machine, this one cannot confirm.
             record.failures.retain(|(failure, confirmed)| {
                 let same = failure.server != server || failure.instance.as_ref() == instance;
-                *confirmed || same || failure.how != How::Said
+                *confirmed || same || failure.kind != FailureKind::Reported
             });
             let mut servers = BTreeSet::new();
             // The last one of each server stays.
             record.failures.reverse();
             record.failures.retain(|(failure, confirmed)| {
-                *confirmed || failure.how != How::Said || servers.insert(failure.server)
+                *confirmed
+                    || failure.kind != FailureKind::Reported
+                    || servers.insert(failure.server)
             });
             record.failures.reverse();
             for (failure, confirmed) in &mut record.failures {
@@ -339,7 +347,7 @@ impl Attribution {
     pub fn is_open(&self, evaluation: usize, server: u64) -> bool {
         let record = self.by_evaluation.get(&evaluation);
         let open = |(failure, confirmed): &(Failure, bool)| {
-            !confirmed && failure.server == server && failure.how == How::Said
+            !confirmed && failure.server == server && failure.kind == FailureKind::Reported
         };
         record.is_some_and(|record| record.failures.iter().any(open))
     }
@@ -385,7 +393,7 @@ impl Attribution {
             let verdict = record.verdict(faults);
             let last = record.failures.last();
             let reason = last.map_or_else(String::new, |(failure, _)| failure.reason.clone());
-            let downs = record.count(How::Crashed) + record.count(How::Lost);
+            let downs = record.count(FailureKind::Crashed) + record.count(FailureKind::Lost);
             if let Some(piece) = record.aside.take() {
                 resolved.push(match verdict {
                     Some(verdict) => Resolved::Failed(piece, verdict, downs, reason),
@@ -402,7 +410,7 @@ impl Attribution {
             .by_evaluation
             .values_mut()
             .map(|record| &mut record.aside);
-        let other = |piece: &mut Piece| !piece.has_failed_on(server);
-        aside.find_map(|piece| piece.take_if(other))
+        let is_untried_here = |piece: &mut Piece| !piece.has_failed_on(server);
+        aside.find_map(|piece| piece.take_if(is_untried_here))
     }
 }

@@ -30,7 +30,7 @@ impl Scheduler {
                 .next()
                 .and_then(|id| id.parse().ok())
                 .unwrap_or(u64::MAX);
-            let jobs = self.fleet.left(id);
+            let jobs = self.fleet.on_leave(id);
             let reason = format!("server {id} left");
             return self.fail_jobs(jobs, Cause::server(&reason, Blame::None), now);
         }

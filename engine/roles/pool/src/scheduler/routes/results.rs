@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::journal::Outcome;
 use crate::scheduler::Scheduler;
-use crate::scheduler::modes::in_flight::{Again, Dropped};
+use crate::scheduler::modes::in_flight::{Dropped, LateFitness};
 use crate::scheduler::queue::blame::Cause;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::ServerResult;
@@ -152,7 +152,7 @@ impl Scheduler {
     /// A fitness for no episode under way.
     pub(super) fn unexpected_fitness(&mut self, hash: &str, fitness: f64) {
         match self.in_flight.came_again(hash, fitness) {
-            Again::Other(server) => {
+            LateFitness::Other(server) => {
                 self.counts.double += 1;
                 // It may be one server: nothing is taken back, so that the run comes to an end.
                 self.outbox.warn_once(format!(
@@ -160,7 +160,7 @@ impl Scheduler {
                      two servers may have this id, or it evaluates an episode twice; results of this run may be wrong"
                 ));
             }
-            Again::Same(server, times) => {
+            LateFitness::Same(server, times) => {
                 self.counts.double += 1;
                 if times >= MOST_REPEATED {
                     self.outbox.warn_once(format!(
@@ -169,8 +169,8 @@ impl Scheduler {
                     ));
                 }
             }
-            Again::Late => self.counts.late += 1,
-            Again::Unknown => {}
+            LateFitness::GivenUp => self.counts.late += 1,
+            LateFitness::Unknown => {}
         }
     }
 }

@@ -40,7 +40,7 @@ impl Scheduler {
         self.counts.server_failures += 1;
         self.outbox
             .warn_counted(format!("{}; it is started again", ending.reason));
-        let jobs = self.fleet.left(server);
+        let jobs = self.fleet.on_leave(server);
         let blame = ending.blame();
         let at = |job: &Job| matches!(job, Job::Request(number) if ending.at.is_some_and(|at| at.request == *number));
         // Where it is known at which it was, the first of them was not that one.

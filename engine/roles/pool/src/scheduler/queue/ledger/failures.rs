@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::Ledger;
-use crate::scheduler::queue::blame::{Blame, Failure, How};
+use crate::scheduler::queue::blame::{Blame, Failure, FailureKind};
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::sections::Faults;
 
@@ -75,7 +75,7 @@ impl Ledger {
         counts: bool,
         faults: &Faults,
     ) -> bool {
-        let how = match failed.blame {
+        let kind = match failed.blame {
             Blame::None => {
                 self.put_back(&piece);
                 return false;
@@ -88,12 +88,12 @@ impl Ledger {
                 self.put_back(&piece.halved());
                 return false;
             }
-            Blame::Evaluation | Blame::Answer => How::Said,
-            Blame::Crash => How::Crashed,
-            Blame::Gone | Blame::Lost => How::Lost,
+            Blame::Evaluation | Blame::Answer => FailureKind::Reported,
+            Blame::Crash => FailureKind::Crashed,
+            Blame::Gone | Blame::Lost => FailureKind::Lost,
             Blame::Silent { .. } => {
                 piece.late += 1;
-                How::Lost
+                FailureKind::Lost
             }
         };
         let evaluation = piece.first();
@@ -106,7 +106,7 @@ impl Ledger {
                 server: failed.server,
                 instance: failed.instance,
                 reason: failed.reason.to_owned(),
-                how,
+                kind,
                 // What it did before was a success.
                 certain: failed.sound && self.attribution.is_proven(failed.server),
                 at: failed.at,
