@@ -164,7 +164,7 @@ def test_nothing_is_left_behind_when_the_tool_is_killed(machine: Machine, tmp_pa
         ({"known_hosts": "{folder}/config"}, r"127\.0\.0\.1: its host key is not trusted"),
         ({"hosts": ["127.0.0.1:1"]}, r"127\.0\.0\.1: .*(refused|Connect call failed)"),
         ({"hosts": ["no-such-machine.invalid"]}, r"no-such-machine\.invalid: "),
-        ({"command": "/opt/no/swarmwright"}, "the program /opt/no/swarmwright is not there"),
+        ({"command": "/opt/no/swarmwright"}, "the program /opt/no/swarmwright was not found"),
         ({"setup": "echo no module >&2; exit 3"}, "ended with status 3: no module"),
         ({"command": f"{sys.executable} -c 'exit(\"no licence\")'"}, "no server starts:(.|\n)*no licence"),
         ({"broker_host": "127.0.0.2", "start_timeout": 8.0}, "no server starts"),

@@ -145,7 +145,7 @@ def post(app: Any, name: str, values: Any) -> Any:
         ("broker", {"broker": "mqtt://a:b@c", "prefix": ""}, "must not contain a user"),
         ("serve", {"broker": "mqtt://elsewhere", "prefix": ""}, "does not show that broker"),
         ("serve", {"broker": "", "prefix": "", "count": 0, "simulation": "minisim"}, "count: must be from 1"),
-        ("serve", {"broker": "", "prefix": "", "count": "2", "simulation": "minisim"}, "whole number"),
+        ("serve", {"broker": "", "prefix": "", "count": "2.5", "simulation": "minisim"}, "whole number"),
         ("serve", {"broker": "", "prefix": "", "count": 2, "simulation": ""}, "simulation: enter"),
         ("serve", {"broker": "", "prefix": "", "count": 2, "simulation": "a\n--trust"}, "simulation: enter"),
         ("start_broker", {"port": 0}, "port: must be from 1"),

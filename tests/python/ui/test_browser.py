@@ -183,10 +183,12 @@ def test_a_mission_is_drawn_tried_saved_and_evolved_on(browser: Chrome, tmp_path
         browser.switch_to.default_content()
         browser.find_element(By.XPATH, "//button[text()='Save']").click()
         find(browser, "a[href^='#/new?mission=']").click()
-        eventually(lambda: "Nothing is wrong" in page_text(browser), "the experiment with it is right")
-        assert 'mission: "my_aggregation.yaml"' in (
-            find(browser, "textarea.editor").get_attribute("value") or ""
+        editor = find(browser, "textarea[aria-label='Experiment (YAML)']")
+        eventually(
+            lambda: 'mission: "my_aggregation.yaml"' in (editor.get_attribute("value") or ""),
+            "the experiment names the mission",
         )
+        eventually(lambda: "Nothing is wrong" in page_text(browser), "the experiment with it is right")
     assert (tmp_path / "runs" / "my_aggregation.yaml").read_text().count("obstacles") == 1
 
 
