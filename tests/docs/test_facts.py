@@ -18,6 +18,11 @@ from swarmwright.controllers.modules.grammar import (
 )
 from swarmwright.runs.monitoring.prometheus import COUNTS
 
+MOST_WORDS = 110_000
+"""In all pages of docs, with snippets."""
+MOST_GUIDES = 30
+"""Pages in docs/how-to."""
+
 
 def test_the_page_on_libraries_lists_all_extras(root: Path) -> None:
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -91,3 +96,18 @@ def test_the_page_on_modules_has_each_behaviour_and_condition_with_its_parameter
             behaviour = BEHAVIOUR_PARAMETERS.get(name)
             expected = CONDITION_PARAMETERS.get(name, (behaviour,) if behaviour else ())
             assert tuple(re.findall(r"`(\w+)`", parameters)) == expected
+
+
+def test_the_documentation_stays_short(root: Path) -> None:
+    """A page that grows should drop what other pages say, or details that no reader looks for."""
+    docs = root / "docs"
+    pages = [*docs.glob("*.md"), *docs.glob("*/*.md")]
+    words = sum(len(_words(page)) for page in pages)
+    assert words <= MOST_WORDS, "shorten a page"
+    guides = list((docs / "how-to").glob("*.md"))
+    assert len(guides) <= MOST_GUIDES, "extend or merge guides instead of adding one"
+
+
+def _words(page: Path) -> list[str]:
+    """Return the words of a page that have a letter or a digit, those of snippets included."""
+    return [word for word in page.read_text(encoding="utf-8").split() if re.search("[A-Za-z0-9]", word)]
