@@ -1,7 +1,9 @@
 """`swarmwright ui`: the window in the browser."""
 
 import contextlib
+import tempfile
 import webbrowser
+from html import escape
 from pathlib import Path
 
 import click
@@ -74,15 +76,17 @@ def command(
 
     output = Output()
     if folder is None:
-        folder = RUNS if RUNS.is_dir() else None
-    if folder is None:
-        raise InputError(f"{RUNS}: there is no such folder here; name the one that holds the runs")
+        if not RUNS.is_dir():
+            raise InputError(f"{RUNS}: there is no such folder here; name the one that holds the runs")
+        folder = RUNS
+    stack = contextlib.ExitStack()
 
     def on_ready(address: str) -> None:
         output.text(f"Runs below {folder}: {address}")
         if is_opened:
+            private = stack.enter_context(tempfile.TemporaryDirectory(prefix="swarmwright-ui-"))
             with contextlib.suppress(webbrowser.Error):
-                webbrowser.open(address)
+                webbrowser.open(write_opening_page(Path(private), address))
 
     settings = Settings(
         host=host,
@@ -95,4 +99,22 @@ def command(
         key=key,
         password_file=password_file,
     )
-    serve(folder, settings, on_ready=on_ready)
+    with stack:
+        serve(folder, settings, on_ready=on_ready)
+
+
+def write_opening_page(folder: Path, address: str) -> str:
+    """Write a page that leads to an address, and return where it is.
+
+    All users of the machine can read the command lines of others, so no browser is started with the address,
+    which has the token.
+
+    folder: that only this user can read.
+    """
+    page = folder / "open.html"
+    page.write_text(
+        f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={escape(address)}">'
+        f'<title>Swarmwright</title><a href="{escape(address)}">Swarmwright</a>',
+        encoding="utf-8",
+    )
+    return page.as_uri()

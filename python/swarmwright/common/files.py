@@ -166,6 +166,15 @@ def explain_not_utf8(error: UnicodeEncodeError) -> str:
     return f"{part}: is not valid UTF-8, in which files of runs and brokers are written; {remedy}"
 
 
+def make_private_folder(folder: Path) -> None:
+    """Create a folder that only this user can enter, and its missing parents likewise; existing ones stay.
+
+    Raises OSError.
+    """
+    for level in (*reversed(folder.parents), folder):
+        level.mkdir(mode=0o700, exist_ok=True)
+
+
 def state_folder() -> Path | None:
     """Return the folder of what Swarmwright remembers of this user: below XDG_STATE_HOME or ~/.local/state.
 

@@ -19,7 +19,7 @@ from starlette.staticfiles import StaticFiles
 from swarmwright import SwarmwrightError
 from swarmwright.common.errors import InputError
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
-from swarmwright.ui.guard import PLAYER_POLICY, Guard, check_ancestors
+from swarmwright.ui.guard import PLAYER_POLICY, Guard, check_ancestors, read_host
 from swarmwright.ui.requests import MOST_DIGITS
 from swarmwright.ui.sessions import Sessions
 from swarmwright.ui.views import View, load_views
@@ -56,7 +56,7 @@ def create_app(
         is_public: whether other machines may reach it.
         ancestors: origins of pages that may show it in a frame.
 
-    Raises InputError for a view of another package that is broken, and for an ancestor that is no origin.
+    Raises InputError for a view of another package that is broken, and for a host or ancestor that is none.
     """
     check_ancestors(ancestors)
     window = Window(folder, read_only=read_only, broker=broker, prefix=prefix)
@@ -124,7 +124,7 @@ def create_app(
             Middleware(
                 Guard,
                 token=token,
-                hosts=hosts,
+                hosts=[read_host(host) for host in hosts],
                 port=port,
                 read_only=read_only,
                 sessions=sessions,

@@ -2,16 +2,17 @@
 
 import asyncio
 import base64
+import contextlib
 import hashlib
 import hmac
 import ipaddress
 import re
 from collections.abc import Collection
 from html import escape
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, parse_qsl, urlencode, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -40,6 +41,7 @@ SAFE_METHODS = {"GET", "HEAD"}
 TOKEN_PATH = "/~"  # noqa: S105 - a part of addresses
 """Before a token in a path, for frames, which may not keep cookies."""
 ANCESTOR = re.compile(r"[a-z][a-z0-9+.-]*://[A-Za-z0-9.*_\[\]:-]+")
+HOST = re.compile(r"[a-z0-9_]([a-z0-9_.-]*[a-z0-9_])?")
 LOGIN = "/login"
 LOGIN_BYTES = 4096
 LOGIN_S = 10.0
@@ -64,8 +66,9 @@ class Guard:
 
     - 403 for another host name than its own (DNS rebinding), and for requests of another site's page (Origin,
       Sec-Fetch-Site);
-    - 401 without the token, which the printed address has; it becomes a cookie, and the address loses it. A
-      path that begins with `/~TOKEN/` needs no cookie;
+    - 401 without the token, which the printed address has; the address loses it, and the browser gets a
+      cookie that is derived from it, since the servers of all ports of a host see its cookies. A path that
+      begins with `/~TOKEN/` needs no cookie;
     - with a password, a page that asks for it instead;
     - 405 for requests that change something, where `read_only`, but for those that only ask.
 
@@ -74,7 +77,7 @@ class Guard:
     Args:
         app: the application.
         token: secret; None: whoever reaches the port may see everything.
-        hosts: names by which the server is reached, beside the addresses of loopback.
+        hosts: names by which the server is reached, beside those of loopback, as `read_host` returns them.
         port: for the name of the cookie: browsers send cookies to all ports of a host.
         read_only: refuse what changes something.
         asking: paths of requests that have a body and change nothing.
@@ -98,8 +101,9 @@ class Guard:
     ) -> None:
         self._app = app
         self._token = token
-        self._hosts = {host.lower() for host in hosts}
+        self._hosts = frozenset(hosts)
         self._cookie = f"swarmwright-{port}"
+        self._pass = derive_pass(token or "", self._cookie)
         self._read_only = read_only
         self._asking = asking
         self._sessions = sessions
@@ -166,9 +170,14 @@ class Guard:
         query = parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True)
         if any(key == "token" and self._is_token(value) for key, value in query):
             rest = urlencode([(key, value) for key, value in query if key != "token"])
-            return self._with_cookie(scope, f"./?{rest}" if rest else "./", self._token)
+            address = f"./?{rest}" if rest else "./"
+            if headers.get("sec-fetch-site") == "cross-site":
+                return self._with_cookie(scope, continue_page(address), self._pass)
+            return self._with_cookie(scope, RedirectResponse(address, 303), self._pass)
         kind, _, token = headers.get("authorization", "").partition(" ")
-        if self._is_token(token if kind.lower() == "bearer" else self._read_cookie(headers)):
+        if kind.lower() == "bearer" and self._is_token(token):
+            return None
+        if hmac.compare_digest(self._read_cookie(headers).encode(), self._pass.encode()):
             return None
         return PlainTextResponse("Open the address that `swarmwright ui` printed: it has the token.", 401)
 
@@ -188,15 +197,14 @@ class Guard:
                 return login_page("The password was not understood.", 400)
             if session is None:
                 return login_page("That is not the password.", 401)
-            return self._with_cookie(scope, "./", session)
+            return self._with_cookie(scope, RedirectResponse("./", 303), session)
         if sessions.is_open(self._read_cookie(headers)):
             return RedirectResponse("./", 303) if path == LOGIN else None
         if path in {"/", "", LOGIN}:
             return login_page("", 401)
         return PlainTextResponse("Enter the password: reload the page.", 401)
 
-    def _with_cookie(self, scope: Scope, address: str, value: str) -> Response:
-        response = RedirectResponse(address, 303)
+    def _with_cookie(self, scope: Scope, response: Response, value: str) -> Response:
         # Without a path, the cookie gets that of the page, with the part that a proxy has taken off.
         response.set_cookie(
             self._cookie,
@@ -209,11 +217,7 @@ class Guard:
         return response
 
     def _read_cookie(self, headers: Headers) -> str:
-        try:
-            cookies = SimpleCookie(headers.get("cookie", ""))
-        except CookieError:
-            return ""
-        return cookies[self._cookie].value if self._cookie in cookies else ""
+        return cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
 
     def _is_token(self, text: str) -> bool:
         return hmac.compare_digest(text.encode(), (self._token or "").encode())
@@ -230,6 +234,38 @@ class Guard:
             return ipaddress.ip_address(name).is_loopback or self._is_public
         except ValueError:
             return False
+
+
+def derive_pass(token: str, cookie: str) -> str:
+    """Return what a cookie has instead of the token: it does not open the printed address."""
+    return hmac.new(token.encode(), cookie.encode(), hashlib.sha256).hexdigest()
+
+
+def continue_page(address: str) -> Response:
+    """Return a page that goes on to an address by itself.
+
+    After a link on another site, as of the file that `--open` opens, browsers keep the new cookie back from a
+    redirect, but not from a page's own request.
+    """
+    return HTMLResponse(
+        f'<!doctype html><meta http-equiv="refresh" content="0; url={escape(address)}">'
+        '<link rel="icon" href="data:,"><title>Swarmwright</title>'
+    )
+
+
+def read_host(text: str) -> str:
+    """Return the name or the address of a host as browsers send it. Raises InputError where it is none."""
+    try:
+        return str(ipaddress.ip_address(text.removeprefix("[").removesuffix("]")))
+    except ValueError:
+        pass
+    with contextlib.suppress(UnicodeError):
+        host = text.encode("idna").decode().lower()
+        if HOST.fullmatch(host):
+            return host
+    raise InputError(
+        f"host name {text[:100]!r}: must be a name alone, such as lab.example, without scheme, port and path"
+    )
 
 
 def path_below(scope: Scope) -> str:

@@ -1,7 +1,11 @@
 """The server of the window: its port, its address, its token."""
 
+import contextlib
+import errno
 import ipaddress
+import logging
 import os
+import re
 import secrets
 import socket
 import ssl
@@ -11,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import state_folder
+from swarmwright.common.files import make_private_folder, state_folder
 from swarmwright.common.processes import allow_more_open_files
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
 
@@ -19,7 +23,8 @@ PORT = 8501
 ATTEMPTS = 20
 """Ports after the first that are tried, unless one is given."""
 MOST_CONNECTIONS = 500
-
+TOKEN_BYTES = 24
+TOKEN = re.compile(r"[A-Za-z0-9_-]{32,100}")
 
 CHARTS = Path(__file__).parent / "static" / "vendor" / "uPlot.esm.js"
 """The library that draws charts; wheels have it, a clone gets it by `make ui`."""
@@ -39,49 +44,81 @@ def missing_library() -> str | None:
 def read_token() -> str:
     """Return this user's token: the same at each start, so that an address stays what it is.
 
-    It is in `ui-token` in the state folder. A file that others can read or write is not trusted; where none
-    can be kept, the token is a new one.
+    It is in `ui-token` in the state folder. One that others could read or write is replaced; where none can
+    be kept, each start has a token of its own.
     """
-    new = secrets.token_urlsafe(24)
     folder = state_folder()
     if folder is None:
-        return new
+        return secrets.token_urlsafe(TOKEN_BYTES)
+    file = folder / "ui-token"
+    kept = read_kept_token(file)
+    if kept is not None:
+        return kept
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    part = folder / f".ui-token-{secrets.token_hex(8)}"
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        file = folder / "ui-token"
+        make_private_folder(folder)
         try:
-            descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        except FileExistsError:
-            descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW)
-            with os.fdopen(descriptor, "rb") as stored:
-                status = os.fstat(descriptor)
-                token = stored.read(100).decode("ascii").strip()
-            is_private = stat.S_ISREG(status.st_mode) and not status.st_mode & 0o077
-            return token if is_private and status.st_uid == os.getuid() and len(token) >= len(new) else new
-        with os.fdopen(descriptor, "w", encoding="ascii") as stored:
-            stored.write(new)
-    except (OSError, ValueError):
-        pass
-    return new
+            with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as stream:
+                stream.write(token)
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        logging.getLogger("swarmwright").warning(
+            "%s: cannot be written: %s; this address is valid until the window ends", file, error.strerror
+        )
+    return token
+
+
+def read_kept_token(file: Path) -> str | None:
+    """Return the token in a file that only this user can read or write; None where there is no such file."""
+    try:
+        descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return None
+    try:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode) or status.st_mode & 0o077 or status.st_uid != os.getuid():
+            return None
+        token = os.read(descriptor, 101).decode("latin-1").strip()
+    finally:
+        os.close(descriptor)
+    return token if TOKEN.fullmatch(token) else None
 
 
 def listen(host: str, port: int | None) -> socket.socket:
-    """Return a listening socket. Raises InputError when the port is taken or the host is not here."""
+    """Return a listening socket. Raises InputError, with the option that helps, where there can be none."""
     ports = range(PORT, PORT + ATTEMPTS) if port is None else (port,)
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for candidate in ports:
-        listener = socket.socket(family, socket.SOCK_STREAM)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listener.bind((host, candidate))
-            listener.listen(128)
-        except OSError as error:
-            listener.close()
-            reason = error.strerror or str(error)
-        else:
+        with contextlib.ExitStack() as stack:
+            try:
+                family = socket.AF_INET6 if ":" in host else socket.AF_INET
+                listener = stack.enter_context(socket.socket(family, socket.SOCK_STREAM))
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listener.bind((host, candidate))
+                listener.listen(128)
+            except (OSError, ValueError) as error:  # ValueError: of a name that is none
+                if getattr(error, "errno", None) == errno.EADDRINUSE:
+                    continue
+                raise InputError(explain_refusal(host, candidate, error)) from None
+            stack.pop_all()
             return listener
-    ports_text = f"ports {ports[0]} to {ports[-1]}" if len(ports) > 1 else f"--port {ports[0]}"
-    raise InputError(f"{ports_text}: the window cannot listen on {host}: {reason}; choose another --port")
+    if port is None:
+        raise InputError(f"ports {ports[0]} to {ports[-1]} are taken; choose another port with --port")
+    raise InputError(f"--port {port}: is taken; choose another port, or leave --port out")
+
+
+def explain_refusal(host: str, port: int, error: OSError | ValueError) -> str:
+    """Return why it is not possible to listen at an address, and the option that helps."""
+    code = getattr(error, "errno", None)
+    if code == errno.EACCES:
+        return f"--port {port}: this user may not listen there; choose one from 1024 on"
+    if code == errno.EADDRNOTAVAIL:
+        return f"--host {host}: is not an address of this machine; choose one that is, or leave --host out"
+    if isinstance(error, socket.gaierror | ValueError):
+        return f"--host {host[:200]!r}: is not known; choose an address of this machine, or leave --host out"
+    return f"--host {host}, --port {port}: cannot be used: {error.strerror or error}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,20 +186,23 @@ class Window:
         allow_more_open_files()
         self._listener = listen(settings.host, settings.port)
         try:
-            self.port = self._listener.getsockname()[1]
+            address, self.port = self._listener.getsockname()[:2]
+            self._host = settings.host
+            if ipaddress.ip_address(address).is_unspecified:
+                self._host = [*settings.hosts, socket.gethostname()][0]
             app = create_app(
                 folder,
                 token=self.token or None,
                 sessions=sessions,
                 port=self.port,
-                hosts=settings.hosts,
+                hosts=[*settings.hosts, self._host],
                 is_public=not is_loopback(settings.host),
                 ancestors=settings.frame_ancestors,
                 read_only=settings.read_only,
                 broker=settings.broker,
                 prefix=settings.prefix,
             )
-        except InputError:
+        except BaseException:
             self._listener.close()
             raise
         configuration = uvicorn.Config(
@@ -179,13 +219,11 @@ class Window:
         )
         self._server = Server(configuration, app.state.window.end_events)
         self._scheme = "http" if settings.certificate is None else "https"
-        self._host = settings.host
 
     @property
     def address(self) -> str:
         """The address for browsers of this machine, or of others where it listens for those."""
-        host = socket.gethostname() if self._host in {"0.0.0.0", "::"} else self._host  # noqa: S104
-        shown = f"[{host}]" if ":" in host else host
+        shown = f"[{self._host}]" if ":" in self._host else self._host
         return f"{self._scheme}://{shown}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def run(self) -> None:

@@ -15,6 +15,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 
 import swarmwright
+from swarmwright.cli.ui import write_opening_page
 from tests.python.display.browser import chromium
 from tests.python.records import EXPERIMENT
 
@@ -77,9 +78,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "runs"
 
 
-def test_from_the_list_to_a_replay_and_a_comparison(browser: Chrome, folder: Path) -> None:
+def test_from_the_list_to_a_replay_and_a_comparison(browser: Chrome, folder: Path, tmp_path: Path) -> None:
     with window(folder) as address:
-        browser.get(address)
+        browser.get(write_opening_page(tmp_path, address))
         eventually(lambda: "2 runs" in page_text(browser), "both runs are listed")
         assert "token" not in browser.current_url
 

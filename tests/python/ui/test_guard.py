@@ -9,10 +9,12 @@ from starlette.routing import Mount
 
 from swarmwright import InputError
 from swarmwright.ui.app import create_app
+from swarmwright.ui.guard import derive_pass
 from tests.python.ui.client import HOST, call
 
 TOKEN = "s3cret-token"
-COOKIE = {"cookie": f"swarmwright-8501={TOKEN}"}
+PASS = derive_pass(TOKEN, "swarmwright-8501")
+COOKIE = {"cookie": f"swarmwright-8501={PASS}"}
 
 
 @pytest.fixture
@@ -46,10 +48,33 @@ def test_the_printed_address_gives_a_cookie_and_loses_its_token(app: Starlette) 
     answer = call(app, "/", token=TOKEN, filter="a b")
     assert (answer.status, answer.headers["location"]) == (303, "./?filter=a+b")
     cookie = answer.headers["set-cookie"]
-    assert re.match(f"swarmwright-8501={TOKEN};", cookie)
+    assert re.match(f"swarmwright-8501={PASS};", cookie)
     assert {"HttpOnly", "SameSite=strict"} <= set(cookie.split("; "))
     assert call(app, "/api/window", headers=COOKIE).status == 200
     assert call(app, "/api/window", headers={"authorization": f"Bearer {TOKEN}"}).status == 200
+
+
+def test_the_cookie_which_all_ports_see_opens_nothing_else(app: Starlette) -> None:
+    assert TOKEN not in call(app, "/", token=TOKEN).headers["set-cookie"]
+    assert call(app, "/", token=PASS).status == 401
+    assert call(app, f"/~{PASS}/").status == 401
+    assert call(app, "/", headers={"authorization": f"Bearer {PASS}"}).status == 401
+    assert call(app, "/", headers={"cookie": f"swarmwright-8501={TOKEN}"}).status == 401
+    assert derive_pass(TOKEN, "swarmwright-8502") != PASS
+
+
+def test_cookies_of_other_programs_do_no_harm(app: Starlette) -> None:
+    cookies = f'a={{"b": [1, "c"]}}; é; {COOKIE["cookie"]}; d="'.encode().decode("latin-1")
+    assert call(app, "/api/window", headers={"cookie": cookies}).status == 200
+
+
+def test_after_a_link_of_another_site_a_page_goes_on_since_a_redirect_gets_no_cookie(app: Starlette) -> None:
+    link = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}
+    answer = call(app, "/", headers=link, token=TOKEN, filter='"><b>')
+    assert (answer.status, "location" in answer.headers) == (200, False)
+    assert answer.headers["set-cookie"].startswith(COOKIE["cookie"])
+    assert b'content="0; url=./?filter=%22%3E%3Cb%3E"' in answer.body
+    assert TOKEN.encode() not in answer.body
 
 
 @pytest.mark.parametrize(
@@ -171,6 +196,29 @@ def test_it_works_below_the_path_of_another_application(tmp_path: Path) -> None:
     assert call(app, "/swarm/api/start", method="POST", headers=COOKIE).status == 405
     page = call(app, "/swarm/", headers=COOKIE).body.decode()
     assert not re.search(r'(?:href|src)="/', page), "all addresses are relative"
+
+
+@pytest.mark.parametrize(
+    ("name", "host"),
+    [
+        ("LAB.example", "lab.example:8501"),
+        ("münchen.example", "xn--mnchen-3ya.example"),
+        ("10.0.0.1", "10.0.0.1:8501"),
+        ("[2001:db8:0::1]", "[2001:db8::1]:8501"),
+        ("my_host", "my_host"),
+    ],
+)
+def test_names_are_those_that_browsers_send(tmp_path: Path, name: str, host: str) -> None:
+    app = create_app(tmp_path, token=None, hosts=[name])
+    assert call(app, "/api/window", headers={"host": host}).status == 200
+
+
+@pytest.mark.parametrize(
+    "name", ["", "https://lab.example", "lab.example:8501", "lab.example/swarm", "*", "a b", "a..b", "x\0"]
+)
+def test_names_that_would_never_be_sent_are_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=r"host name .* must be a name alone"):
+        create_app(tmp_path, token=None, hosts=[name])
 
 
 @pytest.mark.parametrize("host", ["10.0.0.1:8501", "[2001:db8::1]"])

@@ -1,22 +1,26 @@
 """The server of the window under attack, and beyond loopback."""
 
 import contextlib
+import errno
 import http.client
 import os
 import socket
 import ssl
+import stat
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
 import swarmwright
 from swarmwright import InputError, _engine
-from swarmwright.ui import protocol
-from swarmwright.ui.server import Settings, Window, check_exposure
+from swarmwright.ui import protocol, server
+from swarmwright.ui.server import Settings, Window, check_exposure, listen, read_token
 from tests.python.records import EXPERIMENT
+from tests.python.ui.client import call
 
 TOKEN = "s3cret-token"
 PASSWORD = "correct horse"
@@ -80,6 +84,86 @@ def test_other_machines_need_a_password_and_tls(files: dict[str, Path]) -> None:
             key=files["key"],
         )
     )
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "localhost", "::1", "0.0.0.0", "::", ""])
+@pytest.mark.parametrize("names", [(), ("lab.example",)])
+def test_the_printed_address_is_one_that_is_answered(
+    tmp_path: Path, files: dict[str, Path], host: str, names: tuple[str, ...]
+) -> None:
+    secure = {"password_file": files["password"], "certificate": files["certificate"], "key": files["key"]}
+    window = Window(tmp_path, Settings(host=host, port=0, hosts=names, **secure))  # type: ignore[arg-type]
+    window._listener.close()
+    netloc = urlsplit(window.address).netloc
+    answer = call(window._server.config.app, "/", headers={"host": netloc})  # type: ignore[arg-type]
+    assert (answer.status, b'type="password"' in answer.body) == (401, True), netloc
+    if names and host in {"0.0.0.0", "::", ""}:
+        assert netloc == f"lab.example:{window.port}"
+
+
+def test_the_token_is_kept_for_this_user_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "new" / "state"))
+    token = read_token()
+    assert read_token() == token
+    file = tmp_path / "new" / "state" / "swarmwright" / "ui-token"
+    for path, mode in ((file, 0o600), *((parent, 0o700) for parent in file.parents[:3])):
+        assert stat.S_IMODE(path.stat().st_mode) == mode, path
+    assert [*file.parent.iterdir()] == [file]
+
+
+@pytest.mark.parametrize("fault", ["empty", "short", "wrong", "readable", "foreign", "link", "pipe"])
+def test_a_token_that_others_may_know_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    former = read_token()
+    file = tmp_path / "swarmwright" / "ui-token"
+    user = os.getuid()
+    if fault in {"link", "pipe"}:
+        file.rename(tmp_path / "elsewhere")
+        file.symlink_to(tmp_path / "elsewhere") if fault == "link" else os.mkfifo(file, 0o600)
+    elif fault == "readable":
+        file.chmod(0o640)
+    elif fault == "foreign":
+        monkeypatch.setattr("os.getuid", lambda: user + 1)
+    else:
+        file.write_text({"empty": "", "short": "abc", "wrong": "a/b?" * 10}[fault])
+    token = read_token()
+    assert token != former
+    assert len(token) == len(former)
+    monkeypatch.setattr("os.getuid", lambda: user)
+    assert (read_token(), stat.S_IMODE(file.lstat().st_mode)) == (token, 0o600)
+
+
+def test_a_token_that_cannot_be_kept_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    (tmp_path / "swarmwright" / "ui-token").mkdir(parents=True)
+    assert read_token() != read_token()
+    assert "ui-token: cannot be written: Is a directory; this address is valid until" in caplog.text
+
+
+def test_why_it_cannot_listen_is_told_with_the_option_that_helps(monkeypatch: pytest.MonkeyPatch) -> None:
+    with listen("127.0.0.1", 0) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"--port {port}: is taken; choose another port"):
+            listen("127.0.0.1", port)
+        monkeypatch.setattr(server, "PORT", port)
+        with listen("127.0.0.1", None) as following:
+            assert port < following.getsockname()[1] < port + server.ATTEMPTS
+        monkeypatch.setattr(server, "ATTEMPTS", 1)
+        with pytest.raises(InputError, match=r"ports .* are taken; choose another port with --port"):
+            listen("127.0.0.1", None)
+    with pytest.raises(InputError, match=r"--host 192\.0\.2\.1: is not an address of this machine"):
+        listen("192.0.2.1", None)
+    for name in ("nowhere.invalid", "localhost:8501", "a..b", "x" * 300):
+        with pytest.raises(InputError, match=r"--host '.*: is not known"):
+            listen(name, 0)
+    denied = PermissionError(errno.EACCES, "Permission denied")
+    monkeypatch.setattr("socket.socket.bind", lambda *_: (_ for _ in ()).throw(denied))
+    with pytest.raises(InputError, match="--port 80: this user may not listen there; choose one from 1024"):
+        listen("127.0.0.1", 80)
 
 
 @pytest.mark.slow

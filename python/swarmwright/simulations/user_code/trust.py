@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import state_folder
+from swarmwright.common.files import make_private_folder, state_folder
 from swarmwright.common.warn_once import warn_once
 
 Ask = Callable[[str], bool]
@@ -47,7 +47,7 @@ def remember(files: Mapping[str, str], name: str) -> None:
     if folder_ is not None:
         try:
             if not (folder_ / digest).exists():
-                folder_.mkdir(mode=0o700, parents=True, exist_ok=True)
+                make_private_folder(folder_)
                 (folder_ / digest).write_text(f"{name}\n", encoding="utf-8", errors="backslashreplace")
             return
         except OSError as error:
