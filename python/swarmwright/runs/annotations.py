@@ -46,11 +46,9 @@ class Annotations:
 def read_annotations(folder: Path) -> Annotations:
     """Return the annotations of a run folder; empty ones where there are none.
 
-    Raises InputError when the file is damaged.
+    Raises InputError when the file is damaged or cannot be read.
     """
     path = folder / FILE
-    if not path.is_file():
-        return Annotations()
     try:
         values = json.loads(read_bytes(path, _MOST_BYTES))
         tags, note = values["tags"], values["note"]
@@ -59,6 +57,10 @@ def read_annotations(folder: Path) -> Annotations:
         ):
             raise TypeError
         return Annotations(tuple(tags), note)
+    except FileNotFoundError:
+        return Annotations()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, TypeError, KeyError, RecursionError):
         raise InputError(
             f'{path}: must be JSON such as {{"tags": ["thesis"], "note": "text"}}; correct or delete it'

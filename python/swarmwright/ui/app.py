@@ -11,7 +11,7 @@ from typing import Any
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, HTMLResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
@@ -175,12 +175,14 @@ def changing(change: Callable[[dict[str, Any]], Any]) -> Callable[[Request], Any
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return json_response({"error": "the request must be application/json"}, 415)
         body = bytearray()
-        async for part in request.stream():
-            body += part
-            if len(body) > REQUEST_BYTES:
-                return json_response({"error": "the request is larger than 2 MiB"}, 413)
         try:
+            async for part in request.stream():
+                body += part
+                if len(body) > REQUEST_BYTES:
+                    return json_response({"error": "the request is larger than 2 MiB"}, 413)
             values = json.loads(body)
+        except ClientDisconnect:  # nobody reads the answer
+            return Response(status_code=400)
         except (ValueError, RecursionError):
             return json_response({"error": "the request is not valid JSON"}, 400)
         try:

@@ -15,6 +15,7 @@ import numpy as np
 from swarmwright import InputError, Run, SwarmwrightError
 from swarmwright.common.simulation_names import label_of
 from swarmwright.runs.annotations import FILE
+from swarmwright.runs.store.lock import is_locked
 
 STORE = "run.sqlite"
 MOST_RUNS = 20_000
@@ -23,8 +24,31 @@ MOST_DEPTH = 8
 SPARK_POINTS = 40
 RATE_WEIGHT = 0.4
 """Of the newest measurement in the evaluations a second of a run that goes on."""
+RETRY_S = 10.0
+"""After which a run that could not be read is read again."""
+STEP_S = 1.0
+"""The least time in which the speed is measured."""
+LATE = 2.0
+"""A step is late when it takes so many times as long as the ones before."""
+MOST_DELTAS = 16
+"""Answers that are kept: whoever asks names the version."""
+MOST_CHARACTERS = 500
+"""Of a text in a row; a run folder that came from elsewhere may have any."""
 
 Signature = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """Progress of a run: some evaluations that were recorded together."""
+
+    time: float
+    evaluations: int
+    """Of the run, so far."""
+    done: int
+    """Of this step; 0 where that is not known."""
+    rate: float | None
+    """Evaluations a second, of this step and those before."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +96,8 @@ class RunIndex:
         self.folder = folder
         self.version = 0
         """It grows with every change of a row; at 0, nothing has been read yet."""
+        self._start = time.time_ns() // 1000
+        """Below all versions, and above those of an earlier window, which browsers still have."""
         self.is_complete = False
         """Whether the last `refresh` looked at all runs."""
         self._lock = threading.Lock()
@@ -80,8 +106,8 @@ class RunIndex:
         """The version at which a row, or its absence, came."""
         self._signatures: dict[str, Signature] = {}
         self._read_at: dict[str, float] = {}
-        self._seen: dict[str, tuple[float, int]] = {}
-        """Time and evaluations when a run that goes on was read last."""
+        self._steps: dict[str, Step] = {}
+        """The last progress of each run that goes on."""
         self._deltas: dict[int, bytes] = {}
 
     def refresh(self, seconds: float = math.inf) -> bool:
@@ -98,29 +124,30 @@ class RunIndex:
         for name in sorted(present, key=lambda name: self._read_at.get(name, 0.0)):
             signature = present[name]
             row = self._rows.get(name)
-            # A run that is killed changes its state without a change of its files.
-            if row is None or signature != self._signatures.get(name) or row.state == "running":
+            if row is None or signature != self._signatures.get(name) or self._is_due(row):
                 self._signatures[name] = signature
                 self._read_at[name] = time.monotonic()
                 self._update(name, self._read(name))
                 if time.monotonic() > end:
                     self.is_complete = False
                     return True
+            elif row.state == "running":
+                self._update(name, self._with_rate(row))
         self.is_complete = True
         if self.version == 0:  # there is none, which is news, too
-            self.version = 1
+            self.version = self._start
         return self.version > before
 
     def path(self, name: str) -> Path:
         """Return the folder of a run of the list. Raises InputError for anything else."""
-        if name not in self._rows:
-            raise InputError(f"{name[:200]}: there is no such run below {self.folder}")
-        return self.folder / name
+        return self.folder / self.row(name).id
 
     def row(self, name: str) -> Row:
         """Return the row of a run. Raises InputError when there is none."""
-        self.path(name)
-        return self._rows[name]
+        row = self._rows.get(name)
+        if row is None:
+            raise InputError(f"{name[:200]}: there is no such run below {self.folder}")
+        return row
 
     def delta(self, version: int) -> tuple[int, bytes]:
         """Return the present version, and as JSON what has changed since another: rows, ids that are gone.
@@ -128,8 +155,8 @@ class RunIndex:
         It is built once for all who ask for the same.
         """
         with self._lock:
-            if version > self.version:
-                version = 0  # of an earlier server
+            if not self._start <= version <= self.version:
+                version = 0  # of an earlier window
             message_bytes = self._deltas.get(version)
             if message_bytes is None:
                 names = [name for name, changed in self._changed.items() if changed > version]
@@ -140,6 +167,8 @@ class RunIndex:
                     "gone": [name for name in names if name not in self._rows],
                 }
                 message_bytes = self._deltas[version] = json.dumps(message, allow_nan=False).encode()
+                if len(self._deltas) > MOST_DELTAS:
+                    del self._deltas[next(iter(self._deltas))]
             return self.version, message_bytes
 
     def _update(self, name: str, row: Row | None) -> None:
@@ -150,9 +179,10 @@ class RunIndex:
                 del self._rows[name]
                 self._signatures.pop(name, None)
                 self._read_at.pop(name, None)
+                self._steps.pop(name, None)
             else:
                 self._rows[name] = row
-            self.version += 1
+            self.version = max(self.version, self._start) + 1
             self._changed[name] = self.version
             self._deltas.clear()
 
@@ -168,29 +198,50 @@ class RunIndex:
             count += 1
             yield below, signature_of(Path(path))
 
+    def _is_due(self, row: Row) -> bool:
+        """Return whether to read a run whose files are as they were.
+
+        A killed run does not write that it has ended, and what could not be read may be readable later.
+        """
+        if row.state == "unreadable":
+            return time.monotonic() - self._read_at[row.id] > RETRY_S
+        return row.state == "running" and not is_locked(self.folder / row.id)
+
     def _read(self, name: str) -> Row:
         try:
-            return self._with_rate(summarize(Run(self.folder / name), name))
+            row = self._with_rate(summarize(Run(self.folder / name), name))
+            json.dumps(asdict(row), allow_nan=False)
         except (SwarmwrightError, OSError) as error:
-            return Row(name, "unreadable", problem=str(error))
+            return Row(name, "unreadable", problem=str(error)[:MOST_CHARACTERS])
+        except Exception as error:  # noqa: BLE001 - a store that came from elsewhere may hold anything
+            problem = f"{STORE}: has an impossible value: {error!r}"
+            return Row(name, "unreadable", problem=problem[:MOST_CHARACTERS])
+        return row
 
     def _with_rate(self, row: Row) -> Row:
-        """Add evaluations a second and the time that is left to a run that goes on."""
+        """Add evaluations a second and the time that is left to a run that goes on.
+
+        Evaluations are recorded in steps, such as generations, so the speed is that of the last ones; when
+        the next one is late, it can be no more than if it came now.
+        """
         if row.state != "running":
-            self._seen.pop(row.id, None)
+            self._steps.pop(row.id, None)
             return row
         now = time.monotonic()
-        before, previous = self._seen.get(row.id), self._rows.get(row.id)
-        if before is None:
-            self._seen[row.id] = (now, row.evaluations)
+        last = self._steps.get(row.id)
+        if last is None:
             rate = row.evaluations / row.seconds if row.seconds > 0 else None
-        elif now - before[0] < 1.0:
-            rate = None if previous is None else previous.rate
+            self._steps[row.id] = Step(now, row.evaluations, 0, rate)
+        elif row.evaluations != last.evaluations and now - last.time >= STEP_S:
+            done = row.evaluations - last.evaluations
+            newest = done / (now - last.time)
+            rate = newest if last.rate is None else RATE_WEIGHT * newest + (1 - RATE_WEIGHT) * last.rate
+            self._steps[row.id] = Step(now, row.evaluations, done, rate)
         else:
-            self._seen[row.id] = (now, row.evaluations)
-            newest = (row.evaluations - before[1]) / (now - before[0])
-            former = newest if previous is None or previous.rate is None else previous.rate
-            rate = RATE_WEIGHT * newest + (1 - RATE_WEIGHT) * former
+            rate = last.rate
+            if rate and last.done and last.done < rate * (now - last.time) / LATE:
+                # One digit: the row shall not change all the time.
+                rate = float(f"{last.done / (now - last.time):.1g}")
         left = None
         if rate and row.budget is not None and row.generations:
             left = (row.budget - row.generations) * (row.evaluations / row.generations) / rate
@@ -222,8 +273,8 @@ def summarize(run: Run, name: str) -> Row:
     return Row(
         id=name,
         state=run.state,
-        name=run.name,
-        simulation=experiment.label,
+        name=run.name[:MOST_CHARACTERS],
+        simulation=experiment.label[:MOST_CHARACTERS],
         controller=experiment.controller.kind,
         method=label_of(experiment.method.kind),
         seed=experiment.seed,
@@ -234,8 +285,8 @@ def summarize(run: Run, name: str) -> Row:
         best=finite(history[-1].best_so_far) if history else None,
         held_out=None if unseen is None else finite(unseen.fitness.mean),
         held_out_failed=0 if unseen is None else unseen.failed,
-        seconds=run.seconds,
-        created=run.created,
+        seconds=finite(run.seconds) or 0.0,
+        created=run.created[:MOST_CHARACTERS],
         spark=tuple(finite(summary.best_so_far) for summary in picked),
         tags=tags,
     )

@@ -11,7 +11,7 @@ from typing import TypeVar, cast
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
-from swarmwright import InputError, Run
+from swarmwright import InputError, Run, SwarmwrightError
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
 from swarmwright.ui.brokers import Brokers
 from swarmwright.ui.index import RunIndex
@@ -29,6 +29,7 @@ MOST_OPENED = 20
 """Runs that are kept open."""
 
 Page = TypeVar("Page", str, bytes)
+T = TypeVar("T")
 
 
 class Window:
@@ -60,21 +61,43 @@ class Window:
         self.figures = threading.Lock()
         self._changed = asyncio.Condition()
         self._is_ending = False
+        self._warnings: dict[str, str] = {}
+        """Why each of the looks fails now."""
 
     async def watch(self) -> None:
-        """Look for changes until cancelled."""
+        """Look for changes until cancelled, whatever goes wrong."""
         while True:
-            try:
-                if not self._read_only:
-                    await run_in_threadpool(self.jobs.advance)
-                is_changed = await run_in_threadpool(self.index.refresh, FIRST_S)
-            except OSError as error:  # a full disk, a folder that is gone: later it may be there again
-                logging.getLogger("swarmwright").warning("the list of runs is not up to date: %s", error)
-                is_changed = False
+            if not self._read_only:
+                await self._attempt("the queue stands still", self.jobs.advance)
+            is_changed = await self._attempt("the list of runs is not up to date", self._refresh)
             if is_changed:
                 async with self._changed:
                     self._changed.notify_all()
-            await asyncio.sleep(REFRESH_S if self.index.is_complete else 0)
+            await asyncio.sleep(0 if is_changed and not self.index.is_complete else REFRESH_S)
+
+    def _refresh(self) -> bool:
+        return self.index.refresh(FIRST_S)
+
+    async def _attempt(self, consequence: str, look: Callable[[], T]) -> T | None:
+        """Return what a look at the stores returns, None where it fails: later it may succeed.
+
+        The same failure is logged once.
+        """
+        try:
+            result = await run_in_threadpool(look)
+        except (OSError, SwarmwrightError) as error:  # a full disk, a folder that is gone
+            self._warn(consequence, str(error), None)
+        except Exception as error:  # noqa: BLE001 - a mistake of ours, after which the window goes on as well
+            self._warn(consequence, repr(error), error)
+        else:
+            self._warnings.pop(consequence, None)
+            return result
+        return None
+
+    def _warn(self, consequence: str, reason: str, error: Exception | None) -> None:
+        if self._warnings.get(consequence) != reason:
+            self._warnings[consequence] = reason
+            logging.getLogger("swarmwright").warning("%s: %s", consequence, reason, exc_info=error)
 
     def close(self) -> None:
         """Close the connections to brokers."""
@@ -93,7 +116,7 @@ class Window:
         """
         while not self._is_ending:
             if self.index.version != version:
-                version, message = self.index.delta(version)
+                version, message = await run_in_threadpool(self.index.delta, version)
                 yield b"data: " + message + b"\n\n"
             async with self._changed:
                 if self.index.version == version and not self._is_ending:

@@ -32,9 +32,13 @@ def call(
     method: str = "GET",
     headers: dict[str, str] | None = None,
     body: bytes = b"",
+    messages: list[dict[str, Any]] | None = None,
     **query: Any,
 ) -> Answer:
-    """Return the answer to a request; its Host is that of loopback unless `headers` have another."""
+    """Return the answer to a request; its Host is that of loopback unless `headers` have another.
+
+    messages: those of the client, the last one first, instead of one with `body`.
+    """
     parts = urlsplit(target)
     sent = {"host": HOST, **(headers or {})}
     scope = {
@@ -53,7 +57,7 @@ def call(
     }
     answer = Answer()
 
-    requests = [{"type": "http.request", "body": body, "more_body": False}]
+    requests = messages or [{"type": "http.request", "body": body, "more_body": False}]
 
     async def receive() -> dict[str, Any]:
         if not requests:

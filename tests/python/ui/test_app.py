@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import json
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,17 @@ def test_wrong_requests_are_told_why(
         assert message in answer.values["error"]
 
 
+def test_a_client_that_leaves_before_the_end_of_its_request_is_no_error(app: Starlette) -> None:
+    messages = [
+        {"type": "http.disconnect"},
+        {"type": "http.request", "body": b'{"text": "simul', "more_body": True},
+    ]
+    answer = call(
+        app, "/api/check", method="POST", headers={"content-type": "application/json"}, messages=messages
+    )
+    assert answer.status == 400
+
+
 def test_a_slow_reader_gets_what_has_changed_at_once(two_runs: Path) -> None:
     async def read() -> list[dict[str, object]]:
         window = Window(two_runs)
@@ -131,6 +143,42 @@ def test_the_list_goes_on_after_an_error_of_the_disk(two_runs: Path, monkeypatch
         return len(json.loads(message.removeprefix(b"data: "))["rows"])
 
     assert asyncio.run(watch()) > 0
+
+
+@pytest.mark.parametrize("part", ["queue", "list"])
+def test_the_window_goes_on_after_a_mistake_and_says_so_once(
+    two_runs: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, part: str
+) -> None:
+    async def watch() -> int:
+        window = Window(two_runs)
+        refresh = window.index.refresh
+        looks = 0
+        is_repeated = threading.Event()
+
+        def fail(*_: float) -> bool:
+            nonlocal looks
+            looks += 1
+            if looks == 5:
+                is_repeated.set()
+            raise KeyError("never seen")
+
+        monkeypatch.setattr("swarmwright.ui.window.REFRESH_S", 0.01)
+        if part == "queue":
+            monkeypatch.setattr(window.jobs, "advance", fail)
+        else:
+            monkeypatch.setattr(window.index, "refresh", lambda _: fail() if looks < 5 else refresh())
+        watcher = asyncio.create_task(window.watch())
+        message = await asyncio.wait_for(anext(window.events(0)), 20)
+        assert await asyncio.to_thread(is_repeated.wait, 20)
+        watcher.cancel()
+        return len(json.loads(message.removeprefix(b"data: "))["rows"])
+
+    assert asyncio.run(watch()) == 2
+    [record] = [record for record in caplog.records if "never seen" in record.getMessage()]
+    assert record.getMessage().startswith(
+        {"queue": "the queue stands still", "list": "the list of runs is not up to date"}[part]
+    )
+    assert record.exc_info, "where it happened is told"
 
 
 def test_the_pages_that_are_kept_are_bounded(two_runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,9 @@ MOST_RUNS = 500
 
 
 def read_runs(window: Window, values: dict[str, Any]) -> list[str]:
-    """Return the runs that a request names. Raises InputError for one that is not in the list."""
-    runs = [read_field({"runs": run}, "runs", str) for run in read_field(values, "runs", list)]
+    """Return the runs that a request names, each once. Raises InputError for one that is not in the list."""
+    entries = read_field(values, "runs", list)
+    runs = [*dict.fromkeys(read_field({"runs": run}, "runs", str) for run in entries)]
     for run in runs:
         window.index.path(run)
     if not 1 <= len(runs) <= MOST_RUNS:

@@ -1,6 +1,8 @@
 """Tags and notes in the window."""
 
+import errno
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,8 @@ import pytest
 from starlette.applications import Starlette
 
 from swarmwright import Run
+from swarmwright.runs import annotations
+from swarmwright.runs.annotations import MOST_TAGS
 from swarmwright.ui.app import create_app
 from tests.python.ui.client import Answer, call
 
@@ -55,8 +59,59 @@ def test_mistakes_change_nothing(own: Path, values: dict[str, Any], message: str
     assert Run(own / "run-1").tags == ()
 
 
-def test_a_damaged_file_leaves_the_run_in_the_list(own: Path) -> None:
-    (own / "run-1" / "notes.json").write_text("{")
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("damaged", "notes.json: must be JSON"),
+        ("folder", "notes.json: cannot be read: Is a directory"),
+        ("pipe", "notes.json: is a pipe; expected a file"),
+        ("link", "notes.json: cannot be read: Too many levels of symbolic links"),
+        ("denied", "notes.json: cannot be read: Permission denied"),
+    ],
+)
+def test_a_file_that_cannot_be_read_leaves_the_run_in_the_list(
+    own: Path, monkeypatch: pytest.MonkeyPatch, fault: str, message: str
+) -> None:
+    file = own / "run-1" / "notes.json"
+    if fault == "folder":
+        file.mkdir()
+    elif fault == "pipe":
+        os.mkfifo(file)
+    elif fault == "link":
+        file.symlink_to(file)
+    else:
+        file.write_text("{")
+    if fault == "denied":
+
+        def deny(*_: object) -> bytes:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+        monkeypatch.setattr(annotations, "read_bytes", deny)
     app = create_app(own, token=None)
+    assert app.state.window.index.row("run-1").state == "done"
     assert call(app, "/api/run", run="run-1").status == 200
-    assert "notes.json: must be JSON" in call(app, "/api/notes", run="run-1").values["error"]
+    assert message in call(app, "/api/notes", run="run-1").values["error"]
+    assert message in annotate(app, {"runs": ["run-1"], "add": "x"}).values["error"]
+
+
+@pytest.mark.parametrize("fault", ["damaged", "full", "link"])
+def test_of_several_runs_all_are_tagged_or_none(own: Path, fault: str) -> None:
+    app = create_app(own, token=None)
+    Run(own / "run-1").annotate(tags=["before"], note="kept")
+    if fault == "full":
+        Run(own / "run-2").annotate(tags=[f"tag-{number}" for number in range(MOST_TAGS)])
+    elif fault == "damaged":
+        (own / "run-2" / "notes.json").write_text("{")
+    else:  # it is refused only when it is written
+        (own / "notes.json").write_text('{"tags": [], "note": ""}')
+        (own / "run-2" / "notes.json").symlink_to(own / "notes.json")
+    answer = annotate(app, {"runs": ["run-1", "run-2"], "add": "thesis", "remove": "before"})
+    assert answer.status == 422
+    assert str(own / "run-2") in answer.values["error"]
+    assert (Run(own / "run-1").tags, Run(own / "run-1").note) == (("before",), "kept")
+
+
+def test_a_run_that_is_named_twice_is_tagged_once(own: Path) -> None:
+    app = create_app(own, token=None)
+    assert annotate(app, {"runs": ["run-1"] * 3, "add": "a, a"}).values == {"runs": ["run-1"]}
+    assert Run(own / "run-1").tags == ("a",)
