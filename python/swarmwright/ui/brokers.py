@@ -1,6 +1,7 @@
 """Brokers whose servers are shown: one connection for each, shared by all windows that look."""
 
 import json
+import logging
 import threading
 import time
 from collections.abc import Mapping
@@ -28,8 +29,12 @@ RETRY_S = 3.0
 """Between two attempts to reach a broker."""
 FIRST_S = 1.0
 """That the first who looks waits for what the broker says."""
-CLOSE_S = 2.0
+DISCONNECT_S = 1.0
+"""That the engine waits for the broker to take leave."""
+CLOSE_S = EVERY_S + DISCONNECT_S
+"""After which a watch that was told to close has done so, unless it is just connecting."""
 MOST_BROKERS = 8
+"""With that of the start."""
 MOST_ROWS = 500
 """Servers, and tools, that are listed; the others are counted."""
 MOST_MESSAGES = 5
@@ -72,12 +77,16 @@ class BrokerWatch:
         thread = self._thread
         return thread is not None and thread.is_alive()
 
-    def close(self) -> None:
-        """Disconnect."""
+    def begin_closing(self) -> None:
+        """Disconnect soon."""
         self._closed.set()
+
+    def close(self, seconds: float = CLOSE_S) -> None:
+        """Disconnect; wait at most some seconds for it, since an attempt to connect may take longer."""
+        self.begin_closing()
         thread = self._thread
         if thread is not None:
-            thread.join(CLOSE_S)
+            thread.join(max(seconds, 0.0))
 
     def _renew(self) -> None:
         with self._lock:
@@ -96,19 +105,26 @@ class BrokerWatch:
             try:
                 self._follow()
             except SwarmwrightError as error:
-                self._set_state("away", str(error))
-                self._is_answered.set()
-                self._closed.wait(RETRY_S)
+                self._fail(str(error))
+            except Exception as error:  # a message that nobody has thought of
+                logging.getLogger("swarmwright").exception("the servers on %s cannot be shown", self.url)
+                self._fail(f"The state of the broker cannot be shown: {error!r}")
             with self._lock:
                 if not self._is_wanted():
                     self._thread = None
                     return
 
+    def _fail(self, message: str) -> None:
+        self._set_state("away", message)
+        self._is_answered.set()
+        self._closed.wait(RETRY_S)
+
     def _follow(self) -> None:
         with engine_errors(), closing(watch_broker(self.url, prefix=self.prefix, every=EVERY_S)) as views:
             for view in views:
                 self._remember(view)
-                self._count = sum(server.state != "lost" for server in view.servers)
+                is_lost = view.broker_lost is not None
+                self._count = None if is_lost else sum(server.state != "lost" for server in view.servers)
                 self._answer = json.dumps(
                     {"broker": self.url, "prefix": self.prefix, **describe(view, self._last)}, allow_nan=False
                 ).encode()
@@ -162,7 +178,8 @@ class Brokers:
 
     def list_addresses(self) -> list[tuple[str, str]]:
         """Return the address and the prefix of each, that of the start first."""
-        return list(self._watches)
+        with self._lock:
+            return list(self._watches)
 
     def add(self, url: str, prefix: str) -> None:
         """Add a broker. Raises InputError for an address or a prefix that is none, and for too many."""
@@ -175,35 +192,44 @@ class Brokers:
         with self._lock:
             if (url, prefix) in self._watches:
                 return
-            if len(self._watches) > MOST_BROKERS:
+            if len(self._watches) >= MOST_BROKERS:
                 # The first one is that of the start.
                 idle = [key for key in list(self._watches)[1:] if not self._watches[key].is_connected]
                 if not idle:
-                    raise InputError(f"broker: at most {MOST_BROKERS} are shown at once; close another page")
+                    raise InputError(
+                        f"broker: at most {MOST_BROKERS} are watched at once; close the page of another, and "
+                        f"try again in {UNWATCHED_S:.0f} s"
+                    )
                 del self._watches[idle[0]]
             self._watches[url, prefix] = BrokerWatch(url, prefix)
 
     def find(self, url: str, prefix: str) -> BrokerWatch:
         """Return the watch of a broker; for an empty address, of the first. Raises InputError for others."""
-        if not url:
-            return next(iter(self._watches.values()))
-        watch = self._watches.get((url, prefix))
+        with self._lock:
+            watch = self._watches.get((url, prefix)) if url else next(iter(self._watches.values()))
         if watch is None:
             raise InputError("broker: this window does not show that broker; enter its address to connect")
         return watch
 
     def count_servers(self, url: str, prefix: str) -> int | None:
-        """Return how many servers a broker has; None where that is not known yet, or it cannot be asked."""
-        try:
-            self.add(url, prefix)
-            return self.find(url, prefix).count()
-        except InputError:
-            return None
+        """Return how many servers a broker has; None where that is not known yet.
+
+        Of others than those of the window it never is: the experiment that names the broker may come from
+        somebody who wants to know the account.
+        """
+        with self._lock:
+            watch = self._watches.get((url, prefix))
+        return None if watch is None else watch.count()
 
     def close(self) -> None:
-        """Disconnect from all."""
-        for watch in self._watches.values():
-            watch.close()
+        """Disconnect from all, at once."""
+        with self._lock:
+            watches = list(self._watches.values())
+        for watch in watches:
+            watch.begin_closing()
+        end = time.monotonic() + CLOSE_S
+        for watch in watches:
+            watch.close(end - time.monotonic())
 
 
 def describe(view: View, last: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:

@@ -6,7 +6,10 @@ that starts later goes on with it, and never in the folder of runs, which may co
 
 As many runs go on at once as there are processors. A run that names a broker leaves its computations to the
 broker's servers: it occupies a server there instead, and as many of these go on as the broker has servers, at
-least one. Servers and brokers occupy nothing, since runs would wait for them.
+least one. Servers, brokers and deletions occupy nothing, since runs would wait for them.
+
+Several machines may share the state folder, and a window on each the queue: a job belongs to the machine on
+which it was started.
 """
 
 import contextlib
@@ -19,27 +22,33 @@ import secrets
 import shlex
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from swarmwright import InputError, Run
 from swarmwright.common import yaml
-from swarmwright.common.files import state_folder
+from swarmwright.common.files import make_private_folder, state_folder
 from swarmwright.experiment.broker_address import PREFIX_VARIABLE
+from swarmwright.runs.optimization.resuming import extend_experiment
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+ID = re.compile(r"[0-9]{20}-[0-9a-f]{8}")
 MOST_SEEDS = 200
 MOST_JOBS = 500
 """Jobs that are kept; the oldest ones that have ended are forgotten."""
 OUTPUT_BYTES = 20_000
 """Of the end of what a job has printed."""
+LINE_BYTES = 300
+MOST_OUTPUTS = 20
+"""Of jobs, that an answer has."""
 MOST_SERVERS = 256
 MOST_PORT = 65535
 MOST_CHARACTERS = 500
@@ -77,7 +86,10 @@ class Job:
     """waiting, running, done, failed, or stopped: by SIGINT, or before its turn."""
     status: int | None = None
     """Exit status, once it has ended."""
-    output: str = ""
+    line: str = ""
+    """The last that it has printed."""
+    host: str = ""
+    """The machine on which it was started, where that is another one."""
     broker: str = ""
     """Of a run, the broker whose servers it uses."""
     prefix: str = ""
@@ -87,6 +99,39 @@ class Job:
     def is_service(self) -> bool:
         """Whether the job runs until it is stopped."""
         return self.arguments[:1] in (["serve"], ["broker"])
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the job occupies neither a processor nor a server."""
+        return self.is_service or self.arguments[:1] == ["runs"]
+
+
+@dataclass(frozen=True)
+class Process:
+    """Where the process of a job is."""
+
+    process: int
+    moment: str
+    """When it was started, in ticks since the machine was."""
+    boot: str
+    host: str
+
+    @classmethod
+    def of(cls, process: int) -> "Process":
+        """Return where a process of this machine is."""
+        return cls(process, start_time(process), read_boot(), socket.gethostname())
+
+    @property
+    def is_here(self) -> bool:
+        """Whether it is a process of this machine, if it is any."""
+        return self.host == socket.gethostname()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it still is, as far as is known; later, and after a reboot, others have its number."""
+        if not self.is_here:
+            return True
+        return self.boot == read_boot() and self.moment != "" and start_time(self.process) == self.moment
 
 
 class Jobs:
@@ -112,13 +157,20 @@ class Jobs:
         self._count_servers = count_servers
         self._children: list[subprocess.Popen[bytes]] = []
         """Those that this window started, to be reaped."""
+        self._ended: dict[str, Job] = {}
+        """Jobs that have ended, of which nothing changes any more."""
 
     def list_jobs(self) -> list[Job]:
         """Return the jobs, the newest first."""
-        with contextlib.suppress(OSError):
+        try:
             names = sorted((path.name for path in self._jobs.iterdir() if path.is_dir()), reverse=True)
-            return [job for job in map(self._read, names) if job is not None]
-        return []
+        except OSError:
+            return []
+        return [job for job in map(self._read, names) if job is not None]
+
+    def read_outputs(self, jobs: Collection[str]) -> dict[str, str]:
+        """Return the end of what jobs have printed, by id; at most `MOST_OUTPUTS` of them."""
+        return {job: tail(self._jobs / job / "output.txt") for job in list(jobs)[:MOST_OUTPUTS] if is_id(job)}
 
     def check(self, text: str, write_sweep: Callable[[str], str] | None = None) -> list[dict[str, Any]]:
         """Return what is wrong with an experiment, as `optimize` says it: the line or None, the message.
@@ -192,7 +244,7 @@ class Jobs:
 
     def _write(self, name: str, text: str, runs: Iterable[str]) -> Path:
         """Write a file for runs into the folder. Raises InputError when a name is taken."""
-        queued = {job.run for job in self.list_jobs() if job.state in {"waiting", "running"}}
+        queued = self._list_queued()
         existing = [run for run in runs if run in queued or (self.folder / run).exists()]
         if existing:
             raise InputError(
@@ -211,10 +263,36 @@ class Jobs:
         return file
 
     def resume(self, run: str, generations: int | None) -> Job:
-        """Put a run into the queue that was interrupted, or that goes on to more generations."""
+        """Put a run into the queue that was interrupted, or that goes on to more generations.
+
+        Raises InputError as `check_resumption` does.
+        """
+        opened = self.check_resumption(run, generations)
         options = [] if generations is None else ["--generations", str(generations)]
-        broker = read_broker(yaml.dump(Run(self.folder / run).experiment.to_mapping()))
+        broker = read_broker(yaml.dump(opened.experiment.to_mapping()))
         return self._add(["resume", *options, "--", run], run, broker)
+
+    def check_resumption(self, run: str, generations: int | None) -> Run:
+        """Return a run that can be resumed.
+
+        Raises InputError when it is in the queue or goes on, or the generations are not more than it has.
+        """
+        opened = Run(self.folder / run)
+        if run in self._list_queued() or opened.state == "running":
+            raise InputError(f"{run}: is in the queue or goes on already; wait for it, or stop it")
+        if generations is None:
+            return opened
+        if generations <= opened.generations:
+            raise InputError(
+                f"generations: {generations} is not more than the {opened.generations} that {run} has; enter "
+                "more, or nothing to complete it as planned"
+            )
+        extend_experiment(opened, opened.experiment, (), {"generations": generations})
+        return opened
+
+    def _list_queued(self) -> set[str]:
+        """Return the runs of jobs that wait or go on."""
+        return {job.run for job in self.list_jobs() if job.run and job.state in {"waiting", "running"}}
 
     def delete(self, runs: list[str]) -> Job:
         """Delete runs, as `runs delete` does it: files that Swarmwright did not write stay."""
@@ -247,22 +325,26 @@ class Jobs:
     def stop(self, job: str) -> Job:
         """Interrupt a job, which keeps what it has; one that waits leaves the queue.
 
-        Raises InputError when there is no such job.
+        Raises InputError when there is no such job, or another machine has it.
         """
-        current = self._read(job)
-        if current is None:
+        if self._read(job) is None:
             raise InputError(f"{job[:100]}: there is no such job")
         with self._lock():
-            current = self._read(job) or current
-            process = self._process(job)
-            if current.state == "running" and process is not None:
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(process, signal.SIGINT)
+            current = self._read(job)
+            process = self._read_process(job)
+            if current is not None and current.state == "running" and process is not None:
+                if not process.is_here:
+                    raise InputError(f"the job runs on {process.host}; stop it in a window there")
                 (self._jobs / job / "stopped").touch()
-            elif current.state == "waiting":
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.process, signal.SIGINT)
+            elif current is not None and current.state == "waiting":
                 (self._jobs / job / "stopped").touch()
                 (self._jobs / job / "status").write_text("130\n")
-        return self._read(job) or current
+        stopped = self._read(job)
+        if stopped is None:
+            raise InputError(f"{job}: the job is gone")
+        return stopped
 
     def advance(self) -> None:
         """Start jobs that wait, as many as there are free processors and servers."""
@@ -276,20 +358,23 @@ class Jobs:
             for job in jobs[MOST_JOBS:]:
                 if job.state not in {"waiting", "running"}:
                     shutil.rmtree(self._jobs / job.id, ignore_errors=True)
+                    self._ended.pop(job.id, None)
 
     def _choose(self, jobs: list[Job]) -> Iterator[Job]:
         """Yield the jobs whose turn it is, the oldest first."""
         used = Counter(
-            (job.broker, job.prefix) for job in jobs if job.state == "running" and not job.is_service
+            (job.broker, job.prefix)
+            for job in jobs
+            if job.state == "running" and not job.is_free and (job.broker or not job.host)
         )
         for job in reversed(jobs):
             if job.state != "waiting":
                 continue
-            kind = (job.broker, job.prefix)
-            free = self._slots if not job.broker else max(self._count_servers(*kind) or 1, 1)
-            if job.is_service:
+            if job.is_free:
                 yield job
-            elif used[kind] < free:
+                continue
+            kind = (job.broker, job.prefix)
+            if used[kind] < (self._slots if not job.broker else max(self._count_servers(*kind) or 1, 1)):
                 used[kind] += 1
                 yield job
 
@@ -298,7 +383,7 @@ class Jobs:
         job = Job(name, arguments, run, time.time(), broker=broker[0], prefix=broker[1])
         folder = self._jobs / job.id
         try:
-            folder.mkdir(parents=True, mode=0o700)
+            make_private_folder(folder)
             (folder / "job.json.new").write_text(json.dumps(asdict(job)), encoding="utf-8")
             (folder / "job.json.new").rename(folder / "job.json")
         except OSError as error:
@@ -311,34 +396,44 @@ class Jobs:
         with (folder / "output.txt").open("wb") as output:
             output.write(f"$ swarmwright {shlex.join(job.arguments)}\n".encode())
             output.flush()
-            process = subprocess.Popen(
-                [*SHELL, str(folder / "status"), *command], cwd=self.folder, stdin=subprocess.DEVNULL,
-                stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
-            )  # fmt: skip
+            try:
+                process = subprocess.Popen(
+                    [*SHELL, str(folder / "status"), *command], cwd=self.folder, stdin=subprocess.DEVNULL,
+                    stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
+                )  # fmt: skip
+            except OSError as error:  # no more processes, no folder: the others shall not wait for this job
+                output.write(f"cannot be started: {error}\n".encode())
+                (folder / "status").write_text("126\n")
+                return
         self._children.append(process)
-        (folder / "process").write_text(f"{process.pid} {start_time(process.pid)}\n")
+        (folder / "process").write_text(json.dumps(asdict(Process.of(process.pid))), encoding="utf-8")
 
     def _read(self, name: str) -> Job | None:
+        if name in self._ended:
+            return self._ended[name]
         folder = self._jobs / name
-        if "/" in name or name.startswith("."):
-            return None
         try:
-            stored = json.loads((folder / "job.json").read_text("utf-8"))
-            job = Job(**stored)
+            if not is_id(name):
+                return None
+            job = Job(**json.loads((folder / "job.json").read_text("utf-8")))
         except (OSError, ValueError, TypeError):
             return None
         status = self._status(folder)
+        process = self._read_process(name)
+        is_started = (folder / "process").exists()
+        if status is None and is_started and (process is None or not process.is_there):
+            status = self._status(folder)  # between the two looks it may have ended
+            state = "failed"
+        else:
+            state = "running" if is_started else "waiting"
         if status is not None:
             state = "done" if status == 0 else "stopped" if (folder / "stopped").exists() else "failed"
-        elif (folder / "process").exists():
-            state = "running" if self._process(name) is not None else "failed"
-            if state == "failed":  # between the two looks it may have ended
-                status = self._status(folder)
-                state = "done" if status == 0 else state
-        else:
-            state = "waiting"
-        output = tail(folder / "output.txt")
-        return replace(job, state=state, status=status, output=output)
+        host = "" if process is None or process.is_here else process.host
+        line = last_line(tail(folder / "output.txt", LINE_BYTES))
+        job = replace(job, state=state, status=status, line=line, host=host)
+        if status is not None:
+            self._ended[name] = job
+        return job
 
     @staticmethod
     def _status(folder: Path) -> int | None:
@@ -347,19 +442,24 @@ class Jobs:
         except (OSError, ValueError):
             return None
 
-    def _process(self, name: str) -> int | None:
-        """Return the id of a job's process while it is there; another one may have its number later."""
+    def _read_process(self, name: str) -> Process | None:
+        """Return where the process of a job is, or was; None before it is started."""
         try:
-            process, _, moment = (self._jobs / name / "process").read_text().strip().partition(" ")
-        except OSError:
+            process = Process(**json.loads((self._jobs / name / "process").read_text("utf-8")))
+        except (OSError, ValueError, TypeError):
             return None
-        return int(process) if process.isdecimal() and start_time(int(process)) == moment else None
+        return process if isinstance(process.process, int) and process.process > 1 else None
 
     @contextlib.contextmanager
     def _lock(self) -> Iterator[None]:
-        self._jobs.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with (self._jobs / "lock").open("w") as lock:
+        file = self._jobs / "lock"
+        try:
+            make_private_folder(self._jobs)
+            lock = file.open("w")
             fcntl.flock(lock, fcntl.LOCK_EX)
+        except OSError as error:
+            raise InputError(f"{file}: cannot be locked: {error.strerror}") from None
+        with lock:
             yield
 
 
@@ -397,14 +497,32 @@ def start_time(process: int) -> str:
     return "" if fields[0] == "Z" else fields[19]
 
 
-def tail(file: Path) -> str:
+def read_boot() -> str:
+    """Return what tells this start of the machine from all others; empty where that is not known."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""
+
+
+def is_id(name: str) -> bool:
+    """Return whether a text can be the id of a job: it becomes part of a path."""
+    return ID.fullmatch(name) is not None
+
+
+def tail(file: Path, most: int = OUTPUT_BYTES) -> str:
     """Return the end of what a job has printed."""
     try:
         with file.open("rb") as stream:
-            stream.seek(max(0, file.stat().st_size - OUTPUT_BYTES))
-            return stream.read(OUTPUT_BYTES).decode(errors="replace")
+            stream.seek(max(0, file.stat().st_size - most))
+            return stream.read(most).decode(errors="replace")
     except OSError:
         return ""
+
+
+def last_line(text: str) -> str:
+    """Return the last line of a text that is not empty."""
+    return next((line.strip() for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 def read_broker(text: str) -> tuple[str, str]:

@@ -1,6 +1,7 @@
 """What a window shows of brokers: one connection for all who look, and only to its owner's brokers."""
 
 import json
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -130,7 +131,61 @@ def test_brokers_are_those_of_the_owner_and_not_many() -> None:
         chosen.add(f"mqtt://host-{number}", "")
     addresses = chosen.list_addresses()
     assert addresses[0] == ("mqtt://localhost:1883", "lab")
-    assert len(addresses) == MOST_BROKERS + 1
+    assert len(addresses) == MOST_BROKERS
+
+
+def test_one_more_than_all_brokers_that_are_watched_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(BrokerWatch, "is_connected", True)
+    chosen = Brokers("mqtt://localhost:1883")
+    for number in range(MOST_BROKERS - 1):
+        chosen.add(f"mqtt://host-{number}", "")
+    with pytest.raises(InputError, match=r"at most 8 are watched at once; close the page of another"):
+        chosen.add("mqtt://another", "")
+    chosen.add("mqtt://host-0", "")
+    assert len(chosen.list_addresses()) == MOST_BROKERS
+
+
+def test_the_queue_asks_only_brokers_of_the_window(broker: Any) -> None:
+    chosen = Brokers(broker.url)
+    assert chosen.count_servers("mqtt://elsewhere", "") is None
+    assert chosen.list_addresses() == [(broker.url, "")]
+    assert until(lambda: chosen.count_servers(broker.url, ""), lambda count: count is not None) == 0
+    broker.stop()
+    watch = chosen.find("", "")
+    until(lambda: look(watch), lambda answer: answer["state"] == "away")
+    assert chosen.count_servers(broker.url, "") is None, "its servers may be gone"
+    chosen.close()
+    assert not watch.is_connected
+
+
+def test_a_watch_goes_on_after_a_message_that_nobody_has_thought_of(
+    broker: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(brokers, "RETRY_S", 0.1)
+    watch = BrokerWatch(broker.url, "")
+    with monkeypatch.context() as patch:
+        patch.setattr(brokers, "describe", lambda *_: {}["new"])
+        away = until(lambda: look(watch), lambda answer: answer["state"] == "away")
+        assert "cannot be shown: KeyError" in away["messages"][0]
+    until(lambda: look(watch), lambda answer: answer["state"] == "connected")
+    assert f"the servers on {broker.url} cannot be shown" in caplog.text
+    watch.close()
+
+
+def test_all_are_closed_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(brokers, "CLOSE_S", 0.3)
+    chosen = Brokers("mqtt://localhost:1883")
+    stuck = threading.Event()
+    for number in range(MOST_BROKERS - 1):
+        chosen.add(f"mqtt://host-{number}", "")
+        watch = chosen.find(f"mqtt://host-{number}", "")
+        watch._thread = threading.Thread(target=stuck.wait, daemon=True)
+        watch._thread.start()
+    begin = time.monotonic()
+    chosen.close()
+    assert time.monotonic() - begin < 1.0
+    assert all(chosen.find(*key)._closed.is_set() for key in chosen.list_addresses())
+    stuck.set()
 
 
 def post(app: Any, name: str, values: Any) -> Any:

@@ -1,12 +1,15 @@
 """What the window starts runs, stops and survives it, and nothing else is started."""
 
 import contextlib
+import errno
 import json
 import os
 import shutil
 import signal
+import stat
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,7 @@ from starlette.applications import Starlette
 
 from swarmwright import InputError, Run
 from swarmwright.ui.app import create_app
-from swarmwright.ui.jobs import Job, Jobs, problems, read_broker
+from swarmwright.ui.jobs import MOST_OUTPUTS, OUTPUT_BYTES, Job, Jobs, Process, problems, read_broker
 from tests.python.ui.client import Answer, call
 
 SMALL = "simulation: minisim\nservers: in-process\nmethod: {population: 10, generations: 3}\n"
@@ -41,7 +44,7 @@ def until(jobs: Jobs, holds: Callable[[list[Job]], bool], seconds: float = 50) -
         if holds(now):
             return now
         time.sleep(0.1)
-    pytest.fail(f"still so: {[(job.state, job.output) for job in jobs.list_jobs()]}")
+    pytest.fail(f"still so: {[(job.state, job.line) for job in jobs.list_jobs()]}")
 
 
 @pytest.mark.slow
@@ -90,13 +93,14 @@ def test_runs_on_a_broker_need_servers_there_and_no_processor(jobs: Jobs) -> Non
     queue.start(SMALL, "here", [1, 2])
     queue.serve("minisim", 2, "mqtt://localhost:9", "lab")
     queue.start_broker(1883)
+    queue.delete(["old"])
 
     def started() -> list[str]:
         return [" ".join(job.arguments[:2]) for job in queue._choose(queue.list_jobs())]
 
     assert started() == [
         "optimize there.yaml", "optimize there.yaml", "optimize here.yaml",
-        "serve --broker", "broker --port",
+        "serve --broker", "broker --port", "runs delete",
     ]  # fmt: skip
     servers = 0
     assert started().count("optimize there.yaml") == 1, "the first one waits for servers itself"
@@ -125,8 +129,9 @@ def test_the_broker_of_an_experiment_is_that_of_the_command(
 def test_a_job_that_is_killed_has_failed(jobs: Jobs) -> None:
     [job] = jobs.start(ENDLESS, "endless", [])
     until(jobs, lambda now: now[0].state == "running")
-    process = (jobs._jobs / job.id / "process").read_text().split()[0]
-    os.killpg(int(process), signal.SIGKILL)
+    process = jobs._read_process(job.id)
+    assert process is not None
+    os.killpg(process.process, signal.SIGKILL)
     until(jobs, lambda now: now[0].state == "failed")
 
 
@@ -196,17 +201,121 @@ def test_only_jobs_of_the_queue_are_stopped(jobs: Jobs, job: str) -> None:
         ("job.json", "[]"),
         ("job.json", '{"id": 1}'),
         ("process", "1 2"),
-        ("process", "-1 x"),
+        ("process", "[]"),
+        ("process", '{"process": "1", "moment": "", "boot": "", "host": ""}'),
+        ("process", '{"process": -1, "moment": "", "boot": "", "host": ""}'),
+        ("process", '{"process": 1, "moment": ""}'),
         ("process", ""),
         ("status", "soon"),
     ],
 )
 def test_damaged_files_of_a_job_harm_nothing(jobs: Jobs, file: str, content: str) -> None:
     [job] = jobs.start(SMALL, "small", [])
-    (jobs._jobs / job.id / "process").write_text(f"{os.getpid()} 0\n")
+    process = replace(Process.of(os.getpid()), moment="0")
+    (jobs._jobs / job.id / "process").write_text(json.dumps(asdict(process)))
     (jobs._jobs / job.id / file).write_text(content)
     states = [known.state for known in jobs.list_jobs()]
     assert states in ([], ["failed"]), "a process that has the number of another one is not taken for it"
+
+
+@pytest.mark.parametrize(
+    ("changes", "state"),
+    [
+        ({}, "running"),
+        ({"moment": "1"}, "failed"),
+        ({"boot": "of yesterday"}, "failed"),
+        ({"host": "node7"}, "running"),
+        ({"host": "node7", "boot": "of node7", "moment": "1"}, "running"),
+    ],
+)
+def test_a_job_belongs_to_its_machine_and_the_time_since_it_was_started(
+    jobs: Jobs, monkeypatch: pytest.MonkeyPatch, changes: dict[str, str], state: str
+) -> None:
+    signals: list[int] = []
+    monkeypatch.setattr(os, "killpg", lambda process, _: signals.append(process))
+    [job, _] = jobs.start(SMALL, "small", [1, 2])
+    process = replace(Process.of(os.getpid()), **changes)  # type: ignore[arg-type]
+    (jobs._jobs / job.id / "process").write_text(json.dumps(asdict(process)))
+    [_, current] = jobs.list_jobs()
+    assert (current.state, current.host) == (state, changes.get("host", ""))
+    is_here = state == "running" and not current.host
+    assert len([*jobs._choose(jobs.list_jobs())]) == (0 if is_here else 1), "another machine's processors"
+    if current.host:
+        with pytest.raises(InputError, match="the job runs on node7; stop it in a window there"):
+            jobs.stop(job.id)
+    else:
+        jobs.stop(job.id)
+    assert signals == ([os.getpid()] if is_here else [])
+    (jobs._jobs / job.id / "status").write_text("0\n")
+    assert jobs.list_jobs()[1].state == "done"
+
+
+def test_the_queue_is_for_this_user_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "new" / "state"))
+    jobs = Jobs(tmp_path)
+    [job] = jobs.start(SMALL, "small", [])
+    for folder in (jobs._jobs / job.id, *(jobs._jobs / job.id).parents):
+        if folder == tmp_path:
+            break
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700, folder
+
+
+def test_a_queue_that_cannot_be_locked_is_told(jobs: Jobs) -> None:
+    [job] = jobs.start(SMALL, "small", [])
+    (jobs._jobs / "lock").mkdir()
+    with pytest.raises(InputError, match="lock: cannot be locked: Is a directory"):
+        jobs.stop(job.id)
+
+
+def test_a_job_that_cannot_be_started_keeps_no_other_waiting(
+    jobs: Jobs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs.start(SMALL, "small", [])
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("subprocess.Popen", refuse)
+    jobs.advance()
+    [job] = jobs.list_jobs()
+    assert (job.state, job.status) == ("failed", 126)
+    assert "cannot be started: " in job.line
+
+
+def test_outputs_are_read_only_on_demand(jobs: Jobs) -> None:
+    started = jobs.start(SMALL, "small", [*range(30)])
+    for job in started:
+        (jobs._jobs / job.id / "output.txt").write_text(f"first\n{'long ' * 10_000}\nlast of {job.run}\n \n")
+    [*_, oldest] = jobs.list_jobs()
+    assert (oldest.run, oldest.line) == ("small-0", "last of small-0")
+    outputs = jobs.read_outputs([job.id for job in started])
+    assert len(outputs) == MOST_OUTPUTS
+    assert {len(output) for output in outputs.values()} == {OUTPUT_BYTES}
+    assert jobs.read_outputs(["../x", f"{oldest.id}/..", "", oldest.id]) == {oldest.id: outputs[oldest.id]}
+
+
+def test_the_page_asks_for_the_outputs_that_it_shows(tmp_path: Path) -> None:
+    app = create_app(tmp_path, token=None)
+    jobs = app.state.window.jobs
+    names = [job.id for job in (*jobs.start(SMALL, "small", [1, 2]), jobs.start_broker(1883))]
+    for name in names:
+        (jobs._jobs / name / "output.txt").write_text("x" * 10_000)
+    answer = call(app, "/api/jobs")
+    assert (len(answer.values["jobs"]), answer.values["outputs"]) == (3, {})
+    assert len(answer.body) < 5000
+    assert call(app, "/api/jobs", opened=names[:2]).values["outputs"] == dict.fromkeys(
+        names[:2], "x" * 10_000
+    )
+    services = call(app, "/api/brokers", opened=names[2:]).values
+    assert [job["id"] for job in services["jobs"]] == names[2:] == [*services["outputs"]]
+
+
+def test_jobs_that_have_ended_are_not_read_again(jobs: Jobs) -> None:
+    [job] = jobs.start(SMALL, "small", [])
+    (jobs._jobs / job.id / "status").write_text("0\n")
+    [ended] = jobs.list_jobs()
+    assert jobs.list_jobs()[0] is ended
+    assert ended.state == "done"
 
 
 def test_lines_without_a_number_are_told_as_they_are() -> None:

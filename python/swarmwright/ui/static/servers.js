@@ -1,5 +1,6 @@
 // The servers of a broker, live: what they offer and do. Starts servers, and a broker, on this machine.
 import { ask, change, date, duration, figure, h, problem } from "./dom.js";
+import { makeJobList } from "./jobs.js";
 import { store } from "./store.js";
 
 const EVERY_MS = 1000;
@@ -61,13 +62,14 @@ export function show(view, query) {
   let broker = { url: query.get("broker") ?? "", prefix: query.get("prefix") ?? "" };
   let timer = null;
   let hasLeft = false;
-  const opened = new Set();
+  let asked = 0;
   const state = h("span", { class: "state waiting", role: "status" }, "connecting");
   const choice = h("select", { "aria-label": "Broker", change: () => choose(JSON.parse(choice.value)) });
   const messages = h("div", { "aria-live": "polite" });
   const servers = h("div");
   const runs = h("div");
-  const started = h("div");
+  const jobs = makeJobList(load);
+  const started = h("section", { hidden: true }, h("h2", {}, "Started here"), jobs.element);
   const failure = h("div");
   const titles = h("datalist", { id: "simulations" });
 
@@ -126,31 +128,20 @@ export function show(view, query) {
   const showRuns = updater(runs, (rows, more) => (rows.length
     ? [h("h2", {}, "Runs that use them"), table(RUNS, rows.map(runCells)), more ? h("p", { class: "hint" }, `and ${figure(more)} more`) : ""]
     : []));
-  const showStarted = updater(started, (jobs) => (jobs.length ? [h("h2", {}, "Started here"), ...jobs.map(card)] : []));
-
-  function card(job) {
-    const isOpen = opened.has(job.id) || job.state === "failed";
-    const lines = job.output.trimEnd().split("\n");
-    const toggle = (event) => (event.target.open ? opened.add(job.id) : opened.delete(job.id));
-    return h("section", { class: "job" },
-      h("div", { class: "tools" }, h("span", { class: `state ${job.state}` }, job.state),
-        h("code", {}, `swarmwright ${job.arguments.join(" ")}`), h("span", { class: "hint" }, date(job.created * 1000)),
-        ["running", "waiting"].includes(job.state) && !isReadOnly
-          ? h("button", { type: "button", click: (event) => act(event, () => change("stop", { job: job.id })) }, "Stop") : null),
-      h("details", { open: isOpen, toggle }, h("summary", {}, lines.at(-1) || "output"), h("pre", { class: "report" }, job.output)));
-  }
 
   async function load() {
     clearTimeout(timer);
-    const [here, there] = await Promise.allSettled([ask("brokers"), ask("servers", { broker: broker.url || null, prefix: broker.prefix || null })]);
-    if (hasLeft) return;
+    const number = ++asked;
+    const [here, there] = await Promise.allSettled([ask("brokers", { opened: [...jobs.opened] }), ask("servers", { broker: broker.url || null, prefix: broker.prefix || null })]);
+    if (hasLeft || number !== asked) return; // a later request is about another broker, or another job
     if (here.status === "fulfilled") {
-      const { brokers, jobs, simulations } = here.value;
+      const { brokers, simulations } = here.value;
       if (!broker.url) broker = brokers[0];
       const isListed = brokers.some((each) => label(each) === label(broker));
       showChoice(isListed ? brokers : [broker, ...brokers], broker);
       showTitles(simulations);
-      showStarted(jobs);
+      started.hidden = here.value.jobs.length === 0;
+      jobs.show(here.value.jobs, here.value.outputs);
     }
     if (there.status === "fulfilled") {
       const answer = there.value;
@@ -169,7 +160,6 @@ export function show(view, query) {
       address.value ||= broker.url;
       prefix.value ||= broker.prefix;
     }
-    clearTimeout(timer);
     timer = setTimeout(load, EVERY_MS);
   }
 

@@ -28,10 +28,13 @@ def delete(window: Window, values: dict[str, Any]) -> Values:
 
 
 def resume(window: Window, values: dict[str, Any]) -> Values:
-    """Resume runs, by a job each, up to a number of generations if there is one."""
+    """Resume runs, by a job each, up to a number of generations if there is one: all runs, or none."""
     generations = values.get("generations")
     count = None if generations is None else read_whole(generations, "generations")
-    return {"jobs": [asdict(window.jobs.resume(run, count)) for run in read_runs(window, values)]}
+    runs = read_runs(window, values)
+    for run in runs:
+        window.jobs.check_resumption(run, count)
+    return {"jobs": [asdict(window.jobs.resume(run, count)) for run in runs]}
 
 
 VIEW = View("runs", STATIC / "runs.js", changes={"delete": delete, "resume": resume})

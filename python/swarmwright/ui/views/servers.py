@@ -9,6 +9,7 @@ from starlette.responses import Response
 from swarmwright.simulations import catalogue
 from swarmwright.ui.requests import read_field, read_whole
 from swarmwright.ui.views._base import STATIC, Values, View
+from swarmwright.ui.views.jobs import list_jobs
 from swarmwright.ui.window import Window
 
 
@@ -19,11 +20,11 @@ def look(window: Window, request: Request) -> Response:
     return Response(watch.look(), media_type="application/json")
 
 
-def list_brokers(window: Window, _request: Request) -> Values:
+def list_brokers(window: Window, request: Request) -> Values:
     """Return the brokers of this window, and the servers and brokers that were started here."""
     return {
+        **list_jobs(window, request, only_services=True),
         "brokers": [{"url": url, "prefix": prefix} for url, prefix in window.brokers.list_addresses()],
-        "jobs": [asdict(job) for job in window.jobs.list_jobs() if job.is_service],
         "simulations": list(catalogue.titles()),
     }
 
