@@ -210,5 +210,6 @@ def test_a_password_is_asked_for(browser: Chrome, two_runs: Path, tmp_path: Path
         fill(browser, "input[type=password]", PASSWORD)
         click(browser, "Log in")
         eventually(lambda: "2 runs" in page_text(browser), "the runs are listed")
-        cookie = next(each for each in browser.get_cookies() if each["name"].startswith("swarmwright"))
+        # Cookies of the other windows on this host are there, too.
+        [cookie] = [each for each in browser.get_cookies() if each["name"] == f"swarmwright-{served.port}"]
         assert (cookie["secure"], cookie["httpOnly"], cookie["sameSite"]) == (True, True, "Strict")
