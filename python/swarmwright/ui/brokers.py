@@ -11,6 +11,7 @@ from typing import Any
 from swarmwright import InputError, SwarmwrightError
 from swarmwright.common.errors import engine_errors
 from swarmwright.experiment.broker_address import broker_problem, prefix_problem
+from swarmwright.servers.broker.credentials import location_of
 from swarmwright.servers.broker.watching import (
     ServerRow,
     ToolRow,
@@ -217,9 +218,13 @@ class Brokers:
         Of others than those of the window it never is: the experiment that names the broker may come from
         somebody who wants to know the account.
         """
+        locations = list_locations(url)
         with self._lock:
-            watch = self._watches.get((url, prefix))
-        return None if watch is None else watch.count()
+            watches = list(self._watches.values())
+        for watch in watches:
+            if watch.prefix == prefix and list_locations(watch.url) == locations:
+                return watch.count()
+        return None
 
     def close(self) -> None:
         """Disconnect from all, at once."""
@@ -230,6 +235,11 @@ class Brokers:
         end = time.monotonic() + CLOSE_S
         for watch in watches:
             watch.close(end - time.monotonic())
+
+
+def list_locations(urls: str) -> list[str]:
+    """Return hosts and ports of a broker's address, or of several: `mqtt://lab` is `mqtt://lab:1883`."""
+    return [location_of(url) for url in urls.split(",")]
 
 
 def describe(view: View, last: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:

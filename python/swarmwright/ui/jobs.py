@@ -445,10 +445,11 @@ class Jobs:
     def _read_process(self, name: str) -> Process | None:
         """Return where the process of a job is, or was; None before it is started."""
         try:
-            process = Process(**json.loads((self._jobs / name / "process").read_text("utf-8")))
-        except (OSError, ValueError, TypeError):
+            values = json.loads((self._jobs / name / "process").read_text("utf-8"))
+            process = Process(**{**values, "process": int(values["process"])})
+        except (OSError, ValueError, TypeError, KeyError):
             return None
-        return process if isinstance(process.process, int) and process.process > 1 else None
+        return process if process.process > 1 else None  # the others mean many processes at once
 
     @contextlib.contextmanager
     def _lock(self) -> Iterator[None]:

@@ -51,9 +51,9 @@ def read_token() -> str:
     if folder is None:
         return secrets.token_urlsafe(TOKEN_BYTES)
     file = folder / "ui-token"
-    kept = read_kept_token(file)
-    if kept is not None:
-        return kept
+    former = read_kept_token(file)
+    if former is not None:
+        return former
     token = secrets.token_urlsafe(TOKEN_BYTES)
     part = folder / f".ui-token-{secrets.token_hex(8)}"
     try:

@@ -97,7 +97,7 @@ def test_wrong_requests_are_told_why(
 
 
 def test_a_client_that_leaves_before_the_end_of_its_request_is_no_error(app: Starlette) -> None:
-    messages = [
+    messages: list[dict[str, Any]] = [
         {"type": "http.disconnect"},
         {"type": "http.request", "body": b'{"text": "simul', "more_body": True},
     ]

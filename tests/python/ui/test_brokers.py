@@ -13,7 +13,7 @@ from swarmwright import InputError, _engine
 from swarmwright.servers.broker.watching import Watch
 from swarmwright.ui import brokers
 from swarmwright.ui.app import create_app
-from swarmwright.ui.brokers import MOST_BROKERS, MOST_ROWS, Brokers, BrokerWatch, describe
+from swarmwright.ui.brokers import MOST_BROKERS, MOST_ROWS, Brokers, BrokerWatch, describe, list_locations
 from tests.python.servers.broker.test_watching import presence, status, work
 from tests.python.ui.client import call
 
@@ -130,6 +130,7 @@ def test_brokers_are_those_of_the_owner_and_not_many() -> None:
     for number in range(3 * MOST_BROKERS):
         chosen.add(f"mqtt://host-{number}", "")
     addresses = chosen.list_addresses()
+    assert list_locations("mqtt://lab,mqtts://lab") == list_locations("mqtt://lab:1883, mqtts://lab:8883")
     assert addresses[0] == ("mqtt://localhost:1883", "lab")
     assert len(addresses) == MOST_BROKERS
 
@@ -149,7 +150,9 @@ def test_the_queue_asks_only_brokers_of_the_window(broker: Any) -> None:
     chosen = Brokers(broker.url)
     assert chosen.count_servers("mqtt://elsewhere", "") is None
     assert chosen.list_addresses() == [(broker.url, "")]
+    assert chosen.count_servers(broker.url, "elsewhere") is None
     assert until(lambda: chosen.count_servers(broker.url, ""), lambda count: count is not None) == 0
+    assert chosen.count_servers(f" {broker.url}/", "") == 0
     broker.stop()
     watch = chosen.find("", "")
     until(lambda: look(watch), lambda answer: answer["state"] == "away")
@@ -163,8 +166,9 @@ def test_a_watch_goes_on_after_a_message_that_nobody_has_thought_of(
 ) -> None:
     monkeypatch.setattr(brokers, "RETRY_S", 0.1)
     watch = BrokerWatch(broker.url, "")
+    answers: dict[str, Any] = {}
     with monkeypatch.context() as patch:
-        patch.setattr(brokers, "describe", lambda *_: {}["new"])
+        patch.setattr(brokers, "describe", lambda *_: answers["new"])
         away = until(lambda: look(watch), lambda answer: answer["state"] == "away")
         assert "cannot be shown: KeyError" in away["messages"][0]
     until(lambda: look(watch), lambda answer: answer["state"] == "connected")

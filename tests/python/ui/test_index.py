@@ -162,7 +162,8 @@ def test_an_unforeseen_error_is_the_problem_of_one_run(
         patch.setattr(index_module, "summarize", fail)
         index.refresh()
         assert index.row("second").problem.startswith("run.sqlite: has an impossible value: IndexError")
-        patch.setattr(index_module, "summarize", lambda run, name: replace(summarize(run, name), seed=1j))
+        wrong: Any = {"seed": 1j}
+        patch.setattr(index_module, "summarize", lambda run, name: replace(summarize(run, name), **wrong))
         (index.folder / "second" / "run.sqlite").touch()
         index.refresh()
         assert index.row("second").state == "unreadable", "it cannot be written as JSON"
@@ -183,7 +184,12 @@ def test_a_run_that_goes_on_is_read_only_when_its_files_change(
     assert index.row("first").state == "running"
     reads: list[str] = []
     read = index._read
-    monkeypatch.setattr(index, "_read", lambda name: reads.append(name) or read(name))
+
+    def count(name: str) -> index_module.Row:
+        reads.append(name)
+        return read(name)
+
+    monkeypatch.setattr(index, "_read", count)
     assert not index.refresh()
     assert reads == []
     (index.folder / "first" / "run.sqlite").touch()
