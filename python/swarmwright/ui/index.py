@@ -149,6 +149,10 @@ class RunIndex:
             raise InputError(f"{name[:200]}: there is no such run below {self.folder}")
         return row
 
+    def content(self, name: str) -> object:
+        """Return what differs after each change of a run's files. Raises InputError when there is none."""
+        return self.row(name), self._signatures.get(name)
+
     def delta(self, version: int) -> tuple[int, bytes]:
         """Return the present version, and as JSON what has changed since another: rows, ids that are gone.
 

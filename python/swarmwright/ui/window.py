@@ -131,14 +131,14 @@ class Window:
 
     def run_of(self, name: str) -> Run:
         """Return a run by its id, opened anew where it has changed."""
-        row = self.index.row(name)
+        content = self.index.content(name)
         with self._lock:
             opened = self._opened.get(name)
-            if opened is not None and opened[0] == row:
+            if opened is not None and opened[0] == content:
                 return opened[1]
         run = Run(self.index.path(name))
         with self._lock:
-            self._opened[name] = (row, run)
+            self._opened[name] = (content, run)
             self._opened.move_to_end(name)
             while len(self._opened) > MOST_OPENED:
                 self._opened.popitem(last=False)

@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import json
+import shutil
 import threading
 from pathlib import Path
 from typing import Any
@@ -179,6 +180,17 @@ def test_the_window_goes_on_after_a_mistake_and_says_so_once(
         {"queue": "the queue stands still", "list": "the list of runs is not up to date"}[part]
     )
     assert record.exc_info, "where it happened is told"
+
+
+def test_a_run_is_opened_anew_when_its_files_change(two_runs: Path, tmp_path: Path) -> None:
+    shutil.copytree(two_runs / "run-1", tmp_path / "run-1")
+    window = Window(tmp_path)
+    window.index.refresh()
+    run = window.run_of("run-1")
+    assert window.run_of("run-1") is run
+    (tmp_path / "run-1" / "run.sqlite").touch()  # a warning, which the list does not show
+    assert not window.index.refresh()
+    assert window.run_of("run-1") is not run
 
 
 def test_the_pages_that_are_kept_are_bounded(two_runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:

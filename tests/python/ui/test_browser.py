@@ -155,6 +155,12 @@ def test_an_experiment_is_written_checked_and_started(browser: Chrome, tmp_path:
         find(browser, "button[type=submit]").click()
         eventually(lambda: "optimize mine.yaml" in page_text(browser), "the job is listed")
         eventually(lambda: find(browser, ".job .state").text == "done", "it is done")
+        assert find(browser, ".job pre").get_attribute("textContent") == ""
+        find(browser, ".job summary").click()
+        eventually(
+            lambda: find(browser, ".job pre").text.startswith("$ swarmwright optimize"),
+            "its output is opened",
+        )
     assert swarmwright.Run.open(tmp_path / "runs" / "mine").generations == 3
 
 
