@@ -103,3 +103,18 @@ export function color(name) {
 export function problem(error) {
   return h("p", { class: "problem", role: "alert" }, error.message);
 }
+
+/** Asks a question with two answers; resolves to whether it was the first. Frames in other pages may not use `confirm`. */
+export function askWhether(question, yes, no) {
+  return new Promise((resolve) => {
+    const answer = (isYes) => () => {
+      resolve(isYes);
+      dialog.close();
+    };
+    const dialog = h("dialog", { "aria-label": question, close: () => { resolve(false); dialog.remove(); } },
+      h("p", {}, question), h("div", { class: "tools" },
+        h("button", { type: "button", click: answer(false) }, no), h("button", { type: "button", class: "primary", click: answer(true) }, yes)));
+    document.body.append(dialog);
+    dialog.showModal();
+  });
+}

@@ -1,20 +1,37 @@
 // The address says what is shown: `#/` the list of runs, `#/VIEW/ARGUMENT?QUERY` any other view.
-import { ask, h, problem } from "./dom.js";
+import { ask, askWhether, h, problem } from "./dom.js";
 import { store } from "./store.js";
 
 const view = document.getElementById("view");
 const trail = document.getElementById("trail");
 const connection = document.getElementById("connection");
 const START = "runs";
-let leave = () => {};
+let shown = {}; // what the view that is shown returned
 let routed = 0;
+
+function leave() {
+  shown.leave?.();
+  shown = {};
+}
+
+/** Shows what the address says, after asking where the present view would lose changes. */
+async function followAddress(event) {
+  const wanted = location.hash;
+  if (shown.isChanged?.()) {
+    history.pushState(null, "", event.oldURL);
+    if (document.querySelector("dialog[open]")) return;
+    if (!await askWhether("Leave this page? What was changed on it is not saved and will be lost.", "Leave", "Stay")) return;
+    leave();
+    if (location.hash !== wanted) history.pushState(null, "", wanted || "#/");
+  }
+  route();
+}
 
 async function route() {
   const number = ++routed;
   const [path, query = ""] = location.hash.replace(/^#\/?/, "").split("?");
   const [name, ...rest] = (path || START).split("/");
   leave();
-  leave = () => {};
   const entry = store.window.views.find((each) => each.name === name && !each.is_tab);
   if (entry === undefined) {
     view.replaceChildren(h("p", {}, "There is no such page. ", h("a", { href: "#/" }, "All runs")));
@@ -24,8 +41,7 @@ async function route() {
     const { show } = await import(new URL(entry.script, document.baseURI));
     if (number !== routed) return;
     view.replaceChildren();
-    const shown = show(view, new URLSearchParams(query), decodeURIComponent(rest.join("/"))) ?? {};
-    leave = shown.leave ?? (() => {});
+    shown = show(view, new URLSearchParams(query), decodeURIComponent(rest.join("/"))) ?? {};
     trail.replaceChildren(...(shown.trail ?? []).map((each) => h("span", {}, each)));
     document.title = [...(shown.trail ?? []), "Swarmwright"].reverse().slice(0, 2).join(" – ");
     view.focus({ preventScroll: true });
@@ -57,8 +73,12 @@ function switchTheme() {
 
 theme();
 document.getElementById("theme").addEventListener("click", switchTheme);
-addEventListener("hashchange", route);
+addEventListener("hashchange", followAddress);
+addEventListener("beforeunload", (event) => {
+  if (shown.isChanged?.()) event.preventDefault();
+});
 addEventListener("keydown", (event) => {
+  if (document.querySelector("dialog[open]")) return;
   if (event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT|TEXTAREA/.test(event.target.tagName)) return;
   if (event.key === "d") switchTheme();
   if (event.key === "n" && !store.window.read_only) location.hash = "#/new";
