@@ -93,6 +93,11 @@ def test_from_the_list_to_a_replay_and_a_comparison(browser: Chrome, folder: Pat
         search.clear()
         search.send_keys("run-2")
         find(browser, "tbody a").click()
+        find(browser, ".u-over")
+        seed = find(browser, "input[name=seed]")
+        seed.send_keys("7")
+        find(browser, "#theme").click()
+        assert seed.get_attribute("value") == "7"  # charts are drawn anew, the page is not
         chart = find(browser, ".u-over")
         ActionChains(browser).move_to_element_with_offset(chart, 30, 10).click().perform()
         frame = find(browser, "iframe")

@@ -1,6 +1,7 @@
 // The learning curve over a map of all evaluations, which the server has counted into cells.
 import uPlot from "./vendor/uPlot.esm.js";
 import { color, figure } from "./dom.js";
+import { onTheme } from "./theme.js";
 
 const MOST_DOTS = 3000;
 
@@ -13,6 +14,7 @@ export class LearningCurve {
   #marked = null;
   #heldOut = null;
   #observer;
+  #endTheme;
 
   /** click: called with a point and whether shift was pressed. */
   constructor(element, { click }) {
@@ -20,6 +22,7 @@ export class LearningCurve {
     this.#click = click;
     this.#observer = new ResizeObserver(() => this.#plot?.setSize(this.#size()));
     this.#observer.observe(element);
+    this.#endTheme = onTheme(() => this.#drawAnew());
   }
 
   update(details, density) {
@@ -30,12 +33,25 @@ export class LearningCurve {
       details.curve.evaluations, details.curve.upper_quartile, details.curve.lower_quartile,
       details.curve.median, details.curve.best_so_far,
     ];
-    if (this.#plot) {
-      this.#plot.setData(data, this.#isWhole());
-    } else if (data[0].length > 0) {
-      this.#plot = new uPlot(this.#options(), data, this.#element);
-      this.#plot.over.addEventListener("click", (event) => this.#clicked(event));
-    }
+    if (this.#plot) this.#plot.setData(data, this.#isWhole());
+    else if (data[0].length > 0) this.#make(data);
+  }
+
+  #make(data) {
+    this.#plot = new uPlot(this.#options(), data, this.#element);
+    this.#plot.over.addEventListener("click", (event) => this.#clicked(event));
+  }
+
+  /** Draws the same in other colours: the library keeps those of the beginning. */
+  #drawAnew() {
+    if (!this.#plot) return;
+    const { data } = this.#plot;
+    const { min, max } = this.#plot.scales.x;
+    const isWhole = this.#isWhole();
+    this.#plot.destroy();
+    this.#image = picture(this.#density);
+    this.#make(data);
+    if (!isWhole) this.#plot.setScale("x", { min, max });
   }
 
   mark(evaluation) {
@@ -45,6 +61,7 @@ export class LearningCurve {
 
   destroy() {
     this.#observer.disconnect();
+    this.#endTheme();
     this.#plot?.destroy();
   }
 

@@ -5,6 +5,7 @@ import { expressionOf, goalsPanel } from "./draw_goals.js";
 import { describe, kindColor, kindsOf, paintRobot, robotsPanel } from "./draw_robots.js";
 import { GRID_M, TOOLS, addVertex, contains, copyOf, corners, elements, handles, isNear, outline, paste, remove, rename, round, shift, vertices, wallsOf } from "./draw_shapes.js";
 import { store } from "./store.js";
+import { onTheme } from "./theme.js";
 
 const HANDLE_PX = 8;
 const REACH_PX = { mouse: 9, pen: 12, touch: 22 };
@@ -75,6 +76,10 @@ export function show(view, query) {
   );
   const observer = new ResizeObserver(() => draw());
   observer.observe(canvas);
+  const endTheme = onTheme(() => {
+    draw();
+    robots.show();
+  });
   addEventListener("message", follow);
 
   // The world on the canvas: pixels of its width and height, pixels a metre, metres from the middle to the edges.
@@ -703,6 +708,7 @@ export function show(view, query) {
     isGone = true;
     clearTimeout(timer);
     observer.disconnect();
+    endTheme();
     removeEventListener("message", follow);
   } };
 }

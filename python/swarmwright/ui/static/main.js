@@ -1,6 +1,7 @@
 // The address says what is shown: `#/` the list of runs, `#/VIEW/ARGUMENT?QUERY` any other view.
 import { ask, askWhether, h, problem } from "./dom.js";
 import { store } from "./store.js";
+import { restoreTheme, switchTheme } from "./theme.js";
 
 const view = document.getElementById("view");
 const trail = document.getElementById("trail");
@@ -50,28 +51,7 @@ async function route() {
   }
 }
 
-function theme(choice) {
-  let chosen = choice;
-  try {
-    if (choice) localStorage.setItem("swarmwright-theme", choice);
-    else chosen = localStorage.getItem("swarmwright-theme");
-  } catch {
-    // A frame on another site, as in a notebook, may be refused to store anything.
-  }
-  if (chosen) document.documentElement.dataset.theme = chosen;
-}
-
-function isDark() {
-  const chosen = document.documentElement.dataset.theme;
-  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-}
-
-function switchTheme() {
-  theme(isDark() ? "light" : "dark");
-  route();
-}
-
-theme();
+restoreTheme();
 document.getElementById("theme").addEventListener("click", switchTheme);
 addEventListener("hashchange", followAddress);
 addEventListener("beforeunload", (event) => {

@@ -1,5 +1,6 @@
 // Replays side by side. Their frames are documents of another origin: all goes by messages, see `remote.js` of the player.
 import { askParts, figure, h, problem } from "./dom.js";
+import { isDark, onTheme } from "./theme.js";
 
 export const MOST_PANES = 4;
 const REFUSAL = 2; // kind of a part of an episode: a message
@@ -138,6 +139,9 @@ export class Panes {
     this.speeds = h("select", { "aria-label": "Speed of all replays", change: () => this.setSpeed(Number(this.speeds.value)) },
       SPEEDS.map((factor) => h("option", { value: factor, selected: factor === 1 }, `${figure(factor)} ×`)));
     this.controls = h("div", { class: "tools in-step", hidden: true, role: "group", "aria-label": "All replays in step" }, this.play, this.scrub, this.now, h("label", {}, "speed ", this.speeds));
+    this.endTheme = onTheme(() => {
+      for (const pane of this.list) for (const frame of [pane.frame, pane.next]) frame?.tell({ theme: this.theme() });
+    });
     this.makeSpare();
   }
 
@@ -146,8 +150,7 @@ export class Panes {
   }
 
   theme() {
-    const chosen = document.documentElement.dataset.theme;
-    return chosen || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    return isDark() ? "dark" : "light";
   }
 
   /** Which episode a pane plays: the seed of the first one for all others. */
@@ -326,6 +329,7 @@ export class Panes {
   }
 
   leave() {
+    this.endTheme();
     this.clear();
     this.spare?.close();
     this.spare = null;

@@ -1,6 +1,7 @@
 // A picture on a canvas with axes, that says what is below the pointer and is operated by keys, too.
 import { color, figure, h } from "./dom.js";
 import { css, viridis } from "./colors.js";
+import { onTheme } from "./theme.js";
 
 const FONT = "12px system-ui, sans-serif";
 const TICK = 5;
@@ -25,6 +26,7 @@ export class Plot {
   #canvas;
   #words;
   #observer;
+  #endTheme;
   #picked = null;
   #height;
 
@@ -43,10 +45,12 @@ export class Plot {
     element.append(this.#canvas, this.#words);
     this.#observer = new ResizeObserver(() => this.draw());
     this.#observer.observe(this.#canvas);
+    this.#endTheme = onTheme(() => this.draw());
   }
 
   destroy() {
     this.#observer.disconnect();
+    this.#endTheme();
   }
 
   /** Where the frame is: x, y, width and height in CSS pixels. */

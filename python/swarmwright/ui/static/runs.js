@@ -1,6 +1,7 @@
 // The list of runs: filter, sort, select several.
 import { change, color, date, duration, figure, h, problem } from "./dom.js";
 import { store } from "./store.js";
+import { onTheme } from "./theme.js";
 
 const COLUMNS = [
   { key: "id", title: "run" },
@@ -221,5 +222,13 @@ export function show(view, query) {
   }
 
   draw();
-  return { leave: store.listen(draw), trail: [] };
+  const endListening = store.listen(draw);
+  const endTheme = onTheme(() => {
+    lines.clear();
+    draw();
+  });
+  return { trail: [], leave: () => {
+    endListening();
+    endTheme();
+  } };
 }
