@@ -1,6 +1,7 @@
 """The window in a real browser, beside runs that are made meanwhile."""
 
 import contextlib
+import re
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from urllib.parse import urlsplit
 import pytest
 from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
 import swarmwright
@@ -65,6 +67,10 @@ def find(browser: Chrome, selector: str) -> WebElement:
     return eventually(lambda: browser.find_element(By.CSS_SELECTOR, selector), selector)
 
 
+def tab(browser: Chrome, title: str) -> WebElement:
+    return browser.find_element(By.XPATH, f"//button[@role='tab'][.='{title}']")
+
+
 def page_text(browser: Chrome) -> str:
     return browser.find_element(By.TAG_NAME, "body").text
 
@@ -107,6 +113,19 @@ def test_from_the_list_to_a_replay_and_a_comparison(browser: Chrome, folder: Pat
         browser.switch_to.default_content()
         assert browser.execute_script("return document.querySelector('iframe').contentDocument") is None
 
+        # Of two tabs the one that was chosen last is shown, however long the other takes to load.
+        browser.execute_script(
+            "arguments[0].click(); arguments[1].click()", tab(browser, "Timeline"), tab(browser, "Notes")
+        )
+        note = find(browser, "textarea")
+        note.send_keys("an idea")
+        assert browser.find_elements(By.CSS_SELECTOR, "canvas.plot") == []
+        for answer in ("Stay", "Leave"):
+            assert note.is_displayed()
+            find(browser, ".brand").click()
+            find(browser, "dialog").find_element(By.XPATH, f".//button[.='{answer}']").click()
+        find(browser, "table.runs")
+
         browser.get(address.split("?")[0] + "#/compare?run=run-1&run=run-2")
         eventually(lambda: "median" in page_text(browser), "the table of the comparison")
         eventually(lambda: browser.find_element(By.CSS_SELECTOR, ".figure img"), "its figure")
@@ -134,6 +153,16 @@ def test_a_run_is_watched_while_it_goes_on(browser: Chrome, tmp_path: Path) -> N
             generations = ".facts div:nth-child(5) dd"
             first = find(browser, generations).text
             eventually(lambda: find(browser, generations).text != first, "it goes on")
+            eventually(lambda: tab(browser, "Genes"), "the tabs are offered").click()
+            canvas = find(browser, "canvas.plot")
+
+            def last_generation() -> int:
+                canvas.send_keys(Keys.ARROW_RIGHT)
+                words = re.search(r"generation (\d+)", find(browser, ".words").text)
+                return int(words[1]) if words else -1
+
+            shown = last_generation()
+            eventually(lambda: last_generation() > max(shown, 0), "the tab goes on, too")
         finally:
             process.kill()
             process.wait()

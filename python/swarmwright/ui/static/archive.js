@@ -58,7 +58,7 @@ export function show(element, run) {
     });
   }
 
-  return { leave: () => {
+  return { update: page.update, leave: () => {
     page.leave();
     map.destroy();
   } };

@@ -24,8 +24,9 @@ export function rangeOf(values, ignored = 0) {
   return [finite[skip], finite[finite.length - 1 - skip]];
 }
 
+/** Where a value is between two, 0 to 1: by halves, since the difference of huge numbers is infinite. */
 export function shareOf(value, [low, high]) {
-  return high > low ? (value - low) / (high - low) : 0.5;
+  return high > low ? (value / 2 - low / 2) / (high / 2 - low / 2) : 0.5;
 }
 
 /** Numbers that a server has encoded as binary32 in base64; NaN for none. */

@@ -1,5 +1,5 @@
 // Several runs compared: the same statistics, tables and figure as `swarmwright runs compare`.
-import { ask, figure, h, problem } from "./dom.js";
+import { Newest, figure, h, table, tell } from "./dom.js";
 import { runAddress } from "./runs.js";
 
 const BY = { fitness: "fitness", hypervolume: "hypervolume of fronts", qd_score: "QD score of archives", coverage: "coverage of archives" };
@@ -12,18 +12,11 @@ function select(name, choices, chosen, changed) {
   return element;
 }
 
-function grid(heads, rows) {
-  return h("div", { class: "wide" }, h("table", {},
-    h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head)))),
-    h("tbody", {}, rows.map((row) => h("tr", {}, row.map((value) => h("td", { class: typeof value === "number" || value === null ? "number" : null },
-      typeof value === "number" || value === null ? figure(value) : value)))))));
-}
-
 function groupsTable(groups) {
   const isLacking = groups.some((group) => group.left_out);
   const isFailed = groups.some((group) => group.runs.some((run) => run.failed));
   const heads = ["group", "runs", ...(isLacking ? ["left out"] : []), "evaluations", ...(isFailed ? ["failed evaluations"] : []), "median", "quartiles", "worst", "best"];
-  return grid(heads, groups.map((group) => [
+  return table(heads, groups.map((group) => [
     h("details", {}, h("summary", {}, group.label || "all runs"), group.runs.map((run) => h("div", {}, h("a", { href: runAddress(run.id) }, run.id)))),
     group.runs.length, ...(isLacking ? [group.left_out] : []), span(group.runs.map((run) => run.evaluations)),
     ...(isFailed ? [span(group.runs.map((run) => run.failed))] : []),
@@ -37,7 +30,7 @@ function span(counts) {
 }
 
 function pairsTable(pairs) {
-  return grid(["first", "second", "effect", "A12", "difference", "95 % interval", "p", "p (Holm)"], pairs.map((pair) => [
+  return table(["first", "second", "effect", "A12", "difference", "95 % interval", "p", "p (Holm)"], pairs.map((pair) => [
     pair.first, pair.second, pair.magnitude ?? "not significant", pair.a12, pair.difference,
     pair.interval ? pair.interval.map(figure).join(" to ") : "", probability(pair.p), probability(pair.p_holm),
   ]));
@@ -49,8 +42,7 @@ function probability(p) {
 
 export function show(view, query) {
   const runs = query.getAll("run");
-  let isGone = false;
-  let asked = 0;
+  const newest = new Newest();
   let result = null;
   const box = (name) => {
     const input = h("input", { type: "checkbox", change: load });
@@ -95,24 +87,21 @@ export function show(view, query) {
   }
 
   async function load() {
-    const number = ++asked;
     const query = parameters();
     history.replaceState(null, "", `#/compare?${query}`);
     links.replaceChildren(...["svg", "pdf", "png", "csv"].map((format) =>
       h("a", { class: "button", download: `comparison.${format}`, href: `api/compare_file?${query}&format=${format}` }, format.toUpperCase())));
     status.textContent = "comparing…";
     try {
-      const answer = await ask("compare", query);
-      if (isGone || number !== asked) return;
-      result = answer;
+      result = await newest.ask("compare", query);
       status.textContent = "";
-      draw(answer);
+      draw(result);
     } catch (error) {
-      if (isGone || number !== asked) return;
+      if (error.name === "AbortError") return;
       result = null;
       status.textContent = "";
       picture.replaceChildren();
-      tables.replaceChildren(problem(error));
+      tell(tables, error);
     }
   }
 
@@ -135,5 +124,5 @@ export function show(view, query) {
   }
 
   load();
-  return { trail: ["compare"], leave: () => { isGone = true; } };
+  return { trail: ["compare"], leave: () => newest.end() };
 }

@@ -1,6 +1,6 @@
 // The learning curve over a map of all evaluations, which the server has counted into cells.
 import uPlot from "./vendor/uPlot.esm.js";
-import { color, figure } from "./dom.js";
+import { bounded, color, figure } from "./dom.js";
 import { onTheme } from "./theme.js";
 
 const MOST_DOTS = 3000;
@@ -104,7 +104,7 @@ export class LearningCurve {
     const values = [low, high, this.#heldOut?.mean, this.#heldOut?.low, this.#heldOut?.high].filter((value) => Number.isFinite(value));
     if (this.#density?.evaluations) values.push(this.#density.lowest, this.#density.highest);
     if (values.length === 0) return [0, 1];
-    const [least, most] = [Math.min(...values), Math.max(...values)];
+    const [least, most] = [Math.min(...values), Math.max(...values)].map(bounded);
     const margin = (most - least || Math.abs(most) || 1) * 0.05;
     return [least - margin, most + margin];
   }

@@ -1,43 +1,41 @@
 // What the tabs of fronts and archives share: a slider over generations, a picture, its table, and the indicators.
-import { ask, figure, h, problem } from "./dom.js";
+import { Newest, ask, figure, h, table, tell } from "./dom.js";
 import { drawLines } from "./lines.js";
 
 const MOST_ROWS = 200;
 
 /**
  * names: the requests of the states and of one of them; options(states): elements that choose what is drawn;
- * draw(states, elites): draws it. Returns what removes it all.
+ * draw(states, elites): draws it. Returns what a tab returns, and `watch`.
  */
 export function showElites(element, run, names, { picture, options, draw, hint }) {
+  const newest = new Newest();
   let isGone = false;
   let states = null;
   let elites = null;
-  let asked = 0;
+  let reading = null; // while the states are read
   let removeLines = () => {};
-  const slider = h("input", { type: "range", min: 0, step: 1, "aria-label": "generation", input: () => load(Number(slider.value)) });
+  const slider = h("input", { type: "range", min: 0, step: 1, "aria-label": "generation", input: () => load() });
   const at = h("output");
   const tools = h("div", { class: "tools" });
-  const message = h("div", {}, h("p", { class: "hint" }, "reading all evaluations…"));
+  const message = h("div");
   const notes = h("p", { class: "hint" });
   const lines = h("div", { class: "lines" });
-  const rows = h("tbody");
-  const heads = h("tr");
+  const rows = h("div");
   const more = h("p", { class: "hint" });
-  const table = h("details", {}, h("summary", {}, "As a table"), h("div", { class: "wide" }, h("table", {}, h("thead", {}, heads), rows)), more);
-  table.addEventListener("toggle", () => drawTable());
-  element.append(message, tools, picture, h("p", { class: "hint" }, hint), lines, notes, table);
+  const details = h("details", { toggle: () => drawTable() }, h("summary", {}, "As a table"), rows, more);
+  element.append(message, tools, picture, h("p", { class: "hint" }, hint), lines, notes, details);
 
-  async function load(index) {
-    const number = ++asked;
-    at.value = `after generation ${figure(states.generations[index])} of ${figure(states.generations[states.generations.length - 1])}`;
+  /** Shows the generation that the slider is at. */
+  async function load() {
+    const generation = states.generations[slider.value];
+    at.value = `after generation ${figure(generation)} of ${figure(states.generations.at(-1))}`;
     try {
-      const answer = await ask(names.state, { run: run.id, generation: states.generations[index] });
-      if (isGone || number !== asked) return;
-      elites = answer;
+      elites = await newest.ask(names.state, { run: run.id, generation });
       message.replaceChildren();
       redraw();
     } catch (error) {
-      if (!isGone) message.replaceChildren(problem(error));
+      tell(message, error);
     }
   }
 
@@ -52,12 +50,12 @@ export function showElites(element, run, names, { picture, options, draw, hint }
   }
 
   function drawTable() {
-    if (!table.open || elites === null) return;
+    if (!details.open || elites === null) return;
     const columns = Object.keys(elites.columns);
-    heads.replaceChildren(...["generation", "candidate", ...columns, ""].map((head) => h("th", { scope: "col" }, head)));
-    rows.replaceChildren(...elites.born.slice(0, MOST_ROWS).map((generation, index) => h("tr", {},
-      [generation, elites.candidate[index], ...columns.map((name) => elites.columns[name][index])].map((value) => h("td", { class: "number" }, figure(value))),
-      h("td", {}, h("button", { type: "button", click: (event) => watch(index, event.shiftKey) }, "Watch")))));
+    rows.replaceChildren(table(["generation", "candidate", ...columns, ""], elites.born.slice(0, MOST_ROWS).map((generation, index) => [
+      generation, elites.candidate[index], ...columns.map((name) => elites.columns[name][index]),
+      h("button", { type: "button", click: (event) => watch(index, event.shiftKey) }, "Watch"),
+    ]), { empty: "There is none yet." }));
     more.textContent = elites.count > MOST_ROWS ? `The best ${MOST_ROWS} of ${figure(elites.count)}.` : "";
   }
 
@@ -65,31 +63,42 @@ export function showElites(element, run, names, { picture, options, draw, hint }
     run.replay({ generation: elites.born[index], candidate: elites.candidate[index] }, isBeside);
   }
 
-  async function start() {
+  function update() {
+    reading ??= read().finally(() => { reading = null; });
+    return reading;
+  }
+
+  /** Reads the states, which takes a while in long runs; the slider stays where it is, or at the end. */
+  async function read() {
     try {
-      for (;;) {
-        states = await ask(names.states, { run: run.id });
+      let answer = null;
+      do {
+        answer = await ask(names.states, { run: run.id });
         if (isGone) return;
-        if (states.share === undefined) break;
-        message.replaceChildren(h("p", { class: "hint" }, `reading all evaluations: ${Math.floor(100 * states.share)} %`));
-      }
-      const last = states.generations.length - 1;
-      slider.max = last;
-      slider.value = last;
-      tools.replaceChildren(h("label", {}, "generation ", slider), at, ...options(states, redraw));
+        if (answer.share !== undefined) message.replaceChildren(h("p", { class: "hint" }, `reading all evaluations: ${Math.floor(100 * answer.share)} %`));
+      } while (answer.share !== undefined);
+      message.replaceChildren();
+      const isFirst = states === null;
+      const chosen = isFirst || Number(slider.value) === states.generations.length - 1 ? Infinity : states.generations[slider.value];
+      states = answer;
+      slider.max = states.generations.length - 1;
+      slider.value = states.generations.findLastIndex((generation) => generation <= chosen);
+      if (isFirst) tools.replaceChildren(h("label", {}, "generation ", slider), at, ...options(states, redraw));
+      removeLines();
       removeLines = drawLines(lines, states.generations, states.indicators, (index) => {
         slider.value = index;
-        load(index);
+        load();
       });
-      await load(last);
+      await load();
     } catch (error) {
-      if (!isGone) message.replaceChildren(problem(error));
+      tell(message, error);
     }
   }
 
-  start();
-  return { watch, leave: () => {
+  update();
+  return { watch, update, leave: () => {
     isGone = true;
+    newest.end();
     removeLines();
   } };
 }

@@ -17,6 +17,8 @@ export class Export {
   constructor(run, { chosen, episode }) {
     Object.assign(this, { run, chosen, episode });
     this.element = h("section", { class: "panel", hidden: true, "aria-label": "Export" });
+    this.exports = Promise.resolve(); // the server makes one file at a time
+    this.abort = new AbortController();
     this.results = h("div", { "aria-live": "polite" });
   }
 
@@ -50,11 +52,16 @@ export class Export {
     this.element.hidden = true;
   }
 
-  async make(title, values) {
+  make(title, values) {
     const line = h("div", { class: "export" }, h("span", { class: "count" }, `${title} …`));
     this.results.prepend(line);
+    const wanted = { run: this.run, ...this.chosen(), ...values };
+    this.exports = this.exports.then(() => this.fetch(title, wanted, line));
+  }
+
+  async fetch(title, wanted, line) {
     try {
-      const made = await change("export", { run: this.run, ...this.chosen(), ...values });
+      const made = await change("export", wanted, this.abort.signal);
       const link = h("a", { class: "button", download: made.name, href: `api/export_file?${new URLSearchParams({ id: made.id })}` }, `⬇ ${made.name}`);
       const state = made.verified === null ? "" : h("span", { class: made.verified ? "fine" : "bad" }, made.verified ? "✓ verified" : "✗ differs from the simulation");
       line.replaceChildren(link, h("span", { class: "count" }, ` ${size(made.bytes)} `), state,
@@ -63,5 +70,9 @@ export class Export {
     } catch (error) {
       line.replaceChildren(h("b", {}, title), problem(error));
     }
+  }
+
+  leave() {
+    this.abort.abort();
   }
 }

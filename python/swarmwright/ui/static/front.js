@@ -10,7 +10,7 @@ export function show(element, run) {
   let across = null;
   let up = null;
   let shade = null;
-  let ranges = {};
+  const ranges = {};
   const picture = h("div");
   const plot = new Scatter(picture, { label: "Front", height: 400, act: (index, isBeside) => page.watch(index, isBeside) });
   const page = showElites(element, run, { states: "front", state: "front_points" }, {
@@ -33,6 +33,7 @@ export function show(element, run) {
   function draw(states, elites) {
     // Axes grow with what was seen, so that fronts of several generations can be compared.
     for (const [name, values] of Object.entries(elites.columns)) {
+      if (values.length === 0) continue;
       const [low, high] = rangeOf(values);
       const [least, most] = ranges[name] ?? [low, high];
       ranges[name] = [Math.min(low, least), Math.max(high, most)];
@@ -43,13 +44,14 @@ export function show(element, run) {
     const isPlane = Object.keys(states.goals).length === 1 && across.list.value !== up.list.value;
     plot.show({
       x: axis(across.list), y: axis(up.list), shade: isShaded ? axis(shade.list) : null,
-      ranges: { x: ranges[across.list.value], y: ranges[up.list.value], shade: ranges[shade.list.value] },
-      steps: isPlane ? (isUp(up.list) === isUp(across.list) === isUp(across.list) ? "pre" : "post") : null,
+      ranges: { x: ranges[across.list.value] ?? [0, 1], y: ranges[up.list.value] ?? [0, 1], shade: ranges[shade.list.value] ?? [0, 1] },
+      // What is dominated is to the left of a point, or to its right where less is better.
+      steps: isPlane ? (isUp(across.list) ? "pre" : "post") : null,
       words: (index) => `generation ${elites.born[index]}, candidate ${elites.candidate[index]}: ${words(elites.columns, index)}`,
     });
   }
 
-  return { leave: () => {
+  return { update: page.update, leave: () => {
     page.leave();
     plot.destroy();
   } };

@@ -1,5 +1,5 @@
 // How the genes develop: a map of generations and genes; a click watches the best of that generation.
-import { ask, figure, h, problem } from "./dom.js";
+import { Newest, figure, h, tell } from "./dom.js";
 import { decode, rangeOf } from "./colors.js";
 import { HeatMap } from "./heatmap.js";
 
@@ -7,7 +7,7 @@ const MOST_IGNORED = 0.01;
 const WORDS = { best: "best candidate", mean: "mean of the candidates", spread: "standard deviation of the candidates" };
 
 export function show(element, run) {
-  let isGone = false;
+  const newest = new Newest();
   let history = null;
   const of = h("select", { change: load }, Object.entries(WORDS).map(([value, words]) => h("option", { value }, words)));
   const scale = h("select", { change: draw }, h("option", { value: "all" }, "for all genes"), h("option", { value: "each" }, "for each gene"));
@@ -20,14 +20,13 @@ export function show(element, run) {
   } });
 
   async function load() {
-    message.replaceChildren();
     try {
-      const answer = await ask("genes", { run: run.id, of: of.value });
-      if (isGone) return;
+      const answer = await newest.ask("genes", { run: run.id, of: of.value });
+      message.replaceChildren();
       history = { ...answer, values: decode(answer.values) };
       draw();
     } catch (error) {
-      if (!isGone) message.replaceChildren(problem(error));
+      tell(message, error);
     }
   }
 
@@ -43,11 +42,11 @@ export function show(element, run) {
     const columns = history.generations.length;
     const rows = history.first_genes.length;
     const isEach = scale.value === "each";
-    const ranges = Array.from({ length: rows }, (_, row) => rangeOf(history.values.filter((_value, index) => index % rows === row)));
+    const rangeOfRow = (row) => rangeOf(Array.from({ length: columns }, (_, column) => history.values[column * rows + row]));
     const last = history.generations[columns - 1];
     const isWhole = last + 1 === columns;
     map.show({
-      columns, rows, values: history.values, ...(isEach ? { ranges } : { range: rangeOf(history.values, MOST_IGNORED) }),
+      columns, rows, values: history.values, ...(isEach ? { ranges: Array.from({ length: rows }, (_, row) => rangeOfRow(row)) } : { range: rangeOf(history.values, MOST_IGNORED) }),
       below: isWhole ? { label: "generation", range: [-0.5, last + 0.5], whole: true } : { label: "generation", range: [0, last] },
       left: history.names.length ? { label: "", labels: history.names } : { label: "gene", range: [-0.5, history.genes - 0.5], whole: true },
       bar: isEach ? "lowest to highest of each gene" : WORDS[of.value],
@@ -62,8 +61,8 @@ export function show(element, run) {
   }
 
   load();
-  return { leave: () => {
-    isGone = true;
+  return { update: load, leave: () => {
+    newest.end();
     map.destroy();
   } };
 }

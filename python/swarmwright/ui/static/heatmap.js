@@ -22,7 +22,7 @@ export class HeatMap extends Plot {
   show(data) {
     this.#data = data;
     this.#image = picture(data);
-    this.draw();
+    this.drawAnew();
   }
 
   height() {
@@ -109,6 +109,10 @@ export class HeatMap extends Plot {
     const column = Math.floor(((left - x) / width) * data.columns);
     const row = Math.floor(((top - y) / height) * data.rows);
     return { column, row: data.isUpward ? data.rows - 1 - row : row };
+  }
+
+  has({ column, row }) {
+    return column < this.#data.columns && row < this.#data.rows;
   }
 
   describe({ column, row }) {

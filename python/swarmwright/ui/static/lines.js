@@ -1,6 +1,6 @@
 // Small charts of figures over generations; a click chooses the nearest.
 import uPlot from "./vendor/uPlot.esm.js";
-import { color, figure, h } from "./dom.js";
+import { bounded, color, figure, h } from "./dom.js";
 import { onTheme } from "./theme.js";
 
 /** Draws each of `lines` ({name: values}) into a chart of its own; returns what removes them. */
@@ -19,7 +19,7 @@ export function drawLines(element, generations, lines, act) {
         series: [{ label: "generation", value: (_plot, value) => figure(value) },
           { label: name, stroke: color("--accent"), width: 2, value: (_plot, value) => figure(value) }],
         cursor: { drag: { x: false, y: false } },
-      }, [generations, values], holder);
+      }, [generations, values.map(bounded)], holder);
       chart.over.addEventListener("click", () => {
         if (chart.cursor.idx !== null && chart.cursor.idx !== undefined) act(chart.cursor.idx);
       });
@@ -32,6 +32,7 @@ export function drawLines(element, generations, lines, act) {
       observer.disconnect();
       endTheme();
       chart.destroy();
+      holder.remove();
     };
   });
   return () => charts.forEach((remove) => remove());

@@ -1,5 +1,5 @@
 // The address says what is shown: `#/` the list of runs, `#/VIEW/ARGUMENT?QUERY` any other view.
-import { ask, askWhether, h, problem } from "./dom.js";
+import { ask, askToLeave, h, problem } from "./dom.js";
 import { store } from "./store.js";
 import { restoreTheme, switchTheme } from "./theme.js";
 
@@ -21,7 +21,7 @@ async function followAddress(event) {
   if (shown.isChanged?.()) {
     history.pushState(null, "", event.oldURL);
     if (document.querySelector("dialog[open]")) return;
-    if (!await askWhether("Leave this page? What was changed on it is not saved and will be lost.", "Leave", "Stay")) return;
+    if (!await askToLeave()) return;
     leave();
     if (location.hash !== wanted) history.pushState(null, "", wanted || "#/");
   }

@@ -49,13 +49,18 @@ class Pane {
     this.error = null;
   }
 
-  /** Gets the episode and shows it; the newest call wins. */
-  async load() {
+  /** Gets the episode and shows it, after those of other panes; the newest call wins. */
+  load() {
     const asked = ++this.asked;
     this.abort.abort();
     this.abort = new AbortController();
     this.failed(null);
+    return this.panes.afterOthers(() => this.fetch(asked));
+  }
+
+  async fetch(asked) {
     const isOld = () => asked !== this.asked || this.isClosed;
+    if (isOld()) return;
     let newest = null;
     try {
       await askParts("episode", { ...this.panes.query(this), ...this.which, parameters: JSON.stringify(this.parameters) }, this.abort.signal, (kind, content, headers) => {
@@ -127,6 +132,7 @@ export class Panes {
     this.run = run;
     this.changed = changed;
     this.list = [];
+    this.fetches = Promise.resolve();
     this.element = h("div", { class: "panes" });
     this.time = 0;
     this.playing = false;
@@ -147,6 +153,12 @@ export class Panes {
 
   get first() {
     return this.list[0];
+  }
+
+  /** Fetches when the fetches before have ended: browsers have few connections, and the server few processors. */
+  afterOthers(fetch) {
+    this.fetches = this.fetches.then(fetch);
+    return this.fetches;
   }
 
   theme() {

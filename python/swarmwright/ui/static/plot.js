@@ -20,7 +20,7 @@ export function ticks([low, high], count) {
 
 /**
  * A frame with axes. Subclasses draw inside it (`paint`), find what is at a point (`pick`, null for nothing),
- * say what that is (`describe`), where it is (`locate`), and what the keys lead to (`move`).
+ * say what that is (`describe`), where it is (`locate`), whether it is there (`has`), and what the keys lead to (`move`).
  */
 export class Plot {
   #canvas;
@@ -81,6 +81,13 @@ export class Plot {
     this.paint(context, this.frame);
     context.restore();
     if (this.#picked !== null) this.mark(context, this.#picked);
+  }
+
+  /** Draws other data, of which what was picked may not be a part. */
+  drawAnew() {
+    if (this.#picked !== null && !this.has(this.#picked)) this.#picked = null;
+    this.#words.textContent = this.#picked === null ? "" : this.describe(this.#picked);
+    this.draw();
   }
 
   /** Marks what is picked. */

@@ -1,5 +1,5 @@
 // How many candidates remained after how many episodes or instances of a race; those of a race, to watch.
-import { ask, figure, h, problem } from "./dom.js";
+import { Newest, ask, figure, h, table, tell } from "./dom.js";
 import { rangeOf } from "./colors.js";
 import { HeatMap } from "./heatmap.js";
 import { Scatter } from "./scatter.js";
@@ -7,6 +7,7 @@ import { Scatter } from "./scatter.js";
 const MOST_ROWS = 300;
 
 export function show(element, run) {
+  const newest = new Newest();
   let isGone = false;
   let races = null;
   let chosen = null;
@@ -16,11 +17,8 @@ export function show(element, run) {
   const heading = h("h2");
   const picture = h("div");
   const note = h("p", { class: "hint" });
-  const rows = h("tbody");
-  const steps = h("th", { scope: "col" });
-  const table = h("details", { open: true }, h("summary", {}, "As a table"), h("div", { class: "wide" }, h("table", {},
-    h("thead", {}, h("tr", {}, steps, ["state", "fitness", "generation", "candidate", ""].map((head) => h("th", { scope: "col" }, head)))), rows)));
-  element.append(message, survival, note, heading, picture, table);
+  const rows = h("div");
+  element.append(message, survival, note, heading, picture, h("details", { open: true }, h("summary", {}, "As a table"), rows));
   const map = new HeatMap(survival, { label: "Candidates that remain", act: ({ column }) => open(races.numbers[column]) });
   const plot = new Scatter(picture, { label: "Candidates of a race", act: watch });
 
@@ -28,19 +26,24 @@ export function show(element, run) {
     return races.unit === "episodes" ? `generation ${number}` : `race ${number}`;
   }
 
-  async function start() {
+  /** Reads the races; the last one is shown until another is chosen. */
+  async function update() {
     try {
-      races = await ask("races", { run: run.id });
+      const isLast = races === null || chosen === races.numbers.at(-1);
+      const answer = await ask("races", { run: run.id });
       if (isGone) return;
+      races = answer;
+      message.replaceChildren();
       note.textContent = [
         races.numbers.length < races.count ? `${figure(races.numbers.length)} of ${figure(races.count)} races.` : null,
         races.unit === "episodes" ? "Each generation is a race: candidates that are clearly worse than the best get no more episodes."
           : "A race takes several generations, each of which is an instance. Elites of earlier races are only evaluated on instances that are new to them.",
         "Click a race to see its candidates.",
       ].filter(Boolean).join(" ");
-      await open(races.numbers[races.numbers.length - 1]);
+      if (isLast) await open(races.numbers.at(-1));
+      else draw();
     } catch (error) {
-      if (!isGone) message.replaceChildren(problem(error));
+      tell(message, error);
     }
   }
 
@@ -68,12 +71,12 @@ export function show(element, run) {
     chosen = number;
     draw();
     try {
-      const answer = await ask("race_entrants", { run: run.id, race: number });
-      if (isGone || chosen !== number) return;
+      const answer = await newest.ask("race_entrants", { run: run.id, race: number });
+      message.replaceChildren();
       shown = answer.entrants;
       drawEntrants(answer.count);
     } catch (error) {
-      if (!isGone) message.replaceChildren(problem(error));
+      tell(message, error);
     }
   }
 
@@ -84,7 +87,6 @@ export function show(element, run) {
 
   function drawEntrants(count) {
     heading.textContent = `${nameOf(chosen)}: ${figure(count)} candidates`;
-    steps.textContent = races.unit;
     const finite = shown.filter((entrant) => entrant.fitness !== null);
     const [across, up] = [finite.map((entrant) => entrant.steps), finite.map((entrant) => entrant.fitness)];
     plot.show({
@@ -92,10 +94,10 @@ export function show(element, run) {
       steps: null,
       words: (index) => `generation ${finite[index].generation}, candidate ${finite[index].candidate}: ${words(finite[index])}, fitness ${figure(finite[index].fitness)}`,
     });
-    rows.replaceChildren(...shown.slice(0, MOST_ROWS).map((entrant) => h("tr", {},
-      h("td", { class: "number" }, figure(entrant.steps)), h("td", {}, words(entrant)),
-      [entrant.fitness, entrant.generation, entrant.candidate].map((value) => h("td", { class: "number" }, figure(value))),
-      h("td", {}, h("button", { type: "button", click: (event) => replay(entrant, event.shiftKey) }, "Watch")))));
+    rows.replaceChildren(table([races.unit, "state", "fitness", "generation", "candidate", ""], shown.slice(0, MOST_ROWS).map((entrant) => [
+      entrant.steps, words(entrant), entrant.fitness, entrant.generation, entrant.candidate,
+      h("button", { type: "button", click: (event) => replay(entrant, event.shiftKey) }, "Watch"),
+    ])));
   }
 
   function replay(entrant, isBeside) {
@@ -106,9 +108,10 @@ export function show(element, run) {
     replay(shown.filter((entrant) => entrant.fitness !== null)[index], isBeside);
   }
 
-  start();
-  return { leave: () => {
+  update();
+  return { update, leave: () => {
     isGone = true;
+    newest.end();
     map.destroy();
     plot.destroy();
   } };

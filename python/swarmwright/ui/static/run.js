@@ -1,32 +1,19 @@
-// The page of a run: its curve with every evaluation, replays by click, experiment, servers, journal.
-import { ask, change, date, duration, figure, h, problem } from "./dom.js";
+// The page of a run: its curve with every evaluation, replays by click, and tabs.
+import { Newest, Refresher, ask, change, date, duration, figure, h, problem, tell, text } from "./dom.js";
 import { LearningCurve } from "./curve.js";
 import { Export } from "./export.js";
 import { Panes } from "./panes.js";
 import { store } from "./store.js";
+import { Tabs } from "./tabs.js";
 import { WhatIf } from "./what_if.js";
+
+const MOST_EPISODES = 1000; // in the list to choose from
+const PAUSE_MS = 500; // between two looks at a run that goes on
 
 function facts(entries) {
   return h("dl", { class: "facts" }, entries
     .filter(([, value]) => value !== null && value !== undefined && value !== "")
     .map(([name, value, note]) => h("div", {}, h("dt", {}, name), h("dd", { title: note }, value))));
-}
-
-function table(heads, rows, empty) {
-  if (rows.length === 0) return h("p", { class: "empty" }, empty);
-  return h("div", { class: "wide" }, h("table", {},
-    h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head)))),
-    h("tbody", {}, rows.map((row) => h("tr", {}, row.map((value) => h("td", { class: typeof value === "number" ? "number" : null },
-      typeof value === "number" ? figure(value) : value)))))));
-}
-
-/** Rows of `key.path: value`, as `--set` takes them. */
-function flat(values, prefix = "") {
-  return Object.entries(values).flatMap(([key, value]) => {
-    const path = prefix ? `${prefix}.${key}` : key;
-    const isGroup = value !== null && typeof value === "object" && !Array.isArray(value) && Object.keys(value).length > 0;
-    return isGroup ? flat(value, path) : [[path, JSON.stringify(value)]];
-  });
 }
 
 function heldOutWords(heldOut) {
@@ -43,14 +30,12 @@ export function show(view, query, id) {
   const panes = new Panes(id, { changed: panesChanged });
   const whatIf = new WhatIf(id, { chosen: chosenCandidate, replayed: vary });
   const exporting = new Export(id, { chosen: chosenCandidate, episode: () => ({ ...panes.episode, parameters: variant?.parameters ?? {} }) });
-  const tabs = h("div", { class: "tabs" });
+  const run = { id, details: null, replay };
+  const tabs = new Tabs(run);
   const curve = new LearningCurve(chart, { click: choose });
-  let details = null;
+  const nearest = new Newest();
+  const refresher = new Refresher(load, PAUSE_MS);
   let isGone = false;
-  let isTabbed = false;
-  let leaveTab = () => {};
-  let version = 0;
-
   let variant = null; // the pane with other parameters
 
   const candidate = { generation: number("generation"), candidate: number("candidate") };
@@ -94,25 +79,21 @@ export function show(view, query, id) {
   }
 
   view.append(head, actions ?? "", chart, h("p", { class: "hint" }, "Every evaluation is a point: click one to watch it, shift-click to watch it beside the others. Drag to zoom, double-click to see all."),
-    form, whatIf.element, exporting.element, chosen, panes.controls, panes.element, tabs);
+    form, whatIf.element, exporting.element, chosen, panes.controls, panes.element, tabs.element);
 
   function number(name) {
     return h("input", { type: "number", min: 0, step: 1, name, "aria-label": name });
   }
 
   async function load() {
-    const asked = ++version;
     try {
-      const [now, density] = await Promise.all([ask("run", { run: id }), ask("density", { run: id, columns: 400, rows: 140 })]);
-      if (isGone || asked !== version) return;
-      details = now;
+      const [details, density] = await Promise.all([ask("run", { run: id }), ask("density", { run: id, columns: 400, rows: 140 })]);
+      if (isGone) return;
+      run.details = details;
       drawHead();
       offerEpisodes();
-      curve.update(now, density);
-      if (!isTabbed) {
-        isTabbed = true;
-        await drawTabs();
-      }
+      curve.update(details, density);
+      await tabs.update();
     } catch (error) {
       if (!isGone) head.replaceChildren(h("h1", {}, id), problem(error));
     }
@@ -121,6 +102,7 @@ export function show(view, query, id) {
   function drawHead() {
     const row = store.rows.get(id);
     if (row === undefined) return;
+    const { details } = run;
     const best = details?.best;
     head.replaceChildren(
       h("h1", {}, id === "." ? row.name : id, " ", h("span", { class: `state ${row.state}` }, row.state)),
@@ -138,14 +120,9 @@ export function show(view, query, id) {
     );
   }
 
-  function text(value) {
-    return value === null || value === undefined ? "" : String(value);
-  }
-
   async function choose(point, isBeside) {
     try {
-      const found = await ask("nearest", { run: id, ...point });
-      if (isGone) return;
+      const found = await nearest.ask("nearest", { run: id, ...point });
       chosen.replaceChildren(facts([
         ["generation", text(found.generation)], ["candidate", text(found.candidate)], ["fitness", figure(found.fitness)],
         ["episodes", found.episodes.map(figure).join("  ")],
@@ -154,16 +131,18 @@ export function show(view, query, id) {
       curve.mark(found);
       replay({ generation: found.generation, candidate: found.candidate }, isBeside);
     } catch (error) {
-      chosen.replaceChildren(problem(error));
+      tell(chosen, error);
     }
   }
 
   function offerEpisodes() {
-    if (episode.length !== details.episodes) episode.replaceChildren(...Array.from({ length: details.episodes }, (_, index) => h("option", { value: index }, String(index))));
+    const episodes = Math.min(run.details.episodes, MOST_EPISODES);
+    if (episode.length !== episodes) episode.replaceChildren(...Array.from({ length: episodes }, (_, index) => h("option", { value: index }, String(index))));
   }
 
   function replay(which, isBeside) {
-    const name = which.candidate === undefined ? "the best" : `${which.generation ?? "last"}:${which.candidate}`;
+    const subject = which.candidate === undefined ? "the best" : `candidate ${which.candidate}`;
+    const name = which.generation === undefined ? subject : `${subject} of generation ${which.generation}`;
     if (isBeside && variant) panes.remove(variant);
     const beside = panes.show(which, name, { isBeside });
     if (Object.keys(whatIf.parameters).length) vary(whatIf.parameters);
@@ -194,69 +173,24 @@ export function show(view, query, id) {
     variant = panes.show(panes.first.which, "what if", { isBeside: true, parameters });
   }
 
-  async function drawTabs() {
-    const content = h("div", { class: "tab", role: "tabpanel" });
-    const pages = {
-      Experiment: () => experiment(),
-      "Servers and failures": async () => {
-        const journal = await ask("journal", { run: id });
-        return h("div", {},
-          h("h2", {}, "Failures"), table(["reason", "attempts"], journal.failures.map((entry) => [entry.reason, entry.attempts]), "Nothing failed."),
-          h("h2", {}, "Servers"), table(["server", "episodes", "failed", "seconds"],
-            journal.servers.map((entry) => [entry.server < 0 ? "this process" : String(entry.server), entry.evaluations, entry.failed, entry.seconds]),
-            "Evaluated in the process of the tool."),
-          h("h2", {}, "Warnings"), table(["time", "warning"], journal.events.map((event) => [date(event.time), event.text]), "No warnings."));
-      },
-      Sessions: () => table(["started", "where", "host", "took", "ended"],
-        details.sessions.map((session) => [date(session.started), session.place, session.host, duration(session.seconds), session.outcome ?? ""]), ""),
-    };
-    const { tabs: offered } = await ask("tabs", { run: id });
-    if (isGone) return;
-    for (const each of store.window.views.filter((entry) => offered.includes(entry.name))) {
-      pages[each.title] = async () => {
-        const { show: draw } = await import(new URL(each.script, document.baseURI));
-        const element = h("div");
-        leaveTab = (await draw(element, { id, details, replay }))?.leave ?? (() => {});
-        return element;
-      };
-    }
-    const buttons = Object.entries(pages).map(([name, page]) => h("button", { type: "button", role: "tab", click: async (event) => {
-      for (const button of buttons) button.setAttribute("aria-selected", String(button === event.currentTarget));
-      leaveTab();
-      leaveTab = () => {};
-      try {
-        content.replaceChildren(await page());
-      } catch (error) {
-        content.replaceChildren(problem(error));
-      }
-    } }, name));
-    tabs.replaceChildren(h("div", { class: "tools", role: "tablist" }, buttons), content);
-    buttons[0].click();
-  }
-
-  function experiment() {
-    const rows = flat(details.experiment);
-    const body = h("div");
-    const filter = h("input", { type: "search", placeholder: "Filter keys", "aria-label": "Filter keys", input: draw });
-    function draw() {
-      body.replaceChildren(table(["key", "value"], rows.filter(([key]) => key.includes(filter.value)), "No key has this in its name."));
-    }
-    draw();
-    return h("div", {}, h("p", { class: "hint" }, "As it was run, every default written out."), filter, body);
-  }
-
   const stop = store.listen((changed) => {
-    if (changed.has(id)) load();
+    if (!changed.has(id)) return;
+    drawHead();
+    refresher.ask();
   });
   drawHead();
-  load();
+  refresher.ask();
   if (query.has("candidate")) replay(Object.fromEntries([...query].filter(([key]) => key in candidate)), false);
   return {
     trail: [id === "." ? "this folder" : id],
+    isChanged: () => tabs.isChanged,
     leave: () => {
       isGone = true;
       stop();
-      leaveTab();
+      nearest.end();
+      refresher.end();
+      tabs.leave();
+      exporting.leave();
       whatIf.leave();
       panes.leave();
       curve.destroy();

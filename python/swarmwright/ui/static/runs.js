@@ -1,5 +1,6 @@
 // The list of runs: filter, sort, select several.
 import { change, color, date, duration, figure, h, problem } from "./dom.js";
+import { shareOf } from "./colors.js";
 import { store } from "./store.js";
 import { onTheme } from "./theme.js";
 
@@ -69,7 +70,7 @@ function spark(values) {
   values.forEach((value, index) => {
     if (value === null) return;
     const x = 3 + (index / (values.length - 1)) * (canvas.width - 6);
-    const y = high === low ? canvas.height / 2 : 4 + ((high - value) / (high - low)) * (canvas.height - 8);
+    const y = high === low ? canvas.height / 2 : 4 + (1 - shareOf(value, [low, high])) * (canvas.height - 8);
     context.lineTo(x, y);
   });
   context.stroke();

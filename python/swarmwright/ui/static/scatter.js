@@ -1,5 +1,5 @@
 // Points over two axes, coloured by a third number if there is one.
-import { color, figure } from "./dom.js";
+import { bounded, color, figure } from "./dom.js";
 import { css, shareOf, viridis } from "./colors.js";
 import { Plot } from "./plot.js";
 
@@ -15,7 +15,7 @@ export class Scatter extends Plot {
    */
   show(data) {
     this.#data = data;
-    this.draw();
+    this.drawAnew();
   }
 
   margins() {
@@ -27,7 +27,7 @@ export class Scatter extends Plot {
     const { ranges } = this.#data;
     const wide = ([low, high]) => {
       const margin = MARGIN * (high - low || Math.abs(high) || 1);
-      return [low - margin, high + margin];
+      return [low - margin, high + margin].map(bounded);
     };
     const [across, up] = [wide(ranges.x), wide(ranges.y)];
     return {
@@ -96,6 +96,10 @@ export class Scatter extends Plot {
       if (apart < least) [nearest, least] = [index, apart];
     });
     return nearest;
+  }
+
+  has(index) {
+    return index < this.#data.x.values.length;
   }
 
   describe(index) {

@@ -1,20 +1,22 @@
 // What each server did when: a lane for each, failures as crosses, and who was waited for.
-import { ask, duration, figure, h, problem } from "./dom.js";
+import { Newest, ask, duration, figure, h, table, tell } from "./dom.js";
 import { decode, rangeOf } from "./colors.js";
 import { HeatMap } from "./heatmap.js";
 
 const LANE_PX = 22;
 const LOWEST_PX = 132;
 const ZOOM = 4;
+const SHORTEST_S = 1e-3; // part that the server shows
 const OUTCOMES = {
   failed: "failed", unusable: "unusable result", server_failed: "the server failed", disconnected: "the connection was lost",
   lost: "lost with the server",
 };
 
 export function show(element, run) {
-  let isGone = false;
+  const newest = new Newest();
   let timeline = null;
-  let tabled = null;
+  let tabled = null; // the session in the table
+  let shownPart = {};
   let failures = new Map();
   const session = h("select", { change: () => load({}) });
   const shade = h("select", { change: draw }, h("option", { value: "busy" }, "share of time at work"), h("option", { value: "episodes" }, "episodes a second"));
@@ -31,30 +33,32 @@ export function show(element, run) {
     else zoom(column);
   } });
 
+  /** Shows a part of the session that is chosen, or the whole. */
   async function load(part) {
     try {
-      const answer = await ask("timeline", { run: run.id, session: session.value || null, ...part });
-      if (isGone) return;
+      const answer = await newest.ask("timeline", { run: run.id, session: session.value || null, ...part });
+      shownPart = part;
       timeline = { ...answer, busy: decode(answer.busy), episodes: decode(answer.episodes) };
-      session.replaceChildren(...answer.sessions.map((number) => h("option", { value: number }, number)));
+      if (session.length !== answer.sessions.length) session.replaceChildren(...answer.sessions.map((number) => h("option", { value: number }, number)));
       session.value = answer.session;
       session.parentElement.hidden = answer.sessions.length < 2;
       message.replaceChildren();
       draw();
       if (answer.session === tabled) return;
+      drawTable(await newest.ask("timeline_shares", { run: run.id, session: answer.session }));
       tabled = answer.session;
-      const shares = await ask("timeline_shares", { run: run.id, session: tabled });
-      if (!isGone) drawTable(shares);
     } catch (error) {
-      if (!isGone) message.replaceChildren(problem(error));
+      tell(message, error);
     }
   }
 
   function zoom(column) {
     const span = timeline.end - timeline.begin;
+    if (span <= SHORTEST_S) return;
     const middle = timeline.begin + span * (column + 0.5) / timeline.bins;
-    const begin = Math.max(0, middle - span / ZOOM / 2);
-    load({ session: timeline.session, begin, end: Math.min(begin + span / ZOOM, timeline.seconds) });
+    const part = Math.max(span / ZOOM, SHORTEST_S);
+    const begin = Math.max(0, Math.min(middle - part / 2, timeline.seconds - part));
+    load({ session: timeline.session, begin, end: begin + part });
   }
 
   function draw() {
@@ -114,20 +118,26 @@ export function show(element, run) {
     const rows = shares.map((share) => {
       const wait = waiting[share.server];
       return [
-        String(share.server), figure(share.evaluations), `${figure(Math.round(1000 * share.share) / 10)} %`, figure(share.rate), figure(share.seconds), figure(share.failed),
-        figure(share.lost), figure(share.handed_back), figure(share.slower),
+        String(share.server), share.evaluations, `${figure(Math.round(1000 * share.share) / 10)} %`, share.rate, share.seconds, share.failed,
+        share.lost, share.handed_back, share.slower,
         wait ? `${figure(wait.seconds)} s in ${figure(wait.generations)} generation${wait.generations === 1 ? "" : "s"}` : "–",
       ];
     });
-    tables.replaceChildren(rows.length === 0 ? "" : h("div", { class: "wide" }, h("table", {},
-      h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head)))),
-      h("tbody", {}, rows.map((row) => h("tr", {}, row.map((value) => h("td", { class: "number" }, value))))))),
-    rows.length === 0 ? "" : h("p", { class: "hint" }, "Of the whole run, except waiting: the time between the last answer of the other servers and that of the last server, at the end of the generations of this session."));
+    tables.replaceChildren(...(rows.length === 0 ? [] : [table(heads, rows, { isNumeric: true }),
+      h("p", { class: "hint" }, "Of the whole run, except waiting: the time between the last answer of the other servers and that of the last server, at the end of the generations of this session.")]));
+  }
+
+  /** Shows what has come; a session that was chosen stays, as does its part. */
+  function update() {
+    tabled = null;
+    const isNewest = timeline === null || timeline.session === timeline.sessions.at(-1);
+    if (isNewest && shownPart.begin === undefined) session.value = "";
+    return load(shownPart);
   }
 
   load({});
-  return { leave: () => {
-    isGone = true;
+  return { update, leave: () => {
+    newest.end();
     map.destroy();
   } };
 }

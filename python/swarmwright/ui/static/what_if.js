@@ -1,6 +1,6 @@
 // What if the simulation were another one: its parameters as fields and sliders, what the candidate then reaches on
 // the same seeds, and its replay beside that of the run.
-import { ask, change, figure, h, problem } from "./dom.js";
+import { Newest, ask, change, figure, h, problem, table, tell } from "./dom.js";
 
 const PAUSE_MS = 200; // after the last change, before anything is computed
 const MOST_OFFERED = 6; // parameters that are shown at once; others are chosen from a list
@@ -66,6 +66,7 @@ export class WhatIf {
     this.episodes = null;
     this.caller = crypto.randomUUID?.() ?? String(Math.random());
     this.number = 0;
+    this.newest = new Newest();
     this.rows = h("div", { class: "what-if-rows" });
     this.more = h("select", { "aria-label": "Another parameter", change: () => this.add(this.more.selectedIndex - 1) });
     this.result = h("div", { "aria-live": "polite" });
@@ -140,12 +141,11 @@ export class WhatIf {
     const number = ++this.number;
     this.result.classList.add("old");
     try {
-      const found = await change("what_if", {
+      this.draw(await change("what_if", {
         run: this.run, ...this.chosen(), parameters: this.parameters, episodes: this.episodes, caller: this.caller, number,
-      });
-      if (number === this.number) this.draw(found);
+      }, this.newest.next()));
     } catch (error) {
-      if (number === this.number) this.result.replaceChildren(problem(error));
+      tell(this.result, error);
     }
     if (number === this.number) this.result.classList.remove("old");
   }
@@ -156,9 +156,8 @@ export class WhatIf {
     for (const name of Object.keys(changed?.metrics ?? {})) if (!names.includes(name)) lines.push([name, null, changed.metrics[name]]);
     const failed = (changed ?? unchanged).fitness.failed;
     this.result.replaceChildren(
-      h("div", { class: "wide" }, h("table", {},
-        h("thead", {}, h("tr", {}, ["mean (95 % interval)", "as in the run", changed ? "what if" : null].filter(Boolean).map((head) => h("th", { scope: "col" }, head)))),
-        h("tbody", {}, lines.map(([name, before, after]) => h("tr", {}, h("th", { scope: "row" }, name), h("td", { class: "number" }, words(before)), changed ? h("td", { class: "number" }, words(after)) : ""))))),
+      table(["mean (95 % interval)", "as in the run", ...(changed ? ["what if"] : [])],
+        lines.map(([name, before, after]) => [name, words(before), ...(changed ? [words(after)] : [])]), { hasNames: true, isNumeric: true }),
       h("p", { class: "hint" }, `Candidate ${label} on ${seeds.length} seeds that evolution did not use, ${seeds[0]} to ${seeds.at(-1)}, the same for both.`,
         failed ? ` ${failed} episodes failed.` : "", " ",
         seeds.length * MORE <= MOST_SEEDS ? h("button", { type: "button", click: () => {
@@ -169,6 +168,6 @@ export class WhatIf {
 
   leave() {
     clearTimeout(this.timer);
-    this.number += 1;
+    this.newest.end();
   }
 }

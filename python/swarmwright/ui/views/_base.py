@@ -26,9 +26,11 @@ class View:
         name: of its address, `#/name`; lower-case letters, digits and `_`.
         script: ES module. It exports `show(element, query, argument)` for a page, where `argument` is what
             follows `#/name/`, or `show(element, run)` for a tab, where `run` has `id`, `details` (of the
-            request `run`) and `replay(candidate, isBeside)`. It may return `{trail, leave, isChanged}`: words for
-            the title, what to call before another page is shown, and, for a page, whether changes would be
-            lost then, so that the user is asked first. Its folder is served, too.
+            request `run`, kept up to date) and `replay(candidate, isBeside)`. It may return an object with
+            functions: `leave()` is called before something else is shown, `isChanged()` returns whether
+            changes would be lost then, so that the user is asked first, and `update()` of a tab shows that
+            the run has gone on. `trail` of a page is a list of words for the title. The script's folder is
+            served, too.
         title: in the navigation, or on the tab; empty for pages that only links lead to.
         tab_of: for a tab, returns whether a run has it; None: a page.
         is_for_changes: whether a read-only window leaves it out of the navigation.
