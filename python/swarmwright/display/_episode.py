@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 from swarmwright.common.engine_types import SceneFields
 from swarmwright.common.errors import InputError
 from swarmwright.common.groups import Kind
+from swarmwright.common.time_limit import check_time_limit
 from swarmwright.display._bodies import Bodies, scene_from_arrays
 from swarmwright.display._scene import Scene
 from swarmwright.display._trace import Trace, Tracer
@@ -88,7 +89,8 @@ def record_in_parts(
 ) -> Iterator[tuple[Recording, bool]]:
     """Record an episode as `record` does; yield the beginning of a longer episode, then the whole.
 
-    Yields (recording, whether it is the whole). beginning: steps, at least 1; None: only the whole.
+    Yields (recording, whether it is the whole), in a single thread, as episodes require. beginning: steps, at
+    least 1; None: only the whole.
     """
     tracer = Tracer.from_episode(episode)
     reader = _SceneReader(episode)
@@ -101,6 +103,7 @@ def record_in_parts(
         return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size, trace)
 
     while not episode.done:
+        check_time_limit()
         if len(scenes) - 1 == beginning:
             yield make_recording(), False
         bodies += max(len(scenes[-1].bodies), _LEAST_BODIES)

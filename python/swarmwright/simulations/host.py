@@ -12,6 +12,7 @@ from swarmwright import _engine
 from swarmwright.common.errors import InputError
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.time_limit import check_time_limit
 from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.base import BatchSimulation, Described, Simulation, count_groups
 from swarmwright.simulations.calls import OBSERVATIONS_ALONE, Calls, is_gymnasium_result, summarize
@@ -252,6 +253,7 @@ class Host(Calls[Simulation | BatchSimulation]):
 
     def _count_step(self, *, ended: bool) -> None:
         """Fail an episode with too many steps, and warn much earlier, as reaching them may take hours."""
+        check_time_limit()
         self._steps += 1
         if self._steps == _MANY_STEPS and not ended and not self._declares_most_steps:
             name = self._kind.__name__

@@ -17,7 +17,6 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from swarmwright import SwarmwrightError
-from swarmwright.common.errors import InputError
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
 from swarmwright.ui.guard import PLAYER_POLICY, Guard, check_ancestors, read_host
 from swarmwright.ui.requests import MOST_DIGITS
@@ -159,13 +158,21 @@ def answering(compute: Callable[[Request], Any]) -> Callable[[Request], Any]:
     """Return an endpoint that computes values in a thread, and says what is wrong with a request."""
 
     async def respond(request: Request) -> Response:
-        try:
-            values = await run_in_threadpool(compute, request)
-        except SwarmwrightError as error:
-            return json_response({"error": str(error)}, 422)
-        return values if isinstance(values, Response) else json_response(values)
+        return await run_in_threadpool(answer, compute, request)
 
     return respond
+
+
+def answer(compute: Callable[[Any], Any], question: Any) -> Response:  # noqa: ANN401 - whatever it takes
+    """Return what is computed, or what is wrong with a question.
+
+    An error stays in its thread: it may hold an episode, which must not get into another one.
+    """
+    try:
+        values = compute(question)
+    except SwarmwrightError as error:
+        return json_response({"error": str(error)}, 422)
+    return values if isinstance(values, Response) else json_response(values)
 
 
 def changing(change: Callable[[dict[str, Any]], Any]) -> Callable[[Request], Any]:
@@ -185,12 +192,9 @@ def changing(change: Callable[[dict[str, Any]], Any]) -> Callable[[Request], Any
             return Response(status_code=400)
         except (ValueError, RecursionError):
             return json_response({"error": "the request is not valid JSON"}, 400)
-        try:
-            if not isinstance(values, dict):
-                raise InputError("the request must be an object of JSON")
-            return json_response(await run_in_threadpool(change, values))
-        except SwarmwrightError as error:
-            return json_response({"error": str(error)}, 422)
+        if not isinstance(values, dict):
+            return json_response({"error": "the request must be an object of JSON"}, 422)
+        return await run_in_threadpool(answer, change, values)
 
     return respond
 
@@ -198,11 +202,14 @@ def changing(change: Callable[[dict[str, Any]], Any]) -> Callable[[Request], Any
 def showing(make: Callable[[Request], str]) -> Callable[[Request], Any]:
     """Return an endpoint for HTML documents, such as replays, that cannot access the network."""
 
-    async def respond(request: Request) -> Response:
+    def make_page(request: Request) -> str:
         try:
-            page = await run_in_threadpool(make, request)
+            return make(request)
         except SwarmwrightError as error:
-            page = message_page(str(error))
+            return message_page(str(error))
+
+    async def respond(request: Request) -> Response:
+        page = await run_in_threadpool(make_page, request)
         return HTMLResponse(page, headers={"Content-Security-Policy": PLAYER_POLICY})
 
     return respond

@@ -212,6 +212,14 @@ class Brokers:
             raise InputError("broker: this window does not show that broker; enter its address to connect")
         return watch
 
+    def require(self, url: str) -> None:
+        """Raise InputError for a broker that is not of this window, whatever the prefix."""
+        if all(url != known for known, _ in self.list_addresses()):
+            raise InputError(
+                "broker: this window does not show the broker that the run names, and sends it no account; "
+                "enter its address on the page Servers if you trust it"
+            )
+
     def count_servers(self, url: str, prefix: str) -> int | None:
         """Return how many servers a broker has; None where that is not known yet.
 

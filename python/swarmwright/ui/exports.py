@@ -16,6 +16,7 @@ from swarmwright import InputError, Run, export_bundle, export_controller
 from swarmwright.controllers.teams import parts_of
 from swarmwright.display.files import FORMATS
 from swarmwright.export import EXPORTERS
+from swarmwright.ui.replays import limit_replay
 
 BUNDLE = "bundle"
 FILE_BYTES = 64 << 20
@@ -160,7 +161,8 @@ def export_replay(run: Run, ending: str, options: Mapping[str, Any], speed: floa
     """
     if not SLOWEST <= speed <= FASTEST:
         raise InputError(f"speed: must be from {SLOWEST:g} to {FASTEST:g}, not {speed:g}")
-    replay = run.replay(**options, speed=speed)
+    with limit_replay():
+        replay = run.replay(**options, speed=speed)
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"replay{ending}"
         replay.save(file)

@@ -13,6 +13,8 @@ from starlette.requests import Request
 
 from swarmwright import InputError, Run, SwarmwrightError
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
+from swarmwright.servers.evaluation.base import BROKERLESS
+from swarmwright.simulations import catalogue
 from swarmwright.ui.brokers import Brokers
 from swarmwright.ui.index import RunIndex
 from swarmwright.ui.jobs import Jobs
@@ -143,6 +145,28 @@ class Window:
             while len(self._opened) > MOST_OPENED:
                 self._opened.popitem(last=False)
         return run
+
+    def check_broker(self, run: Run) -> None:
+        """Raise InputError where a run names a broker that is not of this window.
+
+        Somebody else may have made the run, and a connection has the account of the environment.
+        """
+        experiment = run.experiment
+        if experiment.broker is not None and experiment.servers not in BROKERLESS:
+            self.brokers.require(experiment.broker)
+
+    def find_broker(self, run: Run) -> str | None:
+        """Return the broker whose servers compute a run's episodes; None where this machine can.
+
+        It is that of the run, or else the first of the window. Raises InputError as `check_broker`.
+        """
+        if catalogue.is_local(run.experiment.simulation):
+            return None
+        broker = run.experiment.broker
+        if broker is None:
+            return self.brokers.list_addresses()[0][0]
+        self.brokers.require(broker)
+        return broker
 
     def keep_page(self, key: Hashable, page: str | bytes) -> None:
         """Keep a page, as of an episode, as long as it is among the newest."""

@@ -49,21 +49,6 @@ def test_a_point_finds_its_evaluation(app: Starlette, two_runs: Path) -> None:
         assert found["fitness"] == run.fitness[number]
 
 
-def test_a_replay_is_a_page_that_reaches_nothing(app: Starlette) -> None:
-    answer = call(app, "/replay", run="run-1", generation=0, candidate=3)
-    assert answer.status == 200
-    assert b"candidate 3 of generation 0" in answer.body
-    policy = answer.headers["content-security-policy"]
-    assert policy.startswith("sandbox allow-scripts; default-src 'none'")
-    assert "'self'" not in policy.replace("frame-ancestors 'self'", "")
-
-
-def test_why_there_is_no_replay_is_a_page(app: Starlette) -> None:
-    answer = call(app, "/replay", run="run-1", generation=0, candidate=10**6)
-    assert answer.status == 200
-    assert b"candidate" in answer.body
-
-
 def test_the_journal_names_servers_and_failures(app: Starlette) -> None:
     assert set(call(app, "/api/journal", run="run-1").values) == {"events", "servers", "failures"}
 

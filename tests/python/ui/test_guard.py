@@ -23,7 +23,7 @@ def app(tmp_path: Path) -> Starlette:
 
 
 @pytest.mark.parametrize(
-    "target", ["/", "/api/window", "/api/run?run=a", "/api/events", "/replay", "/static/main.js"]
+    "target", ["/", "/api/window", "/api/run?run=a", "/api/events", "/player", "/static/main.js"]
 )
 def test_nothing_is_shown_without_the_token(app: Starlette, target: str) -> None:
     answer = call(app, target)
@@ -172,7 +172,7 @@ def test_only_chosen_pages_show_it_in_a_frame(app: Starlette, tmp_path: Path) ->
     framed = create_app(tmp_path, token=None, ancestors=["http://localhost:*", "https://hub.example"])
     policy = call(framed, "/").headers["content-security-policy"]
     assert policy.endswith("frame-ancestors http://localhost:* https://hub.example")
-    replay = call(framed, "/replay?run=x").headers["content-security-policy"]
+    replay = call(framed, "/player").headers["content-security-policy"]
     assert "frame-ancestors 'self' http://localhost:* https://hub.example" in replay
     assert "sandbox allow-scripts;" in replay
 

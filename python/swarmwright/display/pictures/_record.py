@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.engine_types import SceneFields
 from swarmwright.common.errors import InputError
+from swarmwright.common.time_limit import check_time_limit
 from swarmwright.common.untrusted import escape_line
 from swarmwright.display._episode import Playable
 
@@ -134,6 +135,7 @@ def record(episode: Playable, draw: Draw) -> PictureRecording:
     pictures = Pictures(draw)
     pictures.keep(episode.fitness, ended=episode.done)
     while not episode.done:
+        check_time_limit()
         episode.step()
         pictures.keep(episode.fitness, ended=episode.done)
     return pictures.recording(episode.step_size)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from swarmwright import _engine
+from swarmwright.common.time_limit import bound_seconds
 
 Result = TypeVar("Result")
 
@@ -28,6 +29,7 @@ def connect_with_retries(
     Raises:
         _engine.NoBrokerError: no broker answered in this time.
     """
+    seconds = bound_seconds(seconds)
     began, since = time.monotonic(), time.strftime("%H:%M:%S")
     pause, reported = FIRST_PAUSE_S, ""
     while True:

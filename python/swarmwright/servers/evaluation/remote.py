@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from swarmwright import _engine
 from swarmwright.common.errors import RunError, engine_errors
+from swarmwright.common.time_limit import bound_seconds, check_time_limit
 from swarmwright.common.untrusted import escape_line
 from swarmwright.display import Playable, Recording, record
 from swarmwright.experiment.derived import with_environment
@@ -45,6 +46,7 @@ def begin(
     requirements = cast("Requirements", experiment.requirements.model_dump(exclude_none=True))
 
     def attempt() -> _engine.RemoteEpisode:
+        check_time_limit()
         return _engine.RemoteEpisode(
             broker,
             simulation=catalogue.title(experiment.simulation),
@@ -52,8 +54,8 @@ def begin(
             requirements=requirements,
             controller=controller,
             prefix=prefix,
-            discovery=experiment.timeouts.discovery,
-            step=experiment.timeouts.step,
+            discovery=bound_seconds(experiment.timeouts.discovery),
+            step=bound_seconds(experiment.timeouts.step),
         )
 
     with engine_errors():

@@ -116,7 +116,8 @@ class ShownEpisode:
         Raises RunError if a server cannot compute or show it, InputError if it has more bodies.
         """
         if self.broker is None:
-            return record(self.episode(), most_bodies)
+            with engine_errors():
+                return record(self.episode(), most_bodies)
 
         def make() -> tuple[_engine.RemoteEpisode, Playable]:
             episode = self._remote()
@@ -131,7 +132,8 @@ class ShownEpisode:
         steps. Otherwise as `recording`.
         """
         if self.broker is None:
-            yield from record_in_parts(self.episode(), beginning, most_bodies=most_bodies)
+            with engine_errors():
+                yield from record_in_parts(self.episode(), beginning, most_bodies=most_bodies)
         else:
             yield self.recording(), True
 
@@ -147,7 +149,8 @@ class ShownEpisode:
     def pictures(self) -> PictureRecording:
         """Play the episode and record the pictures of its simulation."""
         host = catalogue.make_drawing_host(self.experiment.simulation)
-        return record_pictures(self._episode(host), host.picture)
+        with engine_errors():
+            return record_pictures(self._episode(host), host.picture)
 
     def engine_episode(self) -> _engine.Episode | PlayedEpisode:
         """Begin the episode in the engine, with the simulation's fitness."""

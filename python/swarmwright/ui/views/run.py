@@ -13,11 +13,11 @@ import numpy as np
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
-from swarmwright import InputError, Run, SwarmwrightError
+from swarmwright import InputError, Run
 from swarmwright.display.files import FORMATS
 from swarmwright.display.page import format_player
 from swarmwright.runs.density import evaluation_density, nearest_evaluation
-from swarmwright.runs.page import pack_replay
+from swarmwright.runs.page import PackedEpisode, pack_replay
 from swarmwright.ui.exports import BUNDLE, ExportShelf, export_code, export_replay, list_exports, make_bundle
 from swarmwright.ui.index import as_values, finite
 from swarmwright.ui.replays import (
@@ -28,6 +28,8 @@ from swarmwright.ui.replays import (
     computing,
     describe_parameters,
     exporting,
+    iterate_in_thread,
+    limit_replay,
     mean_of,
     read_parameters,
 )
@@ -182,18 +184,7 @@ def read_episode(request: Request) -> dict[str, Any]:
 def page_key(run: Run, options: dict[str, Any], kind: str) -> Hashable:
     """Return what a page of an episode depends on."""
     best = () if {"generation", "candidate"} & options.keys() else (run.evaluations,)
-    return (kind, str(run.path), json.dumps(options, sort_keys=True), *best)
-
-
-def replay(window: Window, request: Request) -> str:
-    """Return the page of an episode of a candidate."""
-    run, options = window.run(request), read_episode(request)
-
-    def make() -> str:
-        with computing:
-            return run.replay(**options, most_bodies=limit_bodies(options)).html
-
-    return window.page(page_key(run, options, "html"), make)
+    return (kind, str(run.path), run.created, json.dumps(options, sort_keys=True), *best)
 
 
 def send_episode(window: Window, request: Request) -> Response:
@@ -208,6 +199,7 @@ def send_episode(window: Window, request: Request) -> Response:
     if isinstance(whole, bytes):
         parts = iter([whole])
     else:
+        options["broker"] = window.find_broker(run)
         parts = send_parts(run, options, lambda content: window.keep_page(key, content))
     first = next(parts)  # what is refused is answered with a message
     seed = first[:SEED_BYTES]
@@ -224,24 +216,22 @@ def send_parts(run: Run, options: dict[str, Any], keep: Callable[[bytes], None])
     What is refused after the beginning was sent is the last part.
     """
     is_begun = False
-    packed_parts = pack_replay(run, beginning=BEGINNING, most_bodies=limit_bodies(options), **options)
-    while True:
-        try:
-            with computing:  # released while a part is sent: readers may be slow or gone
-                packed = next(packed_parts, None)
-        except SwarmwrightError as error:
-            if not is_begun:
-                raise
-            yield bytes(SEED_BYTES) + frame_part(EpisodePart.REFUSAL, str(error).encode())
-            return
-        if packed is None:
-            return
-        kind = EpisodePart.WHOLE if packed.is_whole else EpisodePart.BEGINNING
-        part = packed.seed.to_bytes(SEED_BYTES, "little") + frame_part(kind, packed.content)
-        if packed.is_whole:
-            keep(part)
-        yield part
-        is_begun = True
+
+    def pack() -> Iterator[PackedEpisode]:
+        return pack_replay(run, beginning=BEGINNING, most_bodies=limit_bodies(options), **options)
+
+    try:
+        for packed in iterate_in_thread(pack, limit_replay()):
+            kind = EpisodePart.WHOLE if packed.is_whole else EpisodePart.BEGINNING
+            part = packed.seed.to_bytes(SEED_BYTES, "little") + frame_part(kind, packed.content)
+            if packed.is_whole:
+                keep(part)
+            yield part
+            is_begun = True
+    except InputError as error:
+        if not is_begun:
+            raise
+        yield bytes(SEED_BYTES) + frame_part(EpisodePart.REFUSAL, str(error).encode())
 
 
 def frame_part(kind: EpisodePart, content: bytes) -> bytes:
@@ -261,13 +251,19 @@ def compare_parameters(window: Window, values: dict[str, Any]) -> Values:
     caller, number = read_field(values, "caller", str)[:100], read_whole(values.get("number"), "number")
     episodes = EPISODES if values.get("episodes") is None else read_whole(values["episodes"], "episodes")
     numbers = read_candidate(values)
+    broker = window.find_broker(run)
     newest.ask(caller, number)
 
     def mean(changes: dict[str, Any]) -> str:
         with computing:
             newest.check(caller, number)
             means = mean_of(
-                run, changes, **numbers, episodes=episodes, check=lambda: newest.check(caller, number)
+                run,
+                changes,
+                **numbers,
+                episodes=episodes,
+                broker=broker,
+                check=lambda: newest.check(caller, number),
             )
             return json.dumps(means)
 
@@ -303,9 +299,8 @@ def export(window: Window, values: dict[str, Any]) -> Values:
             if parameters:
                 options["parameters"] = parameters
             with window.figures if form != ".html" else contextlib.nullcontext():
-                exported = export_replay(
-                    run, form, {**options, "most_bodies": limit_bodies(options)}, read_speed(values)
-                )
+                options |= {"most_bodies": limit_bodies(options), "broker": window.find_broker(run)}
+                exported = export_replay(run, form, options, read_speed(values))
         else:
             group = values.get("group")
             if group is not None:
@@ -366,5 +361,5 @@ VIEW = View(
         "export_file": send_export,
     },
     asks={"what_if": compare_parameters, "export": export},
-    documents={"replay": replay, "player": lambda _window, _request: format_player()},
+    documents={"player": lambda _window, _request: format_player()},
 )

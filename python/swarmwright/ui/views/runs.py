@@ -33,6 +33,7 @@ def resume(window: Window, values: dict[str, Any]) -> Values:
     count = None if generations is None else read_whole(generations, "generations")
     runs = read_runs(window, values)
     for run in runs:
+        window.check_broker(window.run_of(run))
         window.jobs.check_resumption(run, count)
     return {"jobs": [asdict(window.jobs.resume(run, count)) for run in runs]}
 

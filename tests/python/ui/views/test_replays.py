@@ -2,7 +2,11 @@
 
 import io
 import json
+import shutil
+import threading
+import time
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +15,9 @@ from starlette.applications import Starlette
 
 import swarmwright
 from swarmwright import Run
+from swarmwright.runs.page import PackedEpisode, pack_replay
 from swarmwright.ui.app import create_app
+from swarmwright.ui.views.run import send_parts
 from tests.python.ui.client import Answer, call
 
 
@@ -159,6 +165,122 @@ def test_wrong_questions_are_told_why(app: Starlette, values: dict[str, Any], me
     answer = post(app, "what_if", **question)
     assert answer.status == 422
     assert message in answer.values["error"]
+
+
+@pytest.fixture
+def endless(tmp_path: Path) -> Path:
+    """Return a folder with the run `endless`, of a class whose episodes take 10 ms a step."""
+    file = tmp_path / "endless.py"
+    file.write_text(
+        "import time\n"
+        "from swarmwright import Parameter, Simulation\n"
+        "from swarmwright.display import Scene\n"
+        "class Endless(Simulation):\n"
+        "    sensors, actuators, parameters = 1, 1, {'last': Parameter(1)}\n"
+        "    def reset(self, parameters, seed):\n"
+        "        self.steps, self.last = 0, parameters['last']\n"
+        "        return [[0.0]]\n"
+        "    def step(self, actions):\n"
+        "        time.sleep(0.01 if self.last > 1 else 0)\n"
+        "        self.steps += 1\n"
+        "        return [[0.0]]\n"
+        "    def done(self):\n"
+        "        return self.steps >= self.last\n"
+        "    def fitness(self):\n"
+        "        return 1.0\n"
+        "    def scene(self):\n"
+        "        return Scene(1.0, 1.0, self.steps, '', [])\n"
+    )
+    experiment = {
+        "simulation": f"{file}:Endless",
+        "method": {"kind": "random_search", "population": 2, "generations": 1},
+        "validate": False,
+    }
+    swarmwright.optimize(experiment, servers="in-process", out=tmp_path / "runs" / "endless")
+    return tmp_path / "runs"
+
+
+@pytest.mark.usefixtures("complete_list")
+def test_episodes_of_any_simulation_end_in_time(endless: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swarmwright.ui.replays.LONGEST_S", 0.3)
+    monkeypatch.setattr("swarmwright.ui.replays.LONGEST_REPLAY_S", 0.3)
+    app = create_app(endless, token=None)
+    changes = {"last": 10**6}
+    answer = post(app, "what_if", run="endless", caller="endless", number=1, parameters=changes)
+    assert (answer.status, answer.values.get("error")) == (
+        422,
+        "these episodes take more than 0 s; choose fewer or shorter ones",
+    )
+    shown = call(app, "/api/episode", run="endless", parameters=json.dumps(changes))
+    assert "this episode takes more than 0 s" in shown.body.decode()
+    exported = post(app, "export", run="endless", to=".html", parameters=changes)
+    assert "this episode takes more than 0 s" in exported.values["error"]
+
+
+@pytest.mark.usefixtures("complete_list")
+def test_an_episode_stays_in_a_thread_that_ends_with_its_reader(
+    endless: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: set[int] = set()
+    make = pack_replay
+
+    def note_thread(*arguments: Any, **options: Any) -> Iterator[PackedEpisode]:
+        threads.add(threading.get_ident())
+        for part in make(*arguments, **options):
+            threads.add(threading.get_ident())
+            yield part
+
+    monkeypatch.setattr("swarmwright.ui.views.run.pack_replay", note_thread)
+    parts = send_parts(Run(endless / "endless"), {"parameters": {"last": 10**6}}, lambda _: None)
+    assert next(parts)
+    (thread,) = threads
+    assert thread != threading.get_ident()
+    parts.close()
+    end = time.monotonic() + 20
+    while any(each.ident == thread for each in threading.enumerate()):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.usefixtures("complete_list")
+def test_only_brokers_of_the_window_compute_and_resume(
+    two_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = {
+        **Run(two_runs / "run-1").experiment.to_mapping(),
+        "broker": "mqtt://127.0.0.1:9",
+        "servers": "auto",
+    }
+    swarmwright.optimize(values, servers="in-process", out=tmp_path / "runs" / "received")
+    monkeypatch.setattr("swarmwright.simulations.catalogue.is_local", lambda _: False)
+    app = create_app(tmp_path / "runs", token=None, broker="mqtt://127.0.0.1:10")
+    requests = [
+        lambda: call(app, "/api/episode", run="received"),
+        lambda: post(app, "what_if", run="received", caller="received", number=1, parameters={}),
+        lambda: post(app, "export", run="received", to=".html"),
+        lambda: post(app, "resume", runs=["received"]),
+    ]
+    for request in requests:
+        answer = request()
+        assert answer.status == 422
+        assert "does not show the broker that the run names" in answer.values["error"]
+    assert app.state.window.jobs.list_jobs() == []
+    app.state.window.brokers.add("mqtt://127.0.0.1:9", "")
+    for request in requests[:2]:
+        assert "no broker answers" in request().values["error"]
+
+
+@pytest.mark.usefixtures("complete_list")
+def test_a_run_that_replaces_another_has_its_own_episodes(two_runs: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "runs" / "run"
+    app = create_app(tmp_path / "runs", token=None)
+    bodies = []
+    for name in ("run-1", "run-2"):
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(two_runs / name, folder)
+        app.state.window.index.refresh()
+        bodies.append(call(app, "/api/episode", run="run", generation=0, candidate=0).body)
+    assert bodies[0] != bodies[1]
 
 
 def fetch(app: Starlette, answer: Answer) -> Answer:
