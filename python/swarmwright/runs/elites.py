@@ -190,7 +190,7 @@ def compute_elites(run: "Run", evaluations: int | None = None) -> Elites:
 
     evaluations: use only the first so many evaluations; None for all.
     """
-    collector = _Collector(run)
+    collector = EliteCollector(run)
     remaining, first = run.evaluations if evaluations is None else evaluations, 0
     for generation in run._store.generations():
         if generation.generation >= run.generations or remaining <= first:
@@ -209,18 +209,11 @@ def compute_elites_over_generations(run: "Run", chosen: Container[int]) -> Itera
 
     Raises InputError for other methods.
     """
-    collector = _Collector(run)
-    ends = run._store.ends()
-    numbers = [number for number in range(len(ends)) if number in chosen]
-    borders = deque((int(ends[number]), number) for number in numbers)
-    for first, fitness, metrics in run._store.iterate_parts([end for end, _ in borders]):
-        collector.add(first, fitness, metrics)
-        while borders and borders[0][0] <= first + len(fitness):
-            yield borders.popleft()[1], collector.elites()
+    return EliteCollector(run).follow(run, chosen)
 
 
-class _Collector:
-    """Collects the elites of a run, part by part."""
+class EliteCollector:
+    """Collects the elites of a run, part by part. Raises InputError for methods that have none."""
 
     def __init__(self, run: "Run") -> None:
         options = run.experiment.method
@@ -235,12 +228,26 @@ class _Collector:
         self._names = list(options.needed_metrics)
         self._columns = [run.metrics.index(name) for name in self._names]
         self._ends = run._store.ends()
+        self._read = 0  # evaluations
         if isinstance(options, MapElitesOptions):
             self._elites: _Best | _Front = _Best(options.grid, len(self._names))
             self._metrics = _Metrics(self._names, options.grid.axes)
         else:
             self._elites = _Front(options)
             self._metrics = _Metrics(self._names, ())
+
+    def follow(self, run: "Run", chosen: Container[int]) -> Iterator[tuple[int, Elites]]:
+        """Read the evaluations that were not read yet; see `compute_elites_over_generations`.
+
+        run: the same run, opened later. chosen: generations, of which those that were read are left out.
+        """
+        self._ends = run._store.ends()
+        numbers = np.flatnonzero(self._ends > self._read).tolist()
+        borders = deque((int(self._ends[number]), number) for number in numbers if number in chosen)
+        for first, fitness, metrics in run._store.iterate_parts([end for end, _ in borders], self._read):
+            self.add(first, fitness, metrics)
+            while borders and borders[0][0] <= self._read:
+                yield borders.popleft()[1], self.elites()
 
     def add(self, first: int, fitness: Fitness, metrics: NDArray[np.float64]) -> None:
         """Add evaluations.
@@ -255,6 +262,7 @@ class _Collector:
         gaps = np.logical_or.reduce(np.isnan(episodes), axis=1)
         self._elites.add(_Rows(np.arange(first, first + len(fitness)), fitness, values, gaps))
         self._metrics.add(fitness, values)
+        self._read = first + len(fitness)
 
     def elites(self) -> Elites:
         """Return the elites so far."""

@@ -279,19 +279,21 @@ class Generations:
         return np.array([end for (end,) in cursor], dtype=np.int64)
 
     def iterate_parts(
-        self, ends: Sequence[int], metrics: int
+        self, ends: Sequence[int], metrics: int, start: int = 0
     ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-        """Yield the fitness and the metrics of all evaluations in parts, without checking digests.
+        """Yield the fitness and the metrics of evaluations in parts, without checking digests.
 
         Each has the number of its first evaluation, fitness (n,) and metrics (n, episodes, metrics).
 
         Args:
             ends: ascending numbers of evaluations at which a part ends, each that of a generation.
             metrics: number of stored metrics.
+            start: number of the first evaluation, the first of a generation.
         """
         cursor = self._connection.execute(
-            "SELECT first, evaluations, fitness, metrics FROM block WHERE generation < ? ORDER BY first",
-            (self._end,),
+            "SELECT first, evaluations, fitness, metrics FROM block WHERE generation < ? AND first >= ? "
+            "ORDER BY first",
+            (self._end, start),
         )
         try:
             parts: list[tuple[bytes, bytes]] = []

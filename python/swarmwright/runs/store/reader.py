@@ -328,11 +328,11 @@ class StoreReader:
             return generations.ends()
 
     def iterate_parts(
-        self, ends: Sequence[int]
+        self, ends: Sequence[int], start: int = 0
     ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-        """Yield fitness and metrics of all evaluations in large parts: `Generations.iterate_parts`."""
+        """Yield fitness and metrics of evaluations in large parts: `Generations.iterate_parts`."""
         with self._generations() as generations:
-            yield from generations.iterate_parts(ends, len(self.metrics))
+            yield from generations.iterate_parts(ends, len(self.metrics), start)
 
     def best_fitness(self, first: int, end: int) -> float:
         """Return the best fitness of the evaluations from `first` to before `end`; NaN if all failed."""

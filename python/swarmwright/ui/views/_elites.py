@@ -1,28 +1,31 @@
 """Elites at some generations of a run, which the tabs of fronts and archives share."""
 
+import logging
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self, TypeVar
-
-import numpy as np
 
 from swarmwright import InputError, Run, SwarmwrightError
 from swarmwright.analysis.indicators import Indicator, build_indicator
-from swarmwright.results import Elites
-from swarmwright.runs.elites import compute_elites_over_generations
+from swarmwright.results import Elite, Elites
+from swarmwright.runs.elites import EliteCollector
 from swarmwright.ui.index import as_values, finite
 from swarmwright.ui.views._base import Values
 
 T = TypeVar("T")
 
 MOST_GENERATIONS = 41
+"""Whose elites are kept."""
 LONGEST_WAIT_S = 0.8
 """After which a request says how much is read."""
 MOST_RUNS = 8
 """Runs whose elites are kept."""
 MOST_POINTS = 20_000
 """Elites that are sent, the best by fitness."""
+
+reading = threading.BoundedSemaphore(2)
+"""Held while a run is read."""
 
 
 @dataclass(frozen=True)
@@ -44,37 +47,96 @@ class State:
 
 
 class Reading:
-    """The states of a run while a thread computes them: all evaluations of long runs take seconds to read."""
+    """The states of a run: all evaluations of long runs take seconds to read, which a thread does once."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self) -> None:
         self.share = 0.0
         """Of the generations that are read, 0 to 1."""
-        self._states: list[State] = []
+        self.is_wanted = True
+        """Whether its thread goes on."""
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
         self._error: SwarmwrightError | None = None
-        self._thread = threading.Thread(target=self._compute, args=(run,), daemon=True)
-        self._thread.start()
+        self._forget()
 
-    def wait(self, seconds: float | None = None) -> list[State] | None:
-        """Return the states, or None if they are not ready after some seconds. Raises what stopped it."""
-        self._thread.join(seconds)
-        if self._thread.is_alive():
-            return None
-        if self._error is not None:
-            raise self._error
-        return self._states
+    def _forget(self) -> None:
+        self._collector: EliteCollector | None = None
+        self._read = 0
+        self._steps: dict[int, Elites] = {}
+        self._states: list[State] = []
+        self._elites: dict[tuple[int, int], Elite] = {}
+
+    def read(self, run: Run, seconds: float | None = None) -> list[State] | None:
+        """Return the states, or None if they are not ready after some seconds.
+
+        Raises what stopped it; the next call begins anew.
+        """
+        with self._lock:
+            if self._thread is None and self._read < run.generations:
+                self._thread = threading.Thread(target=self._compute, args=(run,), daemon=True)
+                self._thread.start()
+            thread = self._thread
+        if thread is not None:
+            thread.join(seconds)
+            if thread.is_alive():
+                return None
+        with self._lock:
+            if self._thread is thread:
+                self._thread = None
+            error, self._error = self._error, None
+            if error is not None:
+                raise error
+            if not self._states:
+                raise InputError(f"{run.path}: its evaluations could not be read; try again")
+            return self._states
+
+    def find(self, run: Run, generation: int) -> State:
+        """Return the last state up to a generation, or the first one; raises as `read`."""
+        with self._lock:
+            states = self._states
+        states = states or self.read(run) or []
+        return next((state for state in reversed(states) if state.generation <= generation), states[0])
 
     def _compute(self, run: Run) -> None:
         try:
-            spaced = np.linspace(0, run.generations - 1, min(run.generations, MOST_GENERATIONS))
-            chosen = frozenset(np.unique(spaced.round().astype(int)).tolist())
-            steps = []
-            for generation, elites in compute_elites_over_generations(run, chosen):
-                steps.append((generation, elites))
-                self.share = (generation + 1) / run.generations
-            indicator = build_indicator(steps[-1][1])
-            self._states = [State.of(generation, elites, indicator) for generation, elites in steps]
+            with reading:
+                self._go_on(run)
         except SwarmwrightError as error:
+            self._forget()
             self._error = error
+        except Exception as error:
+            logging.getLogger("swarmwright").exception("%s: its elites cannot be read", run.path)
+            self._forget()
+            self._error = InputError(f"{run.path}: its elites cannot be read: {error}")
+
+    def _go_on(self, run: Run) -> None:
+        last = run.generations - 1
+        stride = 1
+        while last // stride >= MOST_GENERATIONS - 1:
+            stride *= 2
+        chosen = frozenset((*range(0, run.generations, stride), last))
+        if self._collector is None:
+            self._collector = EliteCollector(run)
+        for generation, elites in self._collector.follow(run, chosen):
+            self._steps[generation] = self._share_equals(elites)
+            self.share = (generation + 1) / run.generations
+            if not self.is_wanted:
+                raise InputError(f"{run.path}: other runs were looked at meanwhile; try again")
+        self._steps = {
+            generation: elites for generation, elites in self._steps.items() if generation in chosen
+        }
+        indicator = build_indicator(self._steps[last])
+        kept = (elite for elites in self._steps.values() for elite in elites.candidates)
+        self._elites = {(elite.generation, elite.candidate): elite for elite in kept}
+        self._states = [State.of(generation, elites, indicator) for generation, elites in self._steps.items()]
+        self._read = run.generations
+
+    def _share_equals(self, elites: Elites) -> Elites:
+        """Return elites as the objects of earlier states: most stay from one to the next."""
+        candidates = [
+            self._elites.setdefault((elite.generation, elite.candidate), elite) for elite in elites.candidates
+        ]
+        return replace(elites, candidates=candidates)
 
 
 class EliteHistory:
@@ -82,17 +144,17 @@ class EliteHistory:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kept: OrderedDict[Run, Reading] = OrderedDict()
+        self._kept: OrderedDict[tuple[str, str], Reading] = OrderedDict()
 
     def reading(self, run: Run) -> Reading:
         """Return the states of a run, computed or being computed."""
+        key = str(run.path), run.created
         with self._lock:
-            if run not in self._kept:
-                self._kept[run] = Reading(run)
-                if len(self._kept) > MOST_RUNS:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(run)
-            return self._kept[run]
+            kept = self._kept.setdefault(key, Reading())
+            self._kept.move_to_end(key)
+            if len(self._kept) > MOST_RUNS:
+                self._kept.popitem(last=False)[1].is_wanted = False
+            return kept
 
 
 HISTORY = EliteHistory()
@@ -110,10 +172,10 @@ def check_method(run: Run, options: type[T], method: str) -> T:
 
 def describe_states(run: Run) -> dict[str, Any]:
     """Return the generations and the indicators of their elites; how much is read while that goes on."""
-    reading = HISTORY.reading(run)
-    states = reading.wait(LONGEST_WAIT_S)
+    kept = HISTORY.reading(run)
+    states = kept.read(run, LONGEST_WAIT_S)
     if states is None:
-        return {"share": reading.share}
+        return {"share": kept.share}
     last = states[-1].elites
     return {
         "generations": [state.generation for state in states],
@@ -127,8 +189,7 @@ def describe_states(run: Run) -> dict[str, Any]:
 
 def describe_elites(run: Run, generation: int) -> Values:
     """Return the elites after the last known generation up to this one: a column for each value."""
-    states = HISTORY.reading(run).wait() or []
-    state = next((state for state in reversed(states) if state.generation <= generation), states[0])
+    state = HISTORY.reading(run).find(run, generation)
     candidates = state.elites.candidates[:MOST_POINTS]
     names = list(state.elites.goals)
     return {

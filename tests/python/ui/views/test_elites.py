@@ -1,5 +1,6 @@
 """The tabs of fronts and archives show the elites of `Run.elites`."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -7,9 +8,10 @@ from typing import Any
 import pytest
 from starlette.applications import Starlette
 
-from swarmwright import Experiment, Run, optimize
+from swarmwright import Experiment, InputError, Run, optimize, resume
 from swarmwright.analysis.indicators import measure
-from swarmwright.runs.elites import compute_elites
+from swarmwright.runs.elites import EliteCollector, compute_elites
+from swarmwright.ui.views._elites import EliteHistory, Reading, State
 from tests.python.ui.client import call
 
 BASE: dict[str, Any] = {
@@ -80,3 +82,54 @@ def test_wrong_requests_are_told_why(
     answer = call(open_app(folder), f"/api/{request_name}", **query)
     assert answer.status == 422
     assert message in answer.values["error"]
+
+
+def values_of(states: list[State] | None) -> list[Any]:
+    assert states is not None
+    return [(state.generation, state.elites.candidates, state.indicators) for state in states]
+
+
+@pytest.mark.parametrize("tab", METHODS)
+def test_a_run_that_goes_on_is_read_on(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tab: str
+) -> None:
+    monkeypatch.setattr("swarmwright.ui.views._elites.MOST_GENERATIONS", 5)
+    shutil.copytree(folder / tab, tmp_path / tab)
+    reading = Reading()
+    assert [state.generation for state in reading.read(Run(tmp_path / tab)) or []] == [0, 2, 4]
+    added: list[int] = []
+    add = EliteCollector.add
+
+    def note(self: EliteCollector, first: int, *arguments: Any) -> None:
+        added.append(first)
+        add(self, first, *arguments)
+
+    monkeypatch.setattr(EliteCollector, "add", note)
+    run = resume(tmp_path / tab, generations=8)
+    states = reading.read(run)
+    assert added == [60, 60 + 12 * 2]
+    assert reading.read(run) is states
+    assert [state.generation for state in states or []] == [0, 2, 4, 6, 7]
+    monkeypatch.undo()
+    monkeypatch.setattr("swarmwright.ui.views._elites.MOST_GENERATIONS", 5)
+    assert values_of(states)[-1] == values_of(Reading().read(run))[-1]
+
+
+def test_what_failed_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, reading = Run(folder / "front"), Reading()
+    with monkeypatch.context() as patches:
+        patches.setattr(EliteCollector, "follow", lambda *_: 1 / 0)
+        with pytest.raises(InputError, match="its elites cannot be read: division by zero"):
+            reading.read(run)
+    assert len(reading.read(run) or []) == 5
+
+
+def test_few_runs_are_kept_and_read_at_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swarmwright.ui.views._elites.MOST_RUNS", 1)
+    history = EliteHistory()
+    first = history.reading(Run(folder / "front"))
+    assert history.reading(Run(folder / "front")) is first
+    history.reading(Run(folder / "archive"))
+    assert not first.is_wanted
+    with pytest.raises(InputError, match="other runs were looked at meanwhile"):
+        first.read(Run(folder / "front"))
