@@ -365,7 +365,8 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
     left_out (why a run does not count, else empty), evaluations and episodes that count, how many of these
     evaluations failed, the best recorded fitness of these, the indicator that is compared if any, fitness on
     held-out seeds, seconds of the whole run, SHA-256 of its record, then the keys that differ between the
-    groups, see `option_columns`. nan: no candidate could be evaluated; empty: not known.
+    groups, see `option_columns`; experiment.fitness where fitness is one of them. nan: no candidate could be
+    evaluated; empty: not known.
 
     folder: of the table.
     """
@@ -395,7 +396,8 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
                 row[by] = value
             # The candidate that is the best at the run's end was validated.
             row |= _make_held_out_columns(run.validation if at_end else None)
-            rows.append({**row, "seconds": run.seconds, "record_sha256": run.digest, **keys})
+            row |= {"seconds": run.seconds, "record_sha256": run.digest}
+            rows.append(row | {f"experiment.{key}" if key in row else key: keys[key] for key in keys})
     for lacking in comparison.left_out:
         label = comparison.labels.get(lacking.label, lacking.label)
         rows.append(
@@ -408,8 +410,28 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     table.writeheader()
-    table.writerows(rows)
+    for row in rows:
+        if row["run"][:1] in _FORMULA_SIGNS:
+            row["run"] = f"./{row['run']}"  # the same folder
+        table.writerow(
+            {key: _escape_csv(value) if isinstance(value, str) else value for key, value in row.items()}
+        )
     return text.getvalue()
+
+
+_FORMULA_SIGNS = ("=", "+", "-", "@")
+
+
+def _escape_csv(text: str) -> str:
+    """Return a text in a single line, with an apostrophe where a spreadsheet would take it for a formula."""
+    escaped = escape_line(text)
+    if not escaped.startswith(_FORMULA_SIGNS):
+        return escaped
+    try:
+        float(escaped)
+    except ValueError:
+        return f"'{escaped}"
+    return escaped
 
 
 def _make_held_out_columns(validation: "Validation | None") -> dict[str, float | None]:
@@ -496,7 +518,11 @@ def _pairs(pairs: Sequence["Pair"]) -> list[str]:
 
 def _tabular(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int) -> list[str]:
     """Return a LaTeX table. words: number of leading text columns; the others hold numbers."""
-    body = [" & ".join(map(_escape_latex, row)) + r" \\" for row in (head, *rows)]
+    # A bracket or an asterisk at the beginning of a row would belong to the end of the row before.
+    body = [
+        "{}" * row[0].startswith(("[", "*")) + " & ".join(map(_escape_latex, row)) + r" \\"
+        for row in (head, *rows)
+    ]
     return [
         rf"\begin{{tabular}}{{{'l' * words}{'r' * (len(head) - words)}}}",
         r"\toprule", body[0], r"\midrule", *body[1:], r"\bottomrule",

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.time_limit import check_time_limit
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Caption, Part, Shown
 from swarmwright.display._key import scale_of
@@ -44,6 +45,12 @@ def compute_pace(scenes: int, step_seconds: float, *, frame_seconds: float, most
 
 def interpolate_scenes(scenes: tuple[Scene, ...], per_step: float) -> Iterator[tuple[Scene, float]]:
     """Yield scenes with their time in steps; bodies move smoothly between steps."""
+    for each in _interpolate_scenes(scenes, per_step):
+        check_time_limit()
+        yield each
+
+
+def _interpolate_scenes(scenes: tuple[Scene, ...], per_step: float) -> Iterator[tuple[Scene, float]]:
     if per_step < 1:
         last = len(scenes) - 1
         chosen = sorted({min(last, round(i / per_step)) for i in range(int(last * per_step) + 2)})

@@ -1,5 +1,6 @@
 """All evaluations of a run in a grid of their number and fitness, and the one next to a point of it."""
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -12,6 +13,9 @@ from swarmwright.common.errors import InputError
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
     from swarmwright.runs.store import Evaluation
+
+LEAST_SIZE = 1e-300
+"""Of a point: smaller ones count as 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +53,12 @@ def evaluation_density(run: "Run", columns: int = 400, rows: int = 160) -> Densi
     present = [part for part in parts if len(part)]
     lowest = min((float(part.min()) for part in present), default=0.0)
     highest = max((float(part.max()) for part in present), default=0.0)
-    span = (highest - lowest) or 1.0
+    scale = 1.0 if math.isfinite(highest - lowest) else 0.5  # the difference of huge numbers is infinite
+    span = (highest * scale - lowest * scale) or 1.0
     counts = np.zeros((columns, rows), np.uint32)
     for column, part in zip(counts, parts, strict=True):
         if len(part):
-            row = np.minimum((part - lowest) / span * rows, rows - 1).astype(np.int64)
+            row = np.minimum((part * scale - lowest * scale) / span * rows, rows - 1).astype(np.int64)
             column[:] = np.bincount(row, minlength=rows)
     failed = len(fitness) - sum(map(len, present))
     return Density(counts, len(fitness), lowest, highest, failed)
@@ -80,10 +85,13 @@ def nearest_evaluation(
     Raises RunError when no evaluation has a fitness.
     """
     values = run.fitness
-    first = max(0, int(number - 20 * width))
-    part = values[first : int(number + 20 * width) + 2]
+    width, height = (abs(size) if abs(size) > LEAST_SIZE else 1.0 for size in (width, height))
+    first, end = (int(min(max(at, 0), len(values))) for at in (number - 20 * width, number + 20 * width + 2))
+    part = values[first:end]
     if not np.isfinite(part).any():
         return run.evaluation()
-    apart = ((np.arange(first, first + len(part)) - number) / (width or 1.0)) ** 2
-    apart += np.where(np.isfinite(part), (part - fitness) / (height or 1.0), np.inf) ** 2
-    return run.evaluation(first + int(np.argmin(apart)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        across = (np.arange(first, first + len(part)) - number) / width
+        up = (part / 2 - fitness / 2) / (height / 2)
+        apart = np.where(np.isfinite(part), np.hypot(across, up), np.inf)
+    return run.evaluation(first + int(np.argmin(np.nan_to_num(apart, nan=np.inf))))

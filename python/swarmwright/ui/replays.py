@@ -26,6 +26,8 @@ LONGEST_SEARCH_S = 10.0
 """For a broker, and then for a server there, that computes such a mean."""
 MOST_BODIES = 3_000_000
 """Bodies in all scenes of an episode with other parameters: 300 s with 500 robots have 1.5 million."""
+MOST_BODIES_OF_RUN = 30_000_000
+"""The same with the parameters of the run."""
 MOST_PARAMETERS = 100
 KEPT_CALLERS = 200
 T = TypeVar("T")
@@ -39,7 +41,7 @@ exporting = threading.Lock()
 def limit_replay() -> TimeLimit:
     """Return the limit of the time that an episode may take."""
     message = (
-        f"this episode takes more than {LONGEST_REPLAY_S:.0f} s; write it with "
+        f"this takes more than {LONGEST_REPLAY_S:.0f} s, which is too long here; write the episode with "
         "`swarmwright replay RUN --save FILE`"
     )
     return TimeLimit(LONGEST_REPLAY_S, message)

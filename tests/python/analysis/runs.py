@@ -23,7 +23,7 @@ class KnownRun(Run):
     """A run of these generations: a row of fitness values for each, genomes drawn with its seed."""
 
     def __init__(
-        self, path: Path, fitness: Sequence[Sequence[float]], *, genomes: Any = None, **changes: Any
+        self, path: Path, fitness: Sequence[Sequence[float]], /, *, genomes: Any = None, **changes: Any
     ) -> None:
         self._place = StablePath(path)  # and no store
         self._fitness = [np.array(row, dtype=np.float64) for row in fitness]

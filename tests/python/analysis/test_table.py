@@ -10,6 +10,8 @@ import pytest
 
 from swarmwright import Comparison, InputError, compare
 from swarmwright.analysis.indicators import Indicator
+from swarmwright.analysis.table import latex_text
+from swarmwright.common.processes import StablePath
 from tests.python.analysis.runs import runs
 
 OTHER = {"kind": "random_search", "population": 4, "generations": 3}
@@ -39,6 +41,23 @@ def test_every_run_has_a_row(tmp_path: Path) -> None:
     (tmp_path / "tables").mkdir()
     elsewhere = compare(made).export(tmp_path / "tables" / "table.csv").read_text()
     assert f"/{made[0].path.name},1,," in elsewhere
+
+
+def test_no_text_is_a_formula_or_the_end_of_a_row(tmp_path: Path) -> None:
+    made = [*runs(tmp_path, [5, 6.0], fitness="-arrived"), *runs(tmp_path, [1, 2.0], fitness="arrived")]
+    made[0]._place = StablePath(tmp_path / '=HYPERLINK("x")\r[evil]')
+    comparison = compare(made)
+    text = comparison.export(tmp_path / "table.csv").read_text()
+    row = next(csv.DictReader(text.splitlines()))
+    assert row["run"] == './=HYPERLINK("x")\\r[evil]'
+    assert (row["group"], row["fitness"], row["experiment.fitness"]) == (
+        "fitness -arrived",
+        "5.0",
+        "'-arrived",
+    )
+    groups = [dataclasses.replace(group, label=f"[{group.label}]") for group in comparison.groups]
+    tasks = [dataclasses.replace(comparison.tasks[0], groups=groups)]
+    assert r"{}[" in latex_text(dataclasses.replace(comparison, groups=groups, tasks=tasks))
 
 
 def test_latex_tables_have_groups_and_tests(tmp_path: Path) -> None:

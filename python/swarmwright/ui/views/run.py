@@ -23,6 +23,7 @@ from swarmwright.ui.index import as_values, finite
 from swarmwright.ui.replays import (
     EPISODES,
     MOST_BODIES,
+    MOST_BODIES_OF_RUN,
     Newest,
     check_parameters,
     computing,
@@ -239,9 +240,9 @@ def frame_part(kind: EpisodePart, content: bytes) -> bytes:
     return kind.to_bytes(4, "little") + len(content).to_bytes(4, "little") + content
 
 
-def limit_bodies(options: dict[str, Any]) -> int | None:
-    """Return how many bodies all scenes may have: any number with the parameters of the run."""
-    return MOST_BODIES if "parameters" in options else None
+def limit_bodies(options: dict[str, Any]) -> int:
+    """Return how many bodies all scenes may have: more with the parameters of the run."""
+    return MOST_BODIES if "parameters" in options else MOST_BODIES_OF_RUN
 
 
 def compare_parameters(window: Window, values: dict[str, Any]) -> Values:

@@ -212,9 +212,9 @@ def test_episodes_of_any_simulation_end_in_time(endless: Path, monkeypatch: pyte
         "these episodes take more than 0 s; choose fewer or shorter ones",
     )
     shown = call(app, "/api/episode", run="endless", parameters=json.dumps(changes))
-    assert "this episode takes more than 0 s" in shown.body.decode()
+    assert "this takes more than 0 s" in shown.body.decode()
     exported = post(app, "export", run="endless", to=".html", parameters=changes)
-    assert "this episode takes more than 0 s" in exported.values["error"]
+    assert "this takes more than 0 s" in exported.values["error"]
 
 
 @pytest.mark.usefixtures("complete_list")
