@@ -1,6 +1,8 @@
 """Races: how many candidates remained after how many episodes or instances, and which were dropped."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -12,7 +14,6 @@ from swarmwright.runs.instances import averages_instances
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
-    from swarmwright.servers.rows import GenerationResult
 
 Unit = Literal["episodes", "instances"]
 State = Literal["remained", "dropped", "failed", "not evaluated again"]
@@ -153,21 +154,30 @@ def _count_by_instances(run: "Run", most: int, most_steps: int) -> Races:
     candidates = []
     for row, number in enumerate(chosen):
         race = split[number]
-        genomes = {key for keys, _ in race for key in keys}
+        genomes = {key for step in race for key in step.keys}
         candidates.append(len(genomes))
-        sizes = [len(keys) for keys, _ in race]
+        sizes = [len(step.keys) for step in race]
         for column, step in enumerate(steps.tolist()):
             if step <= len(race):
                 remaining[row, column] = sizes[step - 1]
     return Races("instances", np.array(chosen), len(split), steps, np.array(candidates), remaining)
 
 
-_Step = tuple[list[bytes], "GenerationResult"]
-"""The genomes of an instance, and its results."""
+class _Step(NamedTuple):
+    """What is kept of an instance."""
+
+    keys: list[bytes]
+    """Digests of its genomes, which tell them apart."""
+    generation: int
+    fitness: list[float]
 
 
+@lru_cache(maxsize=1)
 def _split(run: "Run") -> list[list[_Step]]:
-    """Return the instances of each race: a race begins where candidates are new."""
+    """Return the instances of each race: a race begins where candidates are new.
+
+    The last result is kept: all evaluations are read, and several questions about a run follow each other.
+    """
     if run.evaluations > _MOST_EVALUATIONS:
         raise InputError(
             f"{run.path}: has {run.evaluations:,} evaluations; races are told apart in up to "
@@ -178,11 +188,11 @@ def _split(run: "Run") -> list[list[_Step]]:
     for result in run._store.generations():
         if result.generation >= run.generations:
             break
-        keys = [genome.tobytes() for genome in result.expand_genomes()]
+        keys = [blake2b(genome.tobytes(), digest_size=16).digest() for genome in result.expand_genomes()]
         if not former.issuperset(keys) or not split:
             split.append([])
         former.update(keys)
-        split[-1].append((keys, result))
+        split[-1].append(_Step(keys, result.generation, result.fitness.tolist()))
     return split
 
 
@@ -191,15 +201,15 @@ def _enter_instances(run: "Run", number: int) -> list[Entrant]:
     if not 0 <= number < len(split):
         raise InputError(f"race: {run.path} has races 0 to {len(split) - 1}, but no race {number}")
     race = split[number]
-    former = {key for earlier in split[:number] for keys, _ in earlier for key in keys}
-    later = {key for following in split[number + 1 :] for keys, _ in following for key in keys}
-    final = {*race[-1][0], *later}
+    former = {key for earlier in split[:number] for step in earlier for key in step.keys}
+    later = {key for following in split[number + 1 :] for step in following for key in step.keys}
+    final = {*race[-1].keys, *later}
     counts: dict[bytes, int] = {}
     last: dict[bytes, tuple[int, int, float]] = {}
-    for keys, result in race:
-        for candidate, (key, fitness) in enumerate(zip(keys, result.fitness.tolist(), strict=True)):
+    for step in race:
+        for candidate, (key, fitness) in enumerate(zip(step.keys, step.fitness, strict=True)):
             counts[key] = counts.get(key, 0) + 1
-            last[key] = result.generation, candidate, fitness
+            last[key] = step.generation, candidate, fitness
     entered = []
     for key, (generation, candidate, fitness) in last.items():
         state: State = "not evaluated again" if key in former else "dropped"

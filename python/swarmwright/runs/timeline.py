@@ -12,6 +12,9 @@ from swarmwright.servers.rows import Session
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
+SHORTEST_S = 1e-3
+"""Part of a session that can be shown: times are seconds since 1970, with a precision below 1 µs."""
+
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
@@ -42,21 +45,29 @@ def timeline(
         run: whose attempts are read; they are aggregated in the store, however many there are.
         session: its number; default: the last.
         begin: seconds from the beginning of the session; default: 0.
-        end: the same; default: its end.
+        end: the same, at least 1 ms later; default: its end.
         bins: 1 to 2,000.
 
-    Raises InputError for another session, a part that is empty, or a number of bins that is out of range.
+    Raises InputError for another session, a part that is too short, or a number of bins that is out of range.
     """
     if not 1 <= bins <= 2000:
         raise InputError(f"bins: must be from 1 to 2000, not {bins}")
     chosen = find_session(run, session)
-    written = datetime.fromisoformat(chosen.started).timestamp()
+    try:
+        written = datetime.fromisoformat(chosen.started).timestamp()
+    except (ValueError, OverflowError):
+        raise InputError(f"{run.path}: session {chosen.session} has no valid beginning") from None
     first, last = run._store.attempt_bounds(chosen.session)
     started = min(written, written if first is None else first)
-    seconds = max(chosen.seconds or 0.0, 0.0 if last is None else last - started, 1e-6)
+    seconds = max(chosen.seconds or 0.0, 0.0 if last is None else last - started, SHORTEST_S)
     low, high = 0.0 if begin is None else begin, seconds if end is None else end
     if not 0 <= low < high < math.inf:
         raise InputError(f"begin, end: must be ascending seconds from 0, not {low:g} and {high:g}")
+    high = min(high, seconds)
+    if high - low < SHORTEST_S * (1 - 1e-6):
+        raise InputError(
+            f"begin, end: must be at least {SHORTEST_S:g} s apart within the {seconds:g} s of the session"
+        )
     part = Part(chosen.session, started + low, started + high, bins, written)
     return Timeline(chosen.session, started, seconds, low, high, run._store.timing(part))
 

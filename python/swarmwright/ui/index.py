@@ -22,6 +22,8 @@ MOST_RUNS = 20_000
 MOST_DEPTH = 8
 """Folders below the one that is shown."""
 SPARK_POINTS = 40
+LARGEST_WHOLE = 2**53
+"""Numbers of browsers hold each whole number up to this."""
 RATE_WEIGHT = 0.4
 """Of the newest measurement in the evaluations a second of a run that goes on."""
 RETRY_S = 10.0
@@ -307,7 +309,10 @@ def significant(value: float | None) -> float | None:
 
 
 def as_values(value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Return a value that JSON has: NumPy's as Python's, NaN and infinity as None, other objects as text."""
+    """Return a value that JSON and browsers have: NumPy's as Python's, NaN and infinity as None.
+
+    Other objects, and whole numbers that browsers would round, become text.
+    """
     if isinstance(value, dict):
         return {str(key): as_values(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -318,4 +323,6 @@ def as_values(value: Any) -> Any:  # noqa: ANN401 - JSON
         return as_values(value.item())
     if isinstance(value, float):
         return finite(value)
+    if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
+        return str(value)
     return value if value is None or isinstance(value, bool | int | str) else str(value)

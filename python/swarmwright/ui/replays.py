@@ -116,7 +116,7 @@ def describe_parameters(run: Run) -> list[dict[str, Any]]:
     """
     experiment = resolve_experiment(run, run.best.generation if run.history else None)
     return [
-        {**vars(adjustable), "value": as_values(adjustable.value), "choices": list(adjustable.choices)}
+        as_values({**vars(adjustable), "choices": list(adjustable.choices)})
         for adjustable in list_adjustable(experiment)
     ]
 

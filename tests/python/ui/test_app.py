@@ -68,6 +68,7 @@ def test_the_journal_names_servers_and_failures(app: Starlette) -> None:
             "must be finite",
         ),
         ("nearest", {"run": "run-1", "number": "1e300", "fitness": 0, "width": "1e300", "height": 1}, None),
+        ("nearest", {"run": "run-1", "number": 1, "fitness": 0, "width": "1e308", "height": 1}, None),
         ("journal", {"run": "run-1\0"}, "there is no such run"),
     ],
 )

@@ -257,3 +257,4 @@ def test_hostile_names_stay_text(index: RunIndex, made: Path) -> None:
 def test_values_that_json_lacks_become_null_or_text() -> None:
     values = {"nan": float("nan"), "list": [1, float("inf"), (2.5, None)], "path": Path("a"), "flag": True}
     assert as_values(values) == {"nan": None, "list": [1, None, [2.5, None]], "path": "a", "flag": True}
+    assert as_values([2**53, 2**63, -(2**63)]) == [2**53, str(2**63), str(-(2**63))]

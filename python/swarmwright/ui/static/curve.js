@@ -13,6 +13,7 @@ export class LearningCurve {
   #density = null;
   #marked = null;
   #heldOut = null;
+  #bestWords = "";
   #observer;
   #endTheme;
 
@@ -34,7 +35,10 @@ export class LearningCurve {
       details.curve.median, details.curve.best_so_far,
     ];
     if (this.#plot) this.#plot.setData(data, this.#isWhole());
-    else if (data[0].length > 0) this.#make(data);
+    else if (data[0].length > 0) {
+      this.#bestWords = details.best_words;
+      this.#make(data);
+    }
   }
 
   #make(data) {
@@ -92,7 +96,7 @@ export class LearningCurve {
       series: [
         { label: "evaluations", value: (_plot, value) => figure(value) },
         line("upper quartile", "transparent", 0), line("lower quartile", "transparent", 0),
-        line("median", color("--second"), 1.5), line("best so far", color("--accent"), 2.5),
+        line("median", color("--second"), 1.5), line(this.#bestWords, color("--accent"), 2.5),
       ],
       bands: [{ series: [1, 2], fill: color("--band") }],
       cursor: { drag: { x: true, y: false, dist: 6 }, focus: { prox: -1 } },

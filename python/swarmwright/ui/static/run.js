@@ -19,7 +19,8 @@ function facts(entries) {
 function heldOutWords(heldOut) {
   if (heldOut === null) return null;
   const interval = heldOut.low === null ? "" : ` (95 %: ${figure(heldOut.low)} to ${figure(heldOut.high)})`;
-  const failed = heldOut.failed ? `, ${heldOut.failed} of ${heldOut.episodes} episodes failed` : `, ${heldOut.episodes} episodes`;
+  const excluded = heldOut.is_reportable ? "" : " and are left out";
+  const failed = heldOut.failed ? `, ${heldOut.failed} of ${heldOut.episodes} episodes failed${excluded}` : `, ${heldOut.episodes} episodes`;
   return `${figure(heldOut.mean)}${interval}${failed}`;
 }
 

@@ -57,8 +57,8 @@ export function show(element, run) {
     if (span <= SHORTEST_S) return;
     const middle = timeline.begin + span * (column + 0.5) / timeline.bins;
     const part = Math.max(span / ZOOM, SHORTEST_S);
-    const begin = Math.max(0, Math.min(middle - part / 2, timeline.seconds - part));
-    load({ session: timeline.session, begin, end: begin + part });
+    const end = Math.min(Math.max(middle + part / 2, part), timeline.seconds);
+    load({ session: timeline.session, begin: Math.max(0, end - part), end });
   }
 
   function draw() {

@@ -183,7 +183,6 @@ def describe_states(run: Run) -> dict[str, Any]:
         "indicators": {name: [state.indicators[name] for state in states] for name in states[-1].indicators},
         "goals": last.goals,
         "notes": last.notes,
-        "evaluated": last.evaluated,
     }
 
 

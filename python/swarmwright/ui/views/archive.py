@@ -20,7 +20,7 @@ def describe(window: Window, request: Request) -> Values:
         name: {"low": axis.low, "high": axis.high, "bins": axis.bins}
         for name, axis in zip(options.needed_metrics, options.grid.axes, strict=False)
     }
-    return {**describe_states(run), "axes": axes, "cells": options.grid.cells}
+    return {**describe_states(run), "axes": axes}
 
 
 def find_bins(options: MapElitesOptions, values: Values) -> dict[str, list[int]]:

@@ -75,14 +75,11 @@ def describe(run: Run) -> dict[str, Any]:
         "curve": curve(run),
         "best": best,
         "best_words": run.best_words,
-        "ended": run.ended,
         "failed_episodes": run.failed_episodes if run.failed_evaluations else 0,
         "episodes": experiment.ranking.episodes,
-        "first_seed": experiment.first_seed,
         "held_out": describe_held_out(run),
         "sessions": [as_values(asdict(session)) for session in run.sessions],
         "experiment": as_values(experiment.to_mapping()),
-        "metrics": run.metrics,
     }
 
 
@@ -112,8 +109,6 @@ def describe_held_out(run: Run) -> dict[str, Any] | None:
         "high": finite(fitness.high),
         "episodes": len(unseen.episodes),
         "failed": unseen.failed,
-        "generation": unseen.generation,
-        "candidate": unseen.candidate,
         "is_reportable": unseen.is_reportable,
     }
 
@@ -147,9 +142,6 @@ def nearest(run: Run, number: float, fitness: float, width: float, height: float
         "candidate": evaluation.candidate,
         "fitness": finite(evaluation.fitness),
         "episodes": as_values(evaluation.episodes),
-        "seeds": evaluation.seeds,
-        "genome": as_values(evaluation.genome[:200]),
-        "genes": len(evaluation.genome),
         "metrics": {
             name: as_values(evaluation.metrics[:, column]) for column, name in enumerate(run.metrics)
         },

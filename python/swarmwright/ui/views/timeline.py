@@ -33,12 +33,13 @@ def describe(window: Window, request: Request) -> Values:
         "begin": shown.begin,
         "end": shown.end,
         "bins": BINS,
-        "servers": list(timing.servers),
+        "servers": as_values(timing.servers),
         "busy": encode(timing.busy),
         "episodes": encode(timing.episodes),
         "evaluated": timing.evaluated.tolist(),
         "failures": [
-            {**failure._asdict(), "reason": failure.reason[:LONGEST_REASON]} for failure in timing.failures
+            as_values({**failure._asdict(), "reason": failure.reason[:LONGEST_REASON]})
+            for failure in timing.failures
         ],
     }
 
@@ -58,7 +59,7 @@ def describe_shares(window: Window, request: Request) -> Values:
             }
             for share in shares[:MOST_SERVERS]
         ],
-        "waiting": {str(server): wait._asdict() for server, wait in waits.items()},
+        "waiting": {str(server): as_values(wait._asdict()) for server, wait in waits.items()},
     }
 
 

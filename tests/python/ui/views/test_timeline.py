@@ -41,6 +41,9 @@ def test_lanes_and_shares_are_those_of_the_library(copy: Path, open_app: Callabl
         ({"begin": "5", "end": "2"}, "must be ascending seconds"),
         ({"begin": "soon"}, "begin: must be a number"),
         ({"end": "inf"}, "must be ascending seconds"),
+        ({"begin": 0, "end": 1e-5}, "must be at least 0.001 s apart"),
+        ({"begin": "1e300", "end": "1.1e300"}, "must be at least 0.001 s apart"),
+        ({"begin": "nan"}, "must be ascending seconds"),
     ],
 )
 def test_wrong_requests_are_told_why(
