@@ -119,8 +119,7 @@ def test_each_tab_plays_what_is_clicked(browser: Chrome, tmp_path: Path) -> None
 
         open_tab(browser, address, "race", "Timeline")
         eventually(lambda: "Crosses are failed attempts" in page_text(browser), "failures are marked")
-        text = page_text(browser)
-        assert "25 s in 1 generation" in text
+        eventually(lambda: "25 s in 1 generation" in page_text(browser), "who was waited for")
         canvas = find(browser, "canvas.plot")
         canvas.send_keys(Keys.ARROW_RIGHT)
         eventually(lambda: "server 7 after" in find(browser, ".words").text, "what a lane holds is said")

@@ -72,7 +72,7 @@ store.onConnection((isConnected) => {
   connection.textContent = isConnected ? "live" : "connection lost, trying again";
   connection.className = isConnected ? "live" : "lost";
 });
-store.connect();
+store.follow();
 store.window = await ask("window").catch((error) => {
   view.replaceChildren(problem(error));
   return store.window;

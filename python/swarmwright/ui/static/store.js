@@ -7,6 +7,8 @@ class Store {
   window = { folder: "", read_only: true, views: [] };
   #listeners = new Set();
   #connection = () => {};
+  #source = null;
+  #timer = null;
 
   onConnection(listener) {
     this.#connection = listener;
@@ -18,15 +20,25 @@ class Store {
     return () => this.#listeners.delete(listener);
   }
 
-  connect() {
+  /** Follows the list while the page is seen: browsers have six connections to a server, for all its pages. */
+  follow() {
+    document.addEventListener("visibilitychange", () => this.#connect());
+    this.#connect();
+  }
+
+  #connect() {
+    this.#source?.close();
+    clearTimeout(this.#timer);
+    if (document.hidden) return;
     const source = new EventSource(`api/events?version=${this.version}`);
+    this.#source = source;
     source.onopen = () => this.#connection(true);
     source.onmessage = (event) => this.#take(JSON.parse(event.data));
     source.onerror = () => {
       // It would connect again by itself, but with the version of the first time.
       source.close();
       this.#connection(false);
-      setTimeout(() => this.connect(), 1000);
+      this.#timer = setTimeout(() => this.#connect(), 1000);
     };
   }
 

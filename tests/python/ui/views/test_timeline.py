@@ -10,7 +10,7 @@ import pytest
 from starlette.applications import Starlette
 
 from swarmwright import Run
-from tests.python.records import write_attempts
+from tests.python.records import change, write_attempts
 from tests.python.ui.client import call
 
 
@@ -32,6 +32,17 @@ def test_lanes_and_shares_are_those_of_the_library(copy: Path, open_app: Callabl
         assert episodes[row].sum() == by_server[server].evaluations
     assert values["sessions"] == [1]
     assert [failure["reason"] for failure in values["failures"]] == ["out of fuel"]
+
+
+def test_numbers_of_servers_stay_what_they_are(copy: Path, open_app: Callable[[Path], Starlette]) -> None:
+    write_attempts(copy)
+    number = 2**62 + 1  # browsers would round it
+    change(copy, f"UPDATE attempt SET server = {number} WHERE server = 9")
+    app = open_app(copy.parent)
+    assert call(app, "/api/timeline", run=copy.name).values["servers"][-1] == str(number)
+    table = call(app, "/api/timeline_shares", run=copy.name).values
+    assert table["shares"][-1]["server"] == str(number)
+    assert str(number) in table["waiting"]
 
 
 @pytest.mark.parametrize(
