@@ -214,7 +214,7 @@ class Brokers:
 
     def require(self, url: str) -> None:
         """Raise InputError for a broker that is not of this window, whatever the prefix."""
-        if all(url != known for known, _ in self.list_addresses()):
+        if url not in [address for address, _ in self.list_addresses()]:
             raise InputError(
                 "broker: this window does not show the broker that the run names, and sends it no account; "
                 "enter its address on the page Servers if you trust it"

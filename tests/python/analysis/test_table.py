@@ -55,8 +55,8 @@ def test_no_text_is_a_formula_or_the_end_of_a_row(tmp_path: Path) -> None:
         "5.0",
         "'-arrived",
     )
-    groups = [dataclasses.replace(group, label=f"[{group.label}]") for group in comparison.groups]
-    tasks = [dataclasses.replace(comparison.tasks[0], groups=groups)]
+    groups = tuple(dataclasses.replace(group, label=f"[{group.label}]") for group in comparison.groups)
+    tasks = (dataclasses.replace(comparison.tasks[0], groups=groups),)
     assert r"{}[" in latex_text(dataclasses.replace(comparison, groups=groups, tasks=tasks))
 
 

@@ -153,7 +153,7 @@ def test_a_run_is_watched_while_it_goes_on(browser: Chrome, tmp_path: Path) -> N
             generations = ".facts div:nth-child(5) dd"
 
             def count_generations() -> str:
-                return browser.execute_script(f"return document.querySelector('{generations}').textContent")  # type: ignore[no-any-return,no-untyped-call]
+                return browser.execute_script(f"return document.querySelector('{generations}').textContent")  # type: ignore[no-any-return]
 
             first = count_generations()
             eventually(lambda: count_generations() != first, "it goes on")

@@ -126,8 +126,8 @@ class Reading:
             generation: elites for generation, elites in self._steps.items() if generation in chosen
         }
         indicator = build_indicator(self._steps[last])
-        kept = (elite for elites in self._steps.values() for elite in elites.candidates)
-        self._elites = {(elite.generation, elite.candidate): elite for elite in kept}
+        present = (elite for elites in self._steps.values() for elite in elites.candidates)
+        self._elites = {(elite.generation, elite.candidate): elite for elite in present}
         self._states = [State.of(generation, elites, indicator) for generation, elites in self._steps.items()]
         self._read = run.generations
 
@@ -150,11 +150,11 @@ class EliteHistory:
         """Return the states of a run, computed or being computed."""
         key = str(run.path), run.created
         with self._lock:
-            kept = self._kept.setdefault(key, Reading())
+            states = self._kept.setdefault(key, Reading())
             self._kept.move_to_end(key)
             if len(self._kept) > MOST_RUNS:
                 self._kept.popitem(last=False)[1].is_wanted = False
-            return kept
+            return states
 
 
 HISTORY = EliteHistory()
@@ -172,10 +172,10 @@ def check_method(run: Run, options: type[T], method: str) -> T:
 
 def describe_states(run: Run) -> dict[str, Any]:
     """Return the generations and the indicators of their elites; how much is read while that goes on."""
-    kept = HISTORY.reading(run)
-    states = kept.read(run, LONGEST_WAIT_S)
+    history = HISTORY.reading(run)
+    states = history.read(run, LONGEST_WAIT_S)
     if states is None:
-        return {"share": kept.share}
+        return {"share": history.share}
     last = states[-1].elites
     return {
         "generations": [state.generation for state in states],

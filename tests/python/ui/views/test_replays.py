@@ -6,7 +6,7 @@ import shutil
 import threading
 import time
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -235,7 +235,7 @@ def test_an_episode_stays_in_a_thread_that_ends_with_its_reader(
     assert next(parts)
     (thread,) = threads
     assert thread != threading.get_ident()
-    parts.close()
+    parts.close()  # type: ignore[attr-defined] # it is a generator
     end = time.monotonic() + 20
     while any(each.ident == thread for each in threading.enumerate()):
         assert time.monotonic() < end
@@ -254,7 +254,7 @@ def test_only_brokers_of_the_window_compute_and_resume(
     swarmwright.optimize(values, servers="in-process", out=tmp_path / "runs" / "received")
     monkeypatch.setattr("swarmwright.simulations.catalogue.is_local", lambda _: False)
     app = create_app(tmp_path / "runs", token=None, broker="mqtt://127.0.0.1:10")
-    requests = [
+    requests: list[Callable[[], Answer]] = [
         lambda: call(app, "/api/episode", run="received"),
         lambda: post(app, "what_if", run="received", caller="received", number=1, parameters={}),
         lambda: post(app, "export", run="received", to=".html"),
