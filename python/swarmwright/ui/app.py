@@ -172,6 +172,8 @@ def answer(compute: Callable[[Any], Any], question: Any) -> Response:  # noqa: A
         values = compute(question)
     except SwarmwrightError as error:
         return json_response({"error": str(error)}, 422)
+    except RecursionError:
+        return json_response({"error": "the request is nested too deeply"}, 422)
     return values if isinstance(values, Response) else json_response(values)
 
 
