@@ -44,9 +44,9 @@ class Representation(ABC):
 
     It gives genomes their meaning (`architecture` and `weights`, what the engine and every simulation server
     understand) and its genetic operators: where evolution starts (`initial`), how a genome varies (`mutate`),
-    how two are combined (`crossover`) and how different two are (`distance`). Methods work on genomes through
-    these alone, so any method evolves any representation. Operators are pure: they return new arrays and take
-    their randomness from the stream they are given.
+    how two are combined (`crossover`) and how different two are (`distance`). Methods use genomes only
+    through these, so any method can evolve any representation. Operators are pure: they return new arrays and
+    take their randomness from the stream they are given.
 
     Each operator has a batch form (`initials`, `mutations`, `crossovers`, `distances_among`, `matings`),
     which methods call. By default it is a loop; a representation may override it with a faster implementation
@@ -100,9 +100,9 @@ class Representation(ABC):
 
     @property
     def bounds(self) -> Limits:
-        """Lowest and highest value of each gene, float32 numbers; -inf and inf where there is none.
+        """Lowest and highest value of each gene, float32 numbers; -inf and inf if it is unbounded.
 
-        Default: none. `initial`, `mutate` and `crossover` stay within, and so does every method.
+        Default: unbounded. `initial`, `mutate` and `crossover` respect the bounds, and so does every method.
         """
         return np.full(self.genome_size, -np.inf), np.full(self.genome_size, np.inf)
 
@@ -175,9 +175,9 @@ class Representation(ABC):
 
         Args:
             genome: (genome_size,) float32; it is not changed.
-            stream: of random numbers, from which alone the change is drawn.
-            severity: how large changes are, at least 0, in units that the representation describes.
-            probability: of a change of each gene, 0 to 1.
+            stream: stream of random numbers, the only source of randomness.
+            severity: size of the changes, at least 0, in units that the representation describes.
+            probability: probability of a change of each gene, 0 to 1.
         """
 
     @abstractmethod
@@ -187,7 +187,7 @@ class Representation(ABC):
         Args:
             mother: (genome_size,) float32; neither parent is changed.
             father: the same.
-            stream: of random numbers, from which alone the part is drawn.
+            stream: stream of random numbers, the only source of randomness.
         """
 
     @abstractmethod

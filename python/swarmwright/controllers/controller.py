@@ -144,11 +144,11 @@ class Controller:
 
     @cached_property
     def _is_stateless(self) -> bool:
-        """Whether actuators depend on the sensors of the same step alone, for all agents alike."""
+        """Whether the actuators of every agent are the same function of its sensors in the same step."""
         return self._swarm is None and kind_of(self.specification).stateless
 
     def reset(self) -> None:
-        """Begin a new episode: discard the state of all agents and their number."""
+        """Begin a new episode: discard all agents and their state."""
         self._agents = []
         self._started = 0
 

@@ -81,9 +81,9 @@ def new_figure_with_list(
 ) -> "tuple[Figure, Axes]":
     """Return a figure with a list, and the square axes beside it.
 
-    inside: size of the axes in inches. blocks: lines that stay in one column. letters: of the longest line.
-    highest: largest height in inches; lines that do not fit into three columns of this height are left out,
-    and the list says so.
+    inside: size of the axes in inches. blocks: lines that stay in one column. letters: number of letters of
+    the longest line. highest: largest height in inches; lines that do not fit into three columns of this
+    height are left out, and the list says so.
     """
     columns = _columns(
         blocks, int(max(inside, _LOWEST_LIST) / _LIST_LINE), int((highest - _TOP - _FOOT) / _LIST_LINE)
@@ -107,10 +107,10 @@ def new_figure_with_list(
 
 
 def _columns(blocks: Sequence[Sequence[str]], target_lines: int, most: int) -> list[list[str]]:
-    """Distribute blocks over columns of about the same height, none of which is empty.
+    """Distribute blocks over columns of about the same height, without empty columns.
 
-    target_lines: lines of a column; more only if there would be too many columns. most: lines of the longest
-    column.
+    target_lines: lines of a column, exceeded only if there would be too many columns. most: lines of the
+    longest column.
     """
     lines = [line for block in blocks for line in block]
     if len(lines) > _MOST_COLUMNS * most:
@@ -201,7 +201,7 @@ class Diagram:
         return _Way(path, along)
 
     def _place_labels(self) -> list[Box | None]:
-        """Return the box of each arrow's label; None: there is no space for it."""
+        """Return the box of each arrow's label; None if there is no space for it."""
         placed: list[Box] = []
         boxes: list[Box | None] = [None] * len(self._arrows)
         # Loops and short arrows have the fewest positions.
@@ -222,11 +222,11 @@ class Diagram:
             middle = _POINTS // 2
             return way.along[[middle, middle - 3, middle + 3, middle - 6, middle + 6]]
         length = float(np.hypot(*np.diff(way.along, axis=0).T).sum())
-        # Not on the arrow's head.
+        # Keep away from the head of the arrow.
         last = max(1 - 0.3 / length, 0.55)
         chosen = (np.linspace(0.1, last, 24) * (_POINTS - 1)).round().astype(int)
         middles, ahead = way.along[chosen], np.gradient(way.along, axis=0)[chosen]
-        # On the arrow, or else right or left of it.
+        # On the arrow, or else to its right or left.
         side = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.hypot(*ahead.T)[:, None]
         beside = side * (np.abs(side) @ self._half_size(index) + 0.02)[:, None]
         return np.concatenate([middles, middles + beside, middles - beside])

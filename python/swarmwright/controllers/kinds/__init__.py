@@ -45,7 +45,7 @@ class Kind:
     swarm: str = ""
     """For kinds that the engine does not step: the Python class that does."""
     stateless: bool = False
-    """Whether actuators depend on the sensors of the same step alone."""
+    """Whether actuators depend only on the sensors of the same step."""
     overflows: bool = False
     """Whether nodes can become NaN, which lasts until a reset."""
     random_sensor: int | None = None
@@ -134,7 +134,7 @@ KINDS: dict[str, Kind] = {
         words="kinds.team:describe",
     ),
 }
-"""By the `kind` of a specification, see protocol/schemas/controller.schema.json."""
+"""Kinds of controller by the `kind` of a specification, see protocol/schemas/controller.schema.json."""
 
 
 def kind_of(specification: Mapping[str, Any]) -> Kind:
@@ -157,7 +157,7 @@ def draw_controller(drawing: Drawing) -> "Figure":
 
 
 def machine_of(specification: Mapping[str, Any]) -> "Machine | None":
-    """Return the state machine of a controller other than a team; None if there is none to show."""
+    """Return the state machine of a controller other than a team; None if it has none."""
     address = kind_of(specification).machine
     machine: Machine | None = import_part(address)(specification) if address else None
     return machine

@@ -36,7 +36,7 @@ class Senses:
     ground: Numbers
     """(n,): 0 black, 0.5 grey, 1 white."""
     neighbours: Numbers
-    """(n,): how many other robots are in range."""
+    """(n,): number of other robots in range."""
     attraction: Numbers
     """(n, 2): the vector towards neighbours; the nearer they are, the longer it is."""
 

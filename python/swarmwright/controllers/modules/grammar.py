@@ -1,6 +1,6 @@
 """Modules, and machines and trees of them: states with behaviours, transitions with conditions.
 
-A subtree of a tree is a state with one transition, of which the condition counts.
+A subtree of a tree is a state with one transition, of which only the condition is used.
 """
 
 from collections.abc import Mapping, Sequence

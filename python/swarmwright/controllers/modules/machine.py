@@ -164,7 +164,7 @@ class _Floor(Condition):
 
     @abstractmethod
     def holds(self, ground: Numbers) -> NDArray[np.bool_]:
-        """Return where the ground has the colour."""
+        """Return which robots' ground has the colour."""
 
     def probability(
         self, senses: Senses, parameters: Parameters, state: Numbers, random: RandomNumbers
@@ -177,7 +177,7 @@ class BlackFloor(_Floor):
     """Hold on black ground."""
 
     def holds(self, ground: Numbers) -> NDArray[np.bool_]:
-        """Return where the ground is black."""
+        """Return which robots' ground is black."""
         return ground <= _BLACK
 
 
@@ -185,7 +185,7 @@ class WhiteFloor(_Floor):
     """Hold on white ground."""
 
     def holds(self, ground: Numbers) -> NDArray[np.bool_]:
-        """Return where the ground is white."""
+        """Return which robots' ground is white."""
         return (ground >= _WHITE) & (ground > _BLACK)
 
 
@@ -193,7 +193,7 @@ class GreyFloor(_Floor):
     """Hold on grey ground."""
 
     def holds(self, ground: Numbers) -> NDArray[np.bool_]:
-        """Return where the ground is neither black nor white."""
+        """Return which robots' ground is neither black nor white."""
         return (ground > _BLACK) & (ground < _WHITE)
 
 
@@ -240,7 +240,7 @@ class Swarm:
     """Robots, each with its own machine and state; all machines share one architecture.
 
     Args:
-        architecture: of the kind `python_modules`.
+        architecture: architecture of the kind `python_modules`.
         weights: (machines, weights).
 
     Raises InputError when a module is missing, its parameters have changed since the controller was designed,
@@ -370,7 +370,7 @@ class Swarm:
         k: int,
         position: int,
     ) -> NDArray[np.bool_]:
-        """Return where the condition of transition k, with the weights `part`, holds. unit: 0..1."""
+        """Return where the condition of transition k, with weights `part`, holds. unit: random numbers."""
         holds = np.zeros(len(robots), dtype=np.float32)
         numbers = part[:, 1].astype(np.int64)
         for number, condition in enumerate(self._conditions):

@@ -12,7 +12,7 @@ def _words(name: str, parameters: Mapping[str, float]) -> str:
 
 
 def name_of(behaviour: str) -> str:
-    """Return what a behaviour is called in drawings and texts: anti-phototaxis."""
+    """Return the name of a behaviour in drawings and texts, such as anti-phototaxis."""
     return behaviour.replace("_", "-")
 
 

@@ -18,7 +18,7 @@ class Robots:
 
     Args:
         episodes: at their start.
-        architecture: of the kind `python_modules`.
+        architecture: architecture of the kind `python_modules`.
         weights: (machines, weights).
         owners: the machine of each episode, (episodes,).
     """
@@ -73,9 +73,9 @@ class PlayedEpisode:
 
     Args:
         simulation: its title, or a host.
-        parameters: of the simulation.
-        seed: of the episode.
-        specification: of the controller, of the kind `python_modules`.
+        parameters: parameters of the simulation.
+        seed: seed of the episode.
+        specification: specification of the controller, of the kind `python_modules`.
 
     Raises the engine's errors, and InputError for modules that are not installed.
     """

@@ -23,7 +23,7 @@ _LARGEST_LIMIT = 1e6
 _RESERVED_NAMES = {"name", "behaviour", "transitions", "to", "condition"}
 """Keys of machines in files."""
 _MOST_STATE = 1000
-"""Most state numbers of a module for each robot."""
+"""Largest number of state values of a module for each robot."""
 
 BEHAVIOURS: Registry[Behaviour] = Registry(
     "behaviour",

@@ -87,7 +87,7 @@ class NodeNetwork(Representation):
 
     @abstractmethod
     def node_sizes(self) -> Sequence[int]:
-        """Return how many weights each node has, in the genome's order, its bias not counted."""
+        """Return the number of weights of each node without its bias, in the genome's order."""
 
     @cached_property
     def _starts(self) -> NDArray[np.intp]:

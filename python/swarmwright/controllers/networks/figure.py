@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 NEGATIVE, NOTHING, POSITIVE = "#D55E00", "#F2F2EE", "#0072B2"
 """From Okabe and Ito's palette, which is safe for colour-blind readers."""
 _MOST_NODES, _MOST_LINES = 26, 900
-"""Most nodes in a column and most lines in all; beyond, matrices are drawn instead."""
+"""Largest number of nodes in a column, and of lines in all; beyond, matrices are drawn instead."""
 _RADIUS = 0.17
 _BETWEEN = 3.0  # columns
 _APART = 0.56  # nodes
 _NAMED = 40
-"""Most nodes of which each is named on the axis."""
+"""Largest number of nodes that are named individually on the axis."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def draw_network(network: Network, drawing: Drawing) -> "Figure":
 
 
 def _node_distance(size: int, largest_size: int) -> float:
-    """Return the distance between the nodes of a column: few of them spread beside a long column."""
+    """Return the distance between the nodes of a column; a few nodes are spread beside a long column."""
     return max(_APART, min(2.0, _APART * largest_size / (size + 0.5)))
 
 
@@ -163,7 +163,7 @@ def _draw_lines(
 
 
 def _weight_style(share: float) -> tuple[str, float, float]:
-    """Return colour, width and opacity of a weight; share: of the largest one, -1..1."""
+    """Return colour, width and opacity of a weight; share: share of the largest one, -1..1."""
     return POSITIVE if share > 0 else NEGATIVE, 0.4 + 3.8 * abs(share), 0.25 + 0.65 * abs(share)
 
 

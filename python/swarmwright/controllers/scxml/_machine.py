@@ -32,7 +32,7 @@ from swarmwright.controllers.scxml._steps import Edge, EndlessError, Output, Sna
 from swarmwright.controllers.scxml._write import make_identifiers
 
 _LARGEST_TABLE = 1_000_000
-"""Most numbers in a table, as in the engine."""
+"""Largest number of values in a table, as in the engine."""
 _MOST_STATES = 1000
 
 _MOST_MACHINES = 1000

@@ -19,11 +19,11 @@ Rows = NDArray[np.int64]
 Output = tuple[int, float]
 """An actuator and its number."""
 _MOST_EVENTS = 10_000
-"""Most events in the queues."""
+"""Largest number of events in the queues."""
 _MOST_ASSIGNMENTS = 100_000
-"""Most assignments of one step."""
+"""Largest number of assignments of one step."""
 _MOST_MICROSTEPS = 1000
-"""Most sets of transitions of one step; beyond, the step counts as endless."""
+"""Largest number of sets of transitions of one step; beyond, the step counts as endless."""
 
 
 @dataclass(frozen=True)

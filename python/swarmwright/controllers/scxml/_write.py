@@ -38,7 +38,7 @@ def to_scxml(
     event is sent.
 
     Args:
-        specification: of the kind mealy_fsm.
+        specification: specification of the kind mealy_fsm.
         sensors: their names.
         actuators: their names.
         facts: lines of a comment at the top.

@@ -115,7 +115,7 @@ def actuator_function(low: float, high: float, language: dict[str, str]) -> str:
 
 
 def double(subject: str, language: dict[str, str]) -> str:
-    """Return a check that `double` has 64 bits; subject: of its message."""
+    """Return a check that `double` has 64 bits; subject: subject of its message."""
     return render("c_double.txt", {**language, "what": subject})
 
 

@@ -72,7 +72,7 @@ def layer(activation: str, graph: Graph, rows: NDArray[np.float32], below: str, 
     weights = graph.constant(np.ascontiguousarray(rows[:, 1:]), f"weights_{name}")
     biases = graph.constant(np.ascontiguousarray(rows[:, 0]), f"biases_{name}")
     products = graph.add("Mul", weights, graph.add("Unsqueeze", below, graph.whole(1)))
-    # CumSum adds in order, which MatMul does not; the first sum is that of 0 and the first product.
+    # CumSum adds in order, which MatMul does not; the first sum is 0 plus the first product.
     terms = graph.add("Pad", products, graph.whole(0, 0, 1, 0, 0, 0))
     sums = graph.add("CumSum", terms, graph.constant(np.array(2, np.int64), "axis"))
     total = graph.add("Gather", sums, graph.constant(np.array(width, np.int64), f"last_{width}"), axis=2)

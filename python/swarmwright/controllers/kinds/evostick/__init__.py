@@ -25,7 +25,7 @@ class EvostickOptions(RepresentationOptions):
 
     @property
     def bias_range(self) -> float:
-        """The range of biases, which is that of the weights."""
+        """The range of biases, which equals that of weights."""
         return float(np.float32(self.weight_range))
 
 

@@ -17,7 +17,7 @@ from swarmwright.controllers._base import MANY, Representation, RepresentationOp
 
 _MOST_LEVELS = 1000
 _LARGEST_TABLE = 1_000_000
-"""Most numbers in a table, as in the engine."""
+"""Largest number of values in a table, as in the engine."""
 
 
 def _level(value: Any) -> int | list[float]:  # noqa: ANN401 - whatever the file says

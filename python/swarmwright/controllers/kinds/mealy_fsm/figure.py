@@ -25,7 +25,7 @@ Box = list[tuple[int, int]]
 """First and last interval of each sensor."""
 
 _MOST_BOXES = 3
-"""Most parts of a condition that is written in full."""
+"""Largest number of parts of a condition that is written in full."""
 _BEGINNINGS = 8
 """Number of combinations from which boxes are grown."""
 
@@ -144,14 +144,14 @@ def _describe_condition(box: Box, thresholds: list[list[float]], names: Names, s
 
 
 _MOST_STATES = 16
-"""Most states on a circle; beyond, transitions are drawn as a matrix."""
+"""Largest number of states on a circle; larger machines are drawn as a matrix."""
 _MOST_ARROWS = 72
-"""Most arrows whose numbers are legible; more transitions are drawn as a matrix, too."""
+"""Largest number of arrows with legible numbers; with more transitions, the machine is drawn as a matrix."""
 _MOST_WRITTEN = 24
-"""Most states of a matrix with numbers in its cells."""
+"""Largest number of states of a matrix with numbers in its cells."""
 _HIGHEST = 13.8  # inches
 _MOST_SENSORS = 4
-"""Most sensors in an example of a condition; longer examples are not informative."""
+"""Largest number of sensors in an example of a condition; longer examples are not informative."""
 _LINE_CHARACTERS = 78
 """Characters in a line of the list."""
 

@@ -24,10 +24,10 @@ def visits(
     """Return after how many steps a state machine visits no new rows, and a description of its coverage.
 
     Args:
-        specification: of the controller.
+        specification: specification of the controller.
         rows: (steps, sensors).
         restart: steps from reset to reset.
-        least: steps to take, at least.
+        least: smallest number of steps.
     """
     next_states, _ = machine_tables(Evolved(specification))
     thresholds = [np.array(threshold, np.float32) for threshold in specification["thresholds"]]
@@ -60,7 +60,7 @@ def describe(specification: Mapping[str, Any]) -> str:
 
 
 _MOST_STATES = 64
-"""Most states of a machine that is drawn."""
+"""Largest number of states of a machine that is drawn."""
 
 
 def machine(specification: Mapping[str, Any]) -> Machine | None:

@@ -55,9 +55,10 @@ class ModulesOptions(RepresentationOptions):
     subtree the robot stops for a step.
     """
     states: int = Field(default=4, ge=1, le=grammar.MOST_STATES)
-    """Most states of a machine; every episode begins in the first. For a tree: most subtrees, up to 4."""
+    """Largest number of states of a machine; every episode begins in the first. For a tree: of subtrees, up
+    to 4."""
     transitions: int | None = Field(default=None, ge=1, le=grammar.MOST_TRANSITIONS)
-    """Most transitions of a state, by default 4. For a tree: 1."""
+    """Largest number of transitions of a state, by default 4. For a tree: 1."""
     behaviours: list[str] | None = Field(default=None, min_length=1)
     """Behaviours, in the order of their genes: exploration, stop, phototaxis, anti_phototaxis, attraction and
     repulsion (the default), those of installed packages, and classes in Python, path/to/file.py:Class
@@ -79,7 +80,7 @@ class ModulesOptions(RepresentationOptions):
 
     @property
     def most_transitions(self) -> int:
-        """Most transitions of a state."""
+        """Largest number of transitions of a state."""
         if self.transitions is not None:
             return self.transitions
         return 1 if self.form == "tree" else 4
@@ -335,7 +336,7 @@ class Changes:
 __all__ = ["Modules", "ModulesOptions"]
 
 _MOST_CHANGES = 8
-"""Most changes of a mutation."""
+"""Largest number of changes of a mutation."""
 
 
 def _single(genomes: Genomes) -> Genome:
@@ -618,7 +619,7 @@ class Modules(Representation):
         return genomes.astype(np.float32)
 
     def _targets(self) -> NDArray[np.intp]:
-        """Return where the targets of all transitions are in a genome."""
+        """Return the positions of all transitions' targets in a genome."""
         rows = 1 + self._width * np.arange(self.options.states)[:, np.newaxis]
         targets: NDArray[np.intp] = rows + self._first + self._transition_size * np.arange(self._most)
         return targets.ravel()

@@ -10,7 +10,7 @@ from swarmwright.controllers._base import RepresentationOptions
 from swarmwright.controllers.networks import NodeNetwork
 
 _MOST_WEIGHTS = 1_000_000
-"""Most weights of a network."""
+"""Largest number of weights of a network."""
 
 
 class NeatOptions(RepresentationOptions):

@@ -26,7 +26,7 @@ from swarmwright.controllers.teams import TEAM
 
 _DEFAULT_KIND = "layered"
 _LARGEST_COUNT = 1_000_000
-"""Most agents, sensors or actuators of a group."""
+"""Largest number of agents, sensors or actuators of a group."""
 
 _GROUPS: Path_ = ("controller", "groups")
 
