@@ -210,7 +210,7 @@ class MethodOptions(Options):
 
     @property
     def needed_metrics(self) -> tuple[str, ...]:
-        """Names of the metrics that the method needs beside fitness, see `Method.metrics`."""
+        """Names of the metrics that the method needs besides fitness, see `Method.metrics`."""
         return ()
 
     @property
@@ -245,7 +245,7 @@ class Method(SteadyState):
     Args:
         options: this method's section of the experiment.
         representation: provides the operators on genomes.
-        seed: of the experiment.
+        seed: seed of the experiment.
 
     Raises:
         InputError: the method does not support this representation or steady state.
@@ -360,7 +360,7 @@ class Method(SteadyState):
         """Return why this method cannot start from `count` given controllers, or None.
 
         Args:
-            options: of the method.
+            options: options of the method.
             count: given controllers, at least 1.
         """
         if cls.start_as is None:
@@ -376,7 +376,7 @@ class Method(SteadyState):
         """Return why the first generation is too small for `count` given controllers, or None.
 
         Args:
-            options: of the method.
+            options: options of the method.
             count: given controllers, at least 1.
         """
         size = cls.first_generation(options, None)
@@ -459,7 +459,7 @@ class Method(SteadyState):
         """Accept the fitness of the last genomes, (n,), in their order; NaN means failed.
 
         Args:
-            fitness: of each genome.
+            fitness: fitness of each genome.
             survivors: new fitness of the survivors, (k,), if they were evaluated again.
             metrics: (n, metrics), if the options have `needed_metrics`.
 

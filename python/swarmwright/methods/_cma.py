@@ -72,7 +72,7 @@ class Cma(SearchMethod):
 
     @property
     def evaluation_limit(self) -> int | None:
-        """How many candidates a run evaluates at most, see `Method.evaluation_limit`."""
+        """Largest number of candidates that a run evaluates, see `Method.evaluation_limit`."""
         if self.options.restart == "none":
             return super().evaluation_limit
         return min(self.budget, self.options.evaluations or self.budget)

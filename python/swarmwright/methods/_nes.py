@@ -68,7 +68,7 @@ class Nes(Gaussian):
 
     @property
     def evaluation_limit(self) -> int | None:
-        """How many candidates a run evaluates at most, see `Method.evaluation_limit`."""
+        """Largest number of candidates that a run evaluates, see `Method.evaluation_limit`."""
         if self.options.restart != "ipop":
             return super().evaluation_limit
         return min(self._budget, self.options.evaluations or self._budget)

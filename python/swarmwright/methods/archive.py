@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from swarmwright.common.arrays import Fitness
 
 Values = NDArray[np.float64]
-"""(candidates, values)."""
+"""(candidates, values)"""
 
 
 _ROWS = 64
-"""Rows that are compared with all others at once."""
+"""Number of rows that are compared with all others at once."""
 _SORTED_COLUMNS = 2
 """Columns for which sorting replaces comparisons of all with all."""
 _EPSILON = 1e-6
@@ -90,7 +90,7 @@ class Archive:
         Candidates without finite fitness and measures are skipped.
 
         Args:
-            numbers: of the candidates, n of them.
+            numbers: numbers of the candidates, n of them.
             fitness: (n,).
             measures: (n, measures).
         """
@@ -126,7 +126,7 @@ class Archive:
 def dominates(values: Values) -> NDArray[np.bool_]:
     """Return which rows dominate which, (n, n): as good in every column and better in one; higher is better.
 
-    Rows with values that are not finite dominate nothing and are dominated by all finite rows.
+    Rows with values that are not finite dominate no rows and are dominated by all finite rows.
     """
     finite: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(values), axis=1)
     filled = np.where(finite[:, np.newaxis], values, 0.0)

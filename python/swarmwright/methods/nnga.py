@@ -29,7 +29,7 @@ class SteadyMembers:
     worst member, whether it is better or not; the best is never lost.
 
     Args:
-        options: of the method.
+        options: options of the method.
         representation: provides the operators on genomes.
     """
 

@@ -25,7 +25,7 @@ class Nsga2Options(MethodOptions):
     population: int = Field(default=100, ge=4, le=4_000)
     """Members, and children in each generation."""
     objectives: dict[str, Literal["maximize", "minimize"]] = Field(default={}, max_length=8)
-    """Metrics to optimize beside the fitness, as means over episodes: `{energy: minimize}`. Required in
+    """Metrics to optimize besides the fitness, as means over episodes: `{energy: minimize}`. Required in
     experiments."""
     crossover: float = Field(default=0.9, ge=0, le=1)
     """Probability of a child of two members, which is then mutated; other children are mutated copies."""

@@ -64,7 +64,7 @@ class Race:
         instances: numbers of the first instances, in order, followed by those from `unseen` on.
         unseen: the lowest number of an unused instance outside `instances`.
         budget: evaluations after which there is no further test.
-        rules: of the race.
+        rules: rules of the race.
     """
 
     def __init__(

@@ -118,7 +118,7 @@ class SlowRanking(Ranking):
     def _replay(
         self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]
     ) -> tuple[Ranked, NDArray[np.bool_]]:
-        """Replay the rounds of an evaluated generation; return it and who the slow simulation evaluated."""
+        """Replay the rounds of a generation; return it and which candidates the slow simulation evaluated."""
         transferred = np.zeros(len(fast), dtype=np.bool_)
         rounds = self.rounds(self.replace_failures(fast), metrics)
         try:

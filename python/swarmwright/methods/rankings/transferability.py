@@ -72,7 +72,7 @@ class Transferability(SlowRanking):
 
     Source: Koos, Mouret and Doncieux, "The transferability approach: crossing the reality gap in evolutionary
     robotics", IEEE Transactions on Evolutionary Computation 17(1), 2013, doi:10.1109/TEVC.2012.2185849.
-    In the source, disparity is a separate objective beside fitness and diversity.
+    In the source, disparity is a separate objective besides fitness and diversity.
     """
 
     kind: ClassVar[str] = "transferability"
@@ -93,7 +93,7 @@ class Transferability(SlowRanking):
         return min(candidates, self.options.transfers)
 
     def rounds(self, fast: Episodes, metrics: NDArray[np.float64]) -> Rounds:
-        """Choose the best candidates and those unlike known ones; see `SlowRanking.rounds`."""
+        """Choose the best candidates and those that differ most from known ones; see `SlowRanking.rounds`."""
         approximate = row_means(fast)
         working = np.isfinite(approximate)
         points = _descriptors(approximate, metrics)
