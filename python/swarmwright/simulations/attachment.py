@@ -180,7 +180,7 @@ class Attachment(Options):
 
 
 TRIES = 10_000
-"""Most positions that are tried for a robot."""
+"""Largest number of positions that are tried for a robot."""
 
 Position = TypeVar("Position")
 

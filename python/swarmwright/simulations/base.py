@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 _LARGEST_COUNT = 1_000_000
-"""Most agents, sensors or actuators of a group."""
+"""Largest number of agents, sensors or actuators of a group."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class Described(ABC):
     """Whether a process can have several objects of this class, whose episodes are then stepped side by side
     in the mode `batched`. False if objects hold a unique resource: a window, a robot, a port."""
     most_steps: int | None = 1_000_000
-    """Most steps of an episode; an episode that is not done after them fails. None: no limit."""
+    """Largest number of steps of an episode; an episode that is not done after them fails. None: no limit."""
     frame_seconds: float = 0.1
     """Seconds between two frames when displayed."""
     step_seconds: float | None = None
@@ -349,7 +349,7 @@ class BatchSimulation(Described):
     """
 
     lanes: int = 1024
-    """Most episodes in a call."""
+    """Largest number of episodes in a call."""
 
     @abstractmethod
     def reset(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> ArrayLike:

@@ -17,13 +17,14 @@ from swarmwright.common.tracebacks import exception_text, is_installed
 from swarmwright.common.tracebacks import shorten_path as shown_path
 
 _STACK = 8000
-"""Most characters of a traceback; the end is kept, which has the exception."""
+"""Largest number of characters of a traceback; the end is kept, which has the exception."""
 
 _REASON = 2000
-"""Most characters of a reason. The engine cuts longer ones (`MOST_REASON`), and reasons identify failures."""
+"""Largest number of characters of a reason. The engine cuts longer ones (`MOST_REASON`), and reasons identify
+failures."""
 
 _WORDS = 1000
-"""Most characters of an exception's message in a reason; the line that raised it follows."""
+"""Largest number of characters of an exception's message in a reason; the line that raised it follows."""
 
 _FOLDER = Path(__file__).parent
 
@@ -35,7 +36,7 @@ OBSERVATIONS_ALONE = (
 """Message for a simulation whose `reset` or `step` returns a tuple, as a Gymnasium environment does."""
 
 _REMEMBERED = 100
-"""Most different failures that are reported, each once."""
+"""Largest number of different failures that are reported, each once."""
 
 Instance = TypeVar("Instance")
 

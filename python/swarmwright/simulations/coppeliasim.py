@@ -26,7 +26,7 @@ from swarmwright.simulations.command.ros_definition import Pose
 PORT = 23000
 """Default port of CoppeliaSim."""
 _LONGEST_STOP = 1000
-"""Most checks, 10 ms apart, whether a simulation has stopped."""
+"""Largest number of checks, 10 ms apart, whether a simulation has stopped."""
 _CHECK_MS = 200
 
 

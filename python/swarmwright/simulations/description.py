@@ -16,7 +16,7 @@ from swarmwright.simulations.base import BatchSimulation, Described, Group, Simu
 from swarmwright.simulations.parameters import Parameter, parse_parameters
 
 _LARGEST_COUNT = 1_000_000
-"""Most agents, sensors or actuators."""
+"""Largest number of agents, sensors or actuators."""
 _MOST_STEPS = 10**15
 """Largest `most_steps`."""
 _DETERMINISMS = ("bitwise", "statistical", "none")

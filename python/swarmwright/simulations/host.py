@@ -49,7 +49,7 @@ def choose_display(kind: type[Simulation] | type[BatchSimulation]) -> Literal["s
 def make_drawing_class(kind: type[Simulation]) -> type[Simulation]:
     """Return the class whose objects draw pictures, which environments of libraries do only on request.
 
-    Raises InputError if the environment cannot.
+    Raises InputError if the environment cannot draw.
     """
     make = getattr(kind, "make_rendering_class", None)
     drawing_class: type[Simulation] = kind if make is None else make()

@@ -263,10 +263,10 @@ def import_with_digest(path: Path) -> tuple[ModuleType, str]:
 
 
 def find_file(folder: Path, name: str, sha256: str) -> Path | None:
-    """Return the file with some source, in a folder or in the copies of a run there; None without one.
+    """Return the file with a source, in a folder or in the copies of a run there; None if there is none.
 
-    name: of the file alone. sha256: as `import_with_digest` returns it. Raises InputError when it is not
-    trusted.
+    name: name of the file without folders. sha256: as `import_with_digest` returns it. Raises InputError if
+    the file is not trusted.
     """
     if Path(name).name != name:
         return None

@@ -14,7 +14,7 @@ from swarmwright.simulations.user_code.copying import CopiedPart, Copy, list_pat
 FROM_FILE = "swarmwright_files."
 """Prefix of the names of modules that are named by their file, see that package."""
 _SCRIPTS = ("__main__", "__mp_main__")
-"""Names of a script's module, in its own process and in those that multiprocessing starts."""
+"""Names of a script's module, in its own process and in processes started by multiprocessing."""
 files: dict[str, ModuleType] = {}
 """Path of a file -> its module."""
 

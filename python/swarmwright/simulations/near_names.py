@@ -30,7 +30,7 @@ def describe_missing_class(name: str, folder: Path | None = None) -> str:
 
 
 _MOST_FILES = 200
-"""Most files of a folder that are searched for classes."""
+"""Largest number of files of a folder that are searched for classes."""
 _LARGEST_FILE = 1 << 20
 """Bytes of a file that is searched for classes, at most."""
 

@@ -42,7 +42,7 @@ class Trial:
     seed: int
     """Seed of the episode and of its actions."""
     steps: int
-    """Most steps."""
+    """Largest number of steps."""
 
     def run(self, host: Host, seed: int | None = None, *, with_scenes: bool = False) -> Outcome:
         """Run the episode.
@@ -81,7 +81,7 @@ def _append_trace(trace: list[tuple[str, str]], step: int, state: StepResult) ->
 
 
 def difference(repeated: Outcome, original: Outcome, host: Host) -> str | None:
-    """Return in what two episodes that should be the same differ first; None where they do not.
+    """Return the first difference of two episodes that should be the same; None if there is none.
 
     host: host of the simulation, whose declared determinism decides what must agree.
     """

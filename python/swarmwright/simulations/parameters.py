@@ -40,7 +40,7 @@ class Parameter:
         return _KINDS.get(plain, "any")
 
     def problem(self, value: Any) -> str | None:  # noqa: ANN401 - any JSON value
-        """Return what is wrong with a value; None if it is valid."""
+        """Return the problem with a value; None if it is valid."""
         kind = self.kind
         fits = {
             "any": True,

@@ -24,7 +24,7 @@ class Wall:
     points: NDArray[np.float32]
     """Corners counter-clockwise, (corners, 2), metres."""
     height: float
-    """Metres."""
+    """Height in metres."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ SUPERVISOR = "supervisor"
 """Name of the supervisor robot that resets the simulation."""
 _ROBOT = Path(__file__).with_name("_webots_robot.py")
 _CHUNK_BYTES = 1 << 16
-"""Bytes of a read."""
+"""Largest number of bytes per read."""
 _END_S = 2.0
 _CHECK_S = 0.5
 _LATE_S = 0.1

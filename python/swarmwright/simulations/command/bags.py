@@ -18,7 +18,8 @@ from typing import IO, Any
 from swarmwright.simulations.command.process import CommandFailure
 
 LARGEST_CHUNK_BYTES = 1 << 26
-"""Most unpacked bytes of a chunk or a message; messages of a chunk take several times as much memory."""
+"""Largest number of unpacked bytes of a chunk or a message; messages of a chunk take several times as much
+memory."""
 _UNPACKED_BYTES = 1 << 28
 """Unpacked bytes that are allowed for any log."""
 _UNPACKED_TIMES = 100
@@ -205,9 +206,9 @@ _UNPACKERS: dict[str, Callable[[bytes], Iterator[bytes]]] = {
 
 
 _ITEMS = 64
-"""Most items of an array that become columns, `ranges.0`, `ranges.1`, .."""
+"""Largest number of items of an array that become columns, `ranges.0`, `ranges.1`, .."""
 _WORDS = 200
-"""Most characters of a library's message, which may repeat the definitions of all types."""
+"""Largest number of characters of a library's message, which may repeat the definitions of all types."""
 _NEEDED = {"rosbag": ("rosbags",), "mcap": ("rosbags", "mcap")}
 
 Row = tuple[str, dict[str, Any]]

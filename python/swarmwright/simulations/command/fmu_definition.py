@@ -37,7 +37,7 @@ from swarmwright.simulations.fmu.description import (
 from swarmwright.simulations.fmu.ssp import ENDING, VERSION, Algorithm, describe
 
 MOST = 1000
-"""Most variables of an FMU that are used without being named."""
+"""Largest number of variables of an FMU that are used without being named."""
 
 Problem = tuple[Path_, str]
 

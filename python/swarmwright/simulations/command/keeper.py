@@ -30,7 +30,7 @@ _GRACE_S = 2.0
 """Seconds that processes have to end when the other end of the socket has closed."""
 _SUBREAPER, _DEATH_SIGNAL = 36, 1
 _LARGEST_MESSAGE_BYTES = 1 << 20
-"""Most bytes of a message of the parent."""
+"""Largest size of a message of the parent in bytes."""
 _IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LINUX = sys.platform == "linux"
 

@@ -98,9 +98,9 @@ _FORMATS = {
 Reader = Callable[[str, Path | bytes, Collection[str]], Iterator[Row]]
 """Called with a log's name, its path or content, and the names of the required columns."""
 _SHOWN_NAMES = 12
-"""Most names of columns in a message."""
+"""Largest number of names of columns in a message."""
 _SHOWN_CHARACTERS = 60
-"""Most characters of a line in a message."""
+"""Largest number of characters of a line in a message."""
 _PLAIN = re.compile(r"[0-9A-Za-z.+-]+")
 """A number, NaN or infinity, or another word."""
 _KINDS = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}

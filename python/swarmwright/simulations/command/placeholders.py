@@ -291,7 +291,7 @@ def _suggest_variable(name: str) -> str:
 
 
 def _is_number(value: object) -> bool:
-    """Return whether a value has no text of a peer: numbers, truth values, nothing, and lists of these."""
+    """Return whether a value has no text of a peer: numbers, booleans, null, and lists of these."""
     if isinstance(value, list | tuple):
         return all(map(_is_number, value))
     return value is None or isinstance(value, bool | int | float)

@@ -48,7 +48,7 @@ class ReportedFailure(CommandFailure):
 
 KEEPER = Path(__file__).with_name("keeper.py")
 _LARGEST_MESSAGE_BYTES = 1 << 20
-"""Most bytes of the keeper's answer."""
+"""Largest size of the keeper's answer in bytes."""
 _ANSWER_S = 30.0
 """Seconds to wait for the keeper's answer, for slow machines."""
 _POLL_S = 0.25
@@ -317,12 +317,12 @@ def resolve_word(word: str, folder: Path) -> str:
 LINES, _LINE = 20, 400
 """Number of last lines that are kept, and most characters of each."""
 _LOGGED_CHARACTERS = 4096
-"""Most characters of a logged line."""
+"""Largest number of characters of a logged line."""
 _LOGGED_LINES, _LOGGED_S = 10_000, 60.0
-"""Most lines that are logged in an interval, and its seconds. Logging a line takes longer than printing it,
-and the limits of the process are not checked meanwhile."""
+"""Largest number of lines that are logged in an interval, and its seconds. Logging a line takes longer than
+printing it, and meanwhile the limits of the process are not checked."""
 _CHUNK_BYTES = 1 << 16
-"""Bytes of a read."""
+"""Largest number of bytes per read."""
 _SUMMARY_LINES = 3
 """Lines of output in a reason."""
 
@@ -434,12 +434,12 @@ class Limits:
 
     @property
     def most_output(self) -> int:
-        """Most bytes of output."""
+        """Largest size of output in bytes."""
         return int(self.output * MEGABYTE)
 
     @property
     def largest(self) -> int:
-        """Most bytes of a file."""
+        """Largest size of a file in bytes."""
         return int(self.disk * MEGABYTE)
 
 

@@ -414,7 +414,7 @@ _OF_METRICS = {"time", "robots", "service", "entity", "otherwise"}
 
 
 _TRIGGERS = ("std_srvs/Trigger", "std_srvs/Empty")
-"""Types of services by default: of a step, of a reset."""
+"""Default types of services, of a step and of a reset."""
 ATTACHMENT = "attachment.json"
 """Name of the program's input file in the folder of an instance."""
 INSTANCE_PLACEHOLDERS = ("instance", "port", "domain", "folder", "here")
@@ -422,7 +422,7 @@ INSTANCE_PLACEHOLDERS = ("instance", "port", "domain", "folder", "here")
 DOMAINS = 100
 """DDS domains for instances; the ports of higher domains may be used by other programs on Linux."""
 MOST_ROBOTS = 1000
-"""Most robots of an experiment."""
+"""Largest number of robots of an experiment."""
 PROGRAM = Path(__file__).parents[1] / "ros"
 """The folder of the program that controls the robots, which another Python can start."""
 

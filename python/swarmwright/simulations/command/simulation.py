@@ -47,7 +47,7 @@ from swarmwright.simulations.parameters import Parameter
 from swarmwright.simulations.user_code.command_sources import digest
 
 _MOST_BUILDS = 32
-"""Most builds that are kept; those used last are."""
+"""Largest number of builds to keep; the least recently used ones are deleted."""
 
 
 @contextmanager
@@ -63,7 +63,8 @@ def _lock(path: Path) -> Iterator[None]:
 def _build_once(folder: Path, build: Callable[[Path], None]) -> None:
     """Create a folder and call `build` to fill it, unless that was done before. Raises its exceptions.
 
-    folder: its name is a digest of its content; the oldest of many folders beside it are deleted.
+    folder: its name is a digest of its content; if there are many such folders beside it, the oldest are
+    deleted.
     """
     folder.parent.mkdir(exist_ok=True)
     done = folder / ".done"
@@ -214,7 +215,7 @@ _log = logging.getLogger("swarmwright")
 _TEMPORARY = ".tmp"
 """Folder for temporary files in a work folder."""
 _LONGEST_TEMPORARY = 60
-"""Most characters of its path; the path of a socket has at most 107."""
+"""Largest number of characters of its path, since the path of a socket has at most 107."""
 _DIGITS = 12
 """Digits of the digest in a title."""
 
@@ -255,7 +256,7 @@ class CommandSimulation(Simulation):
     folder: Path
     """The work folder of the episode."""
     build: Path | None = None
-    """The folder where the controller is compiled, if it is."""
+    """The folder where the controller is compiled; None if it is not compiled."""
     environment: dict[str, str]
     """Environment variables of the command, in addition to those of this process."""
     seed: int

@@ -164,12 +164,12 @@ class WaitTimes:
 
 
 CHUNK_BYTES = 1 << 16
-"""Bytes of a read."""
+"""Largest number of bytes per read."""
 _LONGEST_LINE_BYTES = 1 << 26
-"""Most bytes of an answer."""
+"""Largest size of an answer in bytes."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BEGINNING = 60
-"""Most bytes of an answer in a message."""
+"""Largest size of an answer in a message in bytes."""
 
 
 def is_answer(line: bytes | bytearray) -> bool:
@@ -230,7 +230,7 @@ class Lines:
 
 
 _LONGEST_WARNING = 1000
-"""Most characters of a command's warning."""
+"""Largest number of characters of a command's warning."""
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
 _SURPLUS_S = 0.05
@@ -396,7 +396,7 @@ class Dialogue:
             has_read = True
 
     def _read_more(self, patience: float) -> bool:
-        """Read output for at most these seconds; return False for nothing, or at the end of the output."""
+        """Read output for at most `patience` seconds; return False if there was none, or at its end."""
         assert self._pipes is not None
         # Not with poll, whose times are whole milliseconds.
         if not select.select([self._pipes[1]], [], [], patience)[0]:

@@ -17,9 +17,9 @@ from swarmwright.common.message_kinds import kind_of
 from swarmwright.common.temporary import private_folder, remove
 
 LARGEST_BYTES = 1 << 26
-"""Most bytes of a file of a simulation; larger files are not copied into run folders."""
+"""Largest size of a file of a simulation in bytes; larger files are not copied into run folders."""
 _MOST_FILES = 10_000
-"""Most files of all folders together, as they are copied for every episode."""
+"""Largest number of files of all folders together, as they are copied for every episode."""
 
 
 def iterate_files(folder: Path) -> Iterator[Path]:
@@ -109,11 +109,12 @@ def iterate_texts(files: Mapping[str, str], folder: Path) -> Iterator[tuple[str,
 _PORTS, _EACH = 21_000, 20
 """First port, and number of ports of an instance."""
 _MOST_INSTANCES = 2000
-"""Most instances on a machine."""
+"""Largest number of instances on a machine."""
 _MOST_KINDS = 5
-"""Most kinds of failures of a process for which a work folder is kept."""
+"""Largest number of kinds of failures of a process for which a work folder is kept."""
 _MOST_FAILED = 10
-"""Most work folders of failed episodes that are kept for an instance's number; the latest are kept."""
+"""Largest number of work folders of failed episodes that are kept for an instance's number; the latest are
+kept."""
 
 
 class Instance:

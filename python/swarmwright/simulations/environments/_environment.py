@@ -128,7 +128,7 @@ class Actuators(NamedTuple):
     act: Callable[..., Any]
     """(width,), -1 to 1, and optionally the choices that are allowed -> action"""
     ranges: tuple[Range | None, ...]
-    """The values that -1 and 1 stand for; None for numbers that are not scaled, or that choose."""
+    """The values that correspond to -1 and 1; None for numbers that are not scaled, or are choices."""
 
 
 def with_mask(observations: Any, actions: Any, where: str) -> tuple[Sensors, Callable[[Any], Allowed | None]]:  # noqa: ANN401 - spaces of an environment
@@ -412,7 +412,7 @@ def _choice(count: int) -> tuple[int, Callable[[Numbers, Allowed | None], int]]:
 
 
 STEPS = 200
-"""Most steps of a trial. Differences appear in BipedalWalker-v3 once it has fallen, and in
+"""Largest number of steps of a trial. Differences appear in BipedalWalker-v3 once it has fallen, and in
 knights_archers_zombies once a zombie has got through, after 141 steps."""
 SECONDS = 5.0
 """Time limit of all trials together, so that servers start their work soon."""

@@ -98,14 +98,14 @@ RANGE = "swarmwright.range"
 _DESCRIPTION = "modelDescription.xml"
 _LARGEST_XML_BYTES = 1 << 26
 _MOST_NODES = 1_000_000
-"""Most elements and attributes of an XML file, each of which takes about 500 bytes in memory."""
+"""Largest number of elements and attributes of an XML file, each of which takes about 500 bytes in memory."""
 _DEEPEST_NESTING = 200
 _MOST_ELEMENTS = 10_000
-"""Most elements of an array variable."""
+"""Largest number of elements of an array variable."""
 _MOST_VARIABLES = 500_000
-"""Most variables, including elements of arrays."""
+"""Largest number of variables, including elements of arrays."""
 _MOST_FAULTS = 300
-"""Most characters of a library's message about an invalid file."""
+"""Largest number of characters of a library's message about an invalid file."""
 
 
 @dataclass(frozen=True)
@@ -512,7 +512,7 @@ _SIGNED = {kind: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for kind, bits in _WI
 _UNSIGNED = {f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)}
 _LIMITS: Mapping[str, tuple[int, int]] = {**_SIGNED, **_UNSIGNED}
 _MOST_ITEMS = 20
-"""Most items of an enumeration in a message."""
+"""Largest number of items of an enumeration in a message."""
 
 
 def get_limits(variable: Variable) -> tuple[int, int] | None:

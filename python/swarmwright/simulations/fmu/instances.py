@@ -38,9 +38,9 @@ _REFERENCE = re.compile(r"##|#([ribs])(\d+)#")
 2.1.5."""
 _REFERENCE_TYPES = {"r": ("Real",), "i": ("Integer", "Enumeration"), "b": ("Boolean",), "s": ("String",)}
 _MOST_PLANS = 10_000
-"""Most cached lists of variables; there are three for each agent."""
+"""Largest number of cached lists of variables; there are three for each agent."""
 _MOST_WARNINGS = 1000
-"""Most warnings of an instance that are printed; an FMU may have a warning in each step."""
+"""Largest number of warnings of an instance that are printed; an FMU may have a warning in each step."""
 _STATUS = {_DISCARD: "that it is not done", 3: "an error", _FATAL: "a fatal error"}
 
 

@@ -9,7 +9,7 @@ Source: Todorov, Erez, Tassa, MuJoCo: A physics engine for model-based control, 
 from swarmwright.simulations.mujoco._library import load as _load
 
 undrawable = _load()
-"""Exception because of which MuJoCo cannot draw on this machine; None if it can."""
+"""Exception that explains why MuJoCo cannot draw on this machine; None if it can."""
 
 from swarmwright.simulations.mujoco._missions import Missions  # noqa: E402
 from swarmwright.simulations.mujoco._quadrotors import Quadrotors  # noqa: E402

@@ -11,7 +11,7 @@ _DRAWING_ADVICE = (
 
 
 def load() -> Exception | None:
-    """Import mujoco; return the exception because of which it cannot draw, None if it can.
+    """Import mujoco; return the exception that prevents drawing, None if it can draw.
 
     The renderer that MUJOCO_GL names is loaded with the library. If that fails, the library is imported
     without it, as only videos need it.

@@ -24,7 +24,7 @@ WALL = 0.05
 """Half the thickness of a wall."""
 _KEYS = {"width", "depth", "height", "pillars"}
 _TRIED_PLACES = 10_000
-"""Most positions that are tried for bodies."""
+"""Largest number of positions that are tried for bodies."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ Numbers = NDArray[np.float64]
 PILLAR = 0.25
 """Radius of pillars that are placed by the seed, metres."""
 SECTORS, RAYS = 8, 3
-"""Number of range sensors around a robot, and of the rays of each, of which the nearest hit is used."""
+"""Number of range sensors around a robot, and of the rays of each, whose nearest hit is used."""
 RANGES = tuple(f"range {360 * sector // SECTORS} degrees" for sector in range(SECTORS))
 """Names of range sensors: counterclockwise from straight ahead, or from x."""
 _VISIBLE_GROUPS = np.array([1, 0, 0, 1, 0, 0], np.uint8)
@@ -351,7 +351,7 @@ class Robots(Simulation):
         self._free = first[:, None] + np.arange(7)
         offsets = (np.arange(SECTORS * RAYS) - (RAYS - 1) / 2) / RAYS
         self._angles = offsets * 2 * np.pi / SECTORS
-        # The robot of a geom is that of its root body.
+        # The robot of a geom is the one with the same root body.
         roots = self.model.body_rootid[self.model.geom_bodyid]
         robot_of = {int(body): number for number, body in enumerate(self._bodies)}
         self._owner = np.array([robot_of.get(int(root), _OTHER) for root in roots])

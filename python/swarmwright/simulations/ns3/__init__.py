@@ -27,7 +27,7 @@ _LIBRARIES = ("core", "network", "mobility", "propagation", "wifi")
 _RATES = {1.0: "DsssRate1Mbps", 2.0: "DsssRate2Mbps", 5.5: "DsssRate5_5Mbps", 11.0: "DsssRate11Mbps"}
 """Mbit/s -> ns-3's name of the mode."""
 _LARGEST_MESSAGE = 2200
-"""Most bytes of a message: those of an 802.11 frame, less its headers."""
+"""Largest size of a message in bytes: those of an 802.11 frame, less its headers."""
 _LARGEST_SEED = 4294944442
 """Largest seed of ns-3's generator, MRG32k3a."""
 _THRESHOLD_DBM = -82.0
@@ -35,7 +35,7 @@ _THRESHOLD_DBM = -82.0
 _LOSS_AT_ONE_METRE_DB = 40.05
 """At 2.4 GHz in free space, as in radios.cpp."""
 _MOST_RADIOS = 10_000
-"""Most radios of a simulation."""
+"""Largest number of radios of a simulation."""
 
 
 class Delivery(NamedTuple):
@@ -65,7 +65,7 @@ class Radios:
         seed: seed of all random numbers, 0 to 2^63 - 1.
         range: metres, above 0, at which the received power falls to the threshold of -82 dBm; `power` follows
             from it.
-        exponent: of the path loss, 1 to 10: 2 in free space, 3 to 4 in buildings.
+        exponent: exponent of the path loss, 1 to 10: 2 in free space, 3 to 4 in buildings.
         fading: shape m of Nakagami fading, 0.5 to 100: 1 is Rayleigh fading, larger values vary less; 0 for
         no
             fading.

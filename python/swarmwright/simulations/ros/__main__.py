@@ -1,6 +1,6 @@
 """Drives robots of a ROS system stepwise: `python3 THIS_FOLDER ATTACHMENT.json`.
 
-Any Python 3.8 or later can run it, with this folder alone.
+Python 3.8 or later can run it with only this folder.
 """
 
 from __future__ import annotations

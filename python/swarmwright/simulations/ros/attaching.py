@@ -23,7 +23,7 @@ from .simulation_interfaces import MESSAGES, SERVICES, SimulationError
 _IDLE_S = 1.0
 """Seconds beyond a step's duration without a message after which continuously moving robots are stopped."""
 _CHUNK_BYTES = 1 << 16
-"""Bytes of a read."""
+"""Largest number of bytes per read."""
 _FAILURES = (Failure, MappingError, MiddlewareError, ProcessError, SimulationError, TimeoutError)
 
 

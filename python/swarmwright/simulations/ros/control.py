@@ -20,7 +20,7 @@ _REPEAT_S = 0.5
 _STEPS_DEPTH = 1000
 _EVENTS_DEPTH = 10
 _DEEPEST = 10
-"""Most levels of nesting in a mapping."""
+"""Largest number of levels of nesting in a mapping."""
 
 
 class Controller(Protocol):

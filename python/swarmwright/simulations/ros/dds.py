@@ -37,7 +37,7 @@ _MOST_DOMAIN = 232
 """Highest number of a domain, limited by port numbers."""
 _SERVICE_DEPTH = 10
 _ENDPOINTS = 4096
-"""Most endpoints of other nodes that are searched for their types."""
+"""Largest number of endpoints of other nodes that are searched for their types."""
 _domains: dict[int, Any] = {}
 """Domains that this process has configured; it can do so only once."""
 
@@ -270,7 +270,7 @@ class _Receiver:
                 self._callback(sample)
 
     def publishers(self) -> int:
-        """Return how many publish on it."""
+        """Return the number of publishers on the topic."""
         return len(self.reader.get_matched_publications())
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ def resolve(name: str, namespace: str = "/", node: str = "node") -> str:
 
     Args:
         name: absolute (`/scan`), relative (`scan`), or private to the node (`~/steps`).
-        namespace: of the node, with or without the first `/`.
+        namespace: namespace of the node, with or without the first `/`.
         node: its name, for private names.
 
     Raises ValueError, with the reason, if the name is not valid.

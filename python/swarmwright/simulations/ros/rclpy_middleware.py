@@ -145,7 +145,7 @@ class _Subscription:
         self._node, self._name, self._subscription = node, name, subscription
 
     def publishers(self) -> int:
-        """Return how many publish on it."""
+        """Return the number of publishers on the topic."""
         return int(self._node.count_publishers(self._name))
 
     def close(self) -> None:

@@ -22,9 +22,9 @@ from swarmwright.simulations.user_code.parts import (
 )
 
 LINES = 60
-"""Most lines of a difference."""
+"""Largest number of lines of a difference."""
 _SHOWN_CHARACTERS = 200
-"""Most characters of a displayed line."""
+"""Largest number of characters of a displayed line."""
 
 
 def read_current(copy: Copy, copied_part: CopiedPart) -> Part | None:

@@ -21,7 +21,7 @@ FOLDER = "code"
 """Folder of copies in a run folder, with a subfolder for each version: 1, 2, .."""
 _MANIFEST = "manifest.json"
 _LARGEST_FILE_BYTES = 1 << 28
-"""Most bytes of a file of a copy."""
+"""Largest size of a file of a copy in bytes."""
 
 
 @dataclass(frozen=True)

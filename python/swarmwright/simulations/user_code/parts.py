@@ -204,7 +204,7 @@ def distributions(parts: Iterable[Part]) -> tuple[str, ...]:
 
 
 LARGEST_BYTES = 1 << 28
-"""Most bytes of all data files of a simulation."""
+"""Largest size of all data files of a simulation in bytes."""
 _OF_A_RUN = ("run.sqlite", "run.sqlite.new")
 """Files that identify a run folder."""
 
