@@ -20,9 +20,9 @@ class Bodies(Sequence[Body]):
     Args:
         x: (bodies,), in the scene's unit, like y and radius.
         y: (bodies,)
-        kind: of all bodies, or one for each.
-        state: of all bodies, or one for each.
-        radius: of all bodies, or (bodies,).
+        kind: kind of all bodies, or one for each.
+        state: state of all bodies, or one for each.
+        radius: radius of all bodies, or (bodies,).
         heading: (bodies,), radians counter-clockwise from the x axis; NaN or None: no heading.
         value: (bodies,), numbers that determine colours; NaN or None: no value.
         labels: a text for each body, or None.

@@ -155,8 +155,8 @@ class Part:
     """One of the episodes that a page shows side by side.
 
     name: its name on the page. machines: state machines of the agents' controllers. sensor_names,
-    actuator_names: of an agent; numbered if empty. kinds: kinds of agents, if the simulation has several.
-    step_seconds: simulated seconds of a step, if known.
+    actuator_names: actuator names of an agent; numbered if empty. kinds: kinds of agents, if the simulation
+    has several. step_seconds: simulated seconds of a step, if known.
     """
 
     recording: Recording

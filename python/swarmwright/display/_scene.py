@@ -29,7 +29,8 @@ class Ray:
     """The line of sight of a body's sensor.
 
     angle: from the body's heading, radians counter-clockwise. start: distance of its beginning from the
-    middle of the body. length: from its beginning, in the scene's unit. reading: of the sensor, 0 to 1.
+    middle of the body. length: from its beginning, in the scene's unit. reading: reading of the sensor, 0 to
+    1.
     """
 
     angle: float

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import RunError, engine_errors
 
 MOST_NUMBERS = 30_000_000
-"""Most sensor and actuator values of an episode (120 MB). With more agents, only the first are recorded."""
+"""Largest number of sensor and actuator values of an episode (120 MB). With more agents, only the first are
+recorded."""
 
 
 MOST_STATE = 254

@@ -18,7 +18,7 @@ from swarmwright.display._scene import Scene
 from swarmwright.display.drawing import Picture
 
 _LEAST_SHARE = 0.6
-"""Least share of a frame's time; steps that last less are skipped."""
+"""Smallest duration of a step, as a share of a frame's time; shorter steps are skipped."""
 
 
 def compute_pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -> tuple[float, float]:

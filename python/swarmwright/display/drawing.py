@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 _MOST_LABELS = 200
-"""Most labels that are drawn."""
+"""Largest number of labels that are drawn."""
 _LABEL_CHARACTERS = 24
 """Longest label, in characters."""
 _FONT_SIZE_POINTS = 8.0
@@ -124,7 +124,7 @@ class _FreeSpace:
     def take(self, index: int, letters: int, before: int | None) -> tuple[int, tuple[float, float]] | None:
         """Reserve space for a body's label; return its side and offset in points, None if there is no space.
 
-        letters: of the label. before: the side in the previous frame, which is tried first.
+        letters: number of letters of the label. before: the side in the previous frame, which is tried first.
         """
         wide, high = _LETTER * _FONT_SIZE_POINTS * letters, _FONT_SIZE_POINTS
         reach = wide + high + self._radii[index] + _GAP_POINTS + self._largest
@@ -159,9 +159,9 @@ class _FreeSpace:
 
 
 _NUMBERS = 12
-"""Most numbers on a side."""
+"""Largest number of labels of an axis."""
 _LINES = 64
-"""Most cells on a side with drawn borders; more would be illegible."""
+"""Largest number of cells on a side with drawn borders; more would be illegible."""
 
 
 def prepare_axes(axes: "Axes", scene: Scene) -> "Rectangle":
@@ -304,9 +304,9 @@ TRAIL_STEPS = 12
 LONG_TRAIL_STEPS, LONG = 60, 300
 """Length of a trail in episodes with more steps than LONG, whose steps are short."""
 MOST_TRAILS = 1000
-"""Most moving bodies with trails; more would hide the map."""
+"""Largest number of moving bodies with trails; more would hide the map."""
 MOST_POINTS = 400
-"""Most points of the trail of a whole episode."""
+"""Largest number of points of the trail of a whole episode."""
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 7.0, 0.42, 0.2, 0.45, 0.72
 """Width of the picture and margins for numbers, title and legend, in inches."""

@@ -47,7 +47,7 @@ def write(
 
 
 def encode(images: "Iterator[Image]", seconds: float, path: Path, *, title: str) -> None:
-    """Write RGB images of one size, each standing for so many seconds, as an MP4. Raises as `write`."""
+    """Write RGB images of one size as an MP4, each shown for `seconds`. Raises as `write`."""
     ffmpeg = _find_ffmpeg(path)
     first = next(images)
     # 4:2:0 colour needs even sides.

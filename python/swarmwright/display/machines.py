@@ -35,8 +35,8 @@ class Group:
 class Machines:
     """The state machines of the controllers of an episode.
 
-    kind: of the controller, for messages; empty if unknown. machine: of all agents; None for a controller
-    without states, or too large to draw. groups: of a team; None for any other controller.
+    kind: kind of the controller, for messages; empty if unknown. machine: of all agents; None for a
+    controller without states, or too large to draw. groups: groups of a team; None for any other controller.
     """
 
     kind: str = ""
@@ -76,7 +76,7 @@ class Machines:
 class StateColors:
     """Colours of controller states, different for each group of a team.
 
-    labels: of the colours in legends. first: (agents,), index of the colour of an agent's state 0.
+    labels: labels of the colours in legends. first: (agents,), index of the colour of an agent's state 0.
     """
 
     labels: tuple[str, ...]
@@ -88,8 +88,8 @@ class StateColors:
     ) -> Self:
         """Return the colours of an episode.
 
-        machines: of the controllers. states: (scenes, agents), -1 for agents whose controllers have no
-        states. bodies: of the first scene, whose names identify the group of an agent.
+        machines: machines of the controllers. states: (scenes, agents), -1 for agents whose controllers have
+        no states. bodies: bodies of the first scene, whose names identify the group of an agent.
         """
         first = np.zeros(states.shape[1], dtype=np.int64)
         groups = machines.groups_with_colors

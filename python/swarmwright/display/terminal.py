@@ -104,7 +104,7 @@ def _paint(text: str, state: int) -> str:
 HIDE_CURSOR, SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
 CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
 LINES = 24
-"""Most lines of a scene without a terminal."""
+"""Largest number of lines of a scene without a terminal."""
 
 
 def play(

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 Drawn = tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]
 _COLUMNS = 3
-"""Most columns of the legend."""
+"""Largest number of columns of the legend."""
 _LABEL = 34
 """Longest line of the legend, in characters."""
 _NAME = 18
@@ -57,7 +57,7 @@ _MARGINS = 0.2
 _OTHER_WIDTH_INCHES = 8.0
 """Inches of the figure without the boxes' axes: the curves, and labels of all axes."""
 _LEVEL_NAMES_INCHES = 6.0
-"""Widest boxes' axes with horizontal names, in inches."""
+"""Largest width of the boxes' axes with horizontal names, in inches."""
 _NARROW_ROW = 0.62
 """Height of axes with labels in a column, relative to its width."""
 _LEAST_ROW = 2.4
@@ -71,7 +71,7 @@ _AXIS_INCHES = 0.7
 _ROW = 3.8
 """Height of a task in inches, if there are several."""
 _MOST_TASKS = 20
-"""Most tasks with separate axes; more would make the figure too high."""
+"""Largest number of tasks with separate axes; more would make the figure too high."""
 _TASK = 60
 """Longest task name, in characters."""
 _AXIS = 24
@@ -81,9 +81,9 @@ _AXIS_ALONE = 46
 _LEGEND_LINE_INCHES = 0.2
 """Height of a line of the legend, in inches."""
 _MOST_SUBJECTS = 2
-"""Most simulations whose missions are in the title; with more, it lists the simulations only."""
+"""Largest number of simulations whose missions are in the title; with more, it lists the simulations only."""
 _MOST_SHADED_GROUPS = 3
-"""Most groups with shading from the worst to the best run; more would be illegible."""
+"""Largest number of groups with shading from the worst to the best run; more would be illegible."""
 
 
 @use_style_fonts()
@@ -97,12 +97,12 @@ def draw(
 
     Args:
         comparison: drawn in the order of its tasks and groups.
-        designs: of its groups, which determine the colours.
+        designs: designs of its groups, which determine the colours.
         x: "evaluations" or "generations".
     """
     design_of = {id(group): design for design in designs for group in design.groups}
     tasks = comparison.tasks
-    rows = [list(task.groups) for task in tasks]  # fitness of unlike tasks has unlike units
+    rows = [list(task.groups) for task in tasks]  # fitness has different units in different tasks
     if len(tasks) > _MOST_TASKS:
         rows = [[member for row in rows for member in row]]
     named_designs = [[design_of[id(member)].name for member in row] for row in rows]
@@ -165,7 +165,7 @@ def _draw_row(
 ) -> None:
     """Draw the curves of groups, and the compared values of their runs.
 
-    designs: of the groups.
+    designs: designs of the groups.
     """
     drawn = []
     indicator = comparison.indicator
@@ -314,7 +314,7 @@ def _draw_curve(
 
 
 def _draw_final(axes: "Axes", group: "Group", position: int, number: int) -> None:
-    """Draw the compared values of a group's runs; number: of its colour."""
+    """Draw the compared values of a group's runs; number: index of its colour."""
     color, _ = group_style(number)
     values = clip_drawable(group.final[~np.isnan(group.final)])
     if not len(values):

@@ -15,7 +15,7 @@ Values = NDArray[np.float64]
 Curve = Callable[["Run", str], tuple[Values, Values]]
 
 _POINTS = 600
-"""Most points of a shared axis; finer than a figure can show."""
+"""Largest number of points of a shared axis; finer than a figure can show."""
 
 
 def best_so_far(run: "Run", x: str) -> tuple[Values, Values]:

@@ -42,7 +42,7 @@ _LOOKS: tuple[tuple[str, float], ...] = (
 _ROW_INCHES, _OTHER_INCHES = 2.1, 1.3
 """Height in inches of a metric, and of title, legend and horizontal axis."""
 _ONE_COLUMN = 4
-"""Most metrics in a single column."""
+"""Largest number of metrics in a single column."""
 _LABEL = 22
 """Longest line of an axis label, in characters."""
 _TOP = 1
@@ -54,7 +54,7 @@ def draw(run: "Run", curves: "MetricCurves", *, x: str = "evaluations") -> "Figu
     """Return the figure of a run: each metric, averaged over shares of each generation.
 
     Args:
-        run: with at least one finished generation.
+        run: a run with at least one finished generation.
         curves: its metrics.
         x: "evaluations" or "generations".
     """

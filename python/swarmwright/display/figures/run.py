@@ -49,8 +49,8 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
     """Return the figure.
 
     Args:
-        run: with at least one finished generation.
-        diversity: of each generation, (generations,), see `swarmwright.runs.diversity`.
+        run: a run with at least one finished generation.
+        diversity: diversity of each generation, (generations,), see `swarmwright.runs.diversity`.
         x: "evaluations" or "generations".
     """
     history = run.history
@@ -80,7 +80,7 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
 
 @use_style_fonts()
 def fitness(run: "Run") -> "Figure":
-    """Return the figure of fitness over generations alone. run: with at least one finished generation."""
+    """Return the figure of fitness over generations only. run: with at least one finished generation."""
     places = np.array([summary.generation for summary in run.history], dtype=float)
     figure = new_figure(9, 5.2)
     axes = figure.subplots()

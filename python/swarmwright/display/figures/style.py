@@ -123,7 +123,7 @@ _LIMITS_INCHES = (1.0, 40.0)
 """Smallest and largest width of a figure, in inches."""
 _WIDTH = re.compile(r"(\d+(?:\.\d+)?) ?(in|mm|cm|pt)")
 _UNITS = {"in": 1.0, "mm": _MM, "cm": 10 * _MM, "pt": 1 / 72.27}
-"""Units in inches; a point is that of TeX, the unit of \\columnwidth."""
+"""Length of each unit in inches; a point is TeX's, the unit of \\columnwidth."""
 
 
 @dataclass(frozen=True)

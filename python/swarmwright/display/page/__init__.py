@@ -59,7 +59,7 @@ def pack_page(
 
 
 def format_player() -> str:
-    """Return the page without an episode: it shows the one that the page around it sends."""
+    """Return the page without an episode; it shows the episode that the surrounding page sends."""
     return _fill_template({}, Caption(), Looks(()))
 
 

@@ -69,13 +69,14 @@ def pack_series(
 
 
 _MOST_PLACES = 4_000_000
-"""Most positions of moving bodies on a page; of longer episodes, every second, third, .. scene is used."""
+"""Largest number of positions of moving bodies on a page; of longer episodes, only every second, third, ...
+scene is used."""
 _MOST_TRACED = 3_000_000
-"""Most sensor and actuator values on a page; with more, only the first agents are included."""
+"""Largest number of sensor and actuator values on a page; with more, only the first agents are included."""
 _MOST_LINKS = 1_000_000
 _MOST_RAYS = 2_000_000
 _MOST_PICTURES = 300
-"""Most pictures on a page."""
+"""Largest number of pictures on a page."""
 _LARGEST_PICTURE = (560, 560)
 """Largest size of a picture, in pixels."""
 
@@ -402,7 +403,7 @@ def _jpeg(image: "Image") -> str:
 
 
 def _numbers(values: ArrayLike, digits: int) -> list[float | None]:
-    """Return values with so many significant digits; None for those that are not finite."""
+    """Return values with this many significant digits; None for those that are not finite."""
     exact = np.asarray(values, dtype=np.float64) + 0.0
     is_finite = np.isfinite(exact) & (exact != 0)
     size = np.log10(np.abs(exact, where=is_finite, out=np.ones_like(exact)))

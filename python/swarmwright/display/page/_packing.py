@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 EXACT = 300_000
-"""Most numbers that are binary32; more are quantized to 2 bytes."""
+"""Largest number of values that are stored as binary32; more are quantized to 2 bytes."""
 TYPES = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1", "q2": "<u2", "q1": "u1"}
 ALIGNMENT = 4
 """Bytes: arrays begin at multiples, so that the script reads them in location."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 MOST_PICTURES = 600
-"""Most recorded pictures of an episode; of longer episodes, every second, fourth, .. step."""
+"""Largest number of recorded pictures of an episode; of longer episodes, every second, fourth, .. step."""
 LARGEST_SIZE_PIXELS = (640, 640)
 """Largest size of a picture in pixels; larger pictures are scaled down."""
 
