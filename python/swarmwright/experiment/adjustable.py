@@ -1,4 +1,4 @@
-"""The parameters of a simulation that a person can change one by one: numbers, texts, choices."""
+"""Parameters of a simulation that a user can change individually: numbers, texts, choices."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ _MISSION_DEFAULTS = {"robots": 20, "duration": 120}
 _FRAME_TIME = "stepSize"
 """Parameter that only changes the speed of pictures; listed last."""
 _MOST = 1000
-"""Most parameters of an experiment that are listed."""
+"""Largest number of parameters of an experiment that are listed."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Adjustable:
     """`robots`, or `robot.drive.noise` for a part of one."""
     kind: Kind
     value: Any
-    """In the experiment, or the default; None if the simulation decides."""
+    """Value in the experiment, or the default; None if the simulation decides."""
     is_set: bool = False
     """Whether the experiment sets it."""
     minimum: float | None = None
@@ -43,9 +43,9 @@ class Adjustable:
 def list_adjustable(experiment: Experiment) -> list[Adjustable]:
     """Return the parameters of an experiment that are numbers, texts or choices, and the numbers in others.
 
-    First those that the experiment sets. The seed is left out. Of a simulation whose description is not on
-    this machine, only those are listed that the experiment sets. Raises InputError for a class that cannot be
-    loaded.
+    Parameters that the experiment sets come first; the seed is excluded. If the description of the simulation
+    is not available on this machine, only the parameters that the experiment sets are returned. Raises
+    InputError for a class that cannot be loaded.
     """
     parameters = {name: value for name, value in experiment.parameters.items() if name != "seed"}
     adjustables = [*_iter_declared(experiment.simulation, parameters), *_iter_parts(parameters, ())]
@@ -81,7 +81,7 @@ def _iter_declared(simulation: str, parameters: Mapping[str, Any]) -> Iterator[A
 
 
 def _iter_parts(value: Any, path: tuple[str | int, ...]) -> Iterator[Adjustable]:  # noqa: ANN401 - any value of a file
-    """Yield the numbers and booleans in a value, with their keys, and texts that are no parts."""
+    """Yield the numbers and booleans in a value with their keys, and a text that is a whole parameter."""
     if isinstance(value, Mapping):
         items = [(key, part) for key, part in value.items() if _is_name(key)]
     elif isinstance(value, list):
@@ -89,7 +89,7 @@ def _iter_parts(value: Any, path: tuple[str | int, ...]) -> Iterator[Adjustable]
     else:
         kind = _KINDS.get(type(value))
         if kind is not None and (kind != "string" or len(path) == 1):
-            # Whole numbers of a part may be others: nothing says so.
+            # An integer in a part may be declared as a number; nothing tells which.
             part_kind = "number" if kind == "integer" and len(path) > 1 else kind
             yield Adjustable(_format_key(path), part_kind, value, is_set=True)
         return
@@ -98,12 +98,12 @@ def _iter_parts(value: Any, path: tuple[str | int, ...]) -> Iterator[Adjustable]
 
 
 def _is_name(key: Any) -> bool:  # noqa: ANN401 - any key of a file
-    """Return whether a key can be written in the keys of parts."""
+    """Return whether a key can be part of a dotted key."""
     return isinstance(key, str) and key != "" and '"' not in key
 
 
 def _format_key(path: tuple[str | int, ...]) -> str:
-    """Return a key as settings have it; names with dots and the like are quoted."""
+    """Return a key as in settings; names with special characters such as dots are quoted."""
     return ".".join(f'"{part}"' if set(str(part)) & set(".[]=") else str(part) for part in path)
 
 

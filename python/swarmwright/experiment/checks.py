@@ -37,7 +37,7 @@ def check_parameters(simulation: str | None, parameters: dict[str, Any], report:
 
     Args:
         simulation: to ask; None if it is not available here.
-        parameters: of the experiment.
+        parameters: parameters of the experiment.
         report: called with each problem.
     """
     for path, problem in _iter_unsendable(parameters, ("parameters",)):
@@ -98,7 +98,7 @@ def check_values(
     """Check the values of an experiment.
 
     Args:
-        values: of the file, with the contents of files that it names.
+        values: values of the file, with the contents of files that it names.
         is_available: whether the simulation can be asked.
         report: called with each problem.
         ask: whether code named in the file may be imported.
@@ -206,9 +206,9 @@ def _check_measured(simulation: str | None, report: Report) -> None:
 
 
 def _check_needed_metrics(checked: Checked, available: list[str] | None, title: str, report: Report) -> None:
-    """Check that the metrics that the method needs beside fitness are given and exist.
+    """Check that the metrics that the method needs besides fitness are given and exist.
 
-    known: metrics of the simulation; None if only its servers know them.
+    available: metrics of the simulation; None if only its servers know them.
     """
     method = checked.get("method")
     if not isinstance(method, MethodOptions):

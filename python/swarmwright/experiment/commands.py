@@ -46,7 +46,7 @@ def name_of(
 
     Args:
         definition: the mapping.
-        values: of the experiment, whose fitness applies unless the simulation has its own.
+        values: values of the experiment, whose fitness applies unless the simulation has its own.
         base: the folder of relative paths; None for that of a run, whose files were checked.
         report: called with each problem.
     """
@@ -107,7 +107,7 @@ def _parse_expression(text: Any) -> FitnessExpression | str | None:  # noqa: ANN
 def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) -> None:
     """Check that an experiment's other keys match its command; fill in the time limit of a step.
 
-    values: of the file.
+    values: values of the file.
     """
     name = checked["simulation"]
     definition = parse_name(name)

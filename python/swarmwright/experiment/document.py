@@ -244,7 +244,7 @@ class Validate(Options):
     pseudo_reality: bool = False
     """Whether to sample the noise of the arena's e-pucks in such models."""
     random: int = Field(default=0, ge=0, le=100_000)
-    """Number of random controllers to transfer beside the best candidates."""
+    """Number of random controllers to transfer in addition to the best candidates."""
     seeds: int = Field(default=30, ge=2, le=_MOST_EPISODES)
     """Episodes per candidate in each simulation, on held-out seeds from `seed` on."""
 

@@ -93,11 +93,11 @@ def _iter_refusals(
             continue
         # If another parameter is reported, the changed value caused it.
         wrong, reason = mistakes[0] if mistakes[0].field in evolved else (name, str(mistakes[0]))
-        # An invalid value is refused beside every value of the others.
+        # An invalid value is refused with any values of the other parameters.
         refusals.setdefault((wrong, repr(values[wrong])), (values[wrong], reason))
     for (wrong, _), (refused, reason) in refusals.items():
         hint, parameter = "", evolved[wrong]
-        # If a limit is refused as well, the fraction of the number in between is not the reason.
+        # If a limit is refused as well, the reason is not that the value in between is not an integer.
         if isinstance(parameter, RealParameter) and all(
             (wrong, repr(end)) not in refusals for end in _limits(parameter)
         ):

@@ -60,7 +60,7 @@ def check_fits(experiment: "Experiment", source: Source) -> None:
 
     Args:
         experiment: with these numbers.
-        source: of the experiment with settings; not checked if it sets these numbers.
+        source: source of the experiment with settings; not checked if it sets these numbers.
 
     Raises InputError that lists robots with matching numbers, if any.
     """
@@ -115,16 +115,16 @@ LARGEST_GENOME = 1_000_000
 KEYS_OUTSIDE_RECORD = frozenset(
     {"servers", "broker", "prefix", "mode", "timeouts", "faults", "requirements", "validate"}
 )
-"""Keys without effect on the record: where and how it is computed, and what follows."""
+"""Keys without effect on the record: where and how it is computed, and keys that follow from others."""
 _SECTIONS = ("requirements", "controller", "method", "ranking", "validate", "timeouts", "faults")
 
 
 @dataclass(frozen=True, kw_only=True, init=False)
 class Experiment:
-    """One experiment, unchangeable, dictionaries and lists in it too; `replace` makes a changed copy.
+    """An immutable experiment, including its dictionaries and lists; `replace` makes a changed copy.
 
-    Made by `Experiment.load(path)` or `Experiment.from_mapping(values)`, which check everything; the keys and
-    their meaning are those of the experiment file, see docs/reference/experiment.md.
+    Create it with `Experiment.load(path)` or `Experiment.from_mapping(values)`, which check everything; the
+    keys and their meaning are those of the experiment file, see docs/reference/experiment.md.
     """
 
     simulation: str
@@ -172,14 +172,14 @@ class Experiment:
         """Read an experiment file (YAML 1.2).
 
         Args:
-            path: of the file.
-            settings: what is set otherwise than in the file, `KEY.PATH=VALUE` each, as the option `--set`
-                takes it: the value is YAML, items of lists are named by their number (`parameters.agents.0`),
-                null takes a key back to its default. Another `kind` starts from that kind's defaults; a
-                method of another kind keeps the file's target and its limits: generations (not for racing),
-                evaluations and seconds. A limit that is set takes the place of all three of the file.
-                Settings apply in order, but a `kind` before the options of its section. Paths of files in
-                them are relative to the working directory.
+            path: path of the file.
+            settings: values that override the file, each as `KEY.PATH=VALUE` like the option `--set`: the
+                value is YAML, items of lists are named by their number (`parameters.agents.0`), and null
+                resets a key to its default. Another `kind` starts from that kind's defaults; a method of
+                another kind keeps the file's target and its limits: generations (not for racing), evaluations
+                and seconds. Setting a limit replaces all three limits of the file. Settings apply in order,
+                but a `kind` before the options of its section. Relative paths of files in them refer to the
+                working directory.
 
         Raises InputError with every problem of the file and of the settings, a line each: `file.yaml:12:
         method.populaton: unknown key; did you mean 'population'?`.
@@ -223,9 +223,9 @@ class Experiment:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Self:
-        """Make an experiment of plain values, keys as in the file; `simulation` can be a class, too.
+        """Create an experiment from plain values with the keys of the file; `simulation` can also be a class.
 
-        settings: what is set otherwise, as in `load`.
+        settings: values that override these, as in `load`.
 
         Raises InputError with every problem.
         """
@@ -266,7 +266,7 @@ class Experiment:
         return dataclasses.replace(loaded, **resolve_targets(loaded, source, ask=ask))
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return plain values, including all defaults; keys without a value are left out."""
+        """Return plain values, including all defaults; keys without a value are omitted."""
         result: dict[str, Any] = {}
         for item in fields(self):
             value = getattr(self, item.name)
@@ -426,9 +426,10 @@ class Experiment:
         return representation
 
     def new_method(self, representation: Representation | None = None) -> Method:
-        """Return the method, at its start, to be asked for genomes and told their fitness.
+        """Return the method in its initial state, with which to call `ask` and `tell`.
 
-        representation: of the genomes; default: the experiment's, as `representation()` makes it.
+        representation: representation of the genomes; default: the experiment's, as `representation()` makes
+        it.
 
         Raises InputError when the method cannot evolve the representation or start from the given
         controllers, or when the experiment is that of a run whose method is not installed here.
@@ -480,7 +481,7 @@ def as_experiment(source: Experiment | Mapping[str, Any] | str | PathLike[str]) 
 def build_recorded_experiment(values: Mapping[str, Any], folder: Path | None = None) -> Experiment:
     """Build the experiment of a run from plain values, without importing code.
 
-    folder: of the run, the base of relative paths.
+    folder: folder of the run, the base of relative paths.
     """
     return Experiment._check_source(Source("", values=dict(values)), None, ask=False, folder=folder)
 
@@ -488,7 +489,7 @@ def build_recorded_experiment(values: Mapping[str, Any], folder: Path | None = N
 def load_stored_experiment(store: "StoreReader", values: Mapping[str, Any] | None = None) -> Experiment:
     """Load the experiment from a run's store. Raises InputError if it cannot be used here.
 
-    values: of the experiment, if already read from the store.
+    values: values of the experiment, if already read from the store.
     """
     folder = store.file.parent
     try:
@@ -529,7 +530,7 @@ def with_source(
 
     Args:
         experiment: to copy.
-        source: of the file, for the lines in messages.
+        source: source of the file, for the lines in messages.
         only: the allowed keys.
         reason: why another key is not allowed, the end of a sentence.
         rule: which keys are allowed, a sentence that is reported once.

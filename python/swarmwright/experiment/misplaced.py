@@ -42,7 +42,7 @@ def with_right_section(
         message: about the key.
         key: its name.
         section: that contains it, empty for the top of the file.
-        values: of the whole file.
+        values: values of the whole file.
         parameters: known names of the simulation's parameters.
     """
     if not isinstance(message, UnknownKey):
@@ -65,7 +65,7 @@ def with_right_section(
 def iter_right_sections(
     key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]
 ) -> Iterator[str]:
-    """Yield the paths where a key belongs, `method.population`; arguments as in `with_right_place`."""
+    """Yield the paths where a key belongs, `method.population`; arguments as in `with_right_section`."""
     if section and key in TOP:
         yield f"{key} (at the top of the file)"
         return

@@ -28,7 +28,7 @@ def resolve(
     """Replace paths of files in parameters by their contents.
 
     Also returns the files by the path of the value that they replace, from the parameter's name on.
-    Parameters with unreadable files are left out.
+    Parameters with unreadable files are omitted.
 
     A text for a parameter of type object is a path. If the parameter may also be a name, and for robots in
     missions and in lists of kinds, only texts that end in .yaml, .yml or .json are paths; those of robots are
@@ -36,7 +36,7 @@ def resolve(
 
     Args:
         simulation: its name; objects are known only for built-in simulations and for missions.
-        parameters: of the experiment.
+        parameters: parameters of the experiment.
         folder: returns the base folder of paths at a key of the parameters.
         report: called with key and message for every unreadable file.
         ask: whether a Python class may be imported.

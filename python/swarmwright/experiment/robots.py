@@ -44,8 +44,8 @@ def subject_of(simulation: str, label: str, parameters: Mapping[str, Any]) -> st
 
     Args:
         simulation: its name.
-        label: of the simulation, as `Experiment.label`.
-        parameters: of the experiment.
+        label: label of the simulation, as `Experiment.label`.
+        parameters: parameters of the experiment.
     """
     mission = parameters.get("mission")
     if catalogue.find_built_in(simulation) == catalogue.ARENA:
@@ -69,7 +69,7 @@ def expand_robot(
 
     Args:
         values: the experiment's values.
-        paths: of the settings.
+        paths: paths of the settings.
         folder: returns the base folder of paths at a key of the parameters.
     """
     set_ = list(paths)

@@ -161,7 +161,7 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
     Settings that cannot be applied are added to the source's problems.
 
     Args:
-        source: of the file.
+        source: source of the file.
         settings: to apply.
         new_budget: whether a new limit replaces all limits of the file.
     """
@@ -286,7 +286,7 @@ def assign(values: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  
     """Set a value at a path, as `--set` does. Raises InputError if that is not possible.
 
     Args:
-        values: of an experiment, with its `simulation`; changed in place.
+        values: values of an experiment, with its `simulation`; changed in place.
         path: keys and numbers of items.
         value: None resets the key to its default.
     """

@@ -41,7 +41,7 @@ Entry = str | Mapping[str, Any]
 class OtherSimulation:
     """Another simulation, or differing keys of the experiment.
 
-    name: of a simulation as in experiments, or of a .yaml file with keys of an experiment.
+    name: name of a simulation as in experiments, or of a .yaml file with keys of an experiment.
     """
 
     name: str
@@ -204,7 +204,7 @@ def resolve_targets(experiment: Experiment, source: Source, *, ask: bool) -> dic
 
     Args:
         experiment: checked except for its targets.
-        source: of the experiment.
+        source: source of the experiment.
         ask: whether classes of simulations may be imported, to compare their sensors.
 
     Raises InputError with all problems, one per line.

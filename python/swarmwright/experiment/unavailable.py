@@ -144,7 +144,7 @@ def options_with_code(section: str, options: Any) -> Any:  # noqa: ANN401 - opti
 def require_method(options: MethodOptions, folder: Path | None) -> None:
     """Raise InputError for the options of a method that is not installed.
 
-    folder: of the run, whose copy of the method's code is mentioned.
+    folder: folder of the run, whose copy of the method's code is mentioned.
     """
     if not isinstance(options, UnavailableOptions) or is_unread("method", options):
         return
