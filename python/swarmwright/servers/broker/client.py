@@ -110,8 +110,8 @@ class Client:
     """A connection to the broker.
 
     Args:
-        url: of the broker; user and password come from the environment.
-        prefix: of all topics, or empty.
+        url: URL of the broker; user and password come from the environment.
+        prefix: prefix of all topics, or empty.
         subscriptions: topics without prefix.
 
     Raises RunError if the broker cannot be reached.

@@ -156,7 +156,7 @@ def write_configuration(
     Args:
         folder: for the files.
         hosts: names and addresses by which clients reach the broker.
-        port: of the TLS listener.
+        port: port of the TLS listener.
         prefixes: topic prefixes, each with its own accounts.
         iterations: of PBKDF2 for each password; None for `ITERATIONS`.
 

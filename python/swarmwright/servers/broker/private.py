@@ -1,4 +1,4 @@
-"""The embedded broker for this user alone, with an account created at its start."""
+"""The embedded broker for this user only, with an account created at its start."""
 
 import secrets
 from contextlib import ExitStack

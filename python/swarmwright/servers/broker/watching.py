@@ -15,7 +15,7 @@ STALE_S = 2.5
 FORGET_S = 30.0
 """Seconds of silence after which a tool is considered killed and dropped."""
 MOST_SERVERS = 10_000
-"""Servers that are kept; what further ones announce is dropped."""
+"""Largest number of servers that are kept; announcements of others are dropped."""
 MOST_TOOLS = 200
 """Tools that are kept, likewise."""
 _MOST_CHARACTERS = 300
@@ -158,7 +158,7 @@ def describe_abandoned(server: ServerRow, view: View) -> str:
 
 
 def _shorten_presence(presence: Json) -> Json:
-    """Return what is shown of a presence; capabilities may be of any size."""
+    """Return the displayed part of a presence, since capabilities may be of any size."""
     shown = {key: value for key, value in presence.items() if key not in {"capabilities", "simulations"}}
     return {**_shorten(shown), "simulations": _shorten(presence["simulations"][:_MOST_SIMULATIONS])}
 

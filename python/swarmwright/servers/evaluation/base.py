@@ -148,8 +148,8 @@ class Backend(Protocol):
         """Run every controller in an episode of every seed.
 
         Args:
-            controllers: of the candidates.
-            seeds: of the episodes.
+            controllers: controllers of the candidates.
+            seeds: seeds of the episodes.
             on_progress: called with the progress.
             meanwhile: work of the caller, done once, if possible during the evaluation.
             on_results: called with the results of candidates as they arrive, at the latest with those of
@@ -300,7 +300,7 @@ def apply_expression(
 ) -> Results:
     """Replace the simulation's fitness by the experiment's expression.
 
-    Episodes without a value count as failed. numbers: of the candidates, for messages.
+    Episodes without a value count as failed. numbers: numbers of the candidates, for messages.
     """
     if expression is None:
         return results

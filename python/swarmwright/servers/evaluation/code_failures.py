@@ -54,8 +54,8 @@ def build_error(message: str, reasons: list[str], failure_of: FailureOf, *, unkn
 
     Args:
         message: beginning of the message, followed by the last reason.
-        reasons: of the failed episodes, in order.
-        failure_of: of the backend.
+        reasons: reasons of the failed episodes, in order.
+        failure_of: function of this name of the backend.
         unknown: end of the message if there are no reasons.
     """
     if not reasons:

@@ -57,8 +57,8 @@ class Episodes:
     Args:
         simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment (object, .yaml
             file or mapping), whose simulation, parameters and fitness are used.
-        parameters: of the simulation, as in an experiment; for an experiment, those that differ.
-        seeds: of the simulation, from 0 to 2**63 - 1, one for each episode; at least one.
+        parameters: parameters of the simulation, as in an experiment; for an experiment, those that differ.
+        seeds: seeds of the simulation, from 0 to 2**63 - 1, one for each episode; at least one.
         watch: record the first episode, for `save`.
 
     Raises:
@@ -243,7 +243,7 @@ class Episodes:
         """Write the first episode as a picture (.png), an animation (.gif), a video (.mp4) or a page (.html).
 
         Args:
-            path: of the file; an existing file is replaced.
+            path: path of the file; an existing file is replaced.
             speed: playback speed relative to simulated time.
 
         Raises InputError without `watch`, for another suffix, and if the file cannot be written.

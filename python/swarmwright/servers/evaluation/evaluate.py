@@ -140,7 +140,7 @@ def evaluate_episodes(
     Args:
         experiment: as in `evaluate`.
         genomes: as in `evaluate`.
-        metrics: names of further metrics beside those that the fitness needs; "all" for every metric that the
+        metrics: names of metrics besides those that the fitness needs; "all" for every metric that the
             simulation announces.
         generation: as in `evaluate`.
         broker: as in `optimize`.
@@ -254,7 +254,7 @@ def simulate(
         servers: as in `optimize`, except that one server is enough.
         visual: ask the server to draw, through the protocol's `visual` flag. A server started by this call
             draws on standard output.
-        seed: of the simulation, instead of `parameters.seed`.
+        seed: seed of the simulation, instead of `parameters.seed`.
         on_progress: as in `optimize`.
 
     Raises:

@@ -47,7 +47,7 @@ _HOLD_S = 2.0
 class InProcessBackend:
     """Backend for built-in simulations in this process, without broker and servers.
 
-    metrics: requested beside those that the fitness needs.
+    metrics: names of metrics to return, besides those that the fitness needs.
     """
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:

@@ -21,10 +21,10 @@ class MachineEvaluations:
 
     Args:
         simulation: its title, or a host.
-        parameters: of the simulation.
-        architecture: of the controllers, of the kind `python_modules`.
+        parameters: parameters of the simulation.
+        architecture: architecture of the controllers, of the kind `python_modules`.
         weights: (candidates, weights).
-        seeds: of the episodes.
+        seeds: seeds of the episodes.
         metrics: names of the metrics to return.
         together: episodes side by side.
         isolate: split a failing group until only the failing episode is lost, rather than raise.

@@ -26,7 +26,7 @@ class MissingAudits:
         for attempt in journal.attempts:
             self._servers.add(attempt.server)
             self._evaluations += attempt.candidates * attempt.episodes
-        is_reported = any(warning.unaudited for warning in journal.warnings)  # the pool knows more
+        is_reported = any(warning.unaudited for warning in journal.warnings)  # the pool reports more
         if is_reported or len(self._servers) > 1:
             self._share = 0.0
         if self._evaluations * self._share < EXPECTED_AUDITS:

@@ -73,7 +73,7 @@ def open_backend(
         visual: ask the server to draw.
         wait: seconds to wait for a broker that does not answer, instead of the experiment's.
         most: number of evaluations, if known; limits the worker processes of `local`.
-        metrics: requested beside those that the fitness needs.
+        metrics: names of metrics to return, besides those that the fitness needs.
         controller: specification of the controllers, if they are not the experiment's.
         earlier: use of launchers' servers in earlier sessions of the run, which counts for their budgets.
 

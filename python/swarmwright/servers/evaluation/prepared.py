@@ -1,4 +1,4 @@
-"""Evaluation of genomes by the engine alone, prepared once for equal experiments."""
+"""Evaluation of genomes by the engine without Python, prepared once for equal experiments."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -34,7 +34,7 @@ def begin(
     Args:
         experiment: names simulation, requirements, prefix and time-outs.
         broker: where servers are.
-        parameters: of the episode, `seed` among them.
+        parameters: parameters of the episode, `seed` among them.
         controller: its specification with weights, as JSON.
 
     Raises:

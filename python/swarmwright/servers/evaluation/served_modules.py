@@ -34,7 +34,7 @@ class ServedModules:
     here are used, and no other code is imported.
 
     Args:
-        names: of the modules, see `module_code.offered`.
+        names: names of the modules, see `module_code.offered`.
         simulation: its title, or a host.
         report: called with failures of their code, once per reason.
 

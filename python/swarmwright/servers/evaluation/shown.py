@@ -59,7 +59,7 @@ class ShownEpisode:
         Args:
             experiment: gives the simulation and parameters.
             controller: file or run folder; by default a random controller, as in `simulate`.
-            seed: of the simulation, instead of `parameters.seed`.
+            seed: seed of the simulation, instead of `parameters.seed`.
             broker: a server on it computes the episode and sends its scenes. By default this process does,
                 or, for simulations that it lacks, a server on the experiment's broker.
 
@@ -126,10 +126,10 @@ class ShownEpisode:
         return remote.record_episode(make)
 
     def recordings(self, beginning: int, most_bodies: int | None = None) -> Iterator[tuple[Recording, bool]]:
-        """Play the episode; yield the recording of its first steps, if it is longer, and of the whole.
+        """Play the episode; yield a recording of its first steps, if it is longer, then of the whole.
 
-        Each comes with whether it is the whole. An episode of a server is recorded as a whole. beginning:
-        steps. Otherwise as `recording`.
+        Each recording comes with whether it is complete. An episode of a server is only recorded as a whole.
+        beginning: number of first steps. The rest is as in `recording`.
         """
         if self.broker is None:
             with engine_errors():
@@ -204,9 +204,9 @@ class ShownEpisode:
         Args:
             file: replaced if it exists; its suffix is one of `swarmwright.display.files.FORMATS`.
             speed: playback speed relative to simulated time.
-            shown: layers to draw beside bodies.
+            shown: layers to draw in addition to bodies.
             companions: episodes to show beside this one on a page.
-            names: of all episodes on a page, this one's first.
+            names: names of all episodes on a page, this one's first.
 
         Raises:
             InputError: the simulation has nothing to show, or the file cannot be written.
@@ -255,7 +255,7 @@ class ShownEpisode:
     def caption(self, recording: Recording | PictureRecording | None = None) -> Caption:
         """Return the title and facts to print beside a picture.
 
-        recording: of the episode, for its mission and fitness.
+        recording: recording of the episode, for its mission and fitness.
         """
         facts = [
             *self._iter_mission(recording),

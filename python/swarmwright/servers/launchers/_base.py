@@ -39,8 +39,8 @@ class Launcher(ABC):
     are called by one thread at a time; none except `close` may take longer than `start_timeout`.
 
     Args:
-        options: of the entry.
-        specification: of the servers.
+        options: options of the entry.
+        specification: specification of the servers.
     """
 
     kind: ClassVar[str]

@@ -63,8 +63,8 @@ class Cluster:
     """A connection to a Dask cluster.
 
     Args:
-        options: of the launcher.
-        specification: of the servers.
+        options: options of the launcher.
+        specification: specification of the servers.
 
     Raises:
         LauncherError: workers have another version of Python.

@@ -24,7 +24,7 @@ class Api:
 
     Args:
         kubeconfig: file; None to search like kubectl, else the service account of this pod.
-        context: of the kubeconfig; None for the current one.
+        context: context of the kubeconfig; None for the current one.
         namespace: None for that of the context.
 
     Raises:

@@ -35,8 +35,8 @@ class Cluster:
     """A connection to a Ray cluster.
 
     Args:
-        options: of the launcher.
-        specification: of the servers.
+        options: options of the launcher.
+        specification: specification of the servers.
     """
 
     def __init__(self, options: "RayOptions", specification: Specification) -> None:

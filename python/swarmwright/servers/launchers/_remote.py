@@ -25,8 +25,8 @@ def format_setup(
     """Return shell lines that set up the environment of the program.
 
     Args:
-        options: of the launcher.
-        variables: of the environment, without the code.
+        options: options of the launcher.
+        variables: variables of the environment, without the code.
         folder: the working folder, quoted for the shell.
         code: first folder of PYTHONPATH, quoted for the shell. The folders of the option `environment`
             follow, else those set by the setup or the image.
@@ -50,7 +50,7 @@ def format_unpack(archive: str, sha256: str, folder: str) -> list[str]:
 
     Args:
         archive: file with the code, quoted for the shell.
-        sha256: of the archive, in hexadecimal.
+        sha256: SHA-256 of the archive, in hexadecimal.
         folder: quoted for the shell; it exists if a job was restarted.
     """
     return [

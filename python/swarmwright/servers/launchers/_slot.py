@@ -37,7 +37,7 @@ class Slot:
     """Runner of one server.
 
     Args:
-        specification: of the servers.
+        specification: specification of the servers.
         server: its id.
         code: folder on this machine with the code, if the code is not copied.
         base: folder for files of the server; None for the system's temporary folder.

@@ -21,14 +21,15 @@ class Specification:
     Attributes:
         simulation: as `swarmwright serve` takes it; a class in a file relative to the folder of the code.
         broker: address as seen from the servers.
-        prefix: of all topics.
+        prefix: prefix of all topics.
         step_timeout: seconds, see `swarmwright serve`.
-        username: of their account on the broker; None without accounts.
-        password: of their account. Never put it into arguments of programs, which all users can list.
+        username: username of their account on the broker; None without accounts.
+        password: password of their account. Never put it into arguments of programs, which all users can
+            list.
         authority: PEM text of the authority that signed the broker's certificate; None for the system's.
         certificate: PEM text of the client certificate, if the broker requires one.
         key: PEM text of its private key. Never put it into arguments of programs.
-        code: of a custom simulation; None if it is installed on the servers' machines.
+        code: code of a custom simulation; None if it is installed on the servers' machines.
         modules: names of the servers' Python behaviours and conditions, as `swarmwright serve` takes them;
             files as in `simulation`.
         sources: files on this machine, path -> SHA-256, which a local server must find unchanged.

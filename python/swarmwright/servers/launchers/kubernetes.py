@@ -23,7 +23,7 @@ from swarmwright.servers.launchers._remote import RemoteOptions
 from swarmwright.servers.launchers._specification import Specification
 
 LEAVE_S = 60.0
-"""Seconds beyond their grace that deleted pods have to leave."""
+"""Seconds after their grace period within which deleted pods must end."""
 _PODS_PER_REQUEST = 200
 """Pods deleted by one request, whose selector is part of its address."""
 Quantity = str | int | float

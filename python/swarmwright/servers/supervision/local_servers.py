@@ -115,7 +115,7 @@ class LocalServers:
 
     @property
     def restarts(self) -> int:
-        """How many servers were restarted."""
+        """Number of restarted servers."""
         return self._supervisor.restarts
 
     def attach(self, pool: _engine.Pool) -> None:

@@ -120,7 +120,7 @@ def start_embedded(
         hosts: names by which servers reach this machine.
         accounts: a name for each launcher.
         port: None for any.
-        prefix: of all topics.
+        prefix: prefix of all topics.
 
     Raises:
         RunError: the port is taken.

@@ -48,7 +48,7 @@ class LaunchedServers:
     Args:
         entries: the launchers.
         access: the broker.
-        prefix: of all topics.
+        prefix: prefix of all topics.
 
     Raises:
         InputError: on entry, if earlier sessions have spent the budget of every launcher.
