@@ -1,1 +1,1 @@
-"""Runs: folder and store, code, export, comparison, repetition, and the evaluation of what they found."""
+"""Runs: folder and store, code, export, comparison, repetition, and evaluation of their results."""

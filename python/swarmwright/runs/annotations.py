@@ -1,4 +1,4 @@
-"""Tags and a note that people give a run, beside its record."""
+"""Tags and a note that users attach to a run, stored beside its record."""
 
 import json
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ _MOST_BYTES = 1 << 18
 
 @dataclass(frozen=True)
 class Annotations:
-    """What people say about a run. It has no influence on it, and is not part of its record.
+    """Tags and a note of users about a run. They do not influence it, and are not part of its record.
 
     Args:
         tags: words to find it by; at most 20, of at most 50 characters, without commas.
@@ -44,9 +44,9 @@ class Annotations:
 
 
 def read_annotations(folder: Path) -> Annotations:
-    """Return the annotations of a run folder; empty ones where there are none.
+    """Return the annotations of a run folder; empty ones if it has none.
 
-    Raises InputError when the file is damaged or cannot be read.
+    Raises InputError if the file is damaged or cannot be read.
     """
     path = folder / FILE
     try:
@@ -70,11 +70,11 @@ def read_annotations(folder: Path) -> Annotations:
 def write_annotations(folder: Path, tags: Sequence[str], note: str) -> Annotations:
     """Replace the annotations of a run folder; return them.
 
-    Raises InputError when they are refused or cannot be written.
+    Raises InputError if they are invalid or cannot be written.
     """
     annotations = Annotations(tuple(tags), note)
     path = folder / FILE
-    if path.is_symlink():  # of a folder that came from elsewhere
+    if path.is_symlink():  # the folder may come from an untrusted source
         raise InputError(f"{path}: is a link; delete it")
     try:
         encoded = json.dumps({"tags": annotations.tags, "note": annotations.note}, ensure_ascii=False)

@@ -26,7 +26,7 @@ class Choice:
     seeds: list[int]
     """Simulation seed of each episode."""
     aggregation: str
-    """Description of how the episodes make the fitness; empty if it is that of one episode."""
+    """Description of how the episodes are aggregated to fitness; empty for a single episode."""
     specification: dict[str, Any]
     """The controller as plain values."""
 

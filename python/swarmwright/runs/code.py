@@ -58,10 +58,10 @@ _OTHER_SIMULATION_HINT = "; use --simulation FILE:Class for another version"
 
 
 def collect_code(experiment: Experiment, patterns: Sequence[str] | None = None) -> list[Part]:
-    """Collect the code of an experiment of which a run keeps a copy.
+    """Collect the code of an experiment that a run copies.
 
-    patterns: of files that the simulation reads; by default those that the experiment names, which must
-    exist.
+    patterns: patterns of files that the simulation reads; by default those that the experiment names, which
+    must exist.
 
     Raises InputError when a file cannot be read.
     """
@@ -82,7 +82,7 @@ def collect_code(experiment: Experiment, patterns: Sequence[str] | None = None) 
 
 
 def is_code_trusted(experiment: Experiment) -> bool:
-    """Return whether all code that an experiment names may be executed; none is, and nobody is asked."""
+    """Return whether all code that an experiment names is trusted, without executing or asking."""
     try:
         simulation = read_simulation(experiment.simulation)
         parts = [*read_plug_ins(experiment), *([] if simulation is None else [simulation])]
@@ -181,7 +181,7 @@ def resolve_experiment(
 
     Args:
         run: the run.
-        generation: of the evaluations; by default the last.
+        generation: generation of the evaluations; by default the last.
         simulation: a class, or `FILE:Class`, in place of the run's.
 
     Raises InputError when the code is missing, or the other class does not fit the run.

@@ -1,4 +1,4 @@
-"""All evaluations of a run in a grid of their number and fitness, and the one next to a point of it."""
+"""The evaluations of a run, counted in a grid over number and fitness; the evaluation nearest to a point."""
 
 import math
 from dataclasses import dataclass
@@ -20,35 +20,35 @@ LEAST_SIZE = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """How many evaluations each cell of a grid has."""
+    """Number of evaluations in each cell of a grid."""
 
     counts: NDArray[np.uint32]
-    """(columns, rows): evaluations in the order of the record, fitness from the lowest."""
+    """(columns, rows): number in the record along the columns, fitness along the rows, from the lowest."""
     evaluations: int
-    """Evaluations in the record: the columns share them evenly."""
+    """Number of evaluations in the record, which the columns share evenly."""
     lowest: float
     highest: float
-    """The range of fitness that the rows share; both 0 where every evaluation failed."""
+    """Lowest and highest fitness, which the rows share evenly; both 0 if every evaluation failed."""
     failed: int
-    """Evaluations that failed, or whose fitness is infinite, which are in no cell."""
+    """Number of evaluations that failed or have infinite fitness, which are not counted in cells."""
 
 
 def evaluation_density(run: "Run", columns: int = 400, rows: int = 160) -> Density:
-    """Return the evaluations of a run as a grid; memory stays flat, however many there are.
+    """Count the evaluations of a run in a grid; memory use does not depend on their number.
 
     Args:
-        run: that is read, every evaluation of it, without its genomes.
-        columns: of the grid, 1 to 4,096.
-        rows: of the grid, 1 to 4,096.
+        run: the run, of which the fitness of every evaluation is read.
+        columns: number of columns of the grid, 1 to 4,096.
+        rows: number of rows of the grid, 1 to 4,096.
 
-    Raises InputError when a number is out of range or the store is damaged.
+    Raises InputError if a number is out of range or the store is damaged.
     """
     for name, value in (("columns", columns), ("rows", rows)):
         if not 1 <= value <= 4096:
             raise InputError(f"{name}: must be from 1 to 4096, not {value}")
     fitness = run.fitness
     edges = -(-np.arange(columns + 1, dtype=np.int64) * len(fitness) // columns)
-    # Column by column, so that all of one stays in the processor's cache.
+    # Column by column, so that the values of a column stay in the processor's cache.
     parts = [select_finite(fitness[begin:end]) for begin, end in pairwise(edges)]
     present = [part for part in parts if len(part)]
     lowest = min((float(part.min()) for part in present), default=0.0)
@@ -65,7 +65,7 @@ def evaluation_density(run: "Run", columns: int = 400, rows: int = 160) -> Densi
 
 
 def select_finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the finite values, without a copy where all are."""
+    """Return the finite values, without copying if all are finite."""
     is_finite = np.isfinite(values)
     return values if is_finite.all() else values[is_finite]
 
@@ -76,13 +76,13 @@ def nearest_evaluation(
     """Return the evaluation that is nearest to a point.
 
     Args:
-        run: whose evaluations these are.
-        number: of an evaluation in the record, the abscissa of the point.
-        fitness: the ordinate of the point.
-        width: evaluations that are as wide as
-        height: this much fitness is high.
+        run: the run with the evaluations.
+        number: abscissa of the point, as the number of an evaluation in the record.
+        fitness: ordinate of the point.
+        width: number of evaluations that counts as the unit of distance.
+        height: difference of fitness that counts as the unit of distance.
 
-    Raises RunError when no evaluation has a fitness.
+    Raises RunError if no evaluation has a fitness.
     """
     values = run.fitness
     width, height = (abs(size) if abs(size) > LEAST_SIZE else 1.0 for size in (width, height))

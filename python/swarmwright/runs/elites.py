@@ -71,7 +71,7 @@ class Elites:
         outside: for each measure with values outside its range, the numbers of these candidates.
         partial: for each metric that is missing in some episodes of elites, the number of these elites, whose
             value is the mean of the other episodes.
-        experiment: of the run; not compared by `==`.
+        experiment: experiment of the run; not compared by `==`.
     """
 
     kind: Literal["archive", "front"]
@@ -188,7 +188,7 @@ def has_elites(run: "Run") -> bool:
 def compute_elites(run: "Run", evaluations: int | None = None) -> Elites:
     """Compute the elites of a run from its record. Raises InputError for other methods.
 
-    evaluations: use only the first so many evaluations; None for all.
+    evaluations: use only the first `evaluations` evaluations; None for all.
     """
     collector = EliteCollector(run)
     remaining, first = run.evaluations if evaluations is None else evaluations, 0

@@ -25,7 +25,7 @@ def write(path: Path, lines: Callable[[], Iterable[str]], arrow: Callable[[], It
     """Write a table to a file.
 
     Args:
-        path: of the file, whose suffix is one of `FORMATS`.
+        path: path of the file, whose suffix is one of `FORMATS`.
         lines: returns the lines for CSV.
         arrow: returns the parts for Parquet, with the same columns.
 

@@ -32,7 +32,7 @@ def iterate_episode_counts(run: "Run") -> Iterator[EpisodeCounts]:
 
 
 def count_episodes(result: "GenerationResult", ranking: "Ranking") -> EpisodeCounts:
-    """Count the episodes of a generation; ranking: of the run."""
+    """Count the episodes of a generation; ranking: ranking of the run."""
     failed = ~np.isfinite(result.episodes)
     lengths = np.full(len(failed), failed.shape[1], np.int64)
     if isinstance(ranking, Race):

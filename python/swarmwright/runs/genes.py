@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Of = Literal["best", "mean", "spread"]
 """The best candidate of a generation, the mean of its candidates, or their standard deviation."""
 _MOST_BYTES = 1 << 27
-"""Bytes of evaluations that are read, about: larger generations are shown less often."""
+"""Approximate number of bytes to read; if generations are large, fewer are shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,25 +31,26 @@ class GeneHistory:
     candidates: NDArray[np.int64]
     """(generations,), index of the best candidate in each."""
     values: NDArray[np.float32]
-    """(generations, groups); of several genes that share a group, the mean."""
+    """(generations, groups); the mean if several genes share a group."""
     first_genes: NDArray[np.int64]
     """(groups,), index of the first gene of each group."""
     genes: int
     """Number of genes of a genome."""
     names: tuple[str, ...]
-    """(genes,), or empty where the representation has no names for them."""
+    """(genes,); empty if the representation has no names for them."""
 
 
 def gene_history(run: "Run", of: Of = "best", *, generations: int = 200, groups: int = 256) -> GeneHistory:
-    """Return how the genes of a run develop.
+    """Return the genes of a run over its generations.
 
     Args:
-        run: with at least one finished generation.
-        of: whose genes; "spread" is 0 where all candidates have the same gene.
-        generations: largest number of generations, 2 to 2,000; fewer where generations are large.
-        groups: largest number of rows, 1 to 2,000; neighbouring genes share one where there are more genes.
+        run: a run with at least one finished generation.
+        of: genes to return: those of the best candidate, or the mean or standard deviation over all
+            candidates; the latter is 0 if all candidates have the same gene.
+        generations: largest number of generations, 2 to 2,000; fewer if generations are large.
+        groups: largest number of rows, 1 to 2,000; if there are more genes, neighbouring genes share a row.
 
-    Raises InputError when a number is out of range, the run has no generation, or the store is damaged.
+    Raises InputError if a number is out of range, the run has no generation, or the store is damaged.
     """
     if of not in get_args(Of):
         raise InputError(f"of: must be {', '.join(get_args(Of)[:-1])} or {get_args(Of)[-1]}, not {of!r}")
@@ -80,7 +81,7 @@ def gene_history(run: "Run", of: Of = "best", *, generations: int = 200, groups:
 
 
 def _count_readable(run: "Run", most: int) -> int:
-    """Return of how many generations so many bytes can be read; at least two, or one if there is no other."""
+    """Return the number of generations to read within the byte limit, at least two if there are two."""
     bytes_each = run._store.measure_generation_bytes()
     return max(1, min(run.generations, most, max(2, _MOST_BYTES // max(bytes_each, 1))))
 
@@ -96,9 +97,9 @@ def _row_of(result: "GenerationResult", of: Of, best: int) -> NDArray[np.float64
 
 
 def _find_names(run: "Run", genes: int) -> tuple[str, ...]:
-    """Return the names of the genes; none where the representation is not known here.
+    """Return the names of the genes; empty if the representation is unknown here.
 
-    Representations in files and of packages are left out: their code is not executed to look at a run.
+    Plug-ins are excluded, since viewing a run must not execute their code.
     """
     if run.experiment.controller.kind not in REPRESENTATIONS.built_in:
         return ()

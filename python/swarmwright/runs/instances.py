@@ -62,7 +62,7 @@ def best_words(experiment: Experiment) -> str:
 
 
 def meaning(experiment: Experiment, count: int) -> str:
-    """Describe how `count` evaluations make a candidate's fitness; empty if it is that of one episode."""
+    """Describe how `count` evaluations make a candidate's fitness; empty for a single episode."""
     if averages_instances(experiment):
         return f"mean of {count} instance{'s' if count > 1 else ''}"
     episodes = experiment.ranking.episodes * count

@@ -60,7 +60,7 @@ class MetricCurves:
     """Fitness and metrics of a run over its generations.
 
     Args:
-        run: with at least one finished generation.
+        run: a run with at least one finished generation.
         names: recorded metrics.
     """
 

@@ -37,9 +37,9 @@ def render_frames(
 
     Args:
         robots: the simulation.
-        controller: of every robot.
+        controller: controller of every robot.
         parameters: all parameters of the simulation.
-        seed: of the episode.
+        seed: seed of the episode.
         size: width and height in pixels.
     """
     sensors: Any = robots.reset(parameters, seed)
@@ -77,7 +77,7 @@ def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (48
 
     Args:
         run: the run.
-        path: of the file, which ends with .gif.
+        path: path of the file, which ends with .gif.
         episode: index of an episode of the best controller's generation, from 0.
         size: width and height in pixels.
 

@@ -575,7 +575,7 @@ def _evaluate(
 ) -> Results:
     """Evaluate controllers in an episode of each seed; raises as `evaluate_genomes`.
 
-    prefix: of the message when every episode failed.
+    prefix: prefix of the message when every episode failed.
     """
     backend.announce_post_evaluation()
     results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))

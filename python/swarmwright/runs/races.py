@@ -1,4 +1,4 @@
-"""Races: how many candidates remained after how many episodes or instances, and which were dropped."""
+"""Races: numbers of remaining candidates by episode or instance, and which candidates were dropped."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 Unit = Literal["episodes", "instances"]
 State = Literal["remained", "dropped", "failed", "not evaluated again"]
 _MOST_EVALUATIONS = 1_000_000
-"""Evaluations of a run of iterated racing whose genomes are told apart."""
+"""Largest number of evaluations of an iterated racing run in which races are identified by genomes."""
 
 
 class Entrant(NamedTuple):
-    """A candidate of a race, at its last evaluation in it."""
+    """A candidate of a race, at its last evaluation in the race."""
 
     generation: int
     candidate: int
     steps: int
-    """Episodes, or instances on which it was evaluated in this race."""
+    """Number of episodes, or of instances, on which it was evaluated in this race."""
     fitness: float
     state: State
-    """An elite of a former race that was evaluated neither at the end nor later is "not evaluated again"."""
+    """State; "not evaluated again" is an elite of a former race, evaluated neither at the end nor later."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +46,9 @@ class Races:
     steps: NDArray[np.int64]
     """(steps,), numbers of episodes or instances, ascending from 1."""
     candidates: NDArray[np.int64]
-    """(races,), at the start."""
+    """(races,), number of candidates at the start."""
     remaining: NDArray[np.float64]
-    """(races, steps), candidates that were evaluated so often; NaN after the end of a race."""
+    """(races, steps), candidates with at least that many evaluations; NaN after the end of a race."""
 
 
 def has_races(run: "Run") -> bool:
@@ -60,12 +60,12 @@ def has_races(run: "Run") -> bool:
 
 
 def races(run: "Run", *, most: int = 150, most_steps: int = 200) -> Races:
-    """Return how many candidates remained in the races of a run.
+    """Return the numbers of remaining candidates in the races of a run.
 
     Args:
-        run: of `racing`, or with `ranking: race`.
-        most: races, 1 to 2,000.
-        most_steps: numbers of episodes or instances, 1 to 2,000.
+        run: a run of `racing`, or with `ranking: race`.
+        most: largest number of races, 1 to 2,000.
+        most_steps: largest number of counts of episodes or instances, 1 to 2,000.
 
     Raises InputError for another run, and for numbers that are out of range.
     """
@@ -82,8 +82,8 @@ def entrants(run: "Run", number: int) -> list[Entrant]:
     """Return the candidates of a race, those with the most episodes or instances first, then by fitness.
 
     Args:
-        run: as of `races`.
-        number: of the generation or the race.
+        run: a run as in `races`.
+        number: the generation, or the number of the race.
 
     Raises InputError for another run, or a race that does not exist.
     """
@@ -105,7 +105,7 @@ def _check(run: "Run") -> None:
 
 
 def _space(count: int, most: int) -> list[int]:
-    """Return at most so many numbers from 0 to `count` - 1, evenly spaced, the last included."""
+    """Return at most `most` evenly spaced numbers from 0 to `count` - 1, including the last."""
     spaced: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round()).astype(int).tolist()
     return spaced
 
@@ -115,7 +115,7 @@ def _count_by_episodes(run: "Run", most: int, most_steps: int) -> Races:
     steps = np.array(_space(episodes, most_steps)) + 1
     numbers, candidates, rows = [], [], []
     for result in run._store.read_generations(_space(run.generations, most)):
-        # Left out episodes have no result. If the last one failed, only the tests tell; see `entrants`.
+        # Skipped episodes have no result. If the last one failed, only the tests show it; see `entrants`.
         present = np.isfinite(result.episodes)
         lengths = np.where(present.any(axis=1), episodes - present[:, ::-1].argmax(axis=1), 0)
         numbers.append(result.generation)
@@ -174,7 +174,7 @@ class _Step(NamedTuple):
 
 @lru_cache(maxsize=1)
 def _split(run: "Run") -> list[list[_Step]]:
-    """Return the instances of each race: a race begins where candidates are new.
+    """Return the instances of each race; a race begins with an instance that has new candidates.
 
     The last result is kept: all evaluations are read, and several questions about a run follow each other.
     """

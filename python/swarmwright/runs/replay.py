@@ -76,7 +76,7 @@ class Replay(ShownEpisode):
             settings: changes of parameters and fitness, see `Experiment.load`.
             broker: compute the episode on a server on this broker that sends scenes. By default in this
                 process, or if the simulation is not installed, on the run's broker.
-            prefix: of topics on the broker, in place of the run's.
+            prefix: topic prefix on the broker, in place of the run's.
 
         Raises:
             InputError: the simulation is not installed and no broker is known, or the candidate, controller
@@ -239,7 +239,7 @@ class Replay(ShownEpisode):
     def caption(self, recording: "Recording | PictureRecording | None" = None) -> Caption:
         """Return the title and the facts of the experiment for a picture.
 
-        recording: of the episode, with its simulation and fitness.
+        recording: recording of the episode, with its simulation and fitness.
         """
         experiment = self.run.experiment
         facts = [*self._iter_mission(recording), *self._list_differences()]

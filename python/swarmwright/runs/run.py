@@ -104,7 +104,7 @@ class Run:
         """Open a run folder without executing any code in it.
 
         Args:
-            path: of the folder.
+            path: path of the folder.
             trust: allow its simulation's code to be executed when candidates are evaluated or shown, although
                 another user or machine made the run. The permission is remembered for this code.
 
@@ -132,23 +132,23 @@ class Run:
 
     @property
     def tags(self) -> tuple[str, ...]:
-        """Words to find the run by, set by `annotate`. Raises InputError where their file is damaged."""
+        """Words to find the run by, set by `annotate`. Raises InputError if their file is damaged."""
         return read_annotations(self.path).tags
 
     @property
     def note(self) -> str:
-        """What somebody noted about the run, set by `annotate`. Raises InputError as `tags`."""
+        """The user's note about the run, set by `annotate`. Raises InputError like `tags`."""
         return read_annotations(self.path).note
 
     @check_arguments
     def annotate(self, *, tags: Sequence[str] | None = None, note: str | None = None) -> None:
-        """Set the run's tags or its note, in `notes.json` beside the record; None leaves them as they are.
+        """Set the run's tags or its note, in `notes.json` beside the record; None leaves them unchanged.
 
         Args:
-            tags: at most 20, of at most 50 characters, without commas.
-            note: at most 10,000 characters.
+            tags: at most 20 words of at most 50 characters, without commas.
+            note: text of at most 10,000 characters.
 
-        Raises InputError when they are refused or cannot be written.
+        Raises InputError if they are invalid or cannot be written.
         """
         write_annotations(self.path, self.tags if tags is None else tags, self.note if note is None else note)
 
@@ -369,9 +369,9 @@ class Run:
 
     @cached_property
     def fitness(self) -> NDArray[np.float64]:
-        """(evaluations,) fitness of every evaluation in the order of the record, NaN where it failed.
+        """(evaluations,) fitness of every evaluation in the order of the record; NaN if it failed.
 
-        `record` has it, too; this reads nothing else.
+        Unlike `record`, this reads only the fitness.
         """
         return self._store.fitness()
 
@@ -494,7 +494,7 @@ class Run:
         """Replay an episode; return a page with its animation, which a notebook displays.
 
         Args:
-            generation: of the candidate, from 0; as in `evaluation`.
+            generation: generation of the candidate, from 0; as in `evaluation`.
             candidate: as in `evaluation`; by default the best.
             episode: index of an episode of the run, by default 0.
             seed: simulation seed, for an episode that is not in the run.
@@ -546,9 +546,9 @@ class Run:
                 jupyter-server-proxy on a hub `/user/ada/proxy/{port}/`, where `{port}` is replaced.
             hosts: with `base`, names of the host in the browser's address.
 
-        Raises InputError when an origin is none, or the libraries of the extra `ui` are missing.
+        Raises InputError when an origin is invalid, or the libraries of the extra `ui` are missing.
         """
-        # The window is above the runs that it shows, and they do not depend on it.
+        # Imported dynamically, since the package `runs` must not depend on `ui`.
         notebook = import_module("swarmwright.ui.notebook")
         window: NotebookWindow = notebook.show(
             self.path,

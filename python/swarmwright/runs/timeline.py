@@ -1,4 +1,4 @@
-"""When the servers of a run worked, failed, and were waited for."""
+"""When the servers of a run worked, failed, or kept the run waiting."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ SHORTEST_S = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """What servers did in a part of a session."""
+    """What the servers did in a part of a session."""
 
     session: int
     started: float
@@ -26,7 +26,7 @@ class Timeline:
     seconds: float
     """Duration of the session up to the last record."""
     begin: float
-    """The part that is shown, in seconds from the beginning of the session."""
+    """Beginning of the part, in seconds from the beginning of the session."""
     end: float
     timing: Timing
 
@@ -42,13 +42,13 @@ def timeline(
     """Return what the servers of a run did, in bins of equal width.
 
     Args:
-        run: whose attempts are read; they are aggregated in the store, however many there are.
-        session: its number; default: the last.
-        begin: seconds from the beginning of the session; default: 0.
-        end: the same, at least 1 ms later; default: its end.
-        bins: 1 to 2,000.
+        run: the run; its attempts are aggregated in the store, which keeps memory use constant.
+        session: number of the session; default: the last.
+        begin: beginning of the part, in seconds from the beginning of the session; default: 0.
+        end: end of the part, at least 1 ms later; default: the session's end.
+        bins: number of bins, 1 to 2,000.
 
-    Raises InputError for another session, a part that is too short, or a number of bins that is out of range.
+    Raises InputError for an unknown session, a part that is too short, or bins out of range.
     """
     if not 1 <= bins <= 2000:
         raise InputError(f"bins: must be from 1 to 2000, not {bins}")

@@ -220,7 +220,7 @@ def load_validation(
 
 
 def load_run_validation(run: "Run") -> Validation | None:
-    """Load a run's validation; None if there is none of its best candidate."""
+    """Load a run's validation; None if there is none or it is of another candidate than the best."""
     values = run._store.validation()
     if values is None or values["state"] not in {"done", "same"}:
         return None

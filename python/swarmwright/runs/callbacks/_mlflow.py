@@ -37,8 +37,8 @@ class MLflow(Callback):
     metrics with the generation as step, and experiment.yaml, best.json and fitness.png become artifacts.
 
     Args:
-        uri: of the tracking server (http://..) or database (sqlite:///mlflow.db); by default the environment
-            variable MLFLOW_TRACKING_URI.
+        uri: URI of the tracking server (http://..) or database (sqlite:///mlflow.db); by default the
+            environment variable MLFLOW_TRACKING_URI.
         experiment: its values become parameters, and its file's name becomes the run's name.
         group: name of the MLflow experiment that lists the runs.
 

@@ -47,8 +47,8 @@ class Account:
     """Tracks the used budget of a run and its best candidate.
 
     Args:
-        method: of the run.
-        budget: of the run.
+        method: method of the run.
+        budget: budget of the run.
         reevaluates: whether members of the population are re-evaluated in every generation.
     """
 
@@ -90,7 +90,7 @@ class Account:
         """Count a generation told to the method, and note its best candidate.
 
         Args:
-            fitness: of its candidates.
+            fitness: fitness of its candidates.
             leader: index of its best candidate.
             failed: number of failed candidates.
         """
@@ -129,7 +129,7 @@ class Account:
         """Build the progress report for a callback.
 
         Args:
-            summary: of the last generation.
+            summary: summary of the last generation.
             waiting_for: what its evaluation waited for last.
         """
         elapsed = self._measure_elapsed()

@@ -18,7 +18,7 @@ from swarmwright.servers.rows import Journal
 class Evaluator:
     """Evaluates every candidate of a generation in every episode, in one simulation.
 
-    ranking: of the run.
+    ranking: ranking of the run.
     """
 
     def __init__(self, ranking: Ranking) -> None:
@@ -119,7 +119,7 @@ class TwoSimulationsEvaluator(Evaluator):
     """Evaluates in the experiment's simulation, and some candidates also in the ranking's slow simulation.
 
     Args:
-        ranking: of the run.
+        ranking: ranking of the run.
         descriptor: columns of the fast simulation's metrics that the ranking needs.
     """
 

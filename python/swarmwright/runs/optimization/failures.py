@@ -57,7 +57,7 @@ class Failure(NamedTuple):
 class Failures:
     """Adds warnings of failed episodes to the journals of a run, and logs once how to repeat a failure.
 
-    folder: of the run.
+    folder: folder of the run.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -76,8 +76,8 @@ class Failures:
         """Add warnings with candidate, episode and seed of each failed episode to the journal of results.
 
         Args:
-            results: of candidates that were evaluated together.
-            seeds: of the episodes.
+            results: results of candidates that were evaluated together.
+            seeds: seeds of the episodes.
             generation: generation within which candidates are counted; None if over the whole run.
             rows: row in the results by the candidate's number in the journal; None if they are the same.
             first: number in the run of the journal's candidate 0.

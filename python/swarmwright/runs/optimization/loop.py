@@ -1,4 +1,4 @@
-"""The optimization loop: the steps that every generation takes, whatever evaluates it.
+"""The optimization loop: the steps of every generation, for all ways of evaluation.
 
 Three strategies choose the candidates to evaluate next and pass the results to the method: `Generational`,
 `Ahead` (the engine evolves by itself) and `SteadyState`. The loop does everything else: budget, interruption,
@@ -163,7 +163,7 @@ class Loop:
         different genomes: a library has another version, or the method's code was edited.
 
         Args:
-            reader: of the store.
+            reader: reader of the store.
             edited: descriptions of accepted edits of plug-in code since the run.
         """
         for stored in reader.generations():
@@ -215,7 +215,7 @@ class Loop:
         """Store and report an evaluated generation; return whether to continue.
 
         Args:
-            results: of its candidates.
+            results: results of its candidates.
             tell_method: passes the results to the method and returns those of `record_generation`. When it
                 raises RunError, the run ends, and only the journal of this generation is kept.
         """
@@ -242,14 +242,15 @@ class Loop:
         """Count a generation whose results the method has, and return it for the store.
 
         Args:
-            genomes: of the candidates, or the sample they are made from, if the store keeps the sample.
-            seeds: of the episodes.
-            results: of the episodes.
-            fitness: of the candidates, from the ranking.
+            genomes: genomes of the candidates, or the sample they are made from, if the store keeps the
+                sample.
+            seeds: seeds of the episodes.
+            results: results of the episodes.
+            fitness: fitness of the candidates, from the ranking.
             failed: number of failed candidates; None counts those without a fitness.
-            outcome: of the fitness, see `_engine.outcome`; None computes it.
-            figures: of the method's population; None computes them.
-            digests: of the columns in the store, if already computed.
+            outcome: outcome of the fitness, see `_engine.outcome`; None computes it.
+            figures: figures of the method's population; None computes them.
+            digests: digests of the columns in the store, if already computed.
         """
         leader, without = outcome or _engine.outcome(fitness)
         failed = without if failed is None else failed

@@ -63,7 +63,7 @@ def count_candidates(experiment: Experiment) -> int:
 
 
 def _count_results(experiment: Experiment) -> int:
-    """Return how many numbers an evaluation of a candidate yields."""
+    """Return the number of values that an evaluation of a candidate yields."""
     expression = fitness_expression(experiment)
     return experiment.ranking.episodes * (1 + (0 if expression is None else len(expression.metrics)))
 

@@ -389,7 +389,7 @@ def adopt_budget(folder: Path, settings: Iterable[str]) -> None:
     """Store a larger budget in a run that has nothing to evaluate with it.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         settings: the new limits, as in `resume`.
 
     Raises InputError as `resume`.
@@ -541,7 +541,7 @@ def _transfer(
     broker: str | None,
     servers: Servers | None,
 ) -> None:
-    """Evaluate the best in other simulations if the experiment, or else the one in the folder, says so."""
+    """Evaluate the best in other simulations if the experiment, or else the one in the folder, names some."""
     if experiment is None or experiment.validate.transfers:
         at_end.transfer_at_end(folder, broker=broker, servers=servers, on_progress=on_progress)
 

@@ -19,7 +19,7 @@ class Recorder:
 
     Args:
         store: receives every generation.
-        account: of the run.
+        account: account of the run.
     """
 
     def __init__(self, store: StoreWriter, account: Account) -> None:
@@ -34,7 +34,7 @@ class Recorder:
     def begin(
         self, failure_of: FailureOf, on_generation: OnGeneration | None, on_progress: Progress | None
     ) -> None:
-        """Set the callbacks; failure_of: the backend's, finds failures of the simulation's code."""
+        """Set the callbacks; failure_of: the backend's function for errors of the simulation's code."""
         self._failure_of, self._on_generation, self._on_progress = failure_of, on_generation, on_progress
 
     def take(self, result: GenerationResult, *, later: bool) -> bool:

@@ -44,7 +44,7 @@ class Resumption:
     """The plan for resuming a run."""
 
     experiment: Experiment
-    """The run's, with the changes in its file and the caller's settings and budgets."""
+    """The run's experiment, with the changes in its file and the caller's settings and budgets."""
     notes: list[str]
     """Descriptions of the changes in its file."""
     reader: StoreReader
@@ -62,7 +62,7 @@ class Resumption:
 
         Args:
             run: the run to resume.
-            reader: of its store.
+            reader: reader of its store.
             settings: as in `resume`.
             budget: generations, evaluations and seconds, None for unchanged limits.
 
@@ -168,7 +168,7 @@ def build_divergence_error(
     """Build the error for a replayed generation that differs from the stored one.
 
     Args:
-        reader: of the run.
+        reader: reader of the run.
         generation: the first that differs.
         components: the method, representation and ranking that made the generation.
         edited: descriptions of accepted edits of plug-in code since the run.
@@ -225,9 +225,9 @@ def refuse_cut_restart(reader: StoreReader, stored: GenerationResult, method: Me
     """Raise InputError if a larger budget would enlarge the last stored generation.
 
     Args:
-        reader: of the run.
+        reader: reader of the run.
         stored: a generation that differs when the run is resumed.
-        method: of the run, told of all generations before.
+        method: method of the run, told of all generations before.
     """
     size = len(stored.fitness)
     is_generational = isinstance(method, SearchMethod) and method.options.operation == "generational"

@@ -39,12 +39,12 @@ _SLOW_PREFIX = "slow: "
 
 
 class TwoSimulations:
-    """A backend of two: evaluations without a ranking run in the fast simulation.
+    """A backend for two simulations; evaluations without a ranking run in the fast one.
 
     Args:
         fast: backend of the experiment's simulation.
         slow: backend of the ranking's slow simulation.
-        name: of the slow simulation.
+        name: name of the slow simulation.
     """
 
     def __init__(self, fast: Backend, slow: Backend, name: str) -> None:
@@ -84,7 +84,7 @@ class TwoSimulations:
         """Return None: every generation needs the ranking."""
 
     def release_background_evaluator(self) -> None:
-        """Do nothing: nothing is lent."""
+        """Do nothing, as no evaluator is lent."""
 
     def check(self) -> None:
         """Raise RunError when either backend has ended for good."""

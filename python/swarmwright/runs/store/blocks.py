@@ -74,7 +74,7 @@ def concatenate_records(parts: list[Record], metrics: int) -> Record:
 class EvaluationsDigest:
     """SHA-256 of the evaluations of a generation, independent of their division into blocks.
 
-    sample: that its genomes are made from; None if the blocks have the genomes.
+    sample: sample that its genomes are made from; None if the blocks have the genomes.
     """
 
     def __init__(self, sample: Sample | None = None) -> None:
@@ -144,7 +144,7 @@ def decode_block(block: Block, first: int, sample: _engine.Sample | None = None)
     Args:
         block: a row of the table.
         first: number of the first evaluation of its generation.
-        sample: that the genomes of the generation are made from, if the block has none.
+        sample: sample that the genomes of the generation are made from, if the block has none.
 
     Raises:
         ValueError, TypeError: the block is invalid.

@@ -261,7 +261,7 @@ class Generations:
         return number
 
     def fitness(self) -> NDArray[np.float64]:
-        """Return the fitness of every evaluation, in order; nothing else is read, or compared."""
+        """Return the fitness of every evaluation, in order, without reading or verifying other columns."""
         cursor = self._connection.execute(
             "SELECT first, fitness FROM block WHERE generation < ? ORDER BY first", (self._end,)
         )
@@ -439,7 +439,7 @@ class Generations:
     def block(self, row: Row, number: int, sample: _engine.Sample | None) -> Record:
         """Return the evaluations of the block that begins with this number, without checking digests.
 
-        sample: of the generation.
+        sample: sample of the generation.
         """
         block = self._connection.execute(_BLOCKS, (number, number + 1)).fetchone()
         if block is None:

@@ -68,8 +68,8 @@ class Lookup:
     """Finds evaluations in an open store; use it within `reading`, which reports damage.
 
     Args:
-        generations: of the store.
-        folder: of the run, for messages.
+        generations: generations of the store.
+        folder: folder of the run, for messages.
         metrics: number of stored metrics.
         equals: finds the best of equals; None chooses the first.
     """

@@ -43,8 +43,8 @@ class StoreReader:
     All methods raise InputError when the store is missing, damaged, or of another version.
 
     Args:
-        folder: of the run.
-        name: of the file in it.
+        folder: folder of the run.
+        name: name of the file in it.
         connect: returns the connection of the writer in this process, which reads faster than a new one; it
             must not be used during a write.
     """
@@ -222,7 +222,7 @@ class StoreReader:
                     del result  # before the next one is read
 
     def measure_generation_bytes(self) -> int:
-        """Return the mean size of the evaluations of a generation, about; 0 without generations."""
+        """Return the approximate mean size of a generation's evaluations in bytes; 0 without generations."""
         with self._generations() as generations:
             row = generations.last()
             if row is None:

@@ -11,7 +11,7 @@ from swarmwright.servers.rows import FAILED
 
 _FAILED = ", ".join(f"'{outcome}'" for outcome in sorted(FAILED))
 _MARKS = 2000
-"""Most marks of failures."""
+"""Largest number of marks of failures."""
 _BUSY = """
 WITH timed AS (
     SELECT server, started, started + seconds AS ended, max(started + seconds) OVER (
@@ -61,7 +61,7 @@ class Failures(NamedTuple):
     reason: str
     attempts: int
     generation: int
-    """Of the first of them, as candidate and episode."""
+    """Generation of the first of these attempts; candidate and episode are of the same attempt."""
     candidate: int
     episode: int
 
@@ -72,7 +72,7 @@ class Waiting(NamedTuple):
     generations: int
     """Generations whose last answer came from it, while others had answered."""
     seconds: float
-    """Between the last answer of the others and its own, summed up."""
+    """Total time between the last answer of the other servers and its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def read_timing(connection: sqlite3.Connection, part: Part, last: int, end: int)
 
     Args:
         connection: to the store.
-        part: of a session.
+        part: part of a session.
         last: number of the last row of the table attempt that counts.
         end: number of the first generation that does not count.
     """

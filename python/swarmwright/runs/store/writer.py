@@ -151,7 +151,7 @@ class StoreWriter:
     def replace_experiment(self, experiment: "Experiment", copy: Copy | None) -> None:
         """Store a changed experiment, such as one with a larger budget.
 
-        copy: of the code that the run continues with; None if it has no user code.
+        copy: copy of the code that the run continues with; None if it has no user code.
         """
         values = record_experiment(experiment, copy)
         with self._writing():

@@ -146,7 +146,7 @@ def transfer_at_end(
     not available are reported as warnings.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`.

@@ -49,7 +49,7 @@ class Plan:
         """Choose candidates and derive the targets' experiments.
 
         Args:
-            experiment: of the run, with the code to use.
+            experiment: experiment of the run, with the code to use.
             best: the candidates of the run.
             targets: other simulations.
             random: number of additional random controllers.
