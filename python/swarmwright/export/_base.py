@@ -48,13 +48,13 @@ class Exporter(ABC):
     refuses: ClassVar[bool] = True
     """Whether the exported controller refuses sensors that are NaN or infinite."""
     longest: ClassVar[int] = 30
-    """Most steps of a random sequence for verification."""
+    """Largest number of steps of a random sequence for verification."""
 
     compiled: ClassVar[bool] = False
     """Whether the files contain compiled code, so that their bytes depend on the machine; see `portable`."""
 
     untried: ClassVar[str] = ""
-    """Part that no verification compiles or runs; empty if there is none."""
+    """Part that no verification compiles or runs; empty if everything is."""
 
     @abstractmethod
     def files(self, subject: Subject, prefix: str) -> Files:

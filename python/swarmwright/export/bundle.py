@@ -109,7 +109,7 @@ def export_bundle(
     Args:
         run: a run, or its folder.
         file: the archive, `.zip`.
-        generation: of the candidate, from 0; as in `Run.evaluation`.
+        generation: generation of the candidate, from 0; as in `Run.evaluation`.
         candidate: as in `Run.evaluation`; default: the best.
         prefix: prefix of files, functions and types.
         mapping: a file that maps topics to sensors and actuators, included as mapping.yaml.

@@ -121,7 +121,7 @@ def _format_result(report: BundleVerification) -> str:
 
 
 def _format_partial_result(report: BundleVerification, fitness: str) -> str:
-    """Return the line if formats were not checked; fitness: why it was not checked, or empty."""
+    """Return the line if formats were not checked; fitness: why the fitness was not checked, or empty."""
     by_reason: dict[str, list[str]] = {}
     for form, reason in report.formats_not_checked.items():
         by_reason.setdefault(reason, []).append(form)
@@ -439,7 +439,7 @@ def _wheels(value: Any) -> tuple[float, float]:  # noqa: ANN401 - from the manif
 
 
 _LONGEST_STEP_S = 1e38
-"""Largest step, a 32-bit float in headers."""
+"""Largest step in seconds, which headers store as a 32-bit float."""
 
 
 def _seconds(key: str, manifest: Mapping[str, Any]) -> float:
@@ -459,7 +459,7 @@ def _check_form(
     *,
     author_version: str,
 ) -> None:
-    """Compare a format's files with a new export, and run them; author_version: that wrote them."""
+    """Compare a format's files with a new export, and run them; author_version: version that wrote them."""
     from swarmwright import __version__  # noqa: PLC0415 - asks the engine
 
     exporter = _exporter(form, report)

@@ -54,7 +54,7 @@ def export_controller(
         to: "c", "cpp", "fmu", "fmu3", "machine", "micropython", "onnx", "python", "ros1", "ros2", "scxml",
             or a format of an installed package.
         output: folder to write to; by default, `prefix` in the current folder.
-        generation: of the candidate, from 0; as in `Run.evaluation`.
+        generation: generation of the candidate, from 0; as in `Run.evaluation`.
         candidate: as in `Run.evaluation`; default: the best.
         group: group of agents whose controller is exported; required if groups have different controllers.
         prefix: prefix of files, functions and types, so that a program can contain several controllers; by

@@ -71,7 +71,7 @@ def find_steps_before_overflow(specification: Mapping[str, Any], sequences: Sequ
     for each weight, iteration and step, unless weights and sensors exclude an overflow.
 
     Args:
-        specification: of the controller.
+        specification: specification of the controller.
         sequences: with finite sensors.
     """
     mask = np.ones(len(sequences), np.bool_)

@@ -27,7 +27,7 @@ _INSTALL = (
 _WEBASSEMBLY = Path("node_modules", "@micropython", "micropython-webassembly-pyscript", "micropython.mjs")
 _HEAP = ["-X", "heapsize=64m"]
 _NUMBERS = 20_000
-"""Most numbers in a program, which contains its input: a WebAssembly port cannot read files."""
+"""Largest number of values in a program, which contains its input: a WebAssembly port cannot read files."""
 
 _HARNESS = """
 from binascii import hexlify, unhexlify

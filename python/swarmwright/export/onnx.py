@@ -19,7 +19,7 @@ from swarmwright.export.subject import Subject
 _OPSET = 17
 _IR_VERSION = 8  # of this opset
 _MOST_ELEMENTS = 20_000_000
-"""Most elements of the largest intermediate tensor of a batch."""
+"""Largest number of elements of the largest intermediate tensor of a batch."""
 
 
 class Onnx(Exporter):

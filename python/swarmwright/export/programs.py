@@ -15,7 +15,7 @@ from swarmwright.export.sequences import Sequences
 
 _TIME_OUT_S = 600
 _LONGEST_ERROR = 2000
-"""Most characters of a program's errors in messages."""
+"""Largest number of characters of a program's errors in messages."""
 
 
 def find_command(

@@ -48,7 +48,7 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
 
     Args:
         experiment: its simulation, parameters, sensors, actuators and requirements.
-        address: of the servers.
+        address: address of the servers.
         agents: number of agents with variables; default: derived.
 
     Raises:

@@ -10,7 +10,7 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 
 _NUMBERS_OF_A_LINE = 5
-"""Most numbers of an array on a single line."""
+"""Largest number of values of an array on a line."""
 
 
 def as_decimals(values: Values) -> str:

@@ -17,7 +17,8 @@ from swarmwright.controllers.kinds import import_part, kind_of
 RANDOM_SEQUENCES = 10_000
 LONGEST = 30
 _OPERATIONS = 1e8
-"""Most node operations in all random sequences, so that large networks are verified within minutes."""
+"""Largest number of node operations in all random sequences, so that large networks are verified within
+minutes."""
 
 _LARGEST_SENSED = np.float32(1000)
 _BITS = [
@@ -82,7 +83,7 @@ class Sequences(ComparedByValue):
         """Compute the actuators of the engine's controller, or of modules in Python.
 
         Args:
-            specification: of the controller.
+            specification: specification of the controller.
             first: (steps,) whether the controller is reset before the step.
             sensors: (steps, sensors)
             accepted: (steps,) which steps are executed; by default those with finite sensors and, for
@@ -118,7 +119,7 @@ def find_accepted(
     """Return a mask, (steps,), of the steps that exported controllers accept.
 
     Args:
-        specification: of the controller.
+        specification: specification of the controller.
         sensors: (steps, sensors)
         checks_random: whether modules refuse a random number outside 0..1, see `Subject.checks_random`.
     """
@@ -143,7 +144,7 @@ def find_possible_overflows(
     0, and in the step before them.
 
     Args:
-        specification: of the controller.
+        specification: specification of the controller.
         first: (steps,) whether a sequence begins.
         actuators: (steps, actuators)
         accepted: (steps,)

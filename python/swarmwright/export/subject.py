@@ -321,7 +321,7 @@ def _ros_topics(simulation: str) -> tuple[Mapping[str, Any], bool]:
 
 
 def fitness_words(fitness: float, made_of: str) -> str:
-    """Return what is said of the fitness in every format; made_of: of how many episodes, in words."""
+    """Describe the fitness, in the same words for every format; made_of: number of episodes, in words."""
     return f"{fitness + 0.0!r} ({made_of})" if made_of else f"{fitness + 0.0!r}"
 
 

@@ -29,7 +29,7 @@ class Verification:
     self_test: str | None
     """The generated self-test, which was run; None without one."""
     untried: str = ""
-    """Part that is neither compiled nor run; empty if there is none."""
+    """Part that is neither compiled nor run; empty if everything is."""
 
     @property
     def ok(self) -> bool:

@@ -12,7 +12,7 @@ from swarmwright.export.subject import Subject
 
 _STEPS = 256
 _MOST_STEPS = 4096
-"""Most steps for visiting all rows of a state machine."""
+"""Largest number of steps for visiting all rows of a state machine."""
 _RESTART = 64
 """Fewest steps between resets."""
 _VALUES_WITHIN_0_1 = (

@@ -94,7 +94,7 @@ def _check_file(path: Path, existing: bytes, content: str | bytes, digests: set[
 
     A file with the new content may be replaced, and a sketch, which `_destination` keeps if it was edited.
 
-    existing: its content. digests: of the exported file, if known.
+    existing: its content. digests: digests of the exported file, if known.
     """
     if existing == file_bytes(content):
         return

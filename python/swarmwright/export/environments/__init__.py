@@ -40,7 +40,7 @@ def parallel_env(
         simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment, its file
             (.yaml)
             or a mapping with its keys, whose simulation, parameters and fitness are used.
-        parameters: of the simulation, as in an experiment; for an experiment, only the changes.
+        parameters: parameters of the simulation, as in an experiment; for an experiment, only the changes.
         render_mode: rgb_array: `render()` returns a picture, (height, width, 3) of uint8.
 
     Raises InputError when PettingZoo is not installed, the simulation is unknown, rejects the parameters, or

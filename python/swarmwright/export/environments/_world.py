@@ -95,7 +95,7 @@ class World:
         )
 
     def reset(self, seed: int | None, generator: np.random.Generator) -> dict[int, NDArray[np.float32]]:
-        """Begin an episode; return the sensors of agents. generator: of the seed if it is None."""
+        """Begin an episode; return the sensors of agents. generator: draws the seed if it is None."""
         chosen = int(generator.integers(_SEEDS)) if seed is None else simulation_seed("seed", seed)
         self.episode.restart(chosen)
         self._fitness = 0.0
@@ -128,7 +128,7 @@ class World:
         return {}, reward
 
     def _current_fitness(self) -> float:
-        """Return the fitness so far; without a value, the last one, initially 0.
+        """Return the present fitness; if it has no value, the previous one, initially 0.
 
         Raises RunError if there is no value at the end.
         """
