@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 
 HELD_OUT = "held_out"
-"""Fitness on held-out seeds, among what runs are compared by."""
+"""Name of fitness on held-out seeds among the compared quantities."""
 _NAMED = 3
-"""Pairs, or groups, that a note names."""
+"""Number of pairs or groups that a note names."""
 _SIMILAR_RATIO = 1.1
-"""How many times as much runs may have as others without a note."""
+"""Largest ratio of two runs' counts that needs no note."""
 _FITNESS_CODE = {"code", "code.simulation", "code.ranking"}
-"""Code by which fitness may be another quantity; that of methods and controllers is what is compared."""
+"""Code that may change what fitness means; the code of methods and controllers is what is compared."""
 
 
 def _command(groups: Sequence["Group"], option: str) -> str:
-    """Return the command that compares the runs otherwise; what lies beside them is not named."""
+    """Return the command that compares the runs with an option; `RUN ..` if their folder has other runs."""
     paths = [run.path for group in groups for run in group.runs]
     paths += [run.path for group in groups for run in group.left_out]
     folder = paths[0].parent
@@ -51,9 +51,9 @@ def _command(groups: Sequence["Group"], option: str) -> str:
 
 
 def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bool) -> Iterator[str]:
-    """Yield that evaluations of groups of a task took unlike numbers of episodes.
+    """Yield a note if evaluations of a task's groups took different numbers of episodes.
 
-    compare_at: whether they can be compared after as many episodes.
+    compare_at: whether the groups can be compared after equal numbers of episodes.
     """
     shortest = min(episodes for group in groups for episodes in group.episodes)
     begun = max(episodes_to_begin(run) for group in groups for run in group.runs)
@@ -75,7 +75,7 @@ def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bo
 
 
 def _lengths(groups: Sequence["Group"], indicator: Indicator, *, held_out: bool) -> Iterator[str]:
-    """Yield that runs, which are compared at their ends, have unlike numbers of evaluations."""
+    """Yield a note if the runs, which are compared at their ends, have different numbers of evaluations."""
     shortest = min(group.evaluations[0] for group in groups)
     longest = max(group.evaluations[1] for group in groups)
     if longest <= _SIMILAR_RATIO * shortest:
@@ -102,9 +102,9 @@ def _lengths(groups: Sequence["Group"], indicator: Indicator, *, held_out: bool)
 
 
 def budgets(groups: Sequence[Distinguished]) -> Iterator[str]:
-    """Yield that runs had unlike numbers of evaluations, and which have not finished.
+    """Yield notes on different numbers of evaluations and on unfinished runs.
 
-    groups: of runs that are compared otherwise than by `compare`.
+    groups: groups of runs that are compared by a function other than `compare`.
     """
     counts = [run.evaluations for group in groups for run in group.runs]
     if max(counts) > _SIMILAR_RATIO * min(counts) and len(groups) > 1:
@@ -113,7 +113,7 @@ def budgets(groups: Sequence[Distinguished]) -> Iterator[str]:
 
 
 def _early(interrupted: Sequence[Run]) -> Iterator[str]:
-    """Yield which runs count though they have not finished."""
+    """Yield notes on unfinished runs that count."""
     running = [run for run in interrupted if run.state == "running"]
     for description, selected in (
         ("still running", running),
@@ -124,7 +124,7 @@ def _early(interrupted: Sequence[Run]) -> Iterator[str]:
 
 
 def _tasks(groups: Sequence["Group"], tasks: Sequence["Task"]) -> Iterator[str]:
-    """Yield which groups solve different tasks, and which are not tested for it."""
+    """Yield notes on groups that solve different tasks, and on those that are therefore not tested."""
     if any(task.pairs for task in tasks) and len(tasks) > 1:
         yield different_tasks()
     alone = describe_untested([(task.differs, [group.label for group in task.groups]) for task in tasks])
@@ -134,11 +134,11 @@ def _tasks(groups: Sequence["Group"], tasks: Sequence["Task"]) -> Iterator[str]:
 
 
 def describe_pooling(groups: Sequence[Distinguished], tasks: Sequence[object]) -> Iterator[str]:
-    """Yield in what groups that are tested against each other differ, beside method and controller.
+    """Yield notes on differences between tested groups, besides method and controller.
 
     Args:
-        groups: that are tested.
-        tasks: of the groups.
+        groups: groups that are tested.
+        tasks: tasks of the groups.
     """
     names = ", ".join(sorted(differing_parameters(groups)))
     if names and len(tasks) == 1:
@@ -151,7 +151,7 @@ def describe_pooling(groups: Sequence[Distinguished], tasks: Sequence[object]) -
 
 
 def ties(pairs: Sequence[Tested]) -> Iterator[str]:
-    """Yield that p of pairs and the interval of the difference contradict each other, because of ties."""
+    """Yield a note on pairs whose p and interval of the difference disagree because of ties."""
     names = [
         f"{pair.first.label} against {pair.second.label}" for pair in pairs if pair.difference.contradicts
     ]
@@ -166,7 +166,7 @@ def ties(pairs: Sequence[Tested]) -> Iterator[str]:
 def _values(
     groups: Sequence["Group"], indicator: Indicator, *, held_out: bool, beside: Collection[str]
 ) -> Iterator[str]:
-    """Yield why the values of groups may be too high or uncertain."""
+    """Yield notes on why the values of groups may be too high or uncertain."""
     if held_out:
         yield from _describe_validations(groups)
         return
@@ -200,7 +200,7 @@ def _values(
 
 
 def _failures(groups: Sequence["Group"], *, held_out: bool) -> Iterator[str]:
-    """Yield that evaluations failed, and that figures leave failed episodes out."""
+    """Yield notes on failed evaluations, and on figures that exclude failed episodes."""
     without = [group for group in groups if group.runs[0].experiment.ranking.failure_fitness is None]
     groups_with_failures = [group for group in without if any(group.failed)]
     if groups_with_failures:
@@ -234,7 +234,10 @@ def _failures(groups: Sequence["Group"], *, held_out: bool) -> Iterator[str]:
 def _elites_by_luck(
     groups: Sequence["Group"], aggregations: Collection[str], indicator: Indicator
 ) -> Iterator[str]:
-    """Yield that elites may owe their places to their seeds; made: what recorded fitness is made of."""
+    """Yield a note that elites may owe their places to their seeds.
+
+    aggregations: descriptions of how recorded fitness is aggregated.
+    """
     if len(aggregations) > 1:
         yield (
             f"the elites were chosen by different episodes ({'; '.join(sorted(aggregations))}), and the "
@@ -248,7 +251,7 @@ def _elites_by_luck(
 
 
 def _elites(groups: Sequence["Group"]) -> Iterator[str]:
-    """Yield that runs of methods that are made for many candidates are compared by one of them."""
+    """Yield a note if methods with fronts or archives are compared only by their best candidate."""
     kinds = [group.label for group in groups if has_elites(group.runs[0])]
     if not kinds:
         return
@@ -262,7 +265,7 @@ def _elites(groups: Sequence["Group"]) -> Iterator[str]:
 
 
 def _describe_validations(groups: Sequence["Group"]) -> Iterator[str]:
-    """Yield why fitness on held-out seeds of runs may not be comparable."""
+    """Yield notes on why the runs' fitness on held-out seeds may not be comparable."""
     of_runs = [run.unseen.seeds for group in groups for run in group.runs if run.unseen is not None]
     least, most = (limit(map(len, of_runs), default=0) for limit in (min, max))
     if least != most:
@@ -276,10 +279,9 @@ def _describe_validations(groups: Sequence["Group"]) -> Iterator[str]:
 
 
 def _may_be_lucky(run: Run) -> bool:
-    """Return whether the best of a run may owe its recorded fitness to its seeds.
+    """Return whether the best candidate of a run may owe its recorded fitness to its seeds.
 
-    Where it was not validated, its recorded episodes say whether fitness depends on the seed, if they are
-    several.
+    For a run that was not validated, fitness depends on the seed if its recorded episodes differ.
     """
     if run.experiment.ranking.seeds == "new" or run.unseen is not None:
         return True
@@ -287,15 +289,15 @@ def _may_be_lucky(run: Run) -> bool:
 
 
 def _is_unknown(run: Run) -> bool:
-    """Return whether nothing says if the fitness of a run that was not validated depends on the seed."""
+    """Return whether it is unknown if the fitness of a run without validation depends on the seed."""
     return len(_episodes(run)) == 1
 
 
 def _episodes(run: Run) -> list[float]:
-    """Return the fitness of all recorded episodes of a run's best candidate that did not fail."""
+    """Return the fitness of all recorded episodes of a run's best candidate, except failed ones."""
     try:
         evaluations = instances(run, run.evaluation())
-    except SwarmwrightError:  # a damaged generation: the comparison does not need it
+    except SwarmwrightError:  # a damaged generation, which the comparison does not need
         return []
     return [
         value for evaluation in evaluations for value in evaluation.episodes.tolist() if math.isfinite(value)
@@ -303,7 +305,7 @@ def _episodes(run: Run) -> list[float]:
 
 
 def _describe_aggregation(run: Run) -> str:
-    """Return of what recorded fitness is made."""
+    """Describe how recorded fitness is aggregated."""
     experiment = run.experiment
     if averages_instances(experiment):
         return "the mean of all instances of racing"
@@ -313,7 +315,7 @@ def _describe_aggregation(run: Run) -> str:
 
 
 def _describe_limits(groups: Sequence["Group"], at: int | None, at_episodes: int | None) -> Iterator[str]:
-    """Yield what counts of runs where as many evaluations or episodes of each are compared."""
+    """Yield notes on what counts if runs are compared after equal numbers of evaluations or episodes."""
     if at is None and at_episodes is None:
         return
     words = f"{at:,} evaluations" if at_episodes is None else f"{at_episodes:,} episodes"
@@ -339,7 +341,7 @@ def _describe_limits(groups: Sequence["Group"], at: int | None, at_episodes: int
 
 
 def _has_unfinished_evaluations(group: "Group", at: int | None, at_episodes: int | None) -> bool:
-    """Return whether evaluations of a generation that was not finished do not count."""
+    """Return whether evaluations of an unfinished generation are excluded."""
     return any(
         count < min(limit(run, at, at_episodes) or 0, run.evaluations)
         for run, count in zip(group.runs, group.counts, strict=True)
@@ -359,13 +361,13 @@ def caveats(
     """Return what restricts the conclusions of a comparison, a sentence each.
 
     Args:
-        groups: what is compared.
-        tasks: the groups by the task that they solve; where there are several, tests are within a task.
+        groups: compared groups.
+        tasks: the groups by the task that they solve; with several tasks, tests are within a task.
         at: evaluations after which runs are compared; None: at their ends.
-        indicator: by what.
-        at_episodes: episodes after which runs are compared, instead.
-        held_out: whether it is fitness on held-out seeds.
-        beside: what the same runs are also compared by, next to this: indicators, or `HELD_OUT`.
+        indicator: compared quantity.
+        at_episodes: episodes after which runs are compared, instead of evaluations.
+        held_out: whether fitness on held-out seeds is compared.
+        beside: other quantities by which the same runs are also compared: indicators, or `HELD_OUT`.
     """
     notes = list(indicator.notes)
     few = [group for group in groups if len(group.runs) < FEW_RUNS]

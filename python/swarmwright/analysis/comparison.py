@@ -1,4 +1,4 @@
-"""Comparison of runs: groups, their final fitness or another indicator, and whether the groups differ."""
+"""Comparison of groups of runs by their final fitness or another indicator, with statistical tests."""
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -77,7 +77,7 @@ def check_options(
 
 
 def check_begun(runs: Sequence[Run], at: int) -> None:
-    """Raise InputError where a run had no finished generation, which it needs, after so many evaluations."""
+    """Raise InputError if a run had not finished a generation that it needs after this many evaluations."""
     slowest = max(
         filter(is_compared_by_generation, runs), key=lambda run: run.history[0].evaluations, default=None
     )
@@ -88,7 +88,7 @@ def check_begun(runs: Sequence[Run], at: int) -> None:
 
 
 def check_begun_in_episodes(runs: Sequence[Run], episodes: int) -> None:
-    """Raise InputError where a run had nothing to compare after so many episodes."""
+    """Raise InputError if a run had nothing to compare after this many episodes."""
     for run in runs:
         needed = episodes_to_begin(run)
         if episodes < needed:
@@ -99,7 +99,7 @@ def check_begun_in_episodes(runs: Sequence[Run], episodes: int) -> None:
 
 
 def check_validated(runs: Sequence[Run], at: int | None) -> None:
-    """Raise InputError where a run was not validated, or is not compared at its end."""
+    """Raise InputError if a run was not validated, or is not compared at its end."""
     if at is not None:
         raise InputError(
             "at: the best candidates at the end of runs are validated; leave out at, or leave out held_out"
@@ -113,14 +113,14 @@ def check_validated(runs: Sequence[Run], at: int | None) -> None:
 
 
 def _episodes(runs: Iterable[Run]) -> int:
-    """Return in how many held-out episodes a run is to be validated, to be compared with others."""
+    """Return the number of held-out episodes with which to validate a run for comparison with others."""
     return max((len(run.unseen.seeds) for run in runs if run.unseen is not None), default=EPISODES)
 
 
 Named = Literal["rank", "name", "given"]
 Order: TypeAlias = Named | Sequence[str]
-"""By rank (the best median first), by name, as the runs were given, or labels, of which the others come
-last."""
+"""By rank (best median first), by name, in the given order of the runs, or a list of labels, followed by the
+rest."""
 
 
 def check_order(order: object, groups: "Sequence[Group]") -> None:
@@ -140,11 +140,11 @@ def check_order(order: object, groups: "Sequence[Group]") -> None:
 
 
 def sort_groups(groups: "Sequence[Group]", order: Order) -> "list[Group]":
-    """Return the groups of a task in an order that `check_order` takes."""
+    """Return the groups of a task in an order that `check_order` accepts."""
     if order == "given":
         return list(groups)
     keys = {key for known_group in groups for key in known_group.differs}
-    # Numbers of groups follow the order of the runs; others do not depend on it.
+    # Group numbers follow the order of the runs; names do not depend on it.
     named = sorted(
         groups, key=lambda known_group: (number_of(known_group.label), sort_key(known_group.differs, keys))
     )
@@ -158,7 +158,7 @@ def sort_groups(groups: "Sequence[Group]", order: Order) -> "list[Group]":
 
 
 def sort_tasks(tasks: "Sequence[TaskGroups]", order: Order) -> "list[TaskGroups]":
-    """Return tasks in an order that does not depend on that of the runs, unless it is to be that."""
+    """Return tasks in an order that depends on the order of the runs only if that order is requested."""
     if order == "given":
         return list(tasks)
     keys = {key for task in tasks for key in task.differs}
@@ -170,28 +170,29 @@ _RECORDED = "Best recorded fitness of each run, in the episodes by which its can
 
 @dataclass(frozen=True)
 class Group:
-    """Runs whose experiments differ in nothing but the seed."""
+    """Runs whose experiments differ only in the seed."""
 
     label: str
-    """What distinguishes the group, in words."""
+    """Description of what distinguishes the group."""
     differs: dict[str, Any]
     """Keys of the experiment that differ between the groups, with this group's values."""
     runs: tuple[Run, ...]
     final: NDArray[np.float64]
-    """What is compared of each run, (runs,), more is better: its best fitness, that of its best candidate on
-    held-out seeds, or an indicator. NaN where no candidate could be evaluated; the indicator is 0 then."""
+    """Compared value of each run, (runs,), more is better: its best fitness, the fitness of its best
+    candidate on held-out seeds, or an indicator. If no candidate could be evaluated, fitness is NaN and the
+    indicator 0."""
     counts: tuple[int, ...]
-    """Evaluations of each run that count."""
+    """Number of counted evaluations of each run."""
     episodes: tuple[int, ...]
-    """Episodes that these evaluations took: `ranking.episodes` each, without those that a race left out."""
+    """Episodes of these evaluations: `ranking.episodes` each, without those that a race skipped."""
     failed: tuple[int, ...]
-    """How many of these evaluations failed, in at least one episode."""
+    """Number of these evaluations that failed in at least one episode."""
     left_out: tuple[LeftOut, ...] = ()
-    """Runs of the group that do not count, because they have not finished, for example."""
+    """Excluded runs of the group, for example because they have not finished."""
 
     @property
     def held_out_failed(self) -> tuple[int, ...]:
-        """Held-out episodes in which the best candidate of each run failed; 0 without a validation."""
+        """Number of held-out episodes that failed, of each run's best candidate; 0 without a validation."""
         return tuple(0 if run.validation is None else run.validation.best.failed for run in self.runs)
 
     def quantile(self, share: float) -> float:
@@ -217,29 +218,29 @@ class Group:
 
     @property
     def evaluations(self) -> tuple[int, int]:
-        """Evaluations that count, of the run with the fewest and of that with the most."""
+        """Smallest and largest number of counted evaluations of a run."""
         return min(self.counts), max(self.counts)
 
     @property
     def episodes_per_evaluation(self) -> float:
-        """Mean number of episodes that an evaluation took; 0 where none counts."""
+        """Mean number of episodes per evaluation; 0 if no evaluation counts."""
         return sum(self.episodes) / max(sum(self.counts), 1)
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two groups, and how they differ."""
+    """Two groups and the difference between them."""
 
     first: Group
     second: Group
     difference: Difference
-    """Figures of the first against the second."""
+    """Statistics of the first group against the second."""
     p_holm: float
     """p, corrected for the number of pairs of the task after Holm."""
 
     @property
     def magnitude(self) -> str:
-        """The effect in words: negligible, small, medium or large; empty where `p_holm` is above 0.05."""
+        """Effect size in words: negligible, small, medium or large; empty if `p_holm` is above 0.05."""
         return self.difference.magnitude_at(self.p_holm)
 
 
@@ -248,7 +249,7 @@ class Task:
     """Groups whose runs solve the same task: the same simulation, parameters and definition of fitness."""
 
     label: str
-    """What distinguishes the task, in words; empty where all groups are tested against each other."""
+    """Description of what distinguishes the task; empty if all groups are tested against each other."""
     differs: dict[str, Any]
     """Keys of the experiment that differ between the tasks, with this task's values."""
     groups: tuple[Group, ...]
@@ -260,33 +261,33 @@ class Task:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs in groups, with tests of their final fitness or another indicator; made by `swarmwright.compare`.
+    """Groups of runs, tested by final fitness or another indicator; returned by `swarmwright.compare`.
 
     `print(comparison)` shows it as a table, `figure()` as a picture, `to_mapping()` as plain values.
     """
 
     groups: tuple[Group, ...]
-    """Groups with a run that counts, task by task, in the order that was asked for."""
+    """Groups with at least one counted run, task by task, in the requested order."""
     tasks: tuple[Task, ...]
-    """The groups by the task that they solve; tests are within a task. One with all groups where these solve
-    the same, or differ in nothing but parameters other than the mission."""
+    """The groups by the task that they solve; tests are within a task. There is a single task if all groups
+    solve the same task, or differ only in parameters other than the mission."""
     at: int | None
     """Evaluations after which runs are compared; None: at each run's end, or after `at_episodes`."""
     notes: tuple[str, ...]
     """Caveats, a sentence each."""
     held_out: bool = False
-    """Whether the fitness on held-out seeds is compared."""
+    """Whether fitness on held-out seeds is compared."""
     indicator: Indicator = FITNESS
-    """What is compared, in `by`, and the constants by which it is measured: `offset` of the QD score,
-    `reference` and `ranges` of the hypervolume."""
+    """Compared quantity, in `by`, and its constants: `offset` of the QD score, `reference` and `ranges` of
+    the hypervolume."""
     heading: str = ""
-    """What is compared, in words, where it is one of several comparisons of the same runs by fitness."""
+    """Description of what is compared, if this is one of several comparisons of the same runs by fitness."""
     at_episodes: int | None = None
     """Episodes after which runs are compared, instead of evaluations."""
     left_out: tuple[LeftOut, ...] = ()
-    """Runs that do not count: those that have not finished, have no generation, or cannot be read."""
+    """Excluded runs: those that have not finished, have no generation, or cannot be read."""
     labels: Mapping[str, str] = field(default_factory=dict)
-    """Other names for groups, tasks and designs."""
+    """Custom names of groups, tasks and designs."""
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
@@ -295,7 +296,7 @@ class Comparison:
 
     @property
     def kruskal(self) -> Kruskal | None:
-        """Test of all groups at once; None for fewer than three, or several tasks, each of which has one."""
+        """Test of all groups at once; None for fewer than three groups, or for several tasks."""
         return self.tasks[0].kruskal if len(self.tasks) == 1 else None
 
     def __str__(self) -> str:
@@ -304,7 +305,7 @@ class Comparison:
         return table(self)
 
     def __repr__(self) -> str:
-        """Name what is compared, and how many runs in how many groups."""
+        """Return what is compared, and the numbers of runs and groups."""
         quantity = "fitness on held-out seeds" if self.held_out else self.indicator.by
         runs = sum(len(group.runs) for group in self.groups)
         return f"<Comparison by {quantity}: {runs} runs in {len(self.groups)} groups>"
@@ -331,21 +332,22 @@ class Comparison:
         width: str | float | None = None,
         title: str | None = None,
     ) -> "Figure":
-        """Return a matplotlib figure: best fitness or the indicator over `x`, and that of every run.
+        """Return a matplotlib figure: best fitness or the indicator over `x`, and the values of all runs.
 
-        Each of up to 20 tasks has axes of its own.
+        Up to 20 tasks have separate axes.
 
         Args:
-            x: "evaluations" or "generations". Where hypervolume takes long, with more than four objectives,
-                fitness included, or large fronts of three or four, best fitness is drawn over `x`.
-            metrics: draw fitness and these instead, of the best quarter of each generation by fitness: names
-                of metrics that all runs have recorded, or "all". For groups of one task.
-            style: "screen", or a publisher's: "ieee", "nature", "science", "acm", "elsevier" or "springer",
-                with the widths of its columns, its fonts and sizes, and without a title.
+            x: "evaluations" or "generations". If the hypervolume takes too long to compute (more than four
+                objectives, including fitness, or large fronts with three or four), best fitness is drawn over
+                `x`.
+            metrics: draw fitness and these metrics, averaged over the best quarter of each generation by
+                fitness: names of metrics that all runs have recorded, or "all". For groups of one task.
+            style: "screen", or that of a publisher: "ieee", "nature", "science", "acm", "elsevier" or
+                "springer", with the widths of its columns, its fonts and sizes, and without a title.
             width: "column" (the default) or "page" of the style, inches, or a length such as "89 mm".
-            title: instead of the figure's own; "" for none.
+            title: replaces the figure's title; "" for none.
 
-        Raises InputError for another style or width, and for a metric that a run has not recorded.
+        Raises InputError for an unknown style or width, and for a metric that a run has not recorded.
         """
         from swarmwright.display.figures.style import Page, use_page
 
@@ -353,7 +355,7 @@ class Comparison:
             return self._draw_figure(x, metrics)
 
     def _draw_figure(self, x: str, metrics: Names | None) -> "Figure":
-        """Return `figure` for the present page."""
+        """Return `figure` with the current style."""
         from swarmwright.analysis.designs import designs_of
         from swarmwright.display.figures.comparison import draw
         from swarmwright.display.figures.metrics import draw_groups, runs_of, title_of_groups
@@ -380,7 +382,7 @@ class Comparison:
     ) -> Path:
         """Draw `figure`, with its arguments, into a file (.png, .svg or .pdf); return its path.
 
-        Raises InputError as `figure`, and for another ending or a file that cannot be written.
+        Raises InputError as `figure`, and for another suffix or a file that cannot be written.
         """
         from swarmwright.display.figures.style import save
 
@@ -389,19 +391,19 @@ class Comparison:
 
     @check_arguments
     def export(self, path: str | PathLike[str]) -> Path:
-        """Write a table; return its path. The ending of the file says which.
+        """Write a table in the format of the file's suffix; return its path.
 
-        .csv: a row for each run: task, group, run (its folder, relative to that of the table), seed,
-        left_out (why the run does not count; empty for those that do), evaluations and episodes that count,
-        failed (of these evaluations), fitness (the best recorded one of these), the indicator that is
-        compared if any, held_out_fitness, held_out_episodes, held_out_failed (of these, which
-        held_out_fitness leaves out unless `ranking.failed` is a number), held_out_standard_error,
-        held_out_low and held_out_high (95 % interval; empty before a run's end and where the run was not
-        validated), seconds of the whole run, record_sha256, and the keys that differ; nan where no candidate
-        could be evaluated. Runs that do not count come last, without values.
-        .tex: groups and tests of each task as LaTeX tables, for the package booktabs.
+        .csv: a row for each run: task, group, run (its folder, relative to that of the table), seed, left_out
+        (the reason of an excluded run, otherwise empty), counted evaluations and episodes, failed (number of
+        failed ones among these evaluations), fitness (the best recorded one of these), the compared indicator
+        if any, held_out_fitness, held_out_episodes, held_out_failed (number of failed ones among these, which
+        held_out_fitness excludes unless `ranking.failed` is a number), held_out_standard_error, held_out_low
+        and held_out_high (95 % interval; empty before a run's end and without a validation), seconds of the
+        whole run, record_sha256, and the keys that differ; nan if no candidate could be evaluated. Excluded
+        runs come last, without values.
+        .tex: groups and tests of each task as LaTeX tables for the package booktabs.
 
-        Raises InputError for another ending or a file that cannot be written.
+        Raises InputError for another suffix or a file that cannot be written.
         """
         from swarmwright.analysis.table import write
 
@@ -422,68 +424,66 @@ def compare(
     order: Order = "rank",
     labels: Mapping[str, str] | None = None,
 ) -> Comparison:
-    """Compare runs: group them by what differs between their experiments, and test whether groups differ.
+    """Compare runs: group them by the differences between their experiments, and test whether groups differ.
 
-    Runs that differ in their seed alone are one group; of runs with the same experiment and seed one counts.
-    The best fitness of each run is compared by Mann and Whitney's test, with Vargha and Delaney's A12 as the
-    size of the effect and Hodges and Lehmann's estimate of the difference with its 95 % confidence interval;
-    three groups and more by Kruskal and Wallis' test as well, and p of pairs is corrected after Holm.
-    One group alone is described and not tested.
+    Runs that differ only in their seed form a group; of several runs with the same experiment and seed, one
+    counts. The best fitness of each run is compared by the Mann-Whitney U test, with Vargha and Delaney's A12
+    as the effect size and the Hodges-Lehmann estimate of the difference with its 95 % confidence interval;
+    three or more groups also by the Kruskal-Wallis test, and p of pairs is corrected after Holm. A single
+    group is described and not tested.
 
-    Runs count when they have finished. Others are left out, are named in a note, and are in `left_out`: those
-    that failed, were interrupted or killed or are still running, that have no finished generation, and those
-    that a sweep lacks or that cannot be read. With `at` and `at_episodes`, runs that had so many evaluations
-    or episodes count, whatever came of them. `print(comparison)` has the number of runs left out of each
-    group, and all caveats.
+    Only finished runs count. Others are excluded, named in a note, and listed in `left_out`: runs that
+    failed, were interrupted or killed or are still running, have no finished generation, are missing in a
+    sweep, or cannot be read. With `at` and `at_episodes`, all runs with that many evaluations or episodes
+    count, finished or not. `print(comparison)` shows the number of excluded runs of each group, and all
+    caveats.
 
-    Groups of different simulations, parameters of the simulation
-    or definitions of fitness, such as those of a sweep over methods and missions, solve different tasks: then
-    tests are within a task, and p is corrected for the pairs of that task. Runs that differ only in the
-    reference model of the arena's e-puck (`e-puck-rm1.1`, `e-puck-rm1.2`) have the same task, since both
-    describe the same robot. Groups that differ in nothing but parameters are tested against each other,
-    with a note, unless they have different missions.
+    Groups with different simulations, parameters of the simulation or definitions of fitness, such as those
+    of a sweep over methods and missions, solve different tasks: tests are then within a task, and p is
+    corrected for the pairs of that task. Runs that differ only in the reference model of the arena's e-puck
+    (`e-puck-rm1.1`, `e-puck-rm1.2`) have the same task, since both describe the same robot. Groups that
+    differ only in parameters are tested against each other, with a note, unless they have different missions.
 
-    Runs of `nsga2` with the same objectives can be compared by the hypervolume of their fronts, those of
+    Runs of `nsga2` with the same objectives can be compared by the hypervolume of their fronts, and those of
     `map_elites` with the same measures, ranges and bins by the QD score and the coverage of their archives,
-    with the same tests. Fronts and archives are those of all evaluations that count.
+    with the same tests. Fronts and archives are made from all counted evaluations.
 
     Args:
-        runs: run folders, folders of sweeps, whose runs are meant, or runs; or the folder of one sweep alone.
-            Files are ignored with a warning.
-        at: compare the best of the first so many evaluations instead of that at each run's end. Runs that
-            ended earlier count with what they had, and those whose candidates are evaluated again (racing,
-            `reevaluate`) with their last generation that was finished by then.
-        at_episodes: the same with as many evaluations of each run as took at most so many episodes, which
-            are fewer where `ranking.episodes` is larger: then runs had equally much simulation.
-        held_out: compare the fitness of each run's best candidate on held-out seeds, by its validation,
-            instead of the best recorded fitness, which is too high where fitness depends on the seed.
+        runs: run folders, folders of sweeps (which stand for their runs), or runs; or the folder of a single
+            sweep. Files are ignored with a warning.
+        at: compare the best of the first `at` evaluations instead of all. Runs that ended earlier count with
+            what they have. If candidates are evaluated again (racing, `reevaluate`), the last generation
+            finished by then counts.
+        at_episodes: like `at`, but with the evaluations of each run that took at most this many episodes,
+            which are fewer if `ranking.episodes` is larger. All runs then have the same amount of simulation.
+        held_out: compare the fitness of each run's best candidate on held-out seeds, from its validation,
+            instead of the best recorded fitness, which is too high if fitness depends on the seed.
         by: "fitness", "hypervolume", "qd_score" (sum over elites of fitness minus the offset) or "coverage"
             (share of cells that have an elite).
-        reference: of hypervolume, a value of `fitness` and of each objective that is worse than those of
-            interest; hypervolume is then in the units of the objectives. Default: each objective is scaled
-            from 0 to 1 between its worst and its best value in the fronts of these runs, and the reference
-            point is -0.1 in each.
-        offset: of the QD score, the worst possible fitness. Default: 0, or the lowest fitness of an elite of
-            these runs where that is negative.
-        unfinished: count runs that have not finished as well, with what they have.
-        order: of the groups of a task in tables and figures: "rank" (by their median, the best first),
-            "name", "given" (as in `runs`), or a list of labels; groups that it does not name come after
-            these, by rank. The first of a pair is the one that comes first.
-        labels: other names of groups, or of what the legend of the figure calls them, and of tasks: the
-            present name -> the new one.
+        reference: of the hypervolume: values of `fitness` and of each objective that are worse than all
+            values of interest; the hypervolume is then in the units of the objectives. Default: each
+            objective is scaled from 0 to 1 between its worst and its best value in the fronts of these runs,
+            and the reference point is -0.1 in each.
+        offset: offset of the QD score, the worst possible fitness. Default: 0, or the lowest fitness of an
+            elite of these runs if that is negative.
+        unfinished: count unfinished runs as well, with what they have.
+        order: order of the groups of a task in tables and figures: "rank" (by median, best first), "name",
+            "given" (as in `runs`), or a list of labels; groups that it does not name follow by rank. The
+            first group of a pair is the one that comes first.
+        labels: new names of groups, of entries of the figure's legend, and of tasks: present name -> new
+            name.
 
     Raises:
-        InputError: no run is given, a folder is not a run, no run counts, `at` or `at_episodes` is below 1
-            or a run had no finished generation yet by then, with `held_out` a run has no validation, a run
-            does not have what is compared, or `order` or `labels` name a group that there is not.
+        InputError: no run is given, a folder is not a run, no run counts, `at` or `at_episodes` is below 1 or
+            a run had no finished generation by then, with `held_out` a run has no validation, a run does not
+            have the compared quantity, or `order` or `labels` name an unknown group.
 
     Examples:
         >>> comparison = swarmwright.compare(["study/nnga-1", "study/random_search-1"])
         >>> [group.label for group in comparison.groups]
         ['random_search', 'nnga']
 
-    See also: `compare_controllers`, for two controllers in the same episodes; `sweep`, which makes the
-    runs.
+    See also: `compare_controllers`, for two controllers in the same episodes; `sweep`, which makes the runs.
     """
     opened, unreadable = runs_of_all(runs)
     check_options(at, at_episodes, by, reference, offset, held_out=held_out)
@@ -503,11 +503,11 @@ def compare(
 
 
 def compare_all(runs: Sequence[Run], unreadable: Sequence[LeftOut] = ()) -> list[Comparison]:
-    """Return the comparisons that a sweep ends with, the one to report first.
+    """Return the comparisons that are printed at the end of a sweep, the most important first.
 
-    By fitness on held-out seeds, where every run that counts was validated and fitness depends on the seed;
-    by recorded fitness; then by the indicators that all runs have and that take little time. None where no
-    run counts.
+    By fitness on held-out seeds, if every counted run was validated and fitness depends on the seed; by
+    recorded fitness; then by the indicators that all runs have and that are computed quickly. Empty if no run
+    counts.
 
     unreadable: runs of the sweep that are missing or cannot be read.
     """
@@ -522,12 +522,12 @@ def compare_all(runs: Sequence[Run], unreadable: Sequence[LeftOut] = ()) -> list
 
 
 def counting(runs: Iterable[Run]) -> list[Run]:
-    """Return the runs that count in a comparison of runs at their ends."""
+    """Return the runs that count if runs are compared at their ends."""
     return [run for run in runs if find_exclusion(run, "", None, None, unfinished=False) is None]
 
 
 def has_held_out_fitness(runs: Sequence[Run]) -> bool:
-    """Return whether every run that counts was validated, and fitness of any depends on the seed."""
+    """Return whether every counted run was validated, and the fitness of at least one depends on the seed."""
     count = counting(runs)
     return all(run.validation is not None for run in count) and any(run.unseen is not None for run in count)
 
@@ -547,12 +547,12 @@ def compare_opened(
     labels: Mapping[str, str] | None = None,
     beside: Collection[str] = (),
 ) -> Comparison:
-    """Compare runs as `compare` does.
+    """Compare runs like `compare`.
 
     Args:
         opened: runs.
         unreadable: runs that are missing or cannot be read.
-        at: as in `compare`, like all others.
+        at: this and the following as in `compare`.
         at_episodes: ..
         held_out: ..
         by: ..
@@ -561,7 +561,7 @@ def compare_opened(
         unfinished: ..
         order: ..
         labels: ..
-        beside: what the runs are also compared by, next to this.
+        beside: other quantities by which the runs are also compared.
     """
     if not opened:
         raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
@@ -623,9 +623,9 @@ def _select_counted(
     *,
     unfinished: bool,
 ) -> tuple[list[RunGroup], list[LeftOut]]:
-    """Return the groups with the runs that count, and the runs that do not.
+    """Return the groups with the counted runs, and the excluded runs.
 
-    Raises InputError where no run counts.
+    Raises InputError if no run counts.
     """
     counted_groups: list[RunGroup] = []
     excluded: list[LeftOut] = []
@@ -650,7 +650,7 @@ def _select_counted(
 
 
 def _none_counts(without: Sequence[LeftOut]) -> str:
-    """Return that no run counts, why, and what helps."""
+    """Explain why no run counts, and how runs could."""
     first = without[0]
     if not any(run.evaluations for run in without):
         return f"{first.path}: {first.reason} to compare"
@@ -666,7 +666,7 @@ def _none_counts(without: Sequence[LeftOut]) -> str:
 def _rename_labels(
     tasks: Sequence[Task], labels: Mapping[str, str], without: Sequence[LeftOut]
 ) -> tuple[Task, ...]:
-    """Return tasks with other names. Raises InputError for one that there is not, or that two would have."""
+    """Return tasks with other names. Raises InputError for an unknown name, or if two would have the same."""
     from swarmwright.analysis.designs import designs_of
 
     groups = [group.label for task in tasks for group in task.groups]

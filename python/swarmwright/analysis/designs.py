@@ -1,4 +1,4 @@
-"""Designs: what differs between groups beside their tasks. A design has one colour and name in a figure."""
+"""Designs: differences between groups other than their tasks; each has one colour and name in a figure."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,22 +15,22 @@ if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Group, Task
 
 _NAME_CHARACTERS = 120
-"""Characters of a name."""
+"""Largest number of characters of a name."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """Groups that differ in nothing but their task."""
+    """Groups that differ only in their task."""
 
     number: int
-    """Its place among the designs by name, by which it has a colour, whatever the order of the groups is."""
+    """Its index among the designs sorted by name, which determines its colour in any order of the groups."""
     name: str
-    """What distinguishes it from other designs, in words."""
+    """Description of what distinguishes it from other designs."""
     groups: "tuple[Group, ...]"
 
     @property
     def entry(self) -> str:
-        """Its name with the number of runs of its groups, and of those left out."""
+        """Its name with the numbers of counted and excluded runs of its groups."""
         counts = sorted({len(group.runs) for group in self.groups})
         few = "" if len(counts) == 1 else f"{counts[0]} to "
         lacking = sum(len(group.left_out) for group in self.groups)
@@ -39,11 +39,12 @@ class Design:
 
 
 def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None) -> list[Design]:
-    """Return the designs of the groups of tasks, in the order in which these have them.
+    """Return the designs of the groups of tasks, in the order of the groups.
 
-    Keys in which tasks differ are left out, and numbers of sensors and actuators, which follow from others.
+    Keys in which tasks differ are omitted, as are numbers of sensors and actuators, which follow from other
+    keys.
 
-    labels: other names of designs.
+    labels: custom names of designs.
     """
     groups = [group for task in tasks for group in task.groups]
     keys = _keys(tasks)
@@ -53,9 +54,9 @@ def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None)
         designs.setdefault(identity(differs), (differs, []))[1].append(group)
     ordered = sorted(designs.values(), key=lambda design: sort_key(design[0], keys))
     if all(len(members) == 1 and differs == members[0].differs for differs, members in ordered):
-        # Numbers of groups are those of the table.
+        # The groups are numbered as in the table.
         ordered.sort(key=lambda design: number_of(design[1][0].label))
-        names = [members[0].label for _, members in ordered]  # as the table has them
+        names = [members[0].label for _, members in ordered]  # as in the table
     elif len(ordered) == 1:
         names = [name_of(groups[0].runs[0].experiment)]
     else:
@@ -70,7 +71,7 @@ def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None)
 
 
 def _keys(tasks: "Sequence[Task]") -> set[str]:
-    """Return the keys that make designs: in which groups of a task differ, or that make no task."""
+    """Return the keys that define designs: those that differ within a task, or that do not define tasks."""
     of_tasks = {key for task in tasks for key in task.differs}
     within = {key for task in tasks for key in _differing(task.groups)}
     every = {key for task in tasks for group in task.groups for key in group.differs}

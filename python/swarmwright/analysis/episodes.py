@@ -1,4 +1,4 @@
-"""Episodes that the evaluations of a run took: what they cost to simulate."""
+"""Number of episodes that a run's evaluations took, which is their cost in simulation."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,8 @@ def fitness_at(run: Run, evaluations: int | None = None) -> tuple[float, int]:
 
     Fewer evaluations count if the run has fewer, or if only finished generations count, see
     `is_compared_by_generation`.
-    evaluations: None: the whole run.
+
+    evaluations: None for the whole run.
     """
     history = run.history
     if evaluations is not None:
@@ -33,27 +34,27 @@ def fitness_at(run: Run, evaluations: int | None = None) -> tuple[float, int]:
         and done < min(evaluations, run.evaluations)
         and not is_compared_by_generation(run)
     ):
-        # Within a generation, the record has evaluations in the order in which the method asked for them.
+        # Within a generation, evaluations are recorded in the order in which the method requested them.
         end = min(evaluations, run.evaluations)
         best, done = float(np.fmax(best, run._store.best_fitness(done, end))), end
     return best if math.isfinite(best) else math.nan, done
 
 
 def is_compared_by_generation(run: Run) -> bool:
-    """Whether the best of a run is known at the end of generations only: its fitness may become another."""
+    """Return whether the best of a run is known only after generations, since its fitness may change."""
     return run.experiment.ranking.reevaluate or averages_instances(run.experiment)
 
 
 _Numbers: TypeAlias = NDArray[np.int64]
 
 _known: WeakKeyDictionary[Run, tuple[_Numbers, _Numbers]] = WeakKeyDictionary()
-"""What `_cumulate_by_generation` has found, for which every evaluation of a run is read."""
+"""Results of `_cumulate_by_generation`, which reads every evaluation of a run."""
 
 
 def episodes_of(run: Run, evaluations: int) -> int:
-    """Return how many episodes the first so many evaluations of a run took.
+    """Return the number of episodes that a run's first `evaluations` evaluations took.
 
-    Those that a race left out do not count, nor do validations and what a ranking's other simulation ran.
+    Episodes that a race skipped do not count, nor do validations and the other simulation of a ranking.
     """
     ranking = run.experiment.ranking
     if not isinstance(ranking, RaceOptions):
@@ -65,7 +66,7 @@ def episodes_of(run: Run, evaluations: int) -> int:
 
 
 def evaluations_within(run: Run, episodes: int) -> int:
-    """Return how many of a run's first evaluations took at most so many episodes."""
+    """Return the number of a run's first evaluations that took at most this many episodes."""
     ranking = run.experiment.ranking
     if not isinstance(ranking, RaceOptions):
         return min(episodes // ranking.episodes, run.evaluations)
@@ -77,7 +78,7 @@ def evaluations_within(run: Run, episodes: int) -> int:
 
 
 def _cumulate_by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
-    """Return the evaluations of a race before each generation and at the end, and the episodes of these."""
+    """Return numbers of evaluations and their episodes, before each generation of a race and at the end."""
     if run not in _known:
         counts, cumulative = np.zeros((2, run.generations), np.int64)
         if run.experiment.ranking.failure_fitness is not None:
@@ -88,7 +89,7 @@ def _cumulate_by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
                 )
         else:
             for part in run._store.rows():
-                cached = part.generation < run.generations  # a run that goes on may have more by now
+                cached = part.generation < run.generations  # the run may have more later if it continues
                 np.add.at(counts, part.generation[cached], 1)
                 np.add.at(
                     cumulative,
@@ -100,7 +101,7 @@ def _cumulate_by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
 
 
 def _count_episodes(run: Run, generation: int) -> _Numbers:
-    """Return how many episodes each evaluation of a generation took; none where there is no such one."""
+    """Return the number of episodes of each evaluation of a generation; empty if it does not exist."""
     ranking = run.experiment.new_ranking()
     counts = [
         _cumulate_episodes(row.episodes, row.fitness)
@@ -112,7 +113,7 @@ def _count_episodes(run: Run, generation: int) -> _Numbers:
 
 
 def _cumulate_episodes(episodes: NDArray[np.float64], fitness: NDArray[np.float64]) -> _Numbers:
-    """Return how many episodes evaluations took: a candidate that failed went through all of them."""
+    """Return the number of episodes of evaluations; a failed candidate took all of them."""
     cumulative: _Numbers = np.where(
         np.isfinite(fitness), (~np.isnan(episodes)).sum(axis=1), episodes.shape[1]
     )
@@ -120,38 +121,38 @@ def _cumulate_episodes(episodes: NDArray[np.float64], fitness: NDArray[np.float6
 
 
 def episodes_to_begin(run: Run) -> int:
-    """Return after how many episodes a run has something to compare."""
+    """Return the number of episodes after which a run has something to compare."""
     return episodes_of(run, run.history[0].evaluations if is_compared_by_generation(run) else 1)
 
 
 def limit(run: Run, at: int | None, at_episodes: int | None) -> int | None:
-    """Return how many evaluations of a run are compared, by their number or that of episodes; None: all."""
+    """Return the number of compared evaluations of a run, from that of evaluations or episodes; None: all."""
     return at if at_episodes is None else evaluations_within(run, at_episodes)
 
 
 Kind = Literal["unfinished", "empty", "unreadable", "missing"]
 _NAMED = 5
-"""Runs that a note names."""
+"""Number of runs that a note names."""
 _STATES = {"running": "still running", "interrupted": "interrupted", "killed": "killed", "failed": "failed"}
-"""States of a run that has not finished, in words."""
+"""Descriptions of the states of unfinished runs."""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A run that does not count in a comparison."""
+    """A run that is excluded from a comparison."""
 
     path: Path
-    """Its folder."""
+    """Folder of the run."""
     kind: Kind
-    """Why: it has not finished, has no finished generation, cannot be read, or is missing in its sweep."""
+    """Reason: unfinished, empty (no finished generation), unreadable, or missing in its sweep."""
     reason: str
-    """The same in words, such as `failed after 40 evaluations`."""
+    """The reason in words, such as `failed after 40 evaluations`."""
     label: str = ""
-    """Its group; empty where that is not known."""
+    """Label of its group; empty if unknown."""
     seed: int | None = None
-    """Seed of the run; None where that is not known."""
+    """Seed of the run; None if unknown."""
     evaluations: int = 0
-    """Evaluations that it has."""
+    """Number of its evaluations."""
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values."""
@@ -164,14 +165,14 @@ class LeftOut:
 def find_exclusion(
     run: Run, label: str, at: int | None, at_episodes: int | None, *, unfinished: bool
 ) -> LeftOut | None:
-    """Return a run as one that does not count, with the reason; None where it counts.
+    """Return a run as an excluded one with the reason; None if it counts.
 
     Args:
-        run: which.
-        label: of its group.
-        at: evaluations after which runs are compared: a run that has so many counts, whatever came of it.
-        at_episodes: the same with episodes.
-        unfinished: whether runs that have not finished count with what they have.
+        run: the run.
+        label: label of its group.
+        at: evaluations after which runs are compared; a run with that many counts, finished or not.
+        at_episodes: the same in episodes.
+        unfinished: whether unfinished runs count with what they have.
     """
     seed = run.experiment.seed
     if not run.history:
@@ -193,7 +194,7 @@ def find_exclusion(
 
 
 def notes(left: Sequence[LeftOut]) -> list[str]:
-    """Return which runs are left out, and how they would count."""
+    """Return notes on excluded runs, and on how to count them."""
     sentences = []
     unfinished = [run for run in left if run.kind == "unfinished"]
     if unfinished:

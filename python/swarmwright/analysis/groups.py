@@ -18,19 +18,19 @@ from swarmwright.simulations.catalogue import ARENA, description, find_built_in
 from swarmwright.simulations.user_code.copying import Copy, compute_digest, display_name
 
 _NO_GROUP = KEYS_OUTSIDE_RECORD | {"seed"}
-"""Keys of an experiment in which runs of a group may differ."""
+"""Keys of an experiment that may differ within a group."""
 _NAME_CHARACTERS = 120
-"""Characters of a name, beyond which groups are numbered and a note explains them."""
+"""Largest number of characters of a name; groups with longer names are numbered and explained in a note."""
 _NUMBER = re.compile(r"group (\d+): ")
-"""How labels of such groups begin."""
+"""Beginning of the labels of such groups."""
 _BEGINNING = 60
-"""Characters of a longer name that stay."""
+"""Characters that are kept of a longer name."""
 _TOLD = 500
-"""Characters of it in a note."""
+"""Characters of such a name in a note."""
 _PATHS = 3
-"""Runs that a note names."""
+"""Number of runs that a note names."""
 _NAMED = ("mission", "robot")
-"""The arena's parameters that may be mappings with many keys, and have a name that stands for these."""
+"""Parameters of the arena that may be mappings with many keys, for which a name can stand."""
 _ROBOT = "parameters.robot"
 
 
@@ -45,20 +45,20 @@ class RunGroup:
 
 
 def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[RunGroup], list[str]]:
-    """Group runs by what differs between their experiments, in the order in which they were given.
+    """Group runs by the differences between their experiments, in the given order.
 
-    besides: keys in which runs of a group may differ as well, such as parameters.seed.
-
-    A run that is given twice, or was made again with the same experiment and seed, counts once: it is not a
+    A run that is given twice, or repeated with the same experiment and seed, counts once, since it is not a
     second sample.
 
+    besides: further keys that may differ within a group, such as parameters.seed.
+
     Returns:
-        The groups, and notes on what was left out.
+        The groups, and notes on excluded runs.
     """
     distinct_runs, notes = _remove_repetitions(runs)
-    # Beside a mission whose parts were set, one that is named is written out: then only these parts differ.
+    # A named mission is written out if others are changed in parts, so that only these parts differ.
     missions = any(isinstance(run.experiment.parameters.get("mission"), Mapping) for run in distinct_runs)
-    # What changed in the code is known of runs that hold their copy; of others, whether anything has.
+    # Changes of single parts of the code are known only for runs with a copy of it.
     parts = all(not run.code or _code_parts(run) is not None for run in distinct_runs)
     flattened = [
         {
@@ -94,17 +94,17 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
 
 
 def number_of(label: str) -> int:
-    """Return the number of a group whose name is too long; 0 where it has none."""
+    """Return the number of a group whose name is too long; 0 if it has none."""
     match = _NUMBER.match(label)
     return int(match[1]) if match else 0
 
 
 def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) -> list[str] | None:
-    """Return what groups of runs of one sweep are called: by what its grid sets, as the sweep calls them.
+    """Return names for groups of runs of a sweep from the keys of its grid, like the sweep's labels.
 
-    None where they are not of one sweep, or more than the grid differs between them.
+    None if the runs are not from one sweep, or differ in more than the grid.
 
-    groups: what differs between them, and their runs.
+    groups: differences between them, and their runs.
     """
     of_grid = keys_of_grid([run for _, members in groups for run in members])
     if of_grid is None:
@@ -132,7 +132,7 @@ def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) ->
 
 
 def _robot(experiment: Experiment) -> str | None:
-    """Return the name of the arena's robot where none is given; None where it has none."""
+    """Return the name of the arena's default robot if no robot is given; None for other simulations."""
     if find_built_in(experiment.simulation) != ARENA:
         return None
     robot = robot_of(experiment.parameters)
@@ -140,16 +140,16 @@ def _robot(experiment: Experiment) -> str | None:
 
 
 def names_of(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
-    """Return what groups are called, by what differs between them and one run of each.
+    """Return names for groups from their differences and one run of each.
 
-    Missions and robots that have names of their own stand for what differs in them; where groups would have
-    one name, that is added.
+    Named missions and robots stand for the differences in them, which are added if groups would have equal
+    names.
     """
     keys = {key for differs, _ in groups for key in differs}
     named: dict[str, list[str]] = {}
     for parameter in _NAMED:
         if not any(_is_within(key, parameter) and key != f"parameters.{parameter}" for key in keys):
-            continue  # nothing differs, or names alone
+            continue  # nothing differs, or only names
         titles = [_title_of(parameter, run.experiment) for _, run in groups]
         if len(set(titles)) > 1:
             named[parameter] = titles
@@ -158,7 +158,7 @@ def names_of(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
     for index, (differs, _) in enumerate(groups):
         heads = [titles[index] for titles in named.values() if titles[index]]
         hidden = {key for key in differs for parameter in named if _is_within(key, parameter)}
-        if named:  # they follow from the robots
+        if named:  # these keys follow from the robots
             hidden |= differs.keys() & {"sensors", "actuators"}
         remaining = {key: value for key, value in differs.items() if key not in hidden}
         names.append(", ".join([*heads, *wording.words(remaining, remaining)]))
@@ -179,12 +179,12 @@ def names_of(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
 
 
 def _is_within(key: str, parameter: str) -> bool:
-    """Return whether a key is that of the mission, or of the robot, or within it."""
+    """Return whether a key is the mission or the robot, or a part of it."""
     return key == f"parameters.{parameter}" or key.startswith(f"parameters.{parameter}.")
 
 
 def _title_of(parameter: str, experiment: Experiment) -> str:
-    """Return what an experiment's mission or robot is called, in words; nothing where it has none."""
+    """Return the name of an experiment's mission or robot; empty if it has none."""
     value = experiment.parameters.get(parameter)
     if value is None and (parameter == "robot" or find_built_in(experiment.simulation) != ARENA):
         return ""
@@ -196,7 +196,7 @@ def _title_of(parameter: str, experiment: Experiment) -> str:
 
 
 def _remove_repetitions(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
-    """Leave out runs that are the same as another one; of two, the finished or else the longer one stays."""
+    """Remove repeated runs; of two equal runs, the finished one or else the longer one is kept."""
     distinct_runs: dict[str, Run] = {}
     copies: dict[str, list[Run]] = {}
     folders: dict[str, Run] = {}
@@ -231,7 +231,7 @@ def _describe_repeated(runs: Sequence[Run]) -> str:
 
 
 def _describe_copies(counted_run: Run, left_out: Sequence[Run]) -> str:
-    """Return why runs with the same experiment and seed as another one do not count."""
+    """Describe why runs with the same experiment and seed as another one do not count."""
     if len(left_out) == 1:
         return (
             f"{left_out[0].path} has experiment and seed of {counted_run.path}, so it is not a second sample "
@@ -249,7 +249,7 @@ def _paths(runs: Sequence[Run]) -> str:
 
 
 def collect_mission_names(runs: Iterable[Run]) -> dict[str, str]:
-    """Return what the arena's missions are called in the first run of each, by their longer names."""
+    """Return the names of the arena's missions in the first run of each, by their long names."""
     titles: dict[str, str] = {}
     for run in runs:
         simulation = run.experiment.simulation
@@ -264,9 +264,10 @@ def collect_mission_names(runs: Iterable[Run]) -> dict[str, str]:
 
 
 def restore_mission_names(values: Mapping[str, Any], run: Run, missions: Mapping[str, str]) -> dict[str, Any]:
-    """Return flattened values of a run in which a mission has the name that authors of the runs gave.
+    """Return flattened values of a run with the name of the mission that the authors of the runs used.
 
-    missions: see `collect_mission_names`; a mission with two names gets one, so that values are comparable.
+    missions: see `collect_mission_names`; a mission with two names gets one of them, so that values are
+    comparable.
     """
     key = "parameters.mission"
     name = values.get(key)
@@ -276,10 +277,10 @@ def restore_mission_names(values: Mapping[str, Any], run: Run, missions: Mapping
 
 
 def flatten_experiment(run: Run, *, missions: bool = False, parts: bool = True) -> dict[str, Any]:
-    """Return the experiment with nested keys joined by points, and what its code is.
+    """Return the experiment with nested keys joined by dots, and the digest of its code.
 
-    missions: write out the arena's missions that are named. parts: tell the code of its parts apart, as
-    `code.simulation` and `code.method`, where the run holds its copy.
+    missions: write out the arena's named missions. parts: distinguish the parts of the code, as
+    `code.simulation` and `code.method`, if the run has a copy.
     """
     experiment = run.experiment
     mapping = experiment.to_mapping()
@@ -290,11 +291,11 @@ def flatten_experiment(run: Run, *, missions: bool = False, parts: bool = True) 
     if code:
         code_parts = _code_parts(run) if parts else None
         mapping["code"] = code[max(code)][:12] if code_parts is None else code_parts
-    # A parameter that is not given has its default; defaults of an external simulation are not known.
+    # Omitted parameters have their defaults, which are unknown for an external simulation.
     parameters = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
     if find_built_in(experiment.simulation) == ARENA:
         mission = parameters.get("mission")
-        # `aac` and `aggregation` are one mission.
+        # `aac` and `aggregation` are names of the same mission.
         parameters["mission"] = (mission_of(mission) if missions else None) or mission_name(mission)
     mapping["parameters"] = parameters
     compared_keys = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
@@ -302,7 +303,7 @@ def flatten_experiment(run: Run, *, missions: bool = False, parts: bool = True) 
 
 
 def _code_parts(run: Run) -> dict[str, str] | None:
-    """Return the beginning of the SHA-256 of each part of a run's code; None where its copy is gone."""
+    """Return the beginning of the SHA-256 of each part of a run's code; None if its copy is missing."""
     version = max(run.code)
     try:
         copy = Copy.find(run.path, version)
@@ -314,7 +315,7 @@ def _code_parts(run: Run) -> dict[str, str] | None:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a file
-    """Return a value in which 1.0 is 1: files may hold either, as may defaults."""
+    """Return a value with 1 in place of 1.0, since files and defaults may have either."""
     if isinstance(value, list):
         return [_plain(item) for item in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value
@@ -330,8 +331,8 @@ def _defaults(simulation: str) -> dict[str, Any]:
 def distinguishing(flat: Sequence[dict[str, Any]]) -> list[str]:
     """Return the keys whose values differ, in the experiment's order.
 
-    Options of a component count only among runs with the same kind of it: that an option of one kind is
-    missing in another follows from the kind.
+    Options of a component are compared only among runs with the same kind of it, since other kinds do not
+    have them.
     """
     return list(_varying(flat))
 
@@ -339,8 +340,8 @@ def distinguishing(flat: Sequence[dict[str, Any]]) -> list[str]:
 def differing_keys(flat: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """Return for each experiment the keys in which it differs from others with the same kind of component.
 
-    An option in which those of its kind do not differ, or that its kind does not have, is left out; a
-    parameter, or a key of the experiment itself such as fitness, may have been left out by its author.
+    Options that are equal within a kind, or that the kind does not have, are excluded; a parameter, or a key
+    of the experiment itself such as fitness, also counts if its author omitted it.
     """
     kinds = _varying(flat)
     return [
@@ -356,7 +357,7 @@ def differing_keys(flat: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 
 def _varying(flat: Sequence[Mapping[str, Any]]) -> dict[str, set[Any]]:
-    """Return the keys whose values differ, with the kinds of component among which they do."""
+    """Return the keys whose values differ, with the kinds of component among which they differ."""
     varying = {}
     for key in dict.fromkeys(key for values in flat for key in values):
         values_of: dict[Any, set[str]] = {}

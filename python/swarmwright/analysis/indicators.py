@@ -1,4 +1,4 @@
-"""Quality indicators of fronts and archives, by which runs of `nsga2` and `map_elites` are compared."""
+"""Quality indicators of fronts and archives, to compare runs of `nsga2` and `map_elites`."""
 
 import math
 import shlex
@@ -19,14 +19,14 @@ from swarmwright.runs.run import Run
 
 
 def hypervolume(values: Values, reference: Values) -> float:
-    """Return the volume that is dominated by at least one row and dominates the reference point; exact.
+    """Return the exact volume that is dominated by at least one row and dominates the reference point.
 
     Rows that are not better than the reference point in every column add nothing (as in pymoo). The time
     grows quickly with the number of columns.
 
     Args:
-        values: (n, columns), columns at least two; more is better in each.
-        reference: (columns,), a value of each that is worse than those of interest.
+        values: (n, columns), with at least two columns; more is better in each.
+        reference: (columns,), a value of each column that is worse than all values of interest.
 
     Source: While, Bradstreet and Barone, "A fast way of calculating exact hypervolumes", IEEE Transactions on
     Evolutionary Computation 16(1), 2012.
@@ -44,8 +44,8 @@ def _volume(gains: Values) -> float:
     gains = gains[np.argsort(gains[:, -1], kind="stable")]
     total = 0.0
     for index, row in enumerate(gains[:, :-1]):
-        # What the box shares with those behind it, which reach farther in the last column, has its own
-        # extent there; so one column fewer is left.
+        # The intersection with later boxes, which reach farther in the last column, has the row's extent
+        # there, so one column fewer remains.
         shared = _volume(np.minimum(gains[index + 1 :, :-1], row))
         total += float(gains[index, -1]) * max(0.0, float(np.prod(row)) - shared)
     return total
@@ -60,7 +60,7 @@ def _area(gains: Values) -> float:
 
 
 By = Literal["fitness", "hypervolume", "qd_score", "coverage"]
-"""What of runs is compared."""
+"""The compared quantity of runs."""
 WORDS: Mapping[By, str] = {
     "fitness": "fitness",
     "hypervolume": "hypervolume",
@@ -68,48 +68,48 @@ WORDS: Mapping[By, str] = {
     "coverage": "coverage",
 }
 _REFERENCE_MARGIN = 0.1
-"""Share of an objective's range by which the reference point is worse than all that is compared."""
+"""Share of an objective's range by which the reference point is worse than all compared values."""
 _POINTS = 40
-"""Most generations that a curve has."""
+"""Largest number of generations in a curve."""
 _QUICK_FRONT_SIZES = {2: math.inf, 3: 1000, 4: 300}
-"""By the number of objectives, with fitness: candidates of a front up to which hypervolume takes about 0.1 s;
-none for more objectives."""
+"""Largest front size for which the hypervolume takes about 0.1 s, by the number of objectives, including
+fitness; not computed for more objectives."""
 
 
 @dataclass(frozen=True)
 class Indicator:
-    """What of runs is compared, and by which constants."""
+    """A compared quantity of runs, and its constants."""
 
     by: By = "fitness"
     offset: float | None = None
-    """What the QD score subtracts from the fitness of each elite; None of others."""
+    """Value that the QD score subtracts from the fitness of each elite; None for other indicators."""
     reference: dict[str, float] | None = None
-    """Reference point of hypervolume, in the units of the objectives; None of others."""
+    """Reference point of the hypervolume, in the units of the objectives; None for other indicators."""
     ranges: dict[str, tuple[float, float]] | None = None
-    """Worst and best value of each objective in the fronts that are compared, which count as 0 and 1; None
-    where objectives are not scaled."""
+    """Worst and best value of each objective in the compared fronts, which are scaled to 0 and 1; None if
+    objectives are not scaled."""
     largest: int = 0
-    """Candidates of the largest front that is compared; 0 of others."""
+    """Number of candidates of the largest compared front; 0 for other indicators."""
     is_explicit: bool = False
-    """Whether offset or reference point were given."""
+    """Whether the offset or the reference point was given."""
     notes: tuple[str, ...] = ()
     """Caveats, a sentence each."""
 
     @property
     def words(self) -> str:
-        """What it is called in texts."""
+        """Name of the indicator in texts."""
         return WORDS[self.by]
 
     @property
     def has_curve(self) -> bool:
-        """Whether it is one of fronts or archives that can be computed for many generations in seconds."""
+        """Whether it is an indicator of fronts or archives that is quickly computed for many generations."""
         if self.reference is None:
             return self.by != "fitness"
         return self.largest <= _QUICK_FRONT_SIZES.get(len(self.reference), 0)
 
     @property
     def options(self) -> str:
-        """The options of the command line by which runs are compared in this way; empty for fitness."""
+        """Command-line options that select it; empty for fitness."""
         if self.by == "fitness":
             return ""
         options = [f"--by {self.by}"]
@@ -122,16 +122,16 @@ class Indicator:
         return " ".join(options)
 
     def value(self, elites: Elites) -> float:
-        """Return it of a front or an archive."""
+        """Return its value for a front or an archive."""
         if self.by == "hypervolume":
             return _hypervolume(self, elites)
         value = elites.coverage if self.by == "coverage" else elites.qd_score(self.offset or 0.0)
         return value or 0.0
 
     def curve(self, run: Run) -> dict[int, float]:
-        """Return it at the end of some generations, by their number.
+        """Return its values at the end of some generations, by generation.
 
-        run: one of those that `measure` was given.
+        run: one of the runs that were given to `measure`.
         """
         chosen = np.linspace(0, run.generations - 1, _POINTS).round().astype(int)
         return {
@@ -141,7 +141,7 @@ class Indicator:
 
     @property
     def heading(self) -> str:
-        """What is compared, in words; empty for fitness."""
+        """Description of what is compared; empty for fitness."""
         if self.by == "coverage":
             return "Coverage of each run's archive: the share of its cells that have an elite."
         if self.by == "qd_score":
@@ -174,7 +174,7 @@ class Indicator:
         return ""
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return it as plain values, for JSON."""
+        """Return the indicator as plain values, for JSON."""
         return {
             "by": self.by,
             "offset": self.offset,
@@ -205,7 +205,7 @@ def find_shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
 
 
 def find_quick_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
-    """Return those of `find_shared_indicators` that take little time, and so are computed unasked."""
+    """Return those of `find_shared_indicators` that are computed quickly, and therefore by default."""
     shared = find_shared_indicators(runs)
     if "hypervolume" not in shared:
         return shared
@@ -221,14 +221,14 @@ def measure(
     reference: Mapping[str, float] | None = None,
     offset: float | None = None,
 ) -> tuple[Indicator, list[float]]:
-    """Return an indicator, and its value of each run.
+    """Return an indicator and its value for each run.
 
     Args:
-        by: one of fronts or archives.
-        runs: at least one.
-        at: for the elites of the first so many evaluations; None: of all.
-        reference: reference point of hypervolume. Default: made of all fronts.
-        offset: of the QD score. Default: 0, or the lowest fitness of all elites where that is lower.
+        by: an indicator of fronts or archives.
+        runs: at least one run.
+        at: use the elites of the first `at` evaluations; None: of all.
+        reference: reference point of the hypervolume. Default: derived from all fronts.
+        offset: offset of the QD score. Default: 0, or the lowest fitness of all elites if that is lower.
 
     Raises:
         InputError: a run has no such indicator, the runs have different objectives or cells, or the reference
@@ -247,9 +247,9 @@ def measure(
 
 
 def build_indicator(elites: Elites) -> Indicator:
-    """Return the indicator by which a front, or an archive, is compared with its former states.
+    """Return the indicator to compare a front or an archive with its earlier states.
 
-    It is hypervolume or the QD score, the same that `measure` uses for a single run with these elites.
+    It is the hypervolume or the QD score, the same that `measure` uses for a single run with these elites.
     """
     return (
         _build_front_indicator([elites], None)
@@ -335,7 +335,7 @@ def _build_front_indicator(elites: Sequence[Elites], reference: dict[str, float]
         )
         notes = (note,) if behind else ()
         return Indicator("hypervolume", reference=reference, largest=largest, is_explicit=True, notes=notes)
-    # Fronts without candidates have no range, and no hypervolume with any.
+    # Fronts without candidates have no range, and any range gives them a hypervolume of 0.
     finite_values = every if len(every) else np.array([[0.0], [1.0]]) * np.ones(len(names))
     worst, best = finite_values.min(axis=0), finite_values.max(axis=0)
     point = (worst - 2 * _REFERENCE_MARGIN * _half_width(worst, best)) * signs + 0.0
@@ -360,7 +360,7 @@ def _hypervolume(indicator: Indicator, elites: Elites) -> float:
 
 
 def _half_width(worst: Values, best: Values) -> Values:
-    """Return half of each range, which is finite for huge values, too; that of a single value has width 1."""
+    """Return half of each range, without overflow for huge values; a single value has a range of 1."""
     return np.where(best > worst, best / 2 - worst / 2, 0.5)
 
 
@@ -369,7 +369,7 @@ def _signs(elites: Elites, names: Sequence[str]) -> Values:
 
 
 def _orient_values(elites: Elites, names: Sequence[str]) -> Values:
-    """Return fitness and metrics of a front, (candidates, names), with signs so that more is better."""
+    """Return fitness and metrics of a front, (candidates, names), with signs such that more is better."""
     rows = [
         [candidate.fitness, *(candidate.metrics[name] for name in names[1:])]
         for candidate in elites.candidates

@@ -1,4 +1,4 @@
-"""Labels: what distinguishes groups of runs, or variants of a sweep, in a few words."""
+"""Labels: short descriptions of what distinguishes groups of runs, or variants of a sweep."""
 
 import json
 from collections import Counter, defaultdict
@@ -11,18 +11,18 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations.user_code.parts import SECTIONS
 
 _LONGEST_VALUE = 24
-"""Characters of a value in a label."""
+"""Largest number of characters of a value in a label."""
 _HEAD = 8
-"""Characters of a value's beginning that stay where another part of it is shown."""
+"""Characters that are kept of a value's beginning if a later part of it is shown."""
 _CHARACTERS_BEFORE = 12
-"""Characters before a difference in which its word may begin."""
+"""Largest number of characters before a difference at which the shown part begins."""
 
 
 class Wording:
-    """Words for what distinguishes groups; different values of a key have different words.
+    """Texts for the values that distinguish groups; different values of a key have different texts.
 
     Args:
-        groups: the keys of the experiment that differ, with the values, of each group.
+        groups: keys of the experiment that differ, with their values, for each group.
     """
 
     def __init__(self, groups: Sequence[Mapping[str, Any]]) -> None:
@@ -33,9 +33,9 @@ class Wording:
         self._texts = {key: _texts(key, distinct) for key, distinct in values.items()}
 
     def words(self, differs: Mapping[str, Any], among: Mapping[str, Any]) -> Iterator[str]:
-        """Yield a word for each key: kinds alone, other values with the name of their key.
+        """Yield a text for each key: only the value for kinds, other values with the name of their key.
 
-        among: all keys of the group, of which no two may look alike.
+        among: all keys of the group, whose names must be unique.
         """
         for key, value in differs.items():
             text = self._texts[key][_identity(value)]
@@ -45,9 +45,9 @@ class Wording:
 def labels_of(
     groups: Sequence[Mapping[str, Any]], kinds: Sequence[Mapping[str, Any]] | None = None
 ) -> list[str]:
-    """Return what groups are called, by the values that keys of the experiment have in each of them.
+    """Return labels of groups from the values of the differing keys in each of them.
 
-    Keys that tell no group from others are left out, see `telling`.
+    Keys that do not distinguish groups are omitted, see `telling`.
     """
     distinguishing = telling(groups, kinds)
     wording = Wording(distinguishing)
@@ -57,13 +57,13 @@ def labels_of(
 def telling(
     groups: Sequence[Mapping[str, Any]], kinds: Sequence[Mapping[str, Any]] | None = None
 ) -> Sequence[Mapping[str, Any]]:
-    """Return groups without the keys that have one value in all of them.
+    """Return groups without the keys that have the same value in all of them.
 
-    Of an option of a component, in all that have its kind: that others lack it follows from the kind. The
-    groups as they are where they would then be alike, or one would have no key.
+    An option of a component is omitted if it is equal in all groups with its kind, since other kinds do not
+    have it. The groups are returned unchanged if they would become equal, or if one would have no keys.
 
-    kinds: keys of each group among which those of kinds are, also where these do not differ; by default the
-    groups, where one that does not say its kind may have any.
+    kinds: keys of each group, including kinds that do not differ; by default the groups themselves, in which
+    an omitted kind may be any.
     """
     kinds = groups if kinds is None else kinds
     values: dict[tuple[str, Any], list[str]] = defaultdict(list)
@@ -87,23 +87,24 @@ def telling(
 
 
 def kind_of(key: str, values: Mapping[str, Any]) -> str | None:
-    """Return the kind of the component that a key is an option of; None of a kind itself, and without one.
+    """Return the kind of the component that has a key as an option; None if there is none, or for a kind.
 
-    values: of the experiment's keys, among them those of kinds.
+    values: values of the experiment's keys, including kinds.
     """
     section, _, last = key.rpartition(".")
     first = key.partition(".")[0]
     kind_key = f"{first if first in SECTIONS else section}.kind"
-    if section == "code":  # of a component, which its kind names, or of the simulation
+    if section == "code":  # the code of a component, which its kind names, or of the simulation
         kind_key = "simulation" if last == "simulation" else f"{last}.kind"
     kind = None if key == kind_key else values.get(kind_key)
     return kind if isinstance(kind, str) else None
 
 
 def label_alone(values: Mapping[str, Any]) -> str:
-    """Return what a variant is called by its own values, cut after 24 characters, whatever the others have.
+    """Return a label of a variant from its own values, which are cut after 24 characters.
 
-    Names of folders are made of it, so it must stay as it is.
+    It does not depend on other variants, and must not change between versions, since names of folders are
+    made of it.
     """
     words = []
     for key, value in values.items():
@@ -116,15 +117,15 @@ def label_alone(values: Mapping[str, Any]) -> str:
 
 
 def name_of(experiment: Experiment) -> str:
-    """Return what a single group is called: simulation and method."""
+    """Return the label of a single group: simulation and method."""
     return f"{experiment.label}, {label_of(experiment.method.kind)}"
 
 
 def abbreviations(texts: Collection[str]) -> dict[str, str]:
-    """Return a short form of each text, different ones for different texts.
+    """Return a short form of each text; different texts have different forms.
 
-    A long text loses its end. Where several would look alike, they show the part in which they differ, after
-    their beginning; where these look like others, they stay as they are.
+    A long text is cut. If several would look alike, they show their beginning and the part in which they
+    differ; if these look like others, they are not shortened.
     """
     forms = {text: _cut(text) for text in texts}
     waiting = _alike(texts, forms)
@@ -140,14 +141,14 @@ def abbreviations(texts: Collection[str]) -> dict[str, str]:
 
 
 def _common_beginning(texts: Collection[str]) -> int:
-    """Return how many characters all texts begin with: as many as the first and the last of them, sorted."""
+    """Return the length of the texts' common prefix, which is that of the smallest and the largest."""
     first, last = min(texts), max(texts)
     pairs = enumerate(zip(first, last, strict=False))
     return next((index for index, (left, right) in pairs if left != right), len(first))
 
 
 def _alike(texts: Collection[str], forms: Mapping[str, str]) -> list[list[str]]:
-    """Return the texts that have one form, for each form of several."""
+    """Return the lists of texts that share a form."""
     texts_by_form = defaultdict(list)
     for text in texts:
         texts_by_form[forms[text]].append(text)
@@ -159,7 +160,7 @@ def _cut(text: str) -> str:
 
 
 def _from(text: str, start: int) -> str:
-    """Return the beginning of a text, and what it has from the word on in which a position is."""
+    """Return the beginning of a text, and the part from the word that contains a position."""
     word = next(
         (at for sign in " /" if (at := text.rfind(sign, max(start - _CHARACTERS_BEFORE, 0), start)) >= 0),
         None,
@@ -169,11 +170,11 @@ def _from(text: str, start: int) -> str:
 
 
 def _texts(key: str, values: Mapping[str, Any]) -> dict[str, str]:
-    """Return the text of each value that a key has, by the value's identity."""
+    """Return the text of each value of a key, by the value's identity."""
     plain = {identity: _text(key, value) for identity, value in values.items()}
     if len(values) > 1 and all(isinstance(value, Mapping) for value in values.values()):
         plain = _mapping_texts(values)
-    if len(set(plain.values())) < len(plain):  # such as the text "1" and the number
+    if len(set(plain.values())) < len(plain):  # for example, the text "1" and the number 1
         plain = {identity: identity for identity in plain}
     if _is_kind(key):
         return plain
@@ -194,7 +195,7 @@ def _text(key: str, value: Any) -> str:  # noqa: ANN401 - any value of a file
 
 
 def _mapping_texts(values: Mapping[str, Any]) -> dict[str, str]:
-    """Return the texts of mappings: their keys, or else, where two have the same, the values that differ."""
+    """Return texts of mappings: their keys, or the values that differ if two have the same keys."""
     names = {identity: ", ".join(map(str, value)) or "{}" for identity, value in values.items()}
     if len(set(names.values())) == len(names):
         return names
@@ -223,7 +224,7 @@ def _identity(value: Any) -> str:  # noqa: ANN401 - any value of a file
 
 
 def _kinds(robots: Sequence[Any]) -> str:
-    """Return the kinds of robots of a mixed swarm: 12 scout, 4 carrier."""
+    """Return the kinds of robots of a mixed swarm, such as 12 scout, 4 carrier."""
     words = (
         f"{robot.get('count', '')} {robot.get('name', '')}" for robot in robots if isinstance(robot, Mapping)
     )
@@ -231,13 +232,13 @@ def _kinds(robots: Sequence[Any]) -> str:
 
 
 def _is_kind(key: str) -> bool:
-    """Return whether the value of a key says what it is: parameters may have kinds, too, such as metrics."""
+    """Return whether a key names the kind of a component; parameters may have kinds of their own."""
     section, _, last = key.rpartition(".")
     return key == "simulation" or (last == "kind" and section.partition(".")[0] != "parameters")
 
 
 def _shortest(key: str, among: Mapping[str, Any]) -> str:
-    """Return the last part of a key, unless another one ends alike: runs themselves have a seed."""
+    """Return the last part of a key, or the whole key if another one, or the run's seed, has the same."""
     section, _, last = key.rpartition(".")
     if section == "code":
         return f"code of the {last}"

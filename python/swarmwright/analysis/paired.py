@@ -47,32 +47,32 @@ if TYPE_CHECKING:
 Values = NDArray[np.float64]
 
 _CANDIDATE = re.compile(r"(.+):(\d{1,18}):(\d{1,18})")
-"""A candidate of a run, RUN:GENERATION:CANDIDATE."""
+"""Format of a candidate of a run: RUN:GENERATION:CANDIDATE."""
 _CONDITIONS = ("simulation", "parameters", "fitness", "code.simulation")
-"""Keys of an experiment that decide what an episode is and what its fitness is."""
+"""Keys of an experiment that define an episode and its fitness."""
 _NAMED = 6
-"""Seeds, or keys of experiments, that a note names."""
+"""Number of seeds, or keys of experiments, that a note names."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class ControllerComparison(ComparedByValue):
-    """Two controllers in the same episodes; made by `swarmwright.compare_controllers`.
+    """Two controllers evaluated in the same episodes; returned by `swarmwright.compare_controllers`.
 
     `print(result)` shows it as text, `figure()` as a picture, `to_mapping()` as plain values, and
     `export(path)` writes every episode. Fitness is in the units of the simulation, more is better.
     """
 
     names: tuple[str, str]
-    """What the controllers are called: as they were given, or A and B."""
+    """Names of the controllers: as they were given, or A and B."""
     first: ControllerEvaluation
     second: ControllerEvaluation
-    """With the same seeds."""
+    """Evaluation of the second controller with the same seeds."""
     experiment: Experiment = field(compare=False)
-    """In which both were evaluated."""
+    """Experiment in which both were evaluated."""
     held_out: bool
-    """Whether the seeds were chosen so that the evolution of neither run had used them."""
+    """Whether the seeds are held-out seeds, which the evolution of neither run had used."""
     notes: tuple[str, ...] = ()
-    """Caveats of what was compared, a sentence each; `caveats` has those of the results as well."""
+    """Caveats of the compared runs, a sentence each; `caveats` also has those of the results."""
 
     @property
     def seeds(self) -> list[int]:
@@ -81,22 +81,22 @@ class ControllerComparison(ComparedByValue):
 
     @cached_property
     def differences(self) -> Values:
-        """(episodes,) fitness of the first minus the second; NaN where a failed episode does not count."""
+        """(episodes,) fitness of the first minus the second; NaN if a failed episode does not count."""
         values = [
             contender.ranking.replace_failures(contender.episodes) for contender in (self.first, self.second)
         ]
-        with np.errstate(invalid="ignore"):  # NaN and infinities where an episode failed
+        with np.errstate(invalid="ignore"):  # NaN and infinities of failed episodes
             differences = values[0] - values[1]
         return np.where(np.isfinite(values[0]) & np.isfinite(values[1]), differences, np.nan)
 
     @cached_property
     def paired(self) -> Values:
-        """The differences that count."""
+        """The counted differences."""
         return self.differences[~np.isnan(self.differences)]
 
     @property
     def left_out(self) -> list[int]:
-        """Seeds of the episodes that do not count, because one of the controllers failed in them."""
+        """Seeds of excluded episodes, in which one of the controllers failed."""
         return [
             seed
             for seed, difference in zip(self.seeds, self.differences, strict=True)
@@ -110,19 +110,19 @@ class ControllerComparison(ComparedByValue):
 
     @cached_property
     def depends_on_seed(self) -> bool | None:
-        """Whether the fitness of either controller differs between episodes; None of one episode."""
+        """Whether the fitness of either controller differs between episodes; None for a single episode."""
         if len(self.seeds) < 2:
             return None
         depends = (
             np.unique(contender.episodes) for contender in (self.first, self.second)
-        )  # NaN equals NaN there
+        )  # equal NaNs count as the same fitness
         return any(len(values) > 1 for values in depends)
 
     @cached_property
     def difference(self) -> Estimate:
         """Mean difference, first minus second, with Student's 95 % confidence interval.
 
-        No interval where all differences are the same: then there is nothing to estimate it from.
+        There is no interval if all differences are equal, since their variance is then unknown.
         """
         result = estimate(self.paired.tolist())
         if len(self.paired) and np.ptp(self.paired) == 0:
@@ -131,9 +131,9 @@ class ControllerComparison(ComparedByValue):
 
     @cached_property
     def test(self) -> SignedRank | None:
-        """Wilcoxon's signed-rank test of the differences; None where there is no chance to test against.
+        """Wilcoxon's signed-rank test of the differences; None if there is nothing to test.
 
-        That is where no pair counts, with one episode, and where fitness does not depend on the seed.
+        None if no pair counts, with one episode, and if fitness does not depend on the seed.
         """
         if len(self.paired) < 2 or not self.depends_on_seed:
             return None
@@ -141,7 +141,7 @@ class ControllerComparison(ComparedByValue):
 
     @cached_property
     def fitness_difference(self) -> Estimate | None:
-        """Difference in fitness as the ranking aggregates episodes, for example by the median.
+        """Difference in fitness, aggregated over episodes by the ranking, for example as the median.
 
         None if both fitness values are means, or if either is not reportable.
         """
@@ -151,23 +151,23 @@ class ControllerComparison(ComparedByValue):
 
     @cached_property
     def caveats(self) -> tuple[str, ...]:
-        """Everything that restricts the conclusions, a sentence each."""
+        """All caveats, which restrict the conclusions, a sentence each."""
         return (*self.notes, *_caveats(self))
 
     def __repr__(self) -> str:
-        """Say which is better, and by how much."""
+        """Return which controller is better, and by how much."""
         names = " against ".join(self.names)
         return f"<ControllerComparison of {names}: difference {_format_estimate(self.difference)}>"
 
     def _repr_html_(self) -> str:
-        """Return what is printed, for notebooks."""
+        """Return the printed text, for notebooks."""
         return render_preformatted(str(self))
 
     def __str__(self) -> str:
         return "\n".join([*_lines(self), *(f"Note: {escape_line(note)}." for note in self.caveats)])
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return everything as plain values, for JSON; NaN is left as it is."""
+        """Return everything as plain values, for JSON; NaN is not converted."""
         test = self.test
         return {
             "first": {"controller": self.names[0], **self.first.to_mapping()},
@@ -195,7 +195,7 @@ class ControllerComparison(ComparedByValue):
     def plot(self, path: str | PathLike[str]) -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 
-        Raises InputError for another ending or a file that cannot be written.
+        Raises InputError for another suffix or a file that cannot be written.
         """
         from swarmwright.display.figures.style import save
 
@@ -205,7 +205,7 @@ class ControllerComparison(ComparedByValue):
         """Write every episode as a table, .csv: seed, first, second, difference.
 
         nan: the controller failed in the episode, or the pair does not count. Raises InputError for another
-        ending, and when the file cannot be written.
+        suffix, and if the file cannot be written.
         """
         check(Path(path), CSV)
         text = io.StringIO()
@@ -217,20 +217,20 @@ class ControllerComparison(ComparedByValue):
 
 
 class Contender(NamedTuple):
-    """A controller that is compared."""
+    """A controller to compare."""
 
     name: str
     controller: Controller
     run: Run | None = None
-    """Whose candidate it is."""
+    """Run of the candidate."""
     generation: int | None = None
-    """Of the candidate."""
+    """Generation of the candidate."""
 
     @classmethod
     def of(cls, letter: str, value: Run | Controller | str | PathLike[str]) -> Self:
-        """Return the contender that an argument names. letter: A or B, the label of a nameless one.
+        """Return the contender that an argument names. letter: A or B, the label of an unnamed controller.
 
-        Raises InputError if there is no such run, candidate or controller.
+        Raises InputError if the run, candidate or controller does not exist.
         """
         if isinstance(value, Controller):
             return cls(letter, value)
@@ -253,7 +253,7 @@ class Contender(NamedTuple):
 
 
 class Match(NamedTuple):
-    """Two controllers, and the experiment in which they are compared."""
+    """Two controllers and the experiment in which they are compared."""
 
     first: Contender
     second: Contender
@@ -267,7 +267,7 @@ class Match(NamedTuple):
         second: Run | Controller | str | PathLike[str],
         experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None,
     ) -> Self:
-        """Return it from the arguments of `compare_controllers`; raises likewise."""
+        """Create a match from the arguments of `compare_controllers`; raises the same errors."""
         both = Contender.of("A", first), Contender.of("B", second)
         if experiment is not None:
             return cls(*both, as_experiment(experiment))
@@ -281,7 +281,7 @@ class Match(NamedTuple):
         return cls(*both, resolve_experiment(*runs[0]), notes)
 
     def evaluate(self, where: EvaluationOptions) -> ControllerComparison:
-        """Evaluate both controllers; raises as `compare_controllers`."""
+        """Evaluate both controllers; raises the same errors as `compare_controllers`."""
         used = [
             set() if contender.run is None else contender.run._store.collect_seeds()
             for contender in (self.first, self.second)
@@ -325,28 +325,29 @@ def compare_controllers(
 ) -> ControllerComparison:
     """Compare two controllers in the same episodes.
 
-    Both get the same seeds, so that the chance in the episodes is the same for both and smaller differences
-    are found than from two separate means. Nothing is added to runs.
+    Both get the same seeds, which reduces the variance of the difference: smaller differences can be found
+    than with two separate means. Nothing is added to runs.
 
     Args:
-        first: a run or its folder, of which the best candidate is taken; `RUN:GENERATION:CANDIDATE` for
-            another one; a file as `Controller.load` reads it; or a `Controller`.
+        first: a run or its folder, which stands for its best candidate; `RUN:GENERATION:CANDIDATE` for
+            another candidate; a file as `Controller.load` reads it; or a `Controller`.
         second: likewise.
-        experiment: in which both are evaluated, an experiment, its file, or a mapping with the keys of one.
-            Default: that of the first, or of the second where the first is not a run.
-        episodes: how many, from 1 on; where a fitness is made of several, such as a median, at least these.
-        seed: simulation seed of the first episode, the next ones follow; default: held-out seeds, which the
+        experiment: in which both are evaluated: an experiment, its file, or a mapping with its keys. Default:
+            the experiment of the first, or of the second if the first is not a run.
+        episodes: number of episodes, at least 1; if fitness aggregates several, for example as a median, at
+            least that number.
+        seed: simulation seed of the first episode; the others follow. Default: held-out seeds, which the
             evolution of neither run used.
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`; it counts the episodes of both.
 
     Raises:
-        InputError: there is no such candidate or controller, neither is a run and no experiment is named,
-            the runs have different simulations and no experiment is named, a controller does not fit the
+        InputError: a candidate or controller does not exist, neither is a run and no experiment is given, the
+            runs have different simulations and no experiment is given, a controller does not fit the
             simulation, or a number is out of range.
         SimulationError: every episode of a controller failed, the last in the code of the simulation.
-        RunError: no broker, no fitting server, or every episode failed for another reason.
+        RunError: no broker, no suitable server, or every episode failed for another reason.
 
     See also `compare` for groups of runs, and `post_evaluate` for a single controller.
 
@@ -365,9 +366,9 @@ def compare_controllers(
 
 
 def _describe_conditions(both: tuple[Contender, Contender], first_run: Run, second_run: Run) -> Iterator[str]:
-    """Yield in what conditions the runs of two candidates differ.
+    """Yield notes on different conditions in the runs of two candidates.
 
-    Raises InputError where these are different simulations.
+    Raises InputError if they have different simulations.
     """
     first_values, second_values = flatten_experiment(first_run), flatten_experiment(second_run)
     if first_values["simulation"] != second_values["simulation"]:
@@ -396,7 +397,7 @@ def _describe_conditions(both: tuple[Contender, Contender], first_run: Run, seco
 
 
 def _describe_used_seeds(seeds: Sequence[int], used: Sequence[set[int]]) -> Iterator[str]:
-    """Yield that evolution had used some of the seeds."""
+    """Yield a note if evolution had used some of the seeds."""
     for letter, used_seeds in zip("AB", used, strict=True):
         if count := len(used_seeds.intersection(seeds)):
             yield (
@@ -406,7 +407,7 @@ def _describe_used_seeds(seeds: Sequence[int], used: Sequence[set[int]]) -> Iter
 
 
 def _lines(comparison: ControllerComparison) -> Iterator[str]:
-    """Yield the two controllers as a table, their difference and the test."""
+    """Yield lines with the two controllers as a table, their difference and the test."""
     count = len(comparison.seeds)
     seeds = (
         f"seeds {comparison.seeds[0]} to {comparison.seeds[-1]}"
@@ -452,7 +453,7 @@ def _lines(comparison: ControllerComparison) -> Iterator[str]:
 
 
 def _format_estimate(measured: Estimate) -> str:
-    """Return a mean difference with its interval."""
+    """Format a mean difference with its interval."""
     if measured.low is None or measured.high is None:
         return number(measured.mean) if math.isfinite(measured.mean) else "not known"
     interval = f"{number(measured.low)} to {number(measured.high)}"
@@ -460,7 +461,7 @@ def _format_estimate(measured: Estimate) -> str:
 
 
 def _caveats(comparison: ControllerComparison) -> Iterator[str]:
-    """Yield what restricts the conclusions."""
+    """Yield the caveats of a comparison."""
     yield from _describe_failures(comparison)
     count, test = len(comparison.paired), comparison.test
     if len(comparison.seeds) < 2:
@@ -488,7 +489,7 @@ def _caveats(comparison: ControllerComparison) -> Iterator[str]:
 
 
 def _contradicts(difference: Estimate, test: SignedRank) -> bool:
-    """Whether the test finds a difference and the interval does not, or the reverse, or with another sign."""
+    """Return whether test and interval disagree about a difference, or about its sign."""
     if difference.low is None or difference.high is None:
         return False
     apart = difference.low > 0 or difference.high < 0
@@ -496,7 +497,7 @@ def _contradicts(difference: Estimate, test: SignedRank) -> bool:
 
 
 def _describe_failures(comparison: ControllerComparison) -> Iterator[str]:
-    """Yield in which episodes a controller failed, and how these count."""
+    """Yield notes on episodes in which a controller failed, and on how these count."""
     value = comparison.first.ranking.options.failure_fitness
     for letter, evaluation in zip("AB", (comparison.first, comparison.second), strict=True):
         if not evaluation.failed:

@@ -18,51 +18,52 @@ from swarmwright.common.statistics import compute_doubled_midranks
 Values = NDArray[np.float64]
 
 _MOST_EXACT_RUNS = 60
-"""Runs in all groups together up to which tests do without asymptotic distributions."""
+"""Largest number of runs in all groups together for which tests avoid asymptotic distributions."""
 _CONFIDENCE = 0.95
-"""Level of confidence intervals."""
+"""Confidence level of intervals."""
 FEW_RUNS = 5
-"""Runs of a group below which a test has little power."""
+"""Number of runs per group below which a test has little power."""
 LEVEL = 0.05
-"""Level of significance: the largest p by which groups are said to differ."""
+"""Significance level: the largest p for which groups are said to differ."""
 _ARRANGEMENTS = 200_000
-"""Sets of rank sums of several groups up to which Kruskal and Wallis' test is exact."""
+"""Largest number of sets of rank sums for which the Kruskal-Wallis test is exact."""
 _PERMUTATIONS = 100_000
-"""Random arrangements by which p is estimated above."""
+"""Random arrangements from which p is estimated if there are more."""
 _MOST_EXACT_PAIRS = 500
-"""Pairs that differ up to which the signed-rank test is exact; that takes less than a second."""
+"""Largest number of nonzero differences for which the signed-rank test is exact, in less than a second."""
 _CHUNK_VALUES = 1_000_000
-"""Values of random arrangements that are in memory at a time."""
+"""Number of values of random arrangements in memory at a time."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How the first of two groups differs from the second."""
+    """Difference of the first of two groups from the second."""
 
     u: float
-    """Mann-Whitney's U of the first group: pairs in which it is better, ties as halves."""
+    """Mann-Whitney U of the first group: the number of pairs in which it is better; ties count as halves."""
     p: float
-    """Two-sided; probability of a U as far from the middle or farther, if both were alike."""
+    """Two-sided p: probability of a U at least as far from its mean, if both groups have the same
+    distribution."""
     effect: float
-    """Vargha and Delaney's A12: probability that a run of the first is better than one of the second."""
+    """Vargha and Delaney's A12: probability that a run of the first group beats one of the second."""
     shift: float
-    """Hodges and Lehmann's estimate: median of all differences first minus second."""
+    """Hodges-Lehmann estimate: median of all differences, first minus second."""
     interval: tuple[float, float] | None
-    """95 % confidence interval of the shift; None with so few runs that there is none."""
+    """95 % confidence interval of the shift; None with too few runs."""
     tied: bool
-    """Whether values of the two groups are tied with others."""
+    """Whether values of one group are tied with values of the other."""
 
     @property
     def magnitude(self) -> str:
         """A12 in words, after Vargha and Delaney (2000), doi:10.3102/10769986025002101.
 
-        Empty where p is above 0.05: A12 of few runs is often far from 0.5 by chance. Of several pairs, see
-        the pair's `magnitude`, which takes account of their number.
+        Empty if p is above 0.05, since A12 of few runs is often far from 0.5 by chance. For several pairs,
+        see the pair's `magnitude`, which takes account of their number.
         """
         return self.magnitude_at(self.p)
 
     def magnitude_at(self, p: float) -> str:
-        """Return A12 in words; empty where p, which may be corrected for several tests, is above 0.05."""
+        """Return A12 in words; empty if p, which may be corrected for several tests, is above 0.05."""
         if p > LEVEL:
             return ""
         far = abs(self.effect - 0.5)
@@ -73,7 +74,7 @@ class Difference:
 
     @property
     def contradicts(self) -> bool:
-        """Whether p finds a difference and the interval includes 0, or the reverse, because of ties.
+        """Whether p indicates a difference and the interval includes 0, or the reverse, because of ties.
 
         The test takes account of ties; the interval does not, and is then too wide.
         """
@@ -84,7 +85,7 @@ class Difference:
 
 
 def difference(first: Values, second: Values) -> Difference:
-    """Compare two groups of values, (n,) and (m,), more is better; at least one value each."""
+    """Compare two groups of values, (n,) and (m,), more is better; each has at least one value."""
     first_values, second_values = _replace_nan(first), _replace_nan(second)
     better = (first_values[:, None] > second_values[None, :]).sum() + 0.5 * (
         first_values[:, None] == second_values[None, :]
@@ -99,10 +100,10 @@ def difference(first: Values, second: Values) -> Difference:
 
 
 def mann_whitney(first: Values, second: Values, u: float) -> float:
-    """Return the two-sided p of Mann and Whitney's test; exact, ties included, for up to 60 values.
+    """Return the two-sided p of the Mann-Whitney U test; exact, ties included, for up to 60 values.
 
-    The exact distribution of rank sums is counted with the shift algorithm of Streitberg and Roehmel (1986);
-    above, it is the normal approximation with corrections for ties and continuity.
+    The exact distribution of rank sums is counted with the shift algorithm of Streitberg and Röhmel (1986).
+    With more values, the normal approximation is used, with corrections for ties and continuity.
     """
     n, m = len(first), len(second)
     pooled = np.concatenate([first, second])
@@ -113,17 +114,17 @@ def mann_whitney(first: Values, second: Values, u: float) -> float:
 
         return float(mannwhitneyu(first, second, alternative="two-sided", method="asymptotic").pvalue)
     counts = _rank_sums(compute_doubled_midranks(pooled), n)
-    distance = np.abs(np.arange(len(counts)) - n * (n + m + 1))  # of doubled sums, from their mean
+    distance = np.abs(np.arange(len(counts)) - n * (n + m + 1))  # distance of doubled sums from their mean
     observed = abs(2 * u - n * m)
     return float(min(1.0, counts[distance >= observed - 1e-9].sum() / counts.sum()))
 
 
 def _rank_sums(ranks: NDArray[np.int64], size: int) -> Values:
-    """Return how many subsets of `size` elements have each sum of ranks, from 0."""
+    """Return the number of subsets of `size` elements for each sum of ranks, from 0 on."""
     counts = np.zeros((size + 1, int(ranks.sum()) + 1))
     counts[0, 0] = 1.0
     for rank in ranks:
-        # Larger subsets first: an element is in a subset once.
+        # Larger subsets first, so that an element is in a subset only once.
         counts[1:, rank:] += counts[:-1, : counts.shape[1] - rank].copy()
     sums: Values = counts[size]
     return sums
@@ -132,7 +133,7 @@ def _rank_sums(ranks: NDArray[np.int64], size: int) -> Values:
 def _shift(first: Values, second: Values) -> tuple[float, tuple[float, float] | None]:
     with np.errstate(over="ignore", invalid="ignore"):
         differences = first[:, None] - second[None, :]
-        differences[first[:, None] == second[None, :]] = 0.0  # of infinities, too
+        differences[first[:, None] == second[None, :]] = 0.0  # including infinities
     differences = np.sort(differences.ravel())
     count = len(differences)
     middle = differences[(count - 1) // 2], differences[count // 2]
@@ -144,9 +145,9 @@ def _shift(first: Values, second: Values) -> tuple[float, tuple[float, float] | 
 
 
 def _border(n: int, m: int) -> int:
-    """Return how far from either end of all ordered differences the confidence interval ends; 0: nowhere.
+    """Return the rank of the interval's bounds in the sorted differences, from either end; 0 for none.
 
-    Moses' interval: the largest k for which P(U < k) is at most half of what the confidence leaves.
+    Moses' interval: the largest k for which P(U < k) is at most half of one minus the confidence level.
     """
     tail = (1 - _CONFIDENCE) / 2
     if n + m > _MOST_EXACT_RUNS:
@@ -161,23 +162,23 @@ def _border(n: int, m: int) -> int:
 
 @dataclass(frozen=True)
 class Kruskal:
-    """Kruskal and Wallis' test of all groups at once."""
+    """The Kruskal-Wallis test of all groups at once."""
 
     h: float
     p: float
-    """Probability of an H as large, if all groups were alike."""
+    """Probability of at least this H, if all groups have the same distribution."""
     method: Literal["exact", "permutations", "chi-square"] = "exact"
-    """How p was computed: of all arrangements of the values, of 100,000 random ones, which are always the
-    same, or by the chi-square approximation."""
+    """How p was computed: from all arrangements of the values, from 100,000 random ones with a fixed seed, or
+    by the chi-square approximation."""
 
 
 def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
     """Test whether any of the groups differs.
 
-    The chi-square distribution of H is an approximation for many runs: with four in each of three groups, its
-    p of the clearest difference is 0.0073, and the exact one 0.00017. So, up to 60 runs in all groups
-    together, p is the share of arrangements of the values, ties included, that have an H as large: of all
-    where these are counted quickly, else of random ones with a fixed seed.
+    The chi-square distribution of H is an approximation for many runs: with four runs in each of three
+    groups, its p of the clearest difference is 0.0073, while the exact one is 0.00017. Therefore, for up to
+    60 runs in all groups together, p is the share of arrangements of the values, ties included, with at least
+    this H: of all arrangements if these are quickly counted, otherwise of random ones with a fixed seed.
     """
     ordered = [_replace_nan(values) for values in groups]
     pooled = np.concatenate(ordered)
@@ -185,16 +186,16 @@ def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
         return Kruskal(0.0, 1.0)
     from scipy.stats import kruskal
 
-    # Computed from ranks, which are finite for infinite values too.
+    # Computed from ranks, which are finite even for infinite values.
     ranks = compute_doubled_midranks(pooled)
     sizes = np.array([len(values) for values in ordered], dtype=np.int64)
     result = kruskal(*np.split(ranks, np.cumsum(sizes)[:-1]))
     h = float(result.statistic)
     if len(pooled) > _MOST_EXACT_RUNS:
         return Kruskal(h, float(result.pvalue), "chi-square")
-    # H grows with the sum of squared rank sums over sizes, alone.
+    # H is an increasing function of the sum of squared rank sums over sizes.
     observed = _spread(np.add.reduceat(ranks, np.cumsum(sizes) - sizes), sizes)
-    # Sorted, so that the order in which runs and groups are named changes neither p nor how it is computed.
+    # Sorted, so that the order of runs and groups changes neither p nor how it is computed.
     ranks, sizes = np.sort(ranks), np.sort(sizes)
     p = _exact(ranks, sizes, observed)
     if p is not None:
@@ -203,16 +204,16 @@ def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
 
 
 def _spread(sums: NDArray[np.int64], sizes: NDArray[np.int64]) -> Values:
-    """Return the sum over groups of squared rank sums over sizes, of sums (.., groups)."""
+    """Return the sum over groups of squared rank sums over sizes, given rank sums (.., groups)."""
     spread: Values = (sums.astype(np.float64) ** 2 / sizes).sum(axis=-1)
     return spread
 
 
 def _exact(ranks: NDArray[np.int64], sizes: NDArray[np.int64], observed: Values) -> float | None:
-    """Return the share of arrangements that are as extreme; None where counting them takes long.
+    """Return the share of arrangements that are at least as extreme; None if counting them takes too long.
 
-    Element by element, arrangements with as many elements and the same sum of ranks in each group are counted
-    together, by a number whose digits these are; those of the last group follow from the others.
+    Elements are added one by one. Arrangements with the same group sizes and rank sums are counted together
+    under a number whose digits encode these; those of the last group follow from the others.
     """
     others = len(sizes) - 1
     bases = [*(int(size) + 1 for size in sizes[:others]), *[int(ranks.sum()) + 1] * others]
@@ -239,7 +240,7 @@ def _exact(ranks: NDArray[np.int64], sizes: NDArray[np.int64], observed: Values)
 
 
 def _estimate_p(ranks: NDArray[np.int64], sizes: NDArray[np.int64], observed: Values) -> float:
-    """Return the share of random arrangements that are as extreme; the one that was seen is one of them."""
+    """Return the share of random arrangements that are at least as extreme, counting the observed one."""
     random = np.random.default_rng(0)
     starts = np.cumsum(sizes) - sizes
     extreme, remaining = 1, _PERMUTATIONS
@@ -254,35 +255,36 @@ def _estimate_p(ranks: NDArray[np.int64], sizes: NDArray[np.int64], observed: Va
 
 @dataclass(frozen=True)
 class SignedRank:
-    """Wilcoxon's signed-rank test of paired differences; pairs without a difference do not count in it."""
+    """Wilcoxon's signed-rank test of paired differences; zero differences are excluded."""
 
     w: float
     """Sum of the ranks of the positive differences."""
     p: float
-    """Two-sided; probability of a sum as far from the middle or farther, if both were alike."""
+    """Two-sided p: probability of a sum at least as far from its mean, if the differences are symmetric about
+    0."""
     effect: float
-    """Matched-pairs rank-biserial correlation: positive rank sum minus negative one, as a share of both;
-    from -1, where all differences are negative, to 1; 0 where there are none."""
+    """Matched-pairs rank-biserial correlation: the positive rank sum minus the negative one, divided by their
+    total; from -1 (all differences are negative) to 1; 0 without differences."""
     better: int
-    """Positive differences."""
+    """Number of positive differences."""
     worse: int
-    """Negative differences."""
+    """Number of negative differences."""
     equal: int
-    """Pairs without a difference."""
+    """Number of zero differences."""
     method: Literal["exact", "normal approximation"] = "exact"
     """How p was computed."""
 
     @property
     def least(self) -> float:
-        """The smallest p that so many differences can have."""
+        """The smallest possible p for this number of differences."""
         return float(min(1.0, 2.0 ** (1 - self.better - self.worse)))
 
 
 def compute_signed_rank(differences: Values) -> SignedRank:
     """Test whether paired differences, (n,), finite, are symmetric about 0 (Wilcoxon 1945).
 
-    The exact distribution, ties included, is counted for up to 500 differences that are not 0; above, it is
-    the normal approximation with corrections for ties and continuity.
+    The exact distribution, ties included, is counted for up to 500 nonzero differences. With more, the normal
+    approximation is used, with corrections for ties and continuity.
     """
     apart = differences[differences != 0]
     better = int((apart > 0).sum())
@@ -300,7 +302,7 @@ def compute_signed_rank(differences: Values) -> SignedRank:
         return SignedRank(w, p, effect, better, worse, equal, "normal approximation")
     share = np.zeros(total + 1)
     share[0] = 1.0
-    for rank in ranks:  # each has either sign with the same probability
+    for rank in ranks:  # each rank is positive or negative with the same probability
         share *= 0.5
         share[rank:] += share[:-rank].copy()
     distance = np.abs(2 * np.arange(total + 1) - total)
@@ -309,7 +311,7 @@ def compute_signed_rank(differences: Values) -> SignedRank:
 
 
 def holm(values: Sequence[float]) -> list[float]:
-    """Return p-values of several tests, corrected after Holm (1979) so that all hold together."""
+    """Return p-values of several tests, corrected after Holm (1979) to control the family-wise error rate."""
     adjusted = [0.0] * len(values)
     largest = 0.0
     for rank, index in enumerate(sorted(range(len(values)), key=lambda i: values[i])):

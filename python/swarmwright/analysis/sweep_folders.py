@@ -1,4 +1,4 @@
-"""The folders of sweeps: which runs they hold, by their record `sweep.json`."""
+"""Folders of sweeps and their runs, from the record `sweep.json`."""
 
 import logging
 import os
@@ -16,13 +16,13 @@ from swarmwright.runs.store import FILE as STORE
 from swarmwright.runs.store.folder import SWEEP
 
 WRITTEN = {SWEEP, "comparison.csv", "comparison.tex", "comparison.png"}
-"""Files that a sweep writes beside its runs."""
+"""Files that a sweep writes into its folder."""
 
 
 def runs_of(folder: Path) -> list[Path] | None:
-    """Return the folders of the runs of a sweep, whether they are there or not, in the order of the variants.
+    """Return the folders of a sweep's runs, whether they exist or not, in the order of the variants.
 
-    None where the folder has no record of a sweep, or is a run. Raises InputError where it cannot be read.
+    None if the folder has no record of a sweep, or is a run. Raises InputError if it cannot be read.
     """
     file = folder / SWEEP
     if not file.is_file() or (folder / STORE).exists():
@@ -37,7 +37,7 @@ def runs_of(folder: Path) -> list[Path] | None:
 def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
     """Return the keys that the grid of a sweep sets in each of its runs, in the grid's order.
 
-    None where the runs are not all of one sweep, or its record is damaged, which `runs_of` reports.
+    None if the runs are not all from one sweep, or its record is damaged, which `runs_of` reports.
     """
     places = [run.path.resolve() for run in runs]
     file = places[0].parent / SWEEP
@@ -55,12 +55,12 @@ def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
 
 
 def no_record(file: Path) -> InputError:
-    """Return what is said of a file that should be the record of a sweep, and is something else."""
+    """Return the error for a file that should be the record of a sweep but is not."""
     return InputError(f"{file}: is not the record of a sweep; delete it, and the same sweep writes it again")
 
 
 def names_of(runs: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
-    """Return the names of a variant's folders. Raises ValueError where these are not such names."""
+    """Return the names of a variant's folders. Raises ValueError if these are not folder names."""
     if not isinstance(runs, list) or not all(isinstance(name, str) for name in runs):
         raise ValueError("runs: not a list of names")
     wrong = [name for name in runs if name in {"", ".", ".."} or "\0" in name or set(name) & {"/", "\\"}]
@@ -70,7 +70,7 @@ def names_of(runs: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
 
 
 def expand_folders(folders: Iterable[Path]) -> tuple[list[Path], list[Path]]:
-    """Return the folders, each sweep replaced by its runs, and the missing runs of sweeps.
+    """Return the folders, with each sweep replaced by its runs, and the missing runs of sweeps.
 
     Raises InputError if the record of a sweep cannot be read.
     """
@@ -96,14 +96,14 @@ def exclude_missing(folders: Iterable[Path]) -> list[LeftOut]:
 
 
 def exclude_unreadable(folder: Path, error: InputError) -> LeftOut:
-    """Return a run that cannot be read as one that does not count."""
+    """Return an unreadable run as an excluded run."""
     return LeftOut(folder, "unreadable", str(error).removeprefix(f"{folder}: "))
 
 
 def variant_of(folder: Path) -> tuple[str, list[Path]] | None:
-    """Return the label of the variant of a sweep that a run belongs to, and the folders of its runs.
+    """Return the label of the sweep variant that a run belongs to, and the folders of its runs.
 
-    None where no sweep names it, or the record cannot be read.
+    None if no sweep names it, or the record cannot be read.
     """
     file = folder.parent / SWEEP
     try:
@@ -121,15 +121,15 @@ def variant_of(folder: Path) -> tuple[str, list[Path]] | None:
 def runs_of_all(
     runs: Iterable[Run | str | os.PathLike[str]] | str | os.PathLike[str],
 ) -> tuple[list[Run], list[LeftOut]]:
-    """Return runs that are given as such, as their folders, or as the folders of sweeps; and those left out.
+    """Return runs, given as objects, their folders, or folders of sweeps; and excluded runs.
 
-    Left out are runs that a sweep lacks, and those of a sweep that cannot be read. These are named in a
-    warning, as are files other than a sweep's. Raises InputError where a folder is neither a run's nor a
-    sweep's, or the record of a sweep cannot be read.
+    Missing and unreadable runs of a sweep are excluded. A warning names them, and files that are not a
+    sweep's. Raises InputError if a folder is neither a run nor a sweep, or the record of a sweep cannot be
+    read.
     """
     if isinstance(runs, str | os.PathLike):
         if runs_of(path_of("runs", runs, "a folder")) is None:
-            require_list("runs", runs, "run folders")  # raises: one run is no list
+            require_list("runs", runs, "run folders")  # raises an error, since a single run is not a list
         runs = [runs]
     require_list("runs", runs, "run folders")
     paths = [run if isinstance(run, Run) else path_of("runs", run, "a run folder") for run in runs]
@@ -158,7 +158,7 @@ def runs_of_all(
 
 
 def _open(folder: Path, runs: list[Run], missing: list[Path], unreadable: list[LeftOut]) -> None:
-    """Open a run, or the runs of a sweep, of which those that cannot be opened are told apart."""
+    """Open a run, or the runs of a sweep, and collect those that cannot be opened."""
     answered = runs_of(folder)
     for run in [folder] if answered is None else answered:
         if answered is not None and not run.exists():
@@ -173,5 +173,5 @@ def _open(folder: Path, runs: list[Run], missing: list[Path], unreadable: list[L
 
 
 def is_of_sweep(path: Path) -> bool:
-    """Return whether a file is one that a sweep writes beside its runs."""
+    """Return whether a file is one that a sweep writes into its folder."""
     return path.name in WRITTEN and (path.parent / SWEEP).is_file()

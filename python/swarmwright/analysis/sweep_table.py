@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 def write_records(runs: Sequence[Run], path: Path) -> None:
     """Write all evaluations of runs as one table, in the order of the runs.
 
-    Columns: run (the name of its folder), seed, what the experiments differ in, then those of `Run.export`,
-    empty in the rows of runs that do not have them.
+    Columns: run (the name of its folder), seed, the keys in which the experiments differ, then the columns of
+    `Run.export`, which are empty for runs without them.
 
-    Raises InputError as `Run.export`, and where a column would be there twice.
+    Raises InputError as `Run.export`, and if two columns would have the same name.
     """
     write(path, lambda: _lines(runs), lambda: _tables(runs))
 
 
 def _columns(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return the columns that say which run it is, with the values of each run."""
+    """Return the columns that identify each run, with their values."""
     missions = collect_mission_names(runs)
     experiments = [restore_mission_names(flatten_experiment(run), run, missions) for run in runs]
     differing = option_columns(list(zip(experiments, differing_keys(experiments), strict=True)))
@@ -66,7 +66,7 @@ def _lines(runs: Sequence[Run]) -> Iterator[str]:
 
 
 def _unite_columns(headers: Iterable[Sequence[str]]) -> list[str]:
-    """Return all columns of several tables: numbered ones, such as genes, side by side."""
+    """Return all columns of several tables, with numbered ones, such as genes, side by side."""
     names = dict.fromkeys(name for header in headers for name in header)
     parts = {name: re.fullmatch(r"(.*?)(\d*)", name, re.DOTALL) for name in names}
     split = {
@@ -95,7 +95,7 @@ def _text(cells: Iterable[Any]) -> str:
 
 
 def _cell(value: Any) -> Any:  # noqa: ANN401 - any value of an experiment
-    """Return a value as in a cell: texts and numbers as they are, others as JSON, nothing for None."""
+    """Return a value as in a cell: texts and numbers unchanged, others as JSON, None as an empty cell."""
     if value is None or (isinstance(value, str | float | int) and not isinstance(value, bool)):
         return value
     return json.dumps(value, default=str, ensure_ascii=False)
@@ -108,7 +108,7 @@ def _tables(runs: Sequence[Run]) -> Iterator["pa.Table"]:
     schemas = [next(tables(run._store)).schema for run in runs]
     fields: dict[str, Any] = {}
     for schema in schemas:
-        # Runs may have other numbers of genes or episodes, and a column has one type.
+        # Runs may differ in the number of genes or episodes, but a column has one type.
         fields |= {
             column.name: pa.list_(column.type.value_type)
             if pa.types.is_fixed_size_list(column.type)
@@ -132,7 +132,7 @@ def _tables(runs: Sequence[Run]) -> Iterator["pa.Table"]:
 
 
 def _array(values: Sequence[Any]) -> "pa.Array":
-    """Return values of one type; as texts where they have several."""
+    """Return values as an array of one type, which is text if they have several types."""
     pa = import_pyarrow("writing Parquet")
     cells = [_cell(value) for value in values]
     try:

@@ -1,4 +1,4 @@
-"""A comparison in words and as plain values."""
+"""A comparison as text and as plain values."""
 
 import csv
 import io
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 _PAIRS = 15
-"""Most pairs that are printed; the plain values have all."""
+"""Largest number of printed pairs; the plain values have all."""
 _METHODS = {"exact": "exact", "permutations": "of 100,000 permutations", "chi-square": "chi-square"}
-"""How p of Kruskal and Wallis' test was computed, in words."""
+"""Descriptions of how the p-value of the Kruskal-Wallis test was computed."""
 
 
 _UNKNOWN = "group not known"
@@ -36,15 +36,15 @@ _UNKNOWN = "group not known"
 
 
 class Labelled(Protocol):
-    """A group that is compared."""
+    """A group in a comparison."""
 
     @property
     def label(self) -> str:
-        """What distinguishes it, in words."""
+        """Description of what distinguishes the group."""
 
 
 class Tested(Protocol):
-    """Two groups, and how they differ."""
+    """Two groups and the difference between them."""
 
     @property
     def first(self) -> Labelled:
@@ -56,7 +56,7 @@ class Tested(Protocol):
 
     @property
     def difference(self) -> "Difference":
-        """Figures of the first against the second."""
+        """Statistics of the first group against the second."""
 
     @property
     def p_holm(self) -> float:
@@ -64,11 +64,11 @@ class Tested(Protocol):
 
     @property
     def magnitude(self) -> str:
-        """The effect in words; empty where `p_holm` is not significant."""
+        """Effect size in words; empty if `p_holm` is not significant."""
 
 
 def table(comparison: "Comparison") -> str:
-    """Return the groups as a table, then the tests, of each task, then notes."""
+    """Return the groups and tests of each task as a table, then notes."""
     several = len(comparison.tasks) > 1
     lines: list[str] = []
     for task in comparison.tasks:
@@ -118,8 +118,8 @@ def html_of(comparison: "Comparison") -> str:
 
 
 def _group_rows(groups: Sequence["Group"], comparison: "Comparison") -> list[list[str]]:
-    """Return the rows of groups below a heading; with one task also those of groups without a run."""
-    # Where each evaluation is one episode, or nothing failed, a column would say nothing.
+    """Return the rows of groups below a heading; with one task, including groups without a counted run."""
+    # If each evaluation is one episode, or nothing failed, the column has no information.
     episodes = any(group.episodes != group.counts for group in groups)
     failed = any(any(group.failed) for group in groups)
     lost = comparison.held_out and any(any(group.held_out_failed) for group in groups)
@@ -146,7 +146,7 @@ def _group_rows(groups: Sequence["Group"], comparison: "Comparison") -> list[lis
 
 
 def lacking_rows(comparison: "Comparison") -> list[list[str]]:
-    """Return label, 0 and the number of runs left out of each group of which no run counts."""
+    """Return label, 0 and the number of excluded runs for each group without a counted run."""
     counted_paths = {run.path for group in comparison.groups for run in group.left_out}
     counts: dict[str, int] = {}
     for run in comparison.left_out:
@@ -157,20 +157,20 @@ def lacking_rows(comparison: "Comparison") -> list[list[str]]:
 
 
 def span(counts: Sequence[int]) -> str:
-    """Return the least and the greatest of some counts in words, or the one that they all are."""
+    """Format the smallest and the largest of some counts, or a single number if they are equal."""
     least, most = min(counts), max(counts)
     return f"{least:,}" if least == most else f"{least:,} to {most:,}"
 
 
 def kruskal_words(test: "Kruskal") -> str:
-    """Return Kruskal and Wallis' test of several groups in words."""
+    """Describe a Kruskal-Wallis test of several groups."""
     return f"Kruskal-Wallis H {number(test.h)}, p {format_p_value(test.p)} ({_METHODS[test.method]})"
 
 
 def pairs_table(pairs: Sequence[Tested], *, quantity: str = "") -> list[str]:
-    """Return the tests of pairs as lines; of many pairs, those with the smallest p.
+    """Return lines with the tests of pairs; with many pairs, those with the smallest p.
 
-    quantity: compared, in the heading of the effect size.
+    quantity: compared quantity, for the heading of the effect size.
     """
     rows = _pair_rows(pairs, quantity=quantity)
     hidden = len(pairs) - len(rows) + 1
@@ -199,7 +199,7 @@ def _pair_rows(pairs: Sequence[Tested], *, quantity: str = "") -> list[list[str]
 
 
 def effect_words(pair: Tested) -> str:
-    """Return the effect in words, or why it has none."""
+    """Describe the effect size, or why there is none."""
     if pair.difference.interval is None:
         return "too few runs"
     return pair.magnitude or "not significant"
@@ -210,15 +210,15 @@ def _interval(interval: tuple[float, float] | None) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number in four significant digits."""
+    """Format a number with four significant digits."""
     return "failed" if value == float("-inf") else f"{value + 0.0:.4g}"  # no -0
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows as lines with aligned columns: words to the left, the rest to the right."""
+    """Return rows as lines with aligned columns: text to the left, numbers to the right."""
     rows = [[escape_line(cell) for cell in row] for row in rows]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    # A column whose cells all begin with a letter holds words.
+    # A column whose cells all begin with a letter is text.
     words = [all(row[i][:1].isalpha() for row in rows) for i in range(len(rows[0]))]
     return [
         "  ".join(
@@ -230,7 +230,7 @@ def columns(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def to_mapping(comparison: "Comparison") -> dict[str, Any]:
-    """Return a comparison as plain values; NaN and infinities are left as they are."""
+    """Return a comparison as plain values; NaN and infinities are not converted."""
     return {
         "at": comparison.at,
         "at_episodes": comparison.at_episodes,
@@ -295,16 +295,16 @@ _OF_ALL_KINDS = {
     "method": frozenset(MethodOptions.model_fields),
     "ranking": frozenset(RankingOptions.model_fields),
 }
-"""Options that mean the same whatever the kind is."""
+"""Options that have the same meaning for all kinds."""
 
 
 def option_columns(rows: Sequence[tuple[Mapping[str, Any], Collection[str]]]) -> list[dict[str, Any]]:
-    """Return the columns of each row, the same in all; None where a row does not have a key.
+    """Return the columns of each row, the same for all rows; None for keys that a row does not have.
 
-    An option of a kind, where there are several kinds, has a column for each of them in which it differs:
-    `method.cma_es.step` is another quantity than `method.evostick.step`.
+    If there are several kinds, an option has a column for each kind in which it differs, since
+    `method.cma_es.step` is a different quantity from `method.evostick.step`.
 
-    rows: the experiment of each by dotted keys, and which of these keys differ for it.
+    rows: the experiment of each row by dotted keys, and which of these keys differ for it.
     """
     columns: dict[str, None] = {}
     rows_of_columns: list[dict[str, Any]] = [{} for _ in rows]
@@ -331,7 +331,7 @@ CSV, LATEX = ".csv", ".tex"
 _HELD_OUT = tuple(
     f"held_out_{name}" for name in ("fitness", "episodes", "failed", "standard_error", "low", "high")
 )
-"""Columns of the mean fitness of a run's best candidate on held-out seeds; low to high: 95 % interval."""
+"""Columns of mean fitness of a run's best candidate on held-out seeds; low to high: 95 % interval."""
 _SPECIAL = {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
     ">": r"\textgreater{}", **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -339,7 +339,7 @@ _SPECIAL = {
 
 
 def check(path: Path, *endings: str) -> None:
-    """Raise InputError unless a table with one of these endings can be written there."""
+    """Raise InputError unless a table with one of these suffixes can be written to a path."""
     if path.suffix.lower() not in endings:
         raise InputError(f"{path}: this table ends with {' or '.join(endings)}")
     if not path.parent.is_dir():
@@ -347,9 +347,9 @@ def check(path: Path, *endings: str) -> None:
 
 
 def write(comparison: "Comparison", path: Path) -> Path:
-    """Write a comparison as a table by the ending of its file; return the path.
+    """Write a comparison as a table in the format of the file's suffix; return the path.
 
-    Raises InputError for another ending or a file that cannot be written.
+    Raises InputError for another suffix or a file that cannot be written.
     """
     check(path, CSV, LATEX)
     write_text(
@@ -359,16 +359,16 @@ def write(comparison: "Comparison", path: Path) -> Path:
 
 
 def csv_text(comparison: "Comparison", folder: Path) -> str:
-    """Return a row for each run, last those that do not count, which have no values.
+    """Return CSV text with a row for each run; excluded runs come last and have no values.
 
-    Columns: task (empty where there is one), group, run (its folder, relative to that of the table), seed,
-    left_out (why a run does not count, else empty), evaluations and episodes that count, how many of these
-    evaluations failed, the best recorded fitness of these, the indicator that is compared if any, fitness on
-    held-out seeds, seconds of the whole run, SHA-256 of its record, then the keys that differ between the
-    groups, see `option_columns`; experiment.fitness where fitness is one of them. nan: no candidate could be
-    evaluated; empty: not known.
+    Columns: task (empty for a single task), group, run (its folder, relative to that of the table), seed,
+    left_out (the reason of an excluded run, otherwise empty), counted evaluations and episodes, the number of
+    failed ones among these evaluations, the best recorded fitness of these, the compared indicator if any,
+    fitness on held-out seeds, seconds of the whole run, SHA-256 of its record, then the keys that differ
+    between the groups, see `option_columns`; experiment.fitness where fitness is one of them. nan: no
+    candidate could be evaluated; empty: unknown.
 
-    folder: of the table.
+    folder: folder of the table.
     """
     tasks = {group.label: task.label for task in comparison.tasks for group in task.groups}
     differing = option_columns(
@@ -394,7 +394,7 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
             }  # fmt: skip
             if by != "fitness":
                 row[by] = value
-            # The candidate that is the best at the run's end was validated.
+            # The validated candidate is the best one at the run's end.
             row |= _make_held_out_columns(run.validation if at_end else None)
             row |= {"seconds": run.seconds, "record_sha256": run.digest}
             rows.append(row | {f"experiment.{key}" if key in row else key: keys[key] for key in keys})
@@ -435,7 +435,7 @@ def _escape_csv(text: str) -> str:
 
 
 def _make_held_out_columns(validation: "Validation | None") -> dict[str, float | None]:
-    """Return the columns of fitness on held-out seeds, empty where that is not known."""
+    """Return the columns of fitness on held-out seeds; empty if unknown."""
     if validation is None:
         return dict.fromkeys(_HELD_OUT)
     best = validation.best
@@ -463,7 +463,7 @@ def latex_text(comparison: "Comparison") -> str:
 
 
 def _describe_quantity(comparison: "Comparison") -> str:
-    """Return what is compared of each run, in words."""
+    """Describe the compared quantity."""
     if comparison.held_out:
         return "mean fitness of each run's best candidate on held-out seeds"
     if comparison.indicator.by == "fitness":
@@ -494,7 +494,7 @@ def _groups(groups: Sequence["Group"], comparison: "Comparison") -> list[str]:
         "group", "runs", *["left out"] * lacking, "evaluations", "episodes", *["failed"] * failed,
         *["held-out failed"] * lost, "median", "lower quartile", "upper quartile", "worst", "best",
     ]  # fmt: skip
-    if groups == comparison.tasks[-1].groups:  # below the last table: their task is not known
+    if groups == comparison.tasks[-1].groups:  # below the last table, since their task is unknown
         rows += [[*row, *[""] * (len(head) - len(row))] for row in lacking_rows(comparison)]
     return _tabular(head, rows, words=1)
 

@@ -1,4 +1,4 @@
-"""Tasks: between which groups of runs a test of fitness says something."""
+"""Tasks: which groups of runs can be compared by a test of fitness."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -13,25 +13,25 @@ from swarmwright.runs.run import Run
 from swarmwright.simulations.catalogue import ARENA, find_built_in
 
 _FAILED = "ranking.failed"
-"""Where it is a number, that is the fitness of a failed episode, in the run and on held-out seeds."""
+"""If this option is a number, it is the fitness of a failed episode, in the run and on held-out seeds."""
 _DEFINITIONS = ("fitness", "ranking.aggregate", "ranking.level", _FAILED)
-"""Keys by which fitness is another quantity."""
+"""Keys that define what fitness means."""
 _SIMULATION = "simulation"
 _MISSION = "parameters.mission"
 _SCORE = ("title", "fitness", "metrics")
-"""Parts of a mission by which its score is another quantity."""
+"""Parts of a mission that define its score."""
 _MODELS = "e-puck-rm"
-"""Beginning of the names of the e-puck's reference models in the arena."""
+"""Prefix of the names of the e-puck's reference models in the arena."""
 _ROBOTS = {f"{part}.robot{preset}" for part in ("parameters", _MISSION) for preset in ("", ".preset")}
 """Keys that may name a reference model."""
 _LABEL_CHARACTERS = 120
-"""Characters of a label."""
+"""Largest number of characters of a label."""
 _NAMED = 3
-"""Groups that `describe_untested` names."""
+"""Number of groups that `describe_untested` names."""
 
 
 class Distinguished(Protocol):
-    """A group of runs, and what distinguishes it from others."""
+    """A group of runs and its differences from other groups."""
 
     @property
     def differs(self) -> dict[str, Any]:
@@ -39,7 +39,7 @@ class Distinguished(Protocol):
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Its runs; at least one."""
+        """Runs of the group; at least one."""
 
 
 @dataclass(frozen=True)
@@ -47,25 +47,25 @@ class TaskGroups:
     """Groups whose runs solve the same task."""
 
     label: str
-    """What distinguishes the task from the others; empty where there is one."""
+    """Description of what distinguishes the task from the others; empty if there is only one."""
     differs: dict[str, Any]
     """Keys of the experiment that differ between the tasks, with this task's values."""
     indices: tuple[int, ...]
-    """Of the groups."""
+    """Indices of its groups."""
 
 
 def group_by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[TaskGroups]:
     """Return the groups by the task that they solve, in their order.
 
-    Simulation, its parameters and the definition of fitness make a task; a reference model of the e-puck in
-    the arena makes none, since it is the interface of a design to the same robot. Groups that differ in
-    nothing but parameters are together, since who compares them wants to know what these do; not so where
-    their fitness is another quantity, as in other missions, simulations or definitions of fitness.
+    A task is defined by the simulation, its parameters and the definition of fitness. A reference model of
+    the arena's e-puck does not define a task, since it is the interface of a design to the same robot. Groups
+    that differ only in parameters are kept together, since such a comparison is meant to show the parameters'
+    effect; but not if their fitness has a different meaning, as in other missions.
 
     Args:
-        groups: with what differs between them.
-        by: what is compared.
-        held_out: whether it is fitness on held-out seeds, a mean of episodes whatever the ranking is.
+        groups: groups with the differences between them.
+        by: compared quantity.
+        held_out: whether it is fitness on held-out seeds, which is a mean over episodes with any ranking.
     """
     values = [
         {
@@ -100,12 +100,12 @@ def group_by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> lis
 
 
 def _telling(tasks: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return what tells each task from the others: first that by which most are told apart.
+    """Return the keys that distinguish each task from the others, the most distinctive first.
 
-    A label may be cut. Parameters in which tasks of one simulation do not differ are left out: another
-    simulation does not have them.
+    The order matters because a label may be cut. Parameters that are equal for all tasks of a simulation are
+    omitted, since other simulations do not have them.
 
-    tasks: the keys that differ, with the values of each.
+    tasks: differing keys with their values, for each task.
     """
     of_simulation: dict[str, list[Mapping[str, Any]]] = {}
     for settings in tasks:
@@ -136,7 +136,7 @@ def differing_parameters(groups: Sequence[Distinguished]) -> set[str]:
 
 
 def parameters_of(keys: Collection[str]) -> set[str]:
-    """Return the parameters of the simulation among keys; a seed makes no other task."""
+    """Return the parameters of the simulation among keys, except the seed, which does not define a task."""
     return {key.split(".")[1] for key in keys if key.startswith("parameters.")} - {"seed"}
 
 
@@ -152,12 +152,12 @@ def different_tasks() -> str:
 
 
 def describe_untested(tasks: Sequence[tuple[Mapping[str, Any], Sequence[str]]]) -> str | None:
-    """Return in words which groups are alone in their task and so not tested, and what makes the tasks.
+    """Describe which groups are alone in their task and therefore not tested, and how the tasks differ.
 
-    None where no group is alone.
+    None if no group is alone.
 
     Args:
-        tasks: what differs between the tasks, and the labels of the task's groups.
+        tasks: differences between the tasks, and the labels of each task's groups.
     """
     alone = [labels[0] for _, labels in tasks if len(labels) == 1]
     if len(tasks) == 1 or not alone:
@@ -184,9 +184,9 @@ def _makes_task(key: str, by: str, *, held_out: bool) -> bool:
 
 
 def _differ_only_in_parameters(groups: Sequence[RunGroup], keys: Collection[str]) -> bool:
-    """Return whether groups differ in nothing but parameters, and fitness is one quantity in all of them.
+    """Return whether groups differ only in parameters, and fitness means the same in all of them.
 
-    keys: in which their tasks differ. Announced sizes follow from parameters.
+    keys: keys in which their tasks differ. Announced sizes follow from parameters.
     """
     every = {key for group in groups for key in group.differs}
     others = {key for key in every - set(keys) - set(ANNOUNCED) if key != "parameters.seed"}
@@ -194,17 +194,17 @@ def _differ_only_in_parameters(groups: Sequence[RunGroup], keys: Collection[str]
 
 
 def _is_other_quantity(key: str) -> bool:
-    """Return whether fitness is another quantity, often in other units, where a key of tasks differs."""
+    """Return whether a differing key changes what fitness means, often including its units."""
     if not key.startswith("parameters."):
         return True
     return key == _MISSION or any(f"{key}.".startswith(f"{_MISSION}.{part}.") for part in _SCORE)
 
 
 def _make_task_groups(distinguished: Distinguished) -> dict[str, Any]:
-    """Return what differs of a group, with the robot in place of its reference model."""
+    """Return the differences of a group, with the robot in place of its reference model."""
     experiment = distinguished.runs[0].experiment
     differs = distinguished.differs
-    if isinstance(differs.get(_FAILED), str):  # last and stop do not change what fitness is
+    if isinstance(differs.get(_FAILED), str):  # last and stop do not change what fitness means
         differs = {**differs, _FAILED: "last"}
     if find_built_in(experiment.simulation) != ARENA or not differs.keys() & _ROBOTS:
         return differs
@@ -216,5 +216,5 @@ def _make_task_groups(distinguished: Distinguished) -> dict[str, Any]:
 
 
 def identity(value: Any) -> str:  # noqa: ANN401 - any value of an experiment
-    """Return a text that is the same for the same values."""
+    """Return a text that is equal for equal values."""
     return json.dumps(value, sort_keys=True, default=str)

@@ -66,7 +66,7 @@ def choose_servers(
       evaluations.
 
     Args:
-        experiments: of the variants.
+        experiments: experiments of the variants.
         runs: number of runs to do.
         jobs: number of parallel runs.
         broker: of existing servers.
@@ -80,7 +80,7 @@ def choose_servers(
     if broker is None and choice == "auto" and local.prefers_local(first):
         choice = "local"
     if any(experiment.simulation.startswith("__main__:") for experiment in experiments):
-        jobs = 1  # a class of this session, which no other process has
+        jobs = 1  # the class is defined in this session and unknown to other processes
     most = max(runs, 1)
     if broker is None and choice in BROKERLESS:
         jobs = min(jobs or count_processors(), most)

@@ -121,7 +121,7 @@ class Sweep:
         beside it. Its `out` is by default its own folder, so that missing runs are added there.
 
         Args:
-            path: of the file.
+            path: path of the file.
             out: overrides the file's.
             settings: as in `Experiment.load`, for all variants.
 

@@ -201,7 +201,7 @@ def _reuse_shorter_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
 
     If the limits in a sweep file are raised, the folders of its runs have the names of the smaller limits.
 
-    folders: of each variant, without the seed.
+    folders: folders of each variant, without the seed.
     """
     new = [
         not any((sweep.out / f"{folder}-{seed}" / FILE).exists() for seed in sweep.seeds)

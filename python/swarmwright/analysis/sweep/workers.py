@@ -111,7 +111,7 @@ class WorkerPool:
     """Does tasks in parallel.
 
     Args:
-        variants: of the sweep.
+        variants: variants of the sweep.
         broker: of existing servers.
         servers: the servers that each process starts, see `choose_servers`.
         listener: receives the progress.

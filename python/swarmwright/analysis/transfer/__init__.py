@@ -1,1 +1,1 @@
-"""Transfer: candidates of a run in other simulators, or in perturbed models of their own."""
+"""Transfer: candidates of a run in other simulators, or in perturbed models of their own simulation."""

@@ -1,4 +1,4 @@
-"""What came out of a transfer."""
+"""The result of a transfer."""
 
 import csv
 import io
@@ -31,33 +31,33 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class GroupLoss(ComparedByValue):
-    """The best candidates of runs that differ in the seed alone, in one target."""
+    """The best candidates of runs that differ only in the seed, in one target."""
 
     label: str
-    """What distinguishes these runs from the others."""
+    """Description of what distinguishes these runs from the others."""
     target: str
     source_fitness: Values
-    """(runs,) mean fitness of the best candidate of each run in its own simulation."""
+    """(runs,) mean fitness of each run's best candidate in its own simulation."""
     target_fitness: Values
-    """(runs,) the same in the target."""
+    """(runs,) mean fitness of the same candidates in the target."""
     losses: Values
-    """(runs,) what is lost: the first minus the second."""
+    """(runs,) fitness lost: the first minus the second."""
 
 
 @dataclass(frozen=True)
 class GroupPair:
-    """Two groups of runs, and whether one loses more."""
+    """Two groups of runs, compared by their losses."""
 
     first: GroupLoss
     second: GroupLoss
     difference: Difference
-    """Of the losses, the first's against the second's; more is worse."""
+    """Difference of the losses, first against second; more is worse."""
     p_holm: float
     """p, corrected for the number of pairs of the task in this target after Holm."""
 
     @property
     def magnitude(self) -> str:
-        """The effect in words: negligible, small, medium or large; empty where `p_holm` is above 0.05."""
+        """Effect size in words: negligible, small, medium or large; empty if `p_holm` is above 0.05."""
         return self.difference.magnitude_at(self.p_holm)
 
 
@@ -66,7 +66,7 @@ class GroupTask:
     """Groups of runs that solve the same task, in one target."""
 
     label: str
-    """What distinguishes the task, in words; empty where all groups are tested against each other."""
+    """Description of what distinguishes the task; empty if all groups are tested against each other."""
     differs: dict[str, Any]
     """Keys of the experiment that differ between the tasks, with this task's values."""
     target: str
@@ -77,7 +77,7 @@ class GroupTask:
 
 @dataclass(frozen=True, repr=False)
 class Transfer:
-    """Candidates of runs in other simulations; made by `swarmwright.transfer`.
+    """Candidates of runs in other simulations; returned by `swarmwright.transfer`.
 
     `print(result)` shows it as tables, `figure()` as a picture, `to_mapping()` as plain values, and
     `export(path)` writes every episode.
@@ -89,13 +89,13 @@ class Transfer:
     runs: tuple[Transferred, ...]
     """One for each run and target, run by run."""
     groups: tuple[RunGroup, ...]
-    """Runs that differ in the seed alone."""
+    """Groups of runs that differ only in the seed."""
     notes: tuple[str, ...]
     """Caveats, a sentence each."""
 
     @cached_property
     def group_losses(self) -> tuple[GroupLoss, ...]:
-        """The losses of each group of runs, by the best of each run, target by target."""
+        """The losses of each group of runs, from the best candidate of each run, target by target."""
         losses = []
         for target in self.targets:
             runs_of_group = {
@@ -116,7 +116,7 @@ class Transfer:
     def tasks(self) -> tuple[GroupTask, ...]:
         """The groups by the task that they solve, target by target; tests are within a task.
 
-        Losses are differences of fitness, so those of unlike tasks have unlike units.
+        Losses are differences of fitness, so those of different tasks have different units.
         """
         tasks_in_order = []
         tasks = group_by_task(self.groups, by="fitness", held_out=False)
@@ -133,13 +133,13 @@ class Transfer:
         return tuple(pair for task in self.tasks for pair in task.pairs)
 
     def __repr__(self) -> str:
-        """Say what was evaluated where."""
+        """Return what was evaluated in which simulations."""
         runs = len(self.runs) // max(len(self.targets), 1)
         subject = f"{runs} run{'' if runs == 1 else 's'}"
         return f"<Transfer of {subject} to {', '.join(self.targets)}: {len(self.seeds)} held-out seeds>"
 
     def _repr_html_(self) -> str:
-        """Return what is printed, for notebooks."""
+        """Return the printed text, for notebooks."""
         return render_preformatted(str(self))
 
     def __str__(self) -> str:
@@ -154,7 +154,7 @@ class Transfer:
         return to_mapping(self)
 
     def figure(self) -> "Figure":
-        """Return a matplotlib figure: for each target, its fitness over that in the run's simulation."""
+        """Return a matplotlib figure: for each target, fitness in it over fitness in the run's simulation."""
         from swarmwright.display.figures.transfer import draw
 
         return draw(self)
@@ -163,7 +163,7 @@ class Transfer:
     def plot(self, path: str | PathLike[str]) -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 
-        Raises InputError for another ending or a file that cannot be written.
+        Raises InputError for another suffix or a file that cannot be written.
         """
         from swarmwright.display.figures.style import save
 
@@ -172,10 +172,10 @@ class Transfer:
     def export(self, path: str | PathLike[str]) -> None:
         """Write every episode as a table, .csv.
 
-        Columns: run, target, generation, candidate (generation empty: a random one), seed, fitness in the
-        run's own simulation and in the target (nan where the episode failed).
+        Columns: run, target, generation, candidate (generation is empty for a random candidate), seed,
+        fitness in the run's own simulation and in the target (nan if the episode failed).
 
-        Raises InputError for another ending, and when the file cannot be written.
+        Raises InputError for another suffix, and if the file cannot be written.
         """
         check(Path(path), CSV)
         text = io.StringIO()

@@ -1,4 +1,4 @@
-"""A transfer in words and as plain values."""
+"""A transfer as text and as plain values."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.transfer.transferred import Transferred
 
 _CANDIDATES = 15
-"""Most candidates of a run that are printed; the plain values and the table of episodes have all."""
+"""Largest number of printed candidates per run; the plain values and the table of episodes have all."""
 
 
 def table(transfer: "Transfer") -> str:
@@ -26,7 +26,7 @@ def table(transfer: "Transfer") -> str:
 
 
 def _format_run(transfer: "Transfer") -> Iterator[str]:
-    """Yield the candidates of a run."""
+    """Yield lines with the candidates of a run."""
     count = len(transfer.seeds)
     yield f"Mean fitness of {count} episodes with held-out seeds, and what is lost (95 % interval):"
     for run in transfer.runs:
@@ -55,7 +55,7 @@ def _format_run(transfer: "Transfer") -> Iterator[str]:
 
 
 def _runs(transfer: "Transfer") -> Iterator[str]:
-    """Yield the best candidate of each run."""
+    """Yield lines with the best candidate of each run."""
     count = len(transfer.seeds)
     yield (
         f"Mean fitness of the best candidate of each run in {count} episodes with held-out seeds, and what "
@@ -79,7 +79,7 @@ def _make_row(transferred: "Transferred") -> list[str]:
 
 
 def _groups(transfer: "Transfer") -> Iterator[str]:
-    """Yield the losses of each task's groups, and the tests between them."""
+    """Yield lines with the losses of each task's groups, and the tests between them."""
     several = len(transfer.tasks) > len(transfer.targets)
     for index, task in enumerate(transfer.tasks):
         if index:
@@ -117,7 +117,7 @@ def _correlation(correlation: "Correlation") -> str:
 
 
 def to_mapping(transfer: "Transfer") -> dict[str, Any]:
-    """Return a transfer as plain values; NaN is left as it is."""
+    """Return a transfer as plain values; NaN is not converted."""
     return {
         "seeds": list(transfer.seeds),
         "targets": list(transfer.targets),

@@ -1,4 +1,4 @@
-"""Candidates of runs in other simulations, and what they lose there."""
+"""Evaluate candidates of runs in other simulations, and measure the loss of fitness."""
 
 import math
 import os
@@ -25,7 +25,7 @@ from swarmwright.runs.validation import find_leading
 from swarmwright.servers.evaluation.base import Progress, Servers
 
 CANDIDATES, SEEDS = 10, 30
-"""Unless other numbers are given."""
+"""Default numbers of candidates per run and of seeds."""
 
 
 @check_arguments
@@ -44,36 +44,37 @@ def transfer(
     prefix: str | None = None,
     on_progress: Progress | None = None,
 ) -> Transfer:
-    """Evaluate the best candidates of runs in other simulations, and say what they lose.
+    """Evaluate the best candidates of runs in other simulations, and measure the loss of fitness.
 
-    Controllers evolved in one simulation exploit what is particular to it. What they lose in another one, or
-    in models sampled around their own, is a sign of what they will lose on robots.
+    Evolved controllers exploit the peculiarities of their simulation. The fitness that they lose in another
+    one, or in models sampled around their own, indicates how much they will lose on robots.
 
     Args:
-        runs: run folders, or runs. Those that differ in the seed alone are one group; groups that
-            solve the same task are compared.
-        to: names of simulations, as in experiments, which have the same sensors and actuators; or files
-            (.yaml) with the keys of the experiment that differ, such as simulation, parameters and servers.
-        vary: key of a parameter -> its lowest and highest value, both included; whole numbers where both
-            are: {"parameters.speedDefenders": (0.4, 0.8)}. Every episode has a model of its own.
-        pseudo_reality: vary the noise of the arena's e-pucks as well, in ranges around the reference model's:
-            drive 0 to 0.15, proximity and ground 0 to 0.1, light 0 to 0.9, loss of messages 0.8 to 0.95.
-        candidates: how many of the best ones with different controllers, of each run. At least 1.
-        random: how many random controllers beside them. At least 0.
-        seeds: how many episodes, with held-out seeds, the same for all candidates and runs. At least 2.
-        seed: simulation seed of the first episode, the next ones follow; default: those of
-            the runs' validations, which the evolution of no run used.
-        broker: of the servers that offer simulations which are not here, and of all where the run had a
-            broker; not for targets whose file names servers or a broker.
+        runs: run folders, or runs. Those that differ only in the seed form a group; groups that solve the
+            same task are compared.
+        to: names of simulations, as in experiments, with the same sensors and actuators; or files (.yaml)
+            with the keys of the experiment that differ, such as simulation, parameters and servers.
+        vary: parameter -> its lowest and highest value, both included; integers if both are:
+            {"parameters.speedDefenders": (0.4, 0.8)}. Every episode has a separate model.
+        pseudo_reality: also vary the noise of the arena's e-pucks, in ranges around the reference model's:
+            drive 0 to 0.15, proximity and ground 0 to 0.1, light 0 to 0.9, message loss 0.8 to 0.95.
+        candidates: number of best candidates with different controllers per run, at least 1.
+        random: number of additional random controllers, at least 0.
+        seeds: number of episodes, with held-out seeds that are the same for all candidates and runs; at least
+            2.
+        seed: simulation seed of the first episode; the others follow. Default: seeds of the runs'
+            validations, which the evolution of no run used.
+        broker: address of the broker whose servers offer simulations that are not available here, and all
+            simulations if the run had a broker; not for targets whose file names servers or a broker.
         servers: as in `optimize`, likewise.
-        prefix: of topics, instead of the runs' and targets'; not for targets whose file names servers or a
-            broker.
+        prefix: topic prefix, in place of the runs' and targets'; not for targets whose file names servers or
+            a broker.
         on_progress: as in `optimize`.
 
     Raises:
-        InputError: there is no run or target, a target does not fit the controllers, a number is out of
+        InputError: there is no run or target, a target does not fit the controllers, or a number is out of
             range.
-        RunError: no broker, no fitting server, or every episode failed.
+        RunError: no broker, no suitable server, or every episode failed.
 
     Examples:
         >>> faster = {"parameters.speedDefenders": (0.4, 0.8)}
@@ -137,7 +138,7 @@ def _evaluate_run(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:
 
 
 def _check_equal(plans: Sequence[Plan]) -> Iterator[str]:
-    """Yield which targets are the simulations that the candidates were evolved in."""
+    """Yield notes on targets that are the simulation in which the candidates evolved."""
     same = {
         target.name: None
         for plan in plans
@@ -152,9 +153,9 @@ def _check_equal(plans: Sequence[Plan]) -> Iterator[str]:
 
 
 def _describe_failures(failures: Sequence[Transferred]) -> Iterator[str]:
-    """Yield how many episodes failed in each simulation, and how they count."""
+    """Yield notes on the number of failed episodes in each simulation, and on how they count."""
     failed_targets: dict[str, int] = {}
-    evaluate_source: dict[str, int] = {}  # those of a run are the same for all of its targets
+    evaluate_source: dict[str, int] = {}  # equal for all targets of a run
     for transferred in failures:
         failed_targets[transferred.target] = failed_targets.get(transferred.target, 0) + transferred.failed
         evaluate_source[str(transferred.run.path)] = transferred.source_failed
@@ -188,7 +189,7 @@ def _cautions(groups: Sequence[RunGroup], cautions: Sequence[Transferred]) -> It
 
 
 def load_run_transfer(run: Run) -> Transfer | None:
-    """Return what a run has ended with, because its `validate` names simulations; None where it has not."""
+    """Return the transfer at the end of a run whose `validate` names simulations; None if there is none."""
     transfers_of_run = run.transferred
     if not transfers_of_run:
         return None
