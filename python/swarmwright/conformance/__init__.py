@@ -1,6 +1,6 @@
-"""Checks of a peer against every rule of the protocol, over a broker.
+"""Check a peer against every rule of the protocol, over a broker.
 
-`swarmwright conformance` and `swarmwright.testing.check_server` use this.
+`swarmwright conformance` and `swarmwright.testing.check_server` use this package.
 """
 
 from importlib.util import find_spec

@@ -16,8 +16,8 @@ class Door:
     """A proxy on a free loopback port that forwards all bytes to the broker.
 
     Args:
-        host: of the broker.
-        port: of the broker.
+        host: host of the broker.
+        port: port of the broker.
 
     """
 
@@ -101,7 +101,7 @@ OPEN = (
 def open_broker(
     broker: str | None, stack: ExitStack, *, stranger: bool
 ) -> tuple[str, str | None, Door | None]:
-    """Yield the broker's address for the kit, and the proxy for the peer.
+    """Yield the address of the broker for the kit, and the proxy for the peer.
 
     The embedded broker admits every client, since peers need not have accounts.
 

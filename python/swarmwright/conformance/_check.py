@@ -1,4 +1,4 @@
-"""Checks of a server or a tool: tries rules in sequence, with deadlines."""
+"""Check a server or an optimization tool: try rules in sequence, with deadlines."""
 
 import shutil
 import tempfile
@@ -42,7 +42,7 @@ class Peer(Protocol):
 
 
 def run(peer: Peer, rules: Sequence[Rule], tell: Callable[[Result], None]) -> list[Result]:
-    """Try rules on a peer; `tell` gets each result immediately."""
+    """Try rules on a peer; `tell` receives each result immediately."""
     results: dict[str, Result] = {}
     lost = ""
     for rule in rules:
@@ -112,7 +112,7 @@ def _try_rule(peer: Peer, rule: Rule) -> Result:
 GUESSES = (2.0, 3.0, 1.0)
 """Dimensions to try by default."""
 INFORMING = ("S1.1", "S2.3")
-"""Rules that measure what others need: the server's announcement and an undisturbed episode."""
+"""Rules that measure what other rules need: the server's announcement and an undisturbed episode."""
 
 
 def check_server(
@@ -139,26 +139,27 @@ def check_server(
     """Check a simulation server against the rules.
 
     Args:
-        server: its ID.
-        command: command that starts it, with {broker}, {id}, {prefix}; None if another party does.
-        start: function that starts it in this process, called with the broker's address; the caller ends it.
+        server: ID of the server.
+        command: command that starts the server, with {broker}, {id} and {prefix}; None if another party
+            starts it.
+        start: function that starts the server in this process, called with the broker's address; the caller
+            stops it.
         broker: address; None starts an embedded broker.
         prefix: topic prefix.
-        simulation: title; None asks its presence.
-        dimensions: None tries 2, 3 and 1.
-        parameters: of all episodes; short episodes make a short run.
+        simulation: title of the simulation; None takes it from the server's presence.
+        dimensions: number of dimensions; None tries 2, 3 and 1.
+        parameters: parameters of all episodes; short episodes shorten the check.
         sensors: numbers in a sensor message, if the server does not announce them.
-        actuators: numbers in an actuator message, likewise.
-        step_timeout: seconds after which it gives up an episode, if known.
-        timeout: seconds that one answer may take.
-        wait: seconds to wait for it.
+        actuators: numbers in an actuator message, if the server does not announce them.
+        step_timeout: seconds after which the server aborts an episode, if known.
+        timeout: time limit of an answer, in seconds.
+        wait: seconds to wait for the server to appear.
         vary: parameters that change an episode, if the seed does not.
-        rules: ids and groups that are wanted, `-S6` for those that are not; default: all. What they need
-            to know of the server is found out first by rules that are not in the report, unless these are
-            left out.
-        profile: `d6.1` for those rules alone that D6.1 demands.
-        tell: gets each result at once.
-        say: gets instructions for the user.
+        rules: ids and groups of rules to try; `-S6` excludes a group. Default: all. Rules that measure what
+            these rules need are tried first and not reported, unless they are excluded.
+        profile: `d6.1` tries only the rules that D6.1 demands.
+        tell: called with each result immediately.
+        say: called with instructions for the user.
 
     Raises InputError (invalid arguments) and RunError (no broker).
 
@@ -205,19 +206,19 @@ def check_server(
         measured = _dimensions(peer, dimensions, wait)
         peer.settings.dimensions = measured
         report = Report(f"server {server} ({peer.settings.title})")
-        # Their results are not in the report: they were not asked for.
+        # Their results are not reported, since they were not requested.
         run(peer, _add_informing_rules(chosen, rules), _nothing)
         report.results = run(peer, chosen, tell)
         return report
 
 
 def _add_informing_rules(chosen: Sequence[Rule], requested: Sequence[str]) -> list[Rule]:
-    """Return the rules that measure what the chosen ones need, unless they are excluded."""
+    """Return the rules that measure what the chosen rules need, unless they are excluded."""
     names = [name.strip() for text in requested for name in text.split(",")]
     left = {name.removeprefix("-") for name in names if name.startswith("-")}
     needed, chosen_ids = servers.RULES.needed(chosen), {rule.id for rule in chosen}
     missing = [number for number in INFORMING if number in needed and number not in chosen_ids]
-    # They come before all that is chosen, and each needs what those before it find out.
+    # They precede all chosen rules, and each needs the findings of those before it.
     last = INFORMING.index(missing[-1]) if missing else -1
     rules = [servers.RULES[number] for number in INFORMING[: last + 1]]
     return [rule for rule in rules if not {rule.id, rule.group} & left]
@@ -251,7 +252,7 @@ def _title(peer: ServerPeer, topic: str, wait: float) -> str:
 
 
 def _dimensions(peer: ServerPeer, requested: float | None, wait: float) -> float:
-    """Wait until the server answers discovery; return its dimensions, without an answer the first guess."""
+    """Wait for an answer to discovery; return its dimensions, or the first guess without an answer."""
     guesses = GUESSES if requested is None else (requested,)
     limit = time.monotonic() + wait
     while time.monotonic() < limit:
@@ -286,20 +287,21 @@ def check_optimizer(
     """Check an optimization tool against the rules; the kit acts as the simulation servers.
 
     Args:
-        command: what starts it, with {broker}, {prefix}, {experiment} (a file that the kit writes for
-            the tools of Swarmwright) and {folder} (an empty one) in it; None when it is started by others.
+        command: command that starts the tool, with {broker}, {prefix}, {experiment} (a file that the kit
+            writes for tools that read Swarmwright's experiments) and {folder} (an empty folder); None if
+            another party starts it.
         broker: address; None starts an embedded broker.
         prefix: topic prefix.
-        simulation: the only title that is offered; None offers whatever is asked for.
+        simulation: the only title that is offered; None offers every requested title.
         sensors: sensor values per agent.
         actuators: actuator values per agent.
         episodes: episodes per candidate, if known; 2 with {experiment}.
-        lasts: time-out of a run, seconds.
+        lasts: time limit of a run, in seconds.
         wait: seconds to wait for a tool that another party starts.
-        rules: ids and groups that are wanted, `-O5` for those that are not; default: all.
-        profile: `d6.1` for those rules alone that D6.1 demands.
-        tell: gets each result at once.
-        say: gets instructions for the user.
+        rules: ids and groups of rules to try; `-O5` excludes a group. Default: all.
+        profile: `d6.1` tries only the rules that D6.1 demands.
+        tell: called with each result immediately.
+        say: called with instructions for the user.
 
     Raises InputError (invalid arguments) and RunError (no broker).
 
@@ -332,7 +334,7 @@ def check_optimizer(
 
 
 def _values(broker: str, prefix: str, settings: ToolSettings, stack: ExitStack) -> Mapping[str, object]:
-    """Return values of the placeholders, with a new folder."""
+    """Return the values of the placeholders, including a new folder."""
     folder = Path(tempfile.mkdtemp(prefix="conformance-"))
     stack.callback(shutil.rmtree, folder, ignore_errors=True)
     experiment = write_experiment(folder, broker, settings)

@@ -65,16 +65,16 @@ class Episode:
         return self.server.client.send(topic, **fields)
 
     def stop(self, topic: str = "control") -> str:
-        """End it with run: false; return the sent message."""
+        """End the episode with run: false; return the sent message."""
         self.over = True
         fields = {"server": self.server.id, "simulation_hash": self.hash, "run": False, **self._named}
         return self.server.client.send(topic, simulation=self.server.settings.title, **fields)
 
     def receive(self, sent: str = "") -> bool:
-        """Take the next sensor message or the fitness; return whether it was a sensor message.
+        """Receive the next sensor message or the fitness; return whether it was a sensor message.
 
-        Raises Failure when nothing comes, or another message: with the reason that the server gives, on the
-        topic in reply, or with what its process has printed since the episode began.
+        Raises Failure if no message or another message arrives. Its text has the reason that the server gives
+        on the reply topic, or the output of its process since the episode began.
         """
         seconds = self.server.settings.timeout
         expected = "a sensor message, or the fitness, with the hash of the episode"
@@ -93,10 +93,10 @@ class Episode:
 
     def _reason(self, message: Message) -> str:
         """Return the reason of a failure message on the reply topic; empty for other messages."""
-        # Scenes come there, too, and are not decoded here.
+        # Scenes arrive there, too, and are not decoded here.
         if message.topic != self.reply or b"failed" not in message.payload:
             return ""
-        with suppress(Exception):  # whatever the reader raises: it is not this message
+        with suppress(Exception):  # whatever the reader raises, it is not a failure message
             content = msgpack.unpackb(message.payload, strict_map_key=False)
             if content["kind"] == "failed" and content["simulation_hash"] == self.hash:
                 return format_payload(str(content.get("reason") or "none was given"))
@@ -110,9 +110,9 @@ class Episode:
         )
 
     def take(self, message: Message) -> bool:
-        """Take a message of this episode; return whether it was a sensor message.
+        """Process a message of this episode; return whether it was a sensor message.
 
-        Raises Failure if it is invalid.
+        Raises Failure if the message is invalid.
         """
         self.last_at = message.at
         if message.topic == "fitness":
@@ -187,7 +187,7 @@ class Episode:
     def must_wait(self, agents: Iterable[int], why: str, sent: str) -> None:
         """Raise WentOn if the episode continues: a fitness arrives, or one of these agents is asked again.
 
-        Agents that had not been asked before are merely late.
+        First messages of agents that had not been asked before are merely late.
         """
         expected_agents = {*agents, *(agent for agent, _, _ in self.pending)}
         for message in self.server.client.drain(self.server.quiet):
@@ -198,7 +198,7 @@ class Episode:
             self.take(message)
 
     def play(self, policy: Policy | None = None) -> Trajectory:
-        """Answer until the fitness arrives; return the trajectory."""
+        """Answer sensor messages until the fitness arrives; return the trajectory."""
         # A simulation that controls its agents itself needs no policy.
         chosen = policy
         sent = ""

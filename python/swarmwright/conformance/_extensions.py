@@ -31,8 +31,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "neat": {"iterations": 2},
     "modules": {},
 }
-"""Kind of controller that steers agents -> the options with which it is tried. All but `layered` and
-`evostick` have a state."""
+"""Options for testing each kind of controller that steers agents. All kinds except `layered` and `evostick`
+have a state."""
 KINDS = (*OPTIONS, "parameter_set")
 """All kinds of controller."""
 
@@ -41,7 +41,7 @@ KINDS = (*OPTIONS, "parameter_set")
 class ControllerSet:
     """Controllers of one kind for several candidates.
 
-    architecture: specification without weights. weights: (candidates, weights) float32.
+    architecture: specification without weights. weights: (candidates, weights), float32.
     """
 
     architecture: Json
@@ -49,11 +49,11 @@ class ControllerSet:
 
     @property
     def size(self) -> int:
-        """Weights of one candidate."""
+        """Number of weights of a candidate."""
         return int(self.weights.shape[1])
 
     def specification(self, candidate: int) -> Json:
-        """With the weights of one candidate."""
+        """Return the specification with the weights of a candidate."""
         return {**self.architecture, "weights": [float(str(value)) for value in self.weights[candidate]]}
 
 
@@ -63,9 +63,9 @@ def controller_set(
     candidates: int,
     **changes: Any,  # noqa: ANN401 - options
 ) -> ControllerSet:
-    """Create controllers for the server, the same in every run; skip the rule if there are none.
+    """Create controllers for the server, the same in every run; skip the rule if no kind fits.
 
-    changes: options of the representation, other than `OPTIONS` has.
+    changes: options of the representation that differ from `OPTIONS`.
     """
     component = REPRESENTATIONS.get(kind)
     values = {**OPTIONS[kind], **changes}
@@ -116,7 +116,7 @@ def batch(server: Server, seeds: Sequence[int], /, **changes: Any) -> Json:  # n
 
 
 def decode_message(message: Message) -> Json:
-    """Decode the map in a message. Raises Failure if it is not a map."""
+    """Decode the map in a message. Raises Failure if the payload is not a map."""
     try:
         value = msgpack.unpackb(message.payload, strict_map_key=False)
     except Exception as error:  # noqa: BLE001 - whatever the reader raises
@@ -129,7 +129,7 @@ def decode_message(message: Message) -> Json:
 
 
 def answer_to(server: Server, request: Mapping[str, Any], sent: str, seconds: float | None = None) -> Json:
-    """Return the next answer to a request. Raises Failure without an answer, or if its keys are wrong."""
+    """Return the next answer to a request. Raises Failure if no answer arrives or its keys are wrong."""
     limit = server.settings.timeout if seconds is None else seconds
     answer = next_answer(server, request, sent, limit)
     if answer is None:
@@ -139,7 +139,7 @@ def answer_to(server: Server, request: Mapping[str, Any], sent: str, seconds: fl
 
 
 def next_answer(server: Server, request: Mapping[str, Any], sent: str, seconds: float) -> Json | None:
-    """Return the next answer like `answer_to`; None without an answer."""
+    """Return the next answer like `answer_to`; None if no answer arrives."""
     message = server.client.next(
         lambda message: (
             message.topic == TO_TOOL + server.token
@@ -160,7 +160,7 @@ def next_answer(server: Server, request: Mapping[str, Any], sent: str, seconds: 
 
 
 def numbers(answer: Mapping[str, Any], key: str, kind: str) -> NDArray[Any]:
-    """Return a binary array of an answer. Raises Failure if it is not valid."""
+    """Return a binary array of an answer. Raises Failure if it is invalid."""
     value = answer.get(key)
     if not isinstance(value, bytes) or len(value) % np.dtype(kind).itemsize:
         raise Failure(
@@ -170,7 +170,7 @@ def numbers(answer: Mapping[str, Any], key: str, kind: str) -> NDArray[Any]:
 
 
 def error_of(answer: Mapping[str, Any]) -> tuple[str, str]:
-    """Return kind and reason of an error, empty without one. Raises Failure if it is malformed."""
+    """Return kind and reason of an error; both empty if there is none. Raises Failure if it is malformed."""
     error = answer.get("error")
     if error is None:
         return "", ""
@@ -188,7 +188,8 @@ def must_be_refused(
 ) -> str:
     """Send a request and expect an error of one of these kinds; return its reason.
 
-    field: the invalid field, such as `controller.kind`; reports show it apart, as they shorten requests.
+    field: the invalid field, such as `controller.kind`, which reports show separately because they shorten
+    requests.
     """
     sent = server.request(dict(request))
     if field:
@@ -214,13 +215,13 @@ def _format_field(request: Mapping[str, Any], path: str) -> str:
 
 
 def free_again(server: Server) -> None:
-    """Release the server as `TOOL`, which holds it."""
+    """Release the server as `TOOL`, which has reserved it."""
     fields = {"server": server.id, "simulation_hash": TOOL, "run": False, "tool": TOOL}
     server.client.send("control", **fields)
 
 
 def _values(controllers: ControllerSet, candidate: int) -> Json:
-    """Return the parameters of a set of integers and real numbers (protocol.md, Parameter sets)."""
+    """Return the parameters in a set, integers and real numbers (protocol.md, Parameter sets)."""
     parameters, weights = controllers.architecture["parameters"], controllers.weights[candidate]
     return {
         parameter["name"]: int(weight) if parameter["type"] == "integer" else float(str(weight))

@@ -15,7 +15,7 @@ from swarmwright.common.suggestions import did_you_mean
 _PLACEHOLDER = re.compile(r"(?<!\$)\{([A-Za-z_]\w*)\}")
 """A word in braces, except for shell variables."""
 GRACE_S = 10.0
-"""Seconds for an orderly end."""
+"""Seconds to wait for an orderly exit."""
 
 
 class Process:
@@ -60,11 +60,11 @@ class Process:
                 )
 
     def another(self) -> "Process":
-        """Return the same command, for a second process beside this one."""
+        """Return a second process with the same command."""
         return Process(self.command, self._values)
 
     def start(self) -> None:
-        """Start or restart it."""
+        """Start or restart the process."""
         self.stop()
         words = self._words(self._values())
         try:
@@ -80,7 +80,7 @@ class Process:
 
     @property
     def ended(self) -> str:
-        """Description of its end with its last output; empty while it runs."""
+        """Description of the exit with the last output; empty while the process runs."""
         status = None if self._process is None else self._process.poll()
         if status is None:
             return ""
@@ -89,16 +89,16 @@ class Process:
 
     @property
     def words(self) -> str:
-        """The end of its output, to append to a sentence; empty without output."""
+        """The end of the output, to append to a sentence; empty without output."""
         return self._last_words(0)
 
     def mark(self) -> None:
-        """Let `new_words` begin here."""
+        """Make `new_words` start at the present end of the output."""
         self._marked = self._count_printed_bytes()
 
     @property
     def new_words(self) -> str:
-        """The end of its output since `mark`, like `words`."""
+        """The end of the output since `mark`, like `words`."""
         return self._last_words(self._marked)
 
     def _count_printed_bytes(self) -> int:
@@ -123,13 +123,13 @@ class Process:
         return None
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal to it and its children."""
+        """Send a signal to the process and its children."""
         if self._process is not None and self._process.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._process.pid, number)
 
     def stop(self) -> None:
-        """Terminate it, then kill it."""
+        """Terminate the process; kill it if it does not exit."""
         if self._process is None:
             return
         self.signal(signal.SIGTERM)

@@ -26,7 +26,7 @@ SIDES = (SERVER, OPTIMIZER)
 
 
 def reference() -> str:
-    """Return the page as Markdown."""
+    """Return the reference page as Markdown."""
     return "\n".join([INTRODUCTION, *map(_format_side, SIDES)])
 
 

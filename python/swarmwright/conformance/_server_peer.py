@@ -10,13 +10,13 @@ from swarmwright.conformance.rules import Rule
 from swarmwright.servers.broker.client import Client, Failure, Message, Overdue
 
 MOST_EPISODES = 40
-"""Largest number of episodes of a rule, whose time is added to its deadline."""
+"""Largest number of episodes in a rule; their duration extends its deadline."""
 FREE_AFTER_S = 8.0
-"""Seconds after which a server is free by itself, with a margin."""
+"""Seconds after which a reserved server becomes free on its own, with a margin."""
 
 
 WATCH_S = 2.0
-"""Seconds after which a server that does not wait for actuators has asked again."""
+"""Seconds within which a server that does not wait for actuators asks agents again."""
 
 
 class ServerPeer(Server):
@@ -37,7 +37,7 @@ class ServerPeer(Server):
         self.client.deadline = time.monotonic() + seconds + MOST_EPISODES * episode
 
     def recover(self) -> str:
-        """End current work until the server answers discovery; return why it does not, empty if it does."""
+        """Make the server free; return why it does not answer discovery, empty if it does."""
         if self.left:
             return ""
         self.client.deadline = time.monotonic() + FREE_AFTER_S + 4 * self.settings.timeout
@@ -66,7 +66,7 @@ class ServerPeer(Server):
         return self.describe_exit()
 
     def _is_free(self, seconds: float) -> bool:
-        """Return whether it answers with its ID; another rule checks the hash."""
+        """Return whether the server answers with its ID; another rule checks the hash."""
 
         def is_answer(message: Message) -> bool:
             for episode in self.episodes:
@@ -112,7 +112,7 @@ class ServerPeer(Server):
         return True
 
     def waits(self) -> bool:
-        """Return whether it waits for actuators, sending nothing until agents are answered. Tried once."""
+        """Return whether the server sends nothing until agents are answered; tested once."""
         if self._waits is None:
             self.client.deadline = time.monotonic() + WATCH_S + 2 * self.settings.timeout
             episode = self.episode()
@@ -129,7 +129,7 @@ class ServerPeer(Server):
         return self._waits
 
     def describe_exit(self) -> str:
-        """Describe how its process ended; empty while it runs, or if the kit did not start it."""
+        """Describe how the process ended; empty while it runs, or if the kit did not start it."""
         return "" if self.process is None else self.process.ended
 
 

@@ -19,16 +19,17 @@ from swarmwright.conformance.rules import NotTried, Skip
 from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Client, Failure, Message, format_payload
 
 QUIET_S = 0.05
-"""Seconds in which a fast server would have sent a message."""
+"""Seconds within which a fast server would send a message."""
 
 
 @dataclass
 class Settings:
     """Properties of the server that are known in advance.
 
-    parameters: of every episode. sensors, actuators: where it does not announce them. timeout: seconds that
-    one answer may take. step_timeout: seconds after which it gives up an episode, None when not known. vary:
-    values of parameters with which an episode differs, for simulations in which the seed changes nothing.
+    parameters: parameters of every episode. sensors, actuators: their numbers, if the server does not
+    announce them. timeout: time limit of an answer in seconds. step_timeout: seconds after which the server
+    aborts an episode; None if unknown. vary: parameters that change an episode, for simulations in which the
+    seed changes nothing.
     """
 
     server: int
@@ -70,15 +71,15 @@ class Server:
         self.deterministic: bool | None = None
         self.repeats: bool | None = None
         self.carries_over = False
-        """Whether sensors depend on the episode before."""
+        """Whether sensors depend on the previous episode."""
         self.sensors_only = False
-        """Whether only sensors can be compared: fitness or metrics depend on the episode before."""
+        """Whether only sensors can be compared, because fitness or metrics depend on the previous episode."""
         self.seen_metrics: set[str] = set()
         self.wrong_metrics: Json = {}
         """Metrics that were not finite numbers, with their values."""
         self.episodes: list[Episode] = []
         self.question_hashes: set[str] = set()
-        """Hashes of all discoveries: answers to earlier ones may be late."""
+        """Hashes of all discoveries, since answers to earlier ones may be late."""
         self.tools: set[str] = set()
 
     # What it announces.
@@ -96,7 +97,7 @@ class Server:
 
     @property
     def instance(self) -> str:
-        """The instance of the server, empty if not announced."""
+        """The instance of the server; empty if not announced."""
         instance = self.announced.get("instance")
         return instance if isinstance(instance, str) else ""
 
@@ -111,7 +112,7 @@ class Server:
 
     @property
     def max_agents(self) -> float | None:
-        """Largest number of agents, None for no limit."""
+        """Largest number of agents; None if there is no limit."""
         limit = self.capabilities.get("max_agents", self.capabilities.get("max agents"))
         return limit if isinstance(limit, int | float) else None
 
@@ -138,9 +139,9 @@ class Server:
 
     @property
     def undisturbed(self) -> Trajectory:
-        """The trajectory of an undisturbed episode, whatever steers the agents."""
+        """The trajectory of an undisturbed episode, whoever controls the agents."""
         if self.trajectory is None:
-            # Without that number there is no such episode; else S2.3 was left out, or failed.
+            # Without the number of actuators there is no such episode; otherwise S2.3 was excluded or failed.
             _ = self.actuators
             raise NotTried("there is no undisturbed episode to compare with: rule S2.3 plays it")
         return self.trajectory
@@ -165,7 +166,7 @@ class Server:
     def listen_for(self, seconds: float) -> None:
         """Set the time to listen for an unexpected message.
 
-        Not longer than half of what an answer may take, nor than a quarter of what an episode waits.
+        At most half of the time limit of an answer, and a quarter of the server's time-out of an episode.
         """
         most = min(self.settings.timeout / 2, (self.settings.step_timeout or 60.0) / 4)
         self.quiet = min(most, max(QUIET_S, seconds))
@@ -174,7 +175,7 @@ class Server:
     def repeatable(self) -> bool:
         """Whether an episode can be compared with the reference.
 
-        Plays one if that is not known yet; for a free server.
+        Plays an episode if that is unknown; the server must be free.
         """
         if self.deterministic is not None:
             return self.deterministic
@@ -203,7 +204,7 @@ class Server:
         return question
 
     def discover(self, *, within: float | None = None, **changes: Any) -> Json | None:  # noqa: ANN401 - JSON
-        """Send a discovery; return the answer, None after a time-out."""
+        """Send a discovery; return the answer, or None after a time-out."""
         question = self.discovery(**changes)
         self.client.send("discovery", **question)
         answer = self.client.next(
@@ -222,14 +223,14 @@ class Server:
         )
 
     def must_answer(self, expected: str, sent: str = "", **changes: Any) -> Json:  # noqa: ANN401 - JSON
-        """Send a discovery. Raises Failure unless it answers."""
+        """Send a discovery and return the answer. Raises Failure if none arrives."""
         answer = self.discover(**changes)
         if answer is None:
             raise Failure(f"nothing arrived within {self.settings.timeout:g} s", expected, sent)
         return answer
 
     def must_come_free(self, expected: str, sent: str = "") -> None:
-        """Repeat the discovery. Raises Failure unless it answers within the time-out."""
+        """Repeat the discovery until the server answers. Raises Failure after the time-out."""
         limit = time.monotonic() + self.settings.timeout
         while not self.is_free(within=min(0.25, self.settings.timeout)):
             if time.monotonic() > limit:
@@ -246,7 +247,7 @@ class Server:
     def must_not_answer(self, questions: Iterable[Json], why: str) -> None:
         """Send discoveries that it must not answer, then one that it must. Raises Failure for wrong answers.
 
-        For a server that is free.
+        The server must be free.
         """
         discoveries = list(questions)
         for question in discoveries:
@@ -281,7 +282,7 @@ class Server:
     ) -> None:
         """Raise Failure if the server publishes on the seven topics with a hash of the kit, or its ID.
 
-        but: an episode that is under way; its messages are kept for it. seconds: how long to listen.
+        but: an episode in progress, whose messages are kept. seconds: how long to listen.
         """
         hashes = {episode.hash for episode in self.episodes if episode is not but}
         for message in self.client.drain(self.quiet if seconds is None else seconds):
@@ -309,7 +310,7 @@ class Server:
         return episode
 
     def play(self, policy: Policy | None = None, parameters: Mapping[str, Any] | None = None) -> Trajectory:
-        """Play a whole episode until the server is free again."""
+        """Play a whole episode and wait until the server is free again."""
         episode = self.episode(parameters)
         episode.configure()
         episode.start()
@@ -318,13 +319,13 @@ class Server:
     # Requests.
 
     def mark_printed(self) -> None:
-        """Let `printed` begin here."""
+        """Make `printed` start at the present end of the output."""
         if self.process is not None:
             self.process.mark()
 
     @property
     def printed(self) -> str:
-        """The end of its output since the start of the last episode or request, to append to a sentence."""
+        """The end of the output since the start of the last episode or request, to append to a sentence."""
         return "" if self.process is None else self.process.new_words
 
     @property

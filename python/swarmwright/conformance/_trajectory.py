@@ -15,12 +15,12 @@ Numbers = NDArray[np.float32]
 
 
 Policy = Callable[[int, int, Numbers], Sequence[float]]
-"""Function of agent, its number of earlier messages in the episode, and sensors; returns actuators."""
+"""Function of agent, number of its earlier messages in the episode, and sensors; returns actuators."""
 
 
 @dataclass(frozen=True)
 class Wander:
-    """Actuators that vary with agent and turn alone: multiples of 1/64 in -1..+1.
+    """Actuators that vary only with agent and turn: multiples of 1/64 in -1..+1.
 
     seed: selects one of many sequences.
     """
@@ -51,7 +51,7 @@ class Always:
 
 
 class Steer:
-    """A controller for each agent, in Swarmwright's arithmetic.
+    """A controller for each agent, computed with Swarmwright's arithmetic.
 
     specification: with weights, see protocol/schemas/controller.schema.json.
     """
@@ -72,8 +72,8 @@ class Steer:
 class Trajectory:
     """The sensors of each agent in order, and the end of the episode.
 
-    fitness: None when it was not played to its end. messages: sensor messages. seconds: from control to
-    fitness. sensors_only: fitness and metrics are not compared with those of other trajectories.
+    fitness: None if the episode was not played to its end. messages: sensor messages. seconds: from control
+    to fitness. sensors_only: fitness and metrics are not compared with those of other trajectories.
     """
 
     readings: dict[int, list[Numbers]] = field(default_factory=lambda: defaultdict(list))
@@ -112,13 +112,13 @@ class Trajectory:
 
 
 def is_same_fitness(first: float | None, other: float | None) -> bool:
-    """Return whether two numbers have the same bits, or both are None."""
+    """Return whether two values have the same bits, or both are None."""
     if first is None or other is None:
         return first is other
     return np.float64(first).tobytes() == np.float64(other).tobytes()
 
 
 def format_numbers(numbers: Numbers) -> str:
-    """Format some numbers."""
+    """Format numbers as text."""
     texts = [str(value) for value in numbers[:6]]
     return f"[{', '.join(texts)}{', ...' if len(numbers) > 6 else ''}]"

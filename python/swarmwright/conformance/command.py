@@ -304,7 +304,7 @@ def _parameters_of(text: str | None, option: str = "--parameters") -> dict[str, 
 
 
 class _Reporter:
-    """Reports results as they arrive, and a table at the end."""
+    """Prints results as they arrive, and a table at the end."""
 
     def __init__(self, output: Output) -> None:
         self._output = output
@@ -314,7 +314,7 @@ class _Reporter:
         print_note(text)
 
     def tell(self, result: "Result") -> None:
-        """Report a result: without a terminal, a line; the table follows at the end."""
+        """Report a result: a line without a terminal; the table follows at the end."""
         from swarmwright.conformance.results import line
 
         self._output.json(result.record())

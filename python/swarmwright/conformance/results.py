@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Status = Literal["passed", "failed", "died", "skipped", "not run"]
 BAD: tuple[Status, ...] = ("failed", "died")
 _KEYS = {"fix": "mend"}
-"""Field of a result -> its key in JSON, if they differ."""
+"""Key in JSON of a result's field, if its name differs."""
 _NOT_SAID = ("advice", "doubt")
 """Fields of a result that JSON omits."""
 
@@ -29,9 +29,9 @@ class Result:
     """The result of one rule.
 
     source: the rule's origin and section: `D6.1, ...` or `Swarmwright, ...`. status: `died` if the peer was
-    gone afterwards, `not run` if the rule could not be tried, `skipped` if it does not apply. detail: a note,
-    or the reason. sent, came, expected, fix: details of a failure. seconds: duration. advice: how to make
-    skipped rules apply. doubt: what may be wrong although no rule is violated.
+    no longer running afterwards, `not run` if the rule could not be tried, `skipped` if it does not apply.
+    detail: a note, or the reason. sent, came, expected, fix: details of a failure. seconds: duration. advice:
+    how to make skipped rules apply. doubt: what may be wrong although no rule is violated.
     """
 
     id: str
@@ -54,7 +54,7 @@ class Result:
         return owner(self.source)
 
     def record(self) -> dict[str, object]:
-        """As a JSON object without empty values and `_NOT_SAID`; `fix` has the key `mend`, for programs."""
+        """Return a JSON object without empty values and `_NOT_SAID`; the key of `fix` is `mend`."""
         values = {
             _KEYS.get(name, name): value for name, value in asdict(self).items() if name not in _NOT_SAID
         }

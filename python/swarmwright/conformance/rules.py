@@ -10,7 +10,7 @@ from swarmwright.servers.broker.client import Failure
 
 Side = Literal["server", "optimizer"]
 Profile = Literal["d6.1", "all"]
-"""The rules to try: those of D6.1 alone, or Swarmwright's as well."""
+"""The rules to try: only those of D6.1, or all."""
 OWNERS = ("D6.1", "Swarmwright")
 """Origins of rules, in the order in which reports show them."""
 
@@ -21,8 +21,8 @@ class Skip(Exception):  # noqa: N818 - it is not an error
     Args:
         reason: the message.
         advice: how to make such rules apply, printed once; may be empty.
-        doubt: what may be wrong with the peer although no rule is violated, in a few words for the line of
-            figures; empty for nothing.
+        doubt: what may be wrong with the peer although no rule is violated, in a few words for the summary
+            line; may be empty.
     """
 
     def __init__(self, reason: str, advice: str = "", doubt: str = "") -> None:
@@ -35,7 +35,7 @@ class Skip(Exception):  # noqa: N818 - it is not an error
 class Note:
     """A remark on a rule that passed.
 
-    doubt: as that of `Skip`.
+    doubt: as in `Skip`.
     """
 
     text: str
@@ -51,20 +51,19 @@ class NotTried(Exception):  # noqa: N818 - it is not an error
 
 
 class WentOn(Failure):
-    """The server continued while it should have waited.
+    """The server continued although it should have waited.
 
-    D6.1 does not say that a server waits: this breaks one of its rules only if the server waits in other
-    cases.
+    D6.1 does not say that a server waits, so this violates its rules only if the server waits in other cases.
     """
 
 
 @dataclass(frozen=True)
 class Rule:
-    """One rule. `check` gets the peer, returns a note or None, raises Failure, Skip or NotTried.
+    """A rule. `check` gets the peer, returns a note or None, and raises Failure, Skip or NotTried.
 
     id: group and number, such as S2.4. where: the place in docs/reference/protocol.md or a decision. d61: the
-    section of D6.1 that demands it, empty for a rule of Swarmwright's extensions. needs: rules without which
-    this one cannot be tried. seconds: for which it may last, episodes not counted.
+    section of D6.1 that demands it; empty for a rule of Swarmwright's extensions. needs: rules that must hold
+    to try this one. seconds: its time limit, without episodes.
     """
 
     id: str
@@ -88,17 +87,17 @@ class Rule:
 
     @property
     def group(self) -> str:
-        """Group of the rule: its id up to the dot."""
+        """Group of the rule: the part of its id before the dot."""
         return self.id.partition(".")[0]
 
 
 def owner(source: str) -> str:
-    """Return a rule's origin, given its source."""
+    """Return a rule's origin from its source."""
     return source.partition(",")[0]
 
 
 class Rules:
-    """The rules for one kind of peer, in the order of trial."""
+    """The rules for one kind of peer, in the order in which they are tried."""
 
     def __init__(self, side: Side, groups: dict[str, str]) -> None:
         self.side = side

@@ -1,4 +1,4 @@
-"""Played servers that take requests: offloaded evaluation and batches."""
+"""Simulated servers that accept requests: offloaded evaluation and batches."""
 
 import re
 from typing import Any
@@ -15,16 +15,16 @@ REPLY = re.compile(f"{re.escape(TO_TOOL)}[A-Za-z0-9_-]{{1,200}}")
 
 
 class Offloading(Actor):
-    """Evaluates controllers: the fitness of each is the mean of its weights."""
+    """Evaluates controllers; the fitness of each is the mean of its weights."""
 
     modes = ("stepwise", "offloaded")
 
     def describe_capabilities(self) -> Json:
-        """Offloaded evaluation, batches of four."""
+        """Announce offloaded evaluation and batches of four."""
         return {"modes": list(self.modes), "controllers": list(KINDS), "batch": 4}
 
     def on_request(self, message: Message) -> None:
-        """Check a request, and serve it."""
+        """Check a request and answer it."""
         try:
             request = decode_message(message)
             self.stage.record.requests.append(request)
@@ -33,7 +33,7 @@ class Offloading(Actor):
             self.stage.record.wrong.append(failure)
 
     def serve(self, request: Json) -> None:
-        """Evaluate."""
+        """Evaluate the request's controllers."""
         if request.get("kind") == "evaluate":
             weights, seeds = check_request(request, self.stage.title_for(request))
             self.stage.record.evaluated += len(weights) * len(seeds)
@@ -50,7 +50,7 @@ class Offloading(Actor):
 
 
 def check_request(request: Json, title: object) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (candidates, weights) and seeds of a request. Raises Failure when it is wrong."""
+    """Return the weights (candidates, weights) and seeds of a request. Raises Failure if it is invalid."""
     envelope(request, title)
     brief = str({key: value for key, value in request.items() if not isinstance(value, bytes)})
     controller = request.get("controller")
@@ -71,7 +71,7 @@ def check_request(request: Json, title: object) -> tuple[np.ndarray, np.ndarray]
 
 
 def envelope(request: Json, title: object) -> None:
-    """What all requests have. Raises Failure when it is wrong."""
+    """Check the fields that all requests share. Raises Failure if one is wrong."""
     brief = str({key: value for key, value in request.items() if not isinstance(value, bytes)})
     if request.get("version") != 1 or not isinstance(request.get("request"), int):
         raise Failure(brief, '"version" is 1, "request" a number')
@@ -84,7 +84,7 @@ def envelope(request: Json, title: object) -> None:
 
 
 def array(request: Json, key: str, kind: str) -> np.ndarray:
-    """A binary array. Raises Failure when it is not one."""
+    """Return a binary array of a request. Raises Failure if it is invalid."""
     value = request.get(key)
     if not isinstance(value, bytes) or len(value) % np.dtype(kind).itemsize:
         raise Failure(f'"{key}" is {value!r}', f"MessagePack binary of {np.dtype(kind).name}")
@@ -102,7 +102,7 @@ class Batching(Offloading):
         self.step = 0
 
     def serve(self, request: Json) -> None:
-        """Start a batch, or make a step."""
+        """Start a batch, or advance it by a step."""
         if request.get("kind") == "start":
             envelope(request, self.stage.title_for(request))
             if len(array(request, "seeds", "<u8")) > 4:
@@ -113,7 +113,7 @@ class Batching(Offloading):
             self.take(request, self.batch)
 
     def take(self, request: Json, batch: Json) -> None:
-        """Check actuators; go on."""
+        """Check actuators and continue the batch."""
         values = array(request, "actuators", "<f4")
         if not len(values):
             self.batch = None
@@ -131,7 +131,7 @@ class Batching(Offloading):
         self.tell()
 
     def tell(self) -> None:
-        """The sensors of the step, or the fitness of all episodes."""
+        """Send the sensors of the step, or the fitness of all episodes."""
         assert self.batch is not None
         episodes = np.arange(len(self.batch["seeds"]) // 8, dtype="<u4")
         over = self.step == STEPS
@@ -152,4 +152,4 @@ class Batching(Offloading):
 
 
 OTHER_MODES: dict[str, type[Offloading]] = {"offloaded": Offloading, "batched": Batching}
-"""Mode -> the played server that offers it; the mode is the scene's name, too."""
+"""The simulated server that offers each mode; the mode is also the scene's name."""

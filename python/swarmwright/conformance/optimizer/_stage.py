@@ -14,7 +14,7 @@ TOOL_TOPICS = ("discovery", "parameters", "control", "actuator")
 
 
 def make_sensors(turn: int, count: int) -> list[float]:
-    """Return an agent's sensors in a turn, equal in all episodes, to detect remaining states."""
+    """Return an agent's sensors in a turn, equal in all episodes, so that leftover state is noticed."""
     return [((turn * 37 + index * 61 + 17) % 129 - 64) / 64 for index in range(count)]
 
 
@@ -22,8 +22,8 @@ def make_sensors(turn: int, count: int) -> list[float]:
 class Played:
     """An episode of a simulated server.
 
-    asked: (agent, turn) in order. answers: what came for them, by agent and turn. ended: how, `fitness` or
-    `stopped`, empty while it lasts.
+    asked: (agent, turn) in order. answers: received messages by agent and turn. ended: `fitness` or
+    `stopped`; empty while the episode lasts.
     """
 
     server: int
@@ -39,21 +39,21 @@ class Played:
 
 @dataclass
 class Record:
-    """Everything that a tool sent: messages with their topic, unreadable and unexpected messages.
+    """Everything that a tool sent: messages with their topics, invalid and unexpected messages.
 
-    requests: of extensions. sent: wrong messages of the kit, topic and payload. evaluated: episodes that were
-    evaluated with them. together: most episodes at a time.
+    requests: requests of extensions. sent: topics and payloads of the kit's wrong messages. evaluated: number
+    of episodes evaluated by requests. together: largest number of simultaneous episodes.
     """
 
     messages: list[tuple[str, Json]] = field(default_factory=list)
     wrong: list[Failure] = field(default_factory=list)
-    """Invalid messages, as failures of the rules that they break."""
+    """Invalid messages, as failures of the rules that they violate."""
     unasked: list[str] = field(default_factory=list)
     """Unsolicited actuators and other messages, as text."""
     episodes: list[Played] = field(default_factory=list)
-    """Episodes that it began."""
+    """Episodes that the tool started."""
     notes: dict[str, str] = field(default_factory=dict)
-    """What scenes noted for rules, by the names that these look for."""
+    """Notes that scenes leave for rules, by name."""
     requests: list[Json] = field(default_factory=list)
     sent: list[tuple[str, str | bytes]] = field(default_factory=list)
     evaluated: int = 0
@@ -66,20 +66,19 @@ class Record:
     """Exit status of that process, negative for a signal; None while it runs."""
 
     def on(self, topic: str) -> list[Json]:
-        """The contents on a topic."""
+        """Return the contents of the messages on a topic."""
         return [content for name, content in self.messages if name == topic]
 
     @property
     def finished(self) -> list[Played]:
-        """Episodes that went to their fitness."""
+        """Episodes that ended with their fitness."""
         return [episode for episode in self.episodes if episode.ended == "fitness"]
 
 
 class Actor:
-    """A simulation server that follows all rules; the base of faulty ones.
+    """A simulation server that follows all rules; the base class of faulty ones.
 
-    in_turn: it asks one agent after the other. drops: each agent drops out a step earlier than the one
-    before.
+    in_turn: asks one agent after the other. drops: each agent drops out a step earlier than the one before.
     """
 
     def __init__(self, server: int, *, in_turn: bool = False, drops: bool = False) -> None:
@@ -95,11 +94,11 @@ class Actor:
         self.stage: Stage
 
     def says(self, topic: str, **fields: Any) -> None:  # noqa: ANN401 - JSON
-        """Publish."""
+        """Publish a message."""
         self.stage.client.send(topic, **fields)
 
     def answers(self, content: Json) -> bool:
-        """Whether to answer a discovery."""
+        """Return whether to answer a discovery."""
         return self.episode is None and content.get("simulation") == self.stage.title_for(content)
 
     def discovery(self, content: Json) -> None:
@@ -124,11 +123,11 @@ class Actor:
         )
 
     def describe_capabilities(self) -> Json:
-        """More of what it offers beyond D6.1."""
+        """Return announced capabilities beyond those of D6.1."""
         return {"modes": ["stepwise"]}
 
     def control(self, content: Json) -> None:
-        """Control for this server."""
+        """Handle a control message for this server."""
         hash_ = str(content.get("simulation_hash"))
         if content.get("run", True) is False:
             if self.episode is not None and self.episode.hash == hash_:
@@ -170,7 +169,7 @@ class Actor:
         self.says("sensor", **about, agent=agent, sensor=values)
 
     def actuator(self, content: Json) -> None:
-        """An answer for the episode under way."""
+        """Handle an actuator message of the current episode."""
         assert self.episode is not None
         agent, values = content.get("agent"), content.get("actuator")
         if agent not in self.waiting or not isinstance(agent, int):
@@ -191,15 +190,15 @@ class Actor:
         self.says("fitness", **about, fitness=fitness_of(episode))
 
     def on_request(self, message: Message) -> None:
-        """A request of an extension came, though none is announced."""
+        """Record a request of an extension that is not announced."""
         self.stage.record.unasked.append(str(message))
 
     def tick(self) -> None:
-        """Time has passed."""
+        """Handle the passing of time."""
 
 
 def fitness_of(episode: Played) -> float:
-    """Return a fitness to optimize: the mean of all actuators."""
+    """Return the fitness to optimize: the mean of all actuators."""
     values = [
         value for answer in episode.answers.values() for value in answer if isinstance(value, int | float)
     ]
@@ -226,7 +225,7 @@ class Stage:
         return content.get("simulation") if self.title is None else self.title
 
     def play(self, over: Callable[[], bool], seconds: float) -> Record:
-        """Play until `over`, or for this many seconds at most."""
+        """Simulate the servers until `over`, for at most this many seconds."""
         start = time.monotonic()
         while not over() and time.monotonic() < start + seconds:
             message = self.client.next(lambda _: True, 0.02)
@@ -240,7 +239,7 @@ class Stage:
         return self.record
 
     def receive(self, message: Message) -> None:
-        """Record a message, and pass it to the simulated servers."""
+        """Record a message and pass it to the simulated servers."""
         if message.topic.startswith(TO_SERVER):
             for actor in self.actors:
                 if message.topic == f"{TO_SERVER}{actor.server}":

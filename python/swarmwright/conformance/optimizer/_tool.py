@@ -15,7 +15,7 @@ from swarmwright.conformance.rules import Rule, Skip
 from swarmwright.servers.broker.client import TO_SERVER, TOPICS, Client, Failure
 
 SILENCE_S = 3.0
-"""Seconds of silence after which a tool that the kit did not start has ended its run."""
+"""Seconds of silence after which the run of a tool that the kit did not start counts as ended."""
 
 
 @dataclass
@@ -23,23 +23,23 @@ class ToolSettings:
     """Known properties of a tool, and the announcement of the kit's servers."""
 
     title: str | None
-    """Of the simulation that it asks for; None: of any."""
+    """Title of the requested simulation; None accepts any."""
     sensors: int
-    """Sensor values of an agent."""
+    """Sensor values per agent."""
     actuators: int
-    """Actuator values of an agent."""
+    """Actuator values per agent."""
     episodes: int | None
-    """In how many each candidate is evaluated, if known."""
+    """Episodes per candidate, if known."""
     lasts: float
-    """Seconds of a run at most."""
+    """Time limit of a run in seconds."""
     wait: float
     """Seconds to wait for its first message."""
     mode: str = "stepwise"
-    """In which episodes are evaluated: stepwise, batched or offloaded."""
+    """How episodes are evaluated: stepwise, batched or offloaded."""
 
 
 class Tool:
-    """A tool for the rules: the records of scenes, each played once."""
+    """The tool as the rules see it: the records of scenes, each of which is played once."""
 
     def __init__(
         self, address: str, prefix: str, settings: ToolSettings, *, door: Door | None, process: Process | None
@@ -52,13 +52,14 @@ class Tool:
         self._scenes: dict[str, Record] = {}
 
     def plain(self) -> Record:
-        """Play two servers that follow all rules."""
+        """Play a scene with two servers that follow all rules."""
         return self.scene("plain", [Actor(1), Actor(2)])
 
     def stepwise(self) -> Record:
         """Play like `plain`; skip the rule if the tool plays no stepwise episodes.
 
-        An exit status is no mistake of a tool that finds no server for its mode; to be killed by a signal is.
+        A tool that finds no server for its mode may exit with an error; one that is killed by a signal has
+        crashed.
         """
         record = self.plain()
         crashed = record.status is not None and record.status < 0
@@ -71,16 +72,16 @@ class Tool:
         return record
 
     def find_other_mode(self) -> str:
-        """Return the first mode with requests that the tool uses, if servers offer it; empty for none."""
+        """Return the first request mode that the tool uses if servers offer it; empty if there is none."""
         for mode in OTHER_MODES:
-            # A tool that the kit does not start plays one scene only.
+            # Only one scene can be played with a tool that the kit does not start.
             with suppress(Skip):
                 if self.requests(mode).requests:
                     return mode
         return ""
 
     def requests(self, mode: str) -> Record:
-        """Play two servers that offer one of `OTHER_MODES`."""
+        """Play a scene with two servers that offer one of `OTHER_MODES`."""
         kind = OTHER_MODES[mode]
         return self.scene(mode, [kind(1), kind(2)], mode="auto")
 
@@ -93,10 +94,10 @@ class Tool:
         cut: bool = False,
         mode: str = "stepwise",
     ) -> Record:
-        """Play a scene, or recall it.
+        """Play a scene, or return its record if it was played before.
 
-        interrupt: with SIGINT in the middle. cut: the connection, in the middle. mode: in experiments that
-        the kit writes.
+        interrupt: send SIGINT in the middle. cut: cut the connection in the middle. mode: mode of the
+        experiments that the kit writes.
         """
         self.settings.mode = mode
         if name not in self._scenes:
@@ -157,21 +158,21 @@ class Tool:
         with Client(self.address, self.prefix, TOPICS) as client:
             return [str(message) for message in client.drain(0.1) if message.retained and message.payload]
 
-    # What a run needs of a peer: nothing is left between two rules.
+    # `run` requires these of a peer; no state is kept between rules.
 
     def ready(self, rule: Rule) -> None:
-        """Each scene begins from nothing."""
+        """Do nothing; each scene starts from scratch."""
 
     def recover(self) -> str:
-        """Each scene begins from nothing."""
+        """Return nothing; each scene starts from scratch."""
         return ""
 
     def revive(self) -> bool:
-        """Each scene starts it anyway."""
+        """Return true; each scene starts the tool."""
         return True
 
     def describe_exit(self) -> str:
-        """Return nothing: the end of the tool is in the record."""
+        """Return nothing; the exit of the tool is in the record."""
         return ""
 
 
@@ -211,7 +212,7 @@ timeouts: {{discovery: 8, step: 1}}
 
 
 def write_experiment(folder: Path, broker: str, settings: ToolSettings) -> Path:
-    """Write an experiment file for tools that read Swarmwright's."""
+    """Write an experiment file for tools that read Swarmwright's experiments."""
     path = folder / "experiment.yaml"
     title = settings.title or "conformance"
     text = EXPERIMENT.format(

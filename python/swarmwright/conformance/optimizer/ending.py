@@ -1,4 +1,4 @@
-"""O7: how a tool leaves its servers."""
+"""O7: how a tool releases its servers."""
 
 import json
 import time
@@ -23,7 +23,7 @@ def release(record: Record) -> str:
 
 
 def must_give_back(record: Record) -> None:
-    """Raise Failure unless each used server got run: false after its last episode."""
+    """Raise Failure unless each used server received run: false after its last episode."""
     for server in sorted({episode.server for episode in record.episodes}):
         mine = [content for content in record.on("control") if content.get("server") == server]
         if not mine or mine[-1].get("run", True) is not False:
@@ -40,7 +40,7 @@ def must_give_back(record: Record) -> None:
     seconds=600,
 )
 def gives_back(tool: Tool) -> str:
-    """The last control for each server."""
+    """Check the last control message for each server."""
     record = tool.stepwise()
     name = release(record)
     must_give_back(record)
@@ -56,7 +56,7 @@ def gives_back(tool: Tool) -> str:
     seconds=600,
 )
 def interrupt(tool: Tool) -> str:
-    """SIGINT in the middle of an episode."""
+    """Send SIGINT in the middle of an episode."""
     tool.stepwise()
     record = tool.scene("interrupt", [Slow(1), Slow(2)], interrupt=True)
     if not record.ended:
@@ -66,16 +66,16 @@ def interrupt(tool: Tool) -> str:
 
 
 class Slow(Actor):
-    """A slow actor, so that an episode can be interrupted in the middle."""
+    """Answers slowly, so that an episode can be interrupted in the middle."""
 
     at = 0.0
 
     def ask(self) -> None:
-        """Later."""
+        """Postpone the step."""
         self.at = time.monotonic() + 0.05
 
     def tick(self) -> None:
-        """Now."""
+        """Perform the postponed step."""
         if self.episode is not None and 0 < self.at < time.monotonic():
             self.at = 0.0
             super().ask()

@@ -1,4 +1,4 @@
-"""O1 to O3: how a tool finds servers, from parameters to fitness, what it answers to sensors."""
+"""O1 to O3: how a tool finds servers, conducts episodes, and answers sensor messages."""
 
 import json
 import time
@@ -27,7 +27,7 @@ EPISODE = "protocol.md, An episode"
     seconds=600,
 )
 def asks(tool: Tool) -> str:
-    """The discoveries of a whole run."""
+    """Check the discoveries of a whole run."""
     record = tool.plain()
     discoveries = record.on("discovery")
     if not discoveries:
@@ -55,7 +55,7 @@ def asks(tool: Tool) -> str:
     seconds=600,
 )
 def uses_answering_servers(tool: Tool) -> None:
-    """Nothing for a server with another ID, and something for one that answered."""
+    """Require no messages to a server with another ID, and messages to one that answered."""
     record = tool.stepwise()
     servers = {1, 2}
     for topic in ("parameters", "control"):
@@ -70,22 +70,22 @@ def uses_answering_servers(tool: Tool) -> None:
 
 
 class Late(Actor):
-    """Taken in the beginning: answers no discovery for two seconds."""
+    """Is reserved at first: answers no discovery for two seconds."""
 
     since = 0.0
 
     def answers(self, content: Json) -> bool:
-        """After a while only."""
+        """Return whether two seconds have passed."""
         self.since = self.since or time.monotonic()
         return time.monotonic() > self.since + 2 and super().answers(content)
 
 
 class LateOffloading(Late, Offloading):
-    """The same, for tools that offload all they evaluate."""
+    """The same for tools that only use offloaded evaluation."""
 
 
 class LateBatching(Late, Batching):
-    """The same, for tools that evaluate in batches only."""
+    """The same for tools that only evaluate in batches."""
 
 
 @rule(
@@ -97,7 +97,7 @@ class LateBatching(Late, Batching):
     seconds=600,
 )
 def asks_again(tool: Tool) -> str:
-    """One server, which is taken for two seconds."""
+    """Play with one server that is reserved for two seconds."""
     mode = "stepwise" if tool.plain().on("parameters") else tool.find_other_mode()
     late = {"offloaded": LateOffloading, "batched": LateBatching}.get(mode, Late)
     record = tool.scene("late", [late(1)], mode="stepwise" if late is Late else "auto")
@@ -117,7 +117,7 @@ def asks_again(tool: Tool) -> str:
     seconds=600,
 )
 def parameters_first(tool: Tool) -> str:
-    """Each control that starts an episode."""
+    """Check each control message that starts an episode."""
     record = tool.stepwise()
     configured: set[tuple[object, object]] = set()
     for topic, content in record.messages:
@@ -144,7 +144,7 @@ def parameters_first(tool: Tool) -> str:
     seconds=600,
 )
 def types(tool: Tool) -> None:
-    """Every message of a run."""
+    """Check every message of a run."""
     record = tool.stepwise()
     if record.wrong:
         raise record.wrong[0]
@@ -178,7 +178,7 @@ def _whole(value: object) -> bool:
     seconds=600,
 )
 def hashes(tool: Tool) -> str:
-    """Two servers at once."""
+    """Play two servers at once."""
     record = tool.stepwise()
     if "same hash" in record.notes:
         raise Failure(f"the hash {record.notes['same hash']}", "a different hash for each episode")
@@ -196,7 +196,7 @@ def hashes(tool: Tool) -> str:
     seconds=600,
 )
 def retains_nothing(tool: Tool) -> None:
-    """What the broker keeps after a run."""
+    """Check the retained messages after a run."""
     tool.plain()
     messages = tool.list_retained()
     if messages:
@@ -212,7 +212,7 @@ def retains_nothing(tool: Tool) -> None:
     seconds=600,
 )
 def waits_for_servers(tool: Tool) -> str:
-    """No control with a new hash before the fitness of the one before."""
+    """Require that control with a new hash follows the fitness of the previous one."""
     record = tool.stepwise()
     stopped = [episode for episode in record.episodes if episode.ended == "stopped"]
     if stopped:
@@ -224,7 +224,7 @@ def waits_for_servers(tool: Tool) -> str:
 
 
 def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
-    """Every answer of finished episodes: episode, agent, turn, actuators."""
+    """Yield every answer of finished episodes: episode, agent, turn, actuators."""
     for episode in tool.stepwise().finished:
         for (agent, turn), values in episode.answers.items():
             yield episode, agent, turn, values
@@ -240,7 +240,7 @@ def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
     seconds=600,
 )
 def answers_each(tool: Tool) -> str:
-    """Nothing is missing, nothing comes twice."""
+    """Require exactly one answer per sensor message."""
     record = tool.stepwise()
     if record.unasked:
         raise Failure(f"{record.unasked[0]} arrived", "one answer for each agent that was asked")
@@ -257,7 +257,7 @@ def answers_each(tool: Tool) -> str:
     seconds=600,
 )
 def as_many(tool: Tool) -> None:
-    """The length of every answer."""
+    """Check the length of every answer."""
     expected = tool.settings.actuators
     for _, agent, _, values in answers(tool):
         if len(values) != expected:
@@ -276,7 +276,7 @@ def as_many(tool: Tool) -> None:
     seconds=600,
 )
 def stays_in_range(tool: Tool) -> None:
-    """Every number of every answer."""
+    """Check the range of every number in every answer."""
     for _, agent, _, values in answers(tool):
         for value in values:
             if not is_number(value) or abs(value) > 1:
@@ -292,7 +292,7 @@ def stays_in_range(tool: Tool) -> None:
     seconds=600,
 )
 def keeps_states_apart(tool: Tool) -> None:
-    """Two agents that sense the same in every turn."""
+    """Compare two agents with the same sensors in every turn."""
     for episode in tool.stepwise().finished:
         for turn in range(STEPS):
             answers = [episode.answers.get((agent, turn)) for agent in range(AGENTS)]
@@ -311,7 +311,7 @@ def keeps_states_apart(tool: Tool) -> None:
     seconds=600,
 )
 def reset(tool: Tool) -> str:
-    """Every candidate senses the same in all of its episodes, so its trajectories must be the same."""
+    """Compare the episodes of each candidate, which all have the same sensors."""
     episodes = tool.settings.episodes
     if episodes is None or episodes < 2:
         raise Skip("give --episodes K, in how many episodes the tool evaluates each candidate, 2 at least")
@@ -336,16 +336,16 @@ def reset(tool: Tool) -> str:
     seconds=600,
 )
 def drop_outs(tool: Tool) -> None:
-    """Two servers whose agents are out one after the other, asked at once and in turn."""
+    """Play two servers whose agents drop out one by one; one asks all agents at once, the other in turn."""
     actors = [Actor(1, drops=True), Actor(2, in_turn=True, drops=True)]
     must_go_on(tool, "drop-outs", actors, "no more sensor messages of agent 1 in the last step")
 
 
 class Spelled(Actor):
-    """Says the same binary32 to its agents in two ways: to the first in few digits, to the other in all."""
+    """Sends equal binary32 sensors in two spellings: with few digits to one agent, with all to the other."""
 
     def sense(self, agent: int) -> None:
-        """Publish a sensor message with numbers of which none is short in binary."""
+        """Publish a sensor message with numbers that have no short binary form."""
         assert self.episode is not None
         exact = np.array(make_sensors(self.turns[agent], self.stage.sensors), np.float32) * np.float32(0.1)
         values = [float(value) if agent else float(str(value)) for value in exact]
@@ -362,7 +362,7 @@ class Spelled(Actor):
     seconds=600,
 )
 def binary32(tool: Tool) -> None:
-    """Servers that say what two agents sense in two ways."""
+    """Play servers that send the same sensors to two agents in two spellings."""
     record = must_go_on(tool, "spelled", [Spelled(1), Spelled(2)], "sensors in all digits of a binary32")
     for episode in record.finished:
         for turn in range(STEPS):

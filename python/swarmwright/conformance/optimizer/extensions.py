@@ -1,4 +1,4 @@
-"""O6: requests to servers that offer extensions."""
+"""O6: requests to servers that announce extensions."""
 
 from swarmwright.conformance.optimizer._requests import Offloading
 from swarmwright.conformance.optimizer._rules import rule
@@ -11,7 +11,7 @@ NUMBERS = "protocol.md, Messages of numbers"
 
 
 def play_offloaded(tool: Tool) -> Record:
-    """Play a run on two servers that evaluate; skip the rule if the tool does not use them."""
+    """Play a run on two servers that evaluate offloaded; skip the rule if the tool does not use them."""
     record = tool.requests("offloaded")
     if not record.requests:
         raise Skip("the tool sends no evaluate: it does not offload")
@@ -19,9 +19,9 @@ def play_offloaded(tool: Tool) -> Record:
 
 
 def must_be_whole(tool: Tool, record: Record, done: str) -> None:
-    """Raise Failure unless as many episodes were evaluated as stepwise, if their number is known.
+    """Raise Failure unless as many episodes were evaluated as stepwise, if that number is known.
 
-    done: what was done with them, in words.
+    done: verb for the message, such as "asked for".
     """
     expected = len(tool.plain().finished)
     if expected and record.evaluated < expected:
@@ -39,7 +39,7 @@ def must_be_whole(tool: Tool, record: Record, done: str) -> None:
     seconds=600,
 )
 def evaluates(tool: Tool) -> str:
-    """A run on two servers that announce offloaded."""
+    """Play a run on two servers that announce offloaded evaluation."""
     record = play_offloaded(tool)
     if record.wrong:
         raise record.wrong[0]
@@ -51,12 +51,12 @@ def evaluates(tool: Tool) -> str:
 
 
 class Refusing(Offloading):
-    """Says once that it is taken, then answers nothing for a while."""
+    """Refuses the first request as taken."""
 
     refused = False
 
     def serve(self, request: Json) -> None:
-        """Refuse the first."""
+        """Refuse the first request."""
         if not self.refused:
             self.refused = True
             error = {"kind": "taken", "reason": "taken by another tool"}
@@ -74,7 +74,7 @@ class Refusing(Offloading):
     seconds=600,
 )
 def retries_refused(tool: Tool) -> str:
-    """One server that refuses the first request, one that does not."""
+    """Play two servers, one of which refuses the first request."""
     without = play_offloaded(tool)
     expected = len(tool.plain().finished) or without.evaluated
     record = tool.scene("refused", [Refusing(1), Offloading(2)], mode="auto")
@@ -93,7 +93,7 @@ def retries_refused(tool: Tool) -> str:
     seconds=600,
 )
 def batches(tool: Tool) -> str:
-    """A run on two servers that announce batched, four episodes at a time."""
+    """Play a run on two servers that announce batches of four episodes."""
     record = tool.requests("batched")
     starts = [request for request in record.requests if request.get("kind") == "start"]
     if not starts:

@@ -1,4 +1,4 @@
-"""O5: servers that are taken by others, fall silent, or are temporarily unreachable."""
+"""O5: servers that are reserved by others, fall silent, or are temporarily unreachable."""
 
 import time
 
@@ -9,16 +9,16 @@ from swarmwright.servers.broker.client import Failure
 
 
 class TakenByOthers(Actor):
-    """Answers discovery, but another tool's control is a little earlier, and keeps it."""
+    """Answers discovery, but is then reserved by another tool, whose control came first."""
 
     gone = False
 
     def answers(self, content: dict[str, object]) -> bool:
-        """Until it is taken."""
+        """Return whether it is still free."""
         return not self.gone and super().answers(content)
 
     def begin(self, hash_: str) -> None:
-        """Nothing happens for this tool."""
+        """Begin nothing for this tool."""
         self.gone = True
         self.stage.record.notes["tried"] = hash_
 
@@ -32,22 +32,22 @@ class TakenByOthers(Actor):
     seconds=600,
 )
 def avoids_reserved(tool: Tool) -> str:
-    """One server that never begins, one that does."""
+    """Play a server that never begins and one that does."""
     record = must_go_on(tool, "taken", [TakenByOthers(1), Actor(2)], "no sensor message from server 1")
     return f"in {record.seconds:.1f} s" if "tried" in record.notes else "the tool never tried the server"
 
 
 class FallsSilent(Actor):
-    """Says nothing more after the first step of its second episode."""
+    """Falls silent after the first step of its second episode."""
 
     def ask(self) -> None:
-        """Not any more."""
+        """Ask agents until it falls silent."""
         mine = [episode for episode in self.stage.record.episodes if episode.server == self.server]
         if len(mine) < 2 or not mine[-1].answers:
             super().ask()
 
     def answers(self, content: dict[str, object]) -> bool:
-        """Not any more, either."""
+        """Answer discovery until it falls silent."""
         mine = [episode for episode in self.stage.record.episodes if episode.server == self.server]
         return len(mine) < 2 and super().answers(content)
 
@@ -61,7 +61,7 @@ class FallsSilent(Actor):
     seconds=600,
 )
 def replaces_silent(tool: Tool) -> str:
-    """One server that falls silent in its second episode, one that does not."""
+    """Play a server that falls silent in its second episode and one that does not."""
     record = must_go_on(tool, "lost", [FallsSilent(1), Actor(2)], "nothing after the first step")
     return f"in {record.seconds:.1f} s"
 
@@ -75,7 +75,7 @@ def replaces_silent(tool: Tool) -> str:
     seconds=600,
 )
 def cut(tool: Tool) -> str:
-    """The connection is cut in the middle of an episode."""
+    """Cut the connection in the middle of an episode."""
     expected = len(tool.stepwise().finished)
     record = tool.scene("cut", [Patient(1), Patient(2)], cut=True)
     if len(record.finished) < expected:
@@ -86,16 +86,16 @@ def cut(tool: Tool) -> str:
 
 
 class Patient(Actor):
-    """Gives up an episode whose actuators do not come for a second."""
+    """Aborts an episode whose actuators do not arrive within a second."""
 
     since = 0.0
 
     def ask(self) -> None:
-        """Note when."""
+        """Store the time of the step."""
         self.since = time.monotonic()
         super().ask()
 
     def tick(self) -> None:
-        """Look at the time."""
+        """Abort the episode after the time-out."""
         if self.episode is not None and time.monotonic() > self.since + 1:
             self.episode = None

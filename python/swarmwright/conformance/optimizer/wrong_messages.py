@@ -1,4 +1,4 @@
-"""O4: invalid messages of servers, one at a time, and messages of others on the same topics."""
+"""O4: invalid messages of servers, one at a time, and messages of other parties on the same topics."""
 
 import json
 import time
@@ -10,7 +10,7 @@ from swarmwright.conformance.optimizer._tool import Tool, must_go_on
 from swarmwright.servers.broker.client import Failure, format_payload
 
 PAUSE_S = 0.03
-"""Seconds between a wrong message and the next."""
+"""Seconds between two wrong messages."""
 Tried = defaultdict[str, int]
 """Number of wrong messages sent on each topic, by all servers of a scene."""
 
@@ -33,18 +33,18 @@ class WrongFirst(Actor):
         self.wrong = ""
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
-        """Wrong payloads in the place of a right message."""
+        """Return wrong payloads to send in place of a right message."""
         raise NotImplementedError
 
     def says(self, topic: str, **fields: object) -> None:
-        """Wrong messages first."""
+        """Queue a message, to be sent after wrong ones."""
         if not self.waits:
             self.left = self.at_once
         self.waits.append((topic, fields))
         self.tick()
 
     def tick(self) -> None:
-        """The next wrong message, or the right one, when it is time."""
+        """Send the next wrong message, or the right one, when it is due."""
         while self.waits and time.monotonic() >= self.until:
             topic, right = self.waits[0]
             kinds = self.kinds(topic, right)
@@ -63,15 +63,15 @@ class WrongFirst(Actor):
             super().says(topic, **right)
 
     def waits_with(self, topic: str) -> list[Json]:
-        """Return the right messages on a topic that are still to be sent."""
+        """Return the right messages on a topic that are yet to be sent."""
         return [right for name, right in self.waits if name == topic]
 
     def answers(self, content: Json) -> bool:
-        """Not before the fitness is out."""
+        """Return whether to answer a discovery: not before the fitness is sent."""
         return not self.waits_with("fitness") and super().answers(content)
 
     def actuator(self, content: Json) -> None:
-        """An answer to a sensor message that has not been sent is one to a wrong message."""
+        """Record an answer to a sensor message that has not been sent, since it answers a wrong message."""
         agent = content.get("agent")
         agents = [right["agent"] for right in self.waits_with("sensor")]
         if self.wrong and (agent in agents or agent not in self.waiting):
@@ -80,7 +80,7 @@ class WrongFirst(Actor):
             super().actuator(content)
 
     def control(self, content: Json) -> None:
-        """Failure if the tool begins or ends an episode before the right fitness has come."""
+        """Record control before the right fitness is sent, since it reacts to a wrong one."""
         if self.wrong and self.waits_with("fitness"):
             self.note_reaction(f"control {json.dumps(content)}")
         else:
@@ -94,7 +94,7 @@ class WrongFirst(Actor):
 
 
 def make_actors(kind: type[WrongFirst]) -> list[Actor]:
-    """Create two servers that share the work."""
+    """Create two servers that share the wrong messages."""
     tried: Tried = defaultdict(int)
     return [kind(1, tried), kind(2, tried)]
 
@@ -122,7 +122,7 @@ class Junk(WrongFirst):
     seconds=600,
 )
 def no_json(tool: Tool) -> None:
-    """Junk before messages on server, sensor and fitness."""
+    """Send junk before messages on server, sensor and fitness."""
     must_go_on(tool, "junk", make_actors(Junk), "junk on server, sensor and fitness")
 
 
@@ -131,10 +131,10 @@ def _drop_key(right: Json, key: str) -> Json:
 
 
 class WrongSensors(WrongFirst):
-    """Sends sensor messages that do not fit their schema, and sense something else."""
+    """Sends sensor messages that violate the schema and have other sensor values."""
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
-        """Missing keys, wrong types."""
+        """Return messages with missing keys and wrong types."""
         if topic != "sensor":
             return []
         values, agent = make_sensors(7, self.stage.sensors), right["agent"]
@@ -163,16 +163,16 @@ class WrongSensors(WrongFirst):
     seconds=600,
 )
 def wrong_sensors(tool: Tool) -> None:
-    """Eleven wrong messages, one at a time before right ones; they sense something else."""
+    """Send eleven wrong messages with other sensor values, one at a time before right ones."""
     sent = "sensor messages with a wrong agent or wrong numbers before right ones"
     must_go_on(tool, "wrong sensors", make_actors(WrongSensors), sent)
 
 
 class Foreign(WrongFirst):
-    """Sends messages of others: sensors, fitness and offers with unknown hashes."""
+    """Sends messages of other parties: sensors, fitness and offers with unknown hashes."""
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
-        """The same with two other hashes; offers of servers that are not there."""
+        """Return the right message with two other hashes, or offers of servers that do not exist."""
         hash_ = str(right["simulation_hash"])
         changes: Json = {"server": self.server + 10} if topic == "server" else {}
         others = (hash_[::-1] + "0", hash_[:-1])
@@ -189,7 +189,7 @@ class Foreign(WrongFirst):
     seconds=600,
 )
 def foreign(tool: Tool) -> None:
-    """Offers, sensors and fitness with other hashes, one at a time before right ones."""
+    """Send offers, sensors and fitness with other hashes, one at a time before right ones."""
     record = must_go_on(tool, "foreign", make_actors(Foreign), "messages with other hashes")
     hashes = {episode.hash for episode in record.episodes}
 
@@ -216,12 +216,12 @@ def foreign(tool: Tool) -> None:
 
 
 class WrongFitness(WrongFirst):
-    """Sends a fitness that does not fit its schema."""
+    """Sends fitness messages that violate the schema."""
 
     at_once = 5
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
-        """Text, null, a list, true, nothing."""
+        """Return a fitness of text, null, a list, true, and a message without one."""
         if topic != "fitness":
             return []
         messages = [{**right, "fitness": value} for value in ("7", None, [1], True)]
@@ -248,7 +248,7 @@ NOTE = {"deep": [1, {"run": None}]}
 
 
 class Chatty(Actor):
-    """Adds an unknown key."""
+    """Adds an unknown key to each message."""
 
     def says(self, topic: str, **fields: object) -> None:
         """Publish a message with one more key."""
@@ -265,7 +265,7 @@ class Chatty(Actor):
     seconds=600,
 )
 def unknown_keys(tool: Tool) -> None:
-    """One more key in every message."""
+    """Play servers that add a key to every message."""
     sent = f'server, sensor and fitness messages with "note": {json.dumps(NOTE)}'
     must_go_on(tool, "chatty", [Chatty(1), Chatty(2)], sent)
 
@@ -276,7 +276,7 @@ class BeyondNumbers(WrongFirst):
     at_once = 4
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
-        """NaN, infinities, an agent below 0, 10,000 levels."""
+        """Return messages with NaN, infinities, an agent below 0, and 10,000 levels of nesting."""
         words = ("NaN", "Infinity", "1e999")
         if topic == "fitness":
             head = json.dumps(_drop_key(right, "fitness"))[:-1]
@@ -301,15 +301,15 @@ class BeyondNumbers(WrongFirst):
     seconds=600,
 )
 def beyond_numbers(tool: Tool) -> None:
-    """Eight wrong messages, one at a time before right ones."""
+    """Send eight wrong messages, one at a time before right ones."""
     must_go_on(tool, "beyond numbers", make_actors(BeyondNumbers), "NaN, infinities, agent -1, 10,000 levels")
 
 
 class Untitled(Actor):
-    """Leaves simulation out."""
+    """Omits simulation from messages."""
 
     def says(self, topic: str, **fields: object) -> None:
-        """Without it."""
+        """Publish a message without simulation."""
         fields.pop("simulation", None)
         super().says(topic, **fields)
 
@@ -323,16 +323,16 @@ class Untitled(Actor):
     seconds=600,
 )
 def accepts_untitled(tool: Tool) -> None:
-    """Two servers that leave it out."""
+    """Play two servers that omit simulation."""
     sent = 'sensor and fitness messages without "simulation"'
     must_go_on(tool, "untitled", [Untitled(1), Untitled(2)], sent)
 
 
 class AnotherTitle(WrongFirst):
-    """Speaks under its hash for another simulation, which senses something else, and ends soon."""
+    """Sends messages with its hash for another simulation, with other sensors and an early end."""
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
-        """The same with another title."""
+        """Return the message with another title."""
         if topic == "server":
             return []
         wrong = {**right, "simulation": "another simulation"}
@@ -350,6 +350,6 @@ class AnotherTitle(WrongFirst):
     seconds=600,
 )
 def another_title(tool: Tool) -> None:
-    """A sensor and a fitness message with another title before right ones."""
+    """Send a sensor message and a fitness with another title before right ones."""
     sent = 'sensor and fitness messages with "simulation": "another simulation" before right ones'
     must_go_on(tool, "another title", make_actors(AnotherTitle), sent)

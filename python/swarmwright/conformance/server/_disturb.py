@@ -1,4 +1,4 @@
-"""Messages that a server must refuse, published when it is free and in the middle of an episode."""
+"""Messages that a server must refuse, sent while it is free and during an episode."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +10,7 @@ from swarmwright.servers.broker.client import Failure, format_payload
 Junk = tuple[str, str | bytes]
 """A topic and a payload."""
 Maker = Callable[[str], Sequence[Junk]]
-"""Makes junk for the hash of an episode."""
+"""Function that makes junk for the hash of an episode."""
 
 
 def disturb(server: ServerPeer, junk: Maker, why: str, *, free: bool = True) -> None:
@@ -18,8 +18,8 @@ def disturb(server: ServerPeer, junk: Maker, why: str, *, free: bool = True) -> 
 
     junk: function of the episode's hash. free: whether a free server gets it, too.
 
-    Raises Failure that names the message at fault, and Skip where the episode ends correctly, but the server
-    also continues without an answer, so that it is not known whether it accepted the junk.
+    Raises Failure, which names the faulty message, and Skip if the episode ends correctly but the server also
+    continues without answers, so that nothing shows whether it accepted the junk.
     """
     if free:
         _free(server, junk(new_hash()), why)
@@ -82,7 +82,7 @@ def _repeatable(server: ServerPeer) -> bool:
 
 
 def _find_culprit(server: ServerPeer, junk: Maker, why: str) -> Failure | None:
-    """Return the failure of the first piece that fails alone; None if there is none."""
+    """Return the failure of the first message that fails alone; None if there is none."""
     for index in range(len(junk(new_hash()))):
         if not server.prepare_retry():
             return None
@@ -98,7 +98,7 @@ def _describe(topic: str, payload: str | bytes) -> str:
 
 
 def _describe_all(pieces: Sequence[Junk]) -> str:
-    """Describe all pieces, shortened if there are many."""
+    """Describe all messages, shortened if there are many."""
     most = 240 if len(pieces) <= 4 else 90
     texts = [_describe(topic, payload) for topic, payload in pieces]
     return "; ".join(text if len(text) <= most else f"{text[:most]}..." for text in texts)

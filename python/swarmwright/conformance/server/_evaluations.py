@@ -22,7 +22,7 @@ SEEDS = (3, 1)
 CANDIDATES = 3
 """Candidates of a request."""
 _LARGEST_WEIGHT = 1e38
-"""Parameters from this size are excluded from parameter sets: in binary32 they may not be finite."""
+"""Parameters of at least this size are excluded from parameter sets: they may overflow binary32."""
 
 
 def list_controllers(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
@@ -37,7 +37,7 @@ def list_controllers(server: Server, candidates: int = CANDIDATES) -> Controller
 
 
 def request_fitness(server: Server, request: Json) -> Json:
-    """Send a valid request, and return the answer."""
+    """Send a valid request; return the answer."""
     sent = server.request(request)
     answer = answer_to(server, request, sent, 4 * server.settings.timeout)
     kind, reason = error_of(answer)
@@ -47,7 +47,7 @@ def request_fitness(server: Server, request: Json) -> Json:
 
 
 def must_announce_kind(server: Server, kind: str) -> None:
-    """Skip the rule unless controllers of this kind are announced, and offloaded evaluation."""
+    """Skip the rule unless offloaded evaluation and controllers of this kind are announced."""
     server.announces(mode="offloaded")
     if kind not in server.announced.get("controllers", []):
         raise Skip(f"not announced: capabilities.swarmwright.controllers lacks {kind!r}")
@@ -66,7 +66,7 @@ def parameter_sets(server: Server, candidates: int) -> ControllerSet:
 
 
 def numbers_in_parameters(server: Server) -> dict[str, float]:
-    """Return the numeric parameters of the episodes that can be in a set."""
+    """Return the numeric parameters of the episodes that a set can contain."""
     return {
         name: value
         for name, value in server.settings.parameters.items()

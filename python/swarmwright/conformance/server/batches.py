@@ -1,4 +1,4 @@
-"""S10: batched episodes, one message per step; S9.20 and S10.7: seeds in messages of numbers."""
+"""S10: batched episodes, one message per step; S9.20 and S10.7: 64-bit seeds of evaluate and start."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ SILENT = "it gives up a batch without the error failed: is the tool to wait for 
 class Batch:
     """A running batch: the rows that wait for actuators, and the fitness of finished episodes.
 
-    patience: how many times longer than others the first answer may take.
+    patience: factor by which the first answer may take longer than the others.
     """
 
     def __init__(self, server: Server, seeds: Sequence[int], patience: int = 1, **changes: Any) -> None:  # noqa: ANN401 - JSON
@@ -60,7 +60,7 @@ class Batch:
         self.receive(patience)
 
     def receive(self, patience: int = 1) -> None:
-        """Take the next sensors message."""
+        """Receive the next sensors message."""
         answer = answer_to(self.server, self.request, self.sent, patience * self.server.settings.timeout)
         kind, reason = error_of(answer)
         if kind:
@@ -109,20 +109,20 @@ class Batch:
         return self.sent
 
     def play(self, policy: Callable[[int, int, NDArray[np.float32]], Sequence[float]]) -> None:
-        """Answer until all episodes have ended."""
+        """Answer sensors until all episodes have ended."""
         while self.rows:
             self.answer([policy(*row) for row in self.rows])
             self.receive()
 
 
 def _steps(server: Server) -> None:
-    """Skip the rule unless the server steps batches, and agents are asked."""
+    """Skip the rule unless the server steps batches and asks agents."""
     must_have_batches(server)
     _ = server.reference, server.actuators
 
 
 def must_have_batches(server: Server) -> None:
-    """Skip the rule unless the server has batches, and an episode tells whether agents are asked in them."""
+    """Skip the rule unless the server offers batches; find out whether it asks agents."""
     server.announces(mode="batched")
     if not server.steers_itself:
         _ = server.actuators
@@ -145,9 +145,9 @@ def _seeds(server: Server) -> list[int]:
     needs=["S2.3", "S3.2"],
 )
 def equal(server: Server) -> str:
-    """Three episodes with three seeds, agents with a state.
+    """Compare three episodes with three seeds, whose agents have a state.
 
-    Where no answer is expected, the first message is the last.
+    If the simulation asks no agents, the first message is the last.
     """
     must_have_batches(server)
     server.comparable()
@@ -195,7 +195,7 @@ def equal(server: Server) -> str:
     needs=["S10.1"],
 )
 def refuses_actuators(server: Server) -> None:
-    """Wrong actuators in the first step, then the right ones."""
+    """Send wrong actuators in the first step, then the right ones."""
     _steps(server)
     episodes = Batch(server, _seeds(server)[:1])
     values = [[0.5] * server.actuators for _ in episodes.rows]
@@ -223,7 +223,7 @@ def refuses_actuators(server: Server) -> None:
     needs=["S10.1"],
 )
 def ends_on_empty(server: Server) -> None:
-    """An end in the first step, then another batch."""
+    """End a batch in its first step, then start another one."""
     _steps(server)
     episodes = Batch(server, _seeds(server))
     episodes.answer([])
@@ -245,7 +245,7 @@ def ends_on_empty(server: Server) -> None:
     needs=["S10.1"],
 )
 def invalid(server: Server) -> None:
-    """One episode too many; no episode; an unknown simulation; another version."""
+    """Send a batch with one episode too many, none, an unknown simulation, and another version."""
     must_have_batches(server)
     most = server.announced.get("batch")
     if isinstance(most, int):
@@ -272,9 +272,9 @@ def invalid(server: Server) -> None:
     needs=["S10.1"],
 )
 def is_reserved(server: Server) -> None:
-    """Another's batch, discoveries; the batch goes on; batches for another instance, and for this one.
+    """Send another tool's batch and discoveries during a batch; then batches for another and this instance.
 
-    Where no answer is expected, the batch is over at once, and the server held.
+    If the simulation asks no agents, the batch is over at once and the server is reserved.
     """
     must_have_batches(server)
     episodes = Batch(server, _seeds(server))
@@ -300,7 +300,7 @@ def is_reserved(server: Server) -> None:
     seconds=90,
 )
 def full(server: Server) -> str:
-    """A batch of the largest size, begun and ended."""
+    """Start and end a batch of the largest size."""
     must_have_batches(server)
     most = server.announced.get("batch")
     if not isinstance(most, int):
@@ -322,7 +322,7 @@ def full(server: Server) -> str:
     needs=["S10.1"],
 )
 def can_be_cancelled(server: Server) -> None:
-    """run: false in the first step of a batch, then its actuators all the same."""
+    """Send run: false in the first step of a batch, then its actuators nevertheless."""
     _steps(server)
     episodes = Batch(server, _seeds(server))
     free_again(server)
@@ -345,7 +345,7 @@ def can_be_cancelled(server: Server) -> None:
     seconds=60,
 )
 def gives_up(server: Server) -> Note:
-    """No actuators until the time-out. The server may be reserved for a while afterwards.
+    """Send no actuators until the time-out. The server may stay reserved for a while.
 
     Silence is accepted, too, since earlier protocols did not demand the error; but the tool waits in vain.
     """
@@ -370,7 +370,7 @@ def gives_up(server: Server) -> Note:
 _SEEDS = (BEYOND_32_BITS + 1, 2**53 + 1, LARGEST_SEED)
 """Seeds of evaluate and start that change if bits are lost."""
 _OTHER_SEED = 5
-"""The seed in `parameters` of evaluate and start, which the seeds of the message replace."""
+"""The seed in the `parameters` of evaluate and start, which the message's seeds replace."""
 _SEEDS_FIX = (
     "read each of seeds as an unsigned 64-bit integer and put it into the parameters, replacing their seed"
 )
@@ -384,9 +384,9 @@ _SEEDS_FIX = (
     needs=["S3.5", "S9.3", "S9.6"],
 )
 def seeds_of_evaluations(server: Server) -> None:
-    """Seeds of more than 32 and of more than 53 bits, and another one in the parameters.
+    """Use seeds beyond 32 and beyond 53 bits, with another seed in the parameters.
 
-    Other rules cover controllers that give another fitness with any seed.
+    Other rules cover controllers whose offloaded fitness is wrong with every seed.
     """
     controllers = list_controllers(server, 1)
     server.comparable()
@@ -415,7 +415,7 @@ def seeds_of_evaluations(server: Server) -> None:
 
 
 def _must_be_right(server: Server, controllers: ControllerSet) -> None:
-    """NotTried unless a controller gives the stepwise fitness with a small seed, the only one."""
+    """Raise NotTried unless a controller has its stepwise fitness with a single, small seed."""
     parameters = {name: value for name, value in server.settings.parameters.items() if name != "seed"}
     request = evaluation(server, controllers, SEEDS[:1], parameters=parameters)
     fitness = numbers(request_fitness(server, request), "fitness", "<f8").tolist()
@@ -437,7 +437,7 @@ def _must_be_right(server: Server, controllers: ControllerSet) -> None:
     needs=["S3.5", "S10.1"],
 )
 def seeds_of_batches(server: Server) -> None:
-    """Seeds of more than 32 and of more than 53 bits, one in a batch, and another one in the parameters."""
+    """Use seeds beyond 32 and beyond 53 bits, one per batch, with another seed in the parameters."""
     must_have_batches(server)
     server.comparable()
     parameters = {**server.settings.parameters, "seed": _OTHER_SEED}
@@ -478,7 +478,7 @@ def _difference(server: Server, seed: int, trajectory: Trajectory) -> str:
 
 
 def _differs(stepwise: Trajectory, batched: Trajectory) -> str:
-    """Return the first difference; metrics are not compared, since none were requested."""
+    """Describe the first difference; metrics are not compared, since none were requested."""
     return stepwise.difference(replace(batched, metrics=stepwise.metrics))
 
 
@@ -489,7 +489,7 @@ def _has_fitness(fitness: float, trajectory: Trajectory) -> bool:
 def _describe_lost_seed(
     played: Callable[[int], Trajectory], seed: int, agrees: Callable[[Trajectory], bool]
 ) -> str:
-    """Describe the other seed with which an episode of `seed` was played; empty if none is found.
+    """Describe the wrong seed with which an episode of `seed` was played; empty if none is found.
 
     played: returns the episode of a seed. agrees: returns whether the result is that episode.
     """

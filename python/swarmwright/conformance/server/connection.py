@@ -1,4 +1,4 @@
-"""S11 and S16: connections that break, brokers that restart, retained messages, two servers with one ID."""
+"""S11 and S16: broken connections, broker restarts, retained messages, two servers with one ID."""
 
 import json
 import time
@@ -21,12 +21,12 @@ from swarmwright.conformance.server.presence import presence
 from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Failure, Message, format_payload
 
 BACK_S = 15.0
-"""Seconds after which a server reconnects to a restored broker."""
+"""Seconds within which a server reconnects to a restored broker."""
 BROKER = "decision 003"
 
 
 def door(server: Server) -> Door:
-    """Return the proxy between server and broker; skip the rule without one."""
+    """Return the proxy between server and broker; skip the rule if there is none."""
     if server.door is None:
         raise Skip(
             "the kit is not between server and broker: let it start a broker, or start the server (--exec)"
@@ -53,7 +53,7 @@ def must_come_back(server: Server, why: str) -> float:
     seconds=40,
 )
 def connects_again(server: Server) -> str:
-    """The connection is cut; the broker can be reached again at once."""
+    """Cut the connection; the broker is reachable again at once."""
     door(server).shut()
     seconds = must_come_back(server, "the connection was cut")
     server.play()
@@ -69,7 +69,7 @@ def connects_again(server: Server) -> str:
     seconds=40,
 )
 def waits(server: Server) -> str:
-    """Three seconds without a broker."""
+    """Make the broker unreachable for three seconds."""
     door(server).shut()
     time.sleep(3)
     seconds = must_come_back(server, "the broker was unavailable for 3 s")
@@ -86,7 +86,7 @@ def waits(server: Server) -> str:
     seconds=40,
 )
 def last_will(server: Server) -> None:
-    """What presence says while the connection is cut, and afterwards."""
+    """Read presence while the connection is cut, and afterwards."""
     topic = f"{PRESENCE}{server.id}"
     if not read_retained(server, [topic]):
         raise Skip("not announced: no presence")
@@ -116,9 +116,9 @@ def _must_say(server: Server, expected: str, sent: str) -> None:
     seconds=40,
 )
 def leftovers(server: Server) -> None:
-    """Retained discovery, parameters, control and a request, which it gets when it comes back."""
+    """Retain discovery, parameters, control and a request, which the server gets when it reconnects."""
     gate, client, hash_ = door(server), server.client, new_hash()
-    server.episode(hash_=hash_)  # so that it is ended if it was begun
+    server.episode(hash_=hash_)  # so that the episode is ended if it was started
     mine = {"server": server.id, "simulation_hash": hash_}
     left: dict[str, str | bytes] = {
         "discovery": json.dumps(server.discovery(simulation_hash=hash_)),
@@ -186,7 +186,7 @@ def _request(server: Server) -> Json | None:
     seconds=40,
 )
 def cut_short(server: Server) -> None:
-    """A cut in the middle of an episode, then its end, then another episode."""
+    """Cut the connection during an episode, end the episode, then play another one."""
     episode = begin_episode(server)
     door(server).shut()
     door(server).open()
@@ -230,7 +230,7 @@ def instance(server: Server) -> str:
     needs=["S2.3"],
 )
 def another_instance(server: Server) -> None:
-    """Parameters, then control with another instance, then with the one that is announced."""
+    """Send parameters, control with another instance, then control with the announced instance."""
     mine = instance(server)
     episode = server.episode()
     episode.configure()
@@ -253,7 +253,7 @@ def another_instance(server: Server) -> None:
     seconds=60,
 )
 def second_leaves(server: Server) -> str:
-    """The command of --exec once more."""
+    """Run the command of --exec a second time."""
     mine = instance(server)
     if server.process is None:
         raise Skip("the kit did not start the server (--exec)")
@@ -291,7 +291,7 @@ def second_leaves(server: Server) -> str:
     seconds=60,
 )
 def publishes_lost(server: Server) -> None:
-    """The connection is cut; meanwhile a presence of another server is retained, which does not run."""
+    """Cut the connection and retain the presence of another server, which does not exist."""
     mine = instance(server)
     with _rival(server):
         sent = "the presence of another instance was retained while the connection was cut"
@@ -311,7 +311,7 @@ def publishes_lost(server: Server) -> None:
     seconds=60,
 )
 def gives_way(server: ServerPeer) -> str:
-    """As before, and the other server publishes its presence again."""
+    """Do the same, but let the other server publish its presence again."""
     mine = instance(server)
     if server.process is None:
         raise Skip("the kit did not start the server (--exec)")
@@ -340,17 +340,17 @@ def gives_way(server: ServerPeer) -> str:
     needs=["S7.2"],
 )
 def late_will(server: Server) -> None:
-    """Its presence is published once more, retained, with the state lost."""
+    """Publish the server's presence with state lost, retained."""
     mine = instance(server)
     own = presence(server)
     server.client.drain(server.quiet)
     _publish(server, {**own, "state": "lost"})
     sent = "its own presence was retained with the state lost"
     try:
-        _must_publish(server, mine, "lost", sent)  # what was just published
+        _must_publish(server, mine, "lost", sent)  # the presence that was just published
         _must_publish(server, mine, "ready", sent)
     except Failure:
-        _publish(server, own)  # or tools would not use it any more
+        _publish(server, own)  # otherwise tools would no longer use the server
         raise
 
 
@@ -365,7 +365,7 @@ def _publish(server: Server, message: Json) -> None:
 
 @contextmanager
 def _rival(server: Server) -> Iterator[Json]:
-    """Cut the connection and retain the presence of another server, which is yielded."""
+    """Cut the connection and retain the presence of another server; yield that presence."""
     gate, own = door(server), presence(server)
     capabilities = own["capabilities"]
     elsewhere = {"instance": OTHER, "host": "another-host", "pid": 1}
@@ -394,7 +394,7 @@ def _rival(server: Server) -> Iterator[Json]:
 
 
 def _must_publish(server: Server, mine: str, expected: str, sent: str) -> None:
-    """Wait for the next presence of this server. Raises Failure unless it has this state."""
+    """Wait for the next presence of this server. Raises Failure if its state is another one."""
 
     def is_own(message: Message) -> bool:
         return (

@@ -20,15 +20,15 @@ SEED_UNUSED_ADVICE = (
 SEED_DOUBT = "the seed changed nothing: is it ignored?"
 LARGEST_SEED = 2**63 - 1
 BEYOND_32_BITS = 5 * 2**32
-"""Difference of two seeds that are one if 32 bits of them are read. Not 2^32: Ruby's `Random.new` makes one
-state of 1 and 2^32 + 1, since it drops a leading word that is 1."""
+"""Difference of two seeds that are equal if only 32 bits are read. Not 2^32, because Ruby's `Random.new`
+drops a leading word of 1 and so gives 1 and 2^32 + 1 the same state."""
 PAIRS = 8
-"""Pairs of seeds that must all give the same episodes before bits are said to be lost: few places to start
-from, for example, make two seeds alike by chance. The first pair that differs is the last that is played."""
+"""Pairs of seeds that must all give equal episodes before bits count as lost: two seeds can be equal by
+chance, for example with few start positions. Testing stops at the first pair that differs."""
 
 
 def read_determinism(server: Server) -> str | None:
-    """Return `capabilities.swarmwright.determinism`, None if it is missing."""
+    """Return `capabilities.swarmwright.determinism`; None if it is missing."""
     declaration = server.announced.get("determinism")
     return declaration if isinstance(declaration, str) else None
 
@@ -53,7 +53,7 @@ def seeded(server: Server, seed: int) -> Json:
     needs=["S2.5", "S2.8"],
 )
 def deterministic(server: Server) -> str | None:
-    """An episode twice, each after the same other one."""
+    """Play an episode twice, each time after the same other one."""
     declaration = read_determinism(server)
     another(server)
     trajectory = server.play(parameters=seeded(server, 1))
@@ -102,7 +102,7 @@ def _check_tolerance(server: Server, first: Trajectory, second: Trajectory) -> N
     needs=["S3.1", "S2.9"],
 )
 def forgets(server: Server) -> None:
-    """An episode after itself, after another one, and after one that was ended in the middle."""
+    """Play an episode after itself, after another one, and after one that was aborted."""
     server.comparable()
     first = server.play(parameters=seeded(server, 1))
     second = server.play(parameters=seeded(server, 1))
@@ -133,7 +133,7 @@ def forgets(server: Server) -> None:
 def skip_unused_seed(server: Server) -> Skip:
     """Return the reason to skip a rule that needs two seeds with different episodes.
 
-    With --vary, the seed is known to change nothing, so there is no doubt.
+    With --vary, the seed is known to change nothing, so the reason has no doubt.
     """
     if server.settings.vary:
         return Skip(SEED_UNUSED)
@@ -161,7 +161,7 @@ def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
     needs=["S3.1"],
 )
 def the_last_count(server: Server) -> None:
-    """Parameters with one seed, then with another, same hash."""
+    """Send parameters with one seed, then with another, for the same hash."""
     first_trajectory, second_trajectory, _, second = differing(server)
     episode = server.episode(first_trajectory)
     episode.configure()
@@ -180,7 +180,7 @@ def the_last_count(server: Server) -> None:
     needs=["S3.1"],
 )
 def separates_hashes(server: Server) -> None:
-    """Parameters of two hashes, then control of the first."""
+    """Send parameters with two hashes, then control with the first."""
     first_trajectory, second_trajectory, first, _ = differing(server)
     episode, other = server.episode(first_trajectory), server.episode(second_trajectory)
     episode.configure()
@@ -200,7 +200,7 @@ def separates_hashes(server: Server) -> None:
     needs=["S3.1"],
 )
 def exact_seed(server: Server) -> None:
-    """An episode with the largest seed, then pairs of seeds that are one if bits are lost."""
+    """Play an episode with the largest seed, then pairs of seeds that are equal if bits are lost."""
     episode = server.episode(seeded(server, LARGEST_SEED))
     sent = f"{episode.configure()}, then {episode.start()}"
     episode.receive(sent)
@@ -245,7 +245,7 @@ def effective(server: Server, first: Policy, second: Policy) -> tuple[Trajectory
     needs=["S3.1"],
 )
 def clamps_actuators(server: Server) -> None:
-    """+1 and 7.5, -1 and -1e30, to all actuators."""
+    """Send +1 and 7.5, then -1 and -1e30, to all actuators."""
     count = server.actuators
     plus, _ = effective(server, Always((1.0,) * count), Wander(count))
     minus = server.play(Always((-1.0,) * count))
@@ -266,7 +266,7 @@ def clamps_actuators(server: Server) -> None:
     needs=["S3.1", "S2.9"],
 )
 def accepts_any_order(server: Server) -> None:
-    """A whole episode, the last agent of each step first."""
+    """Play a whole episode, answering the last agent of each step first."""
     server.comparable()
     play_until_several(server).stop()
     server.must_answer("an answer: the episode was ended")
@@ -291,7 +291,7 @@ def accepts_any_order(server: Server) -> None:
     needs=["S3.1"],
 )
 def the_first_counts(server: Server) -> None:
-    """In one step the first agent gets the opposite actuators as well, before the others have theirs."""
+    """Send the first agent also the opposite actuators in one step, before the others get theirs."""
     episode = play_until_several(server)
     agents = [agent for agent, _, _ in episode.pending]
     agent, turn, numbers = episode.pending[0]
@@ -314,7 +314,7 @@ def the_first_counts(server: Server) -> None:
     needs=["S3.1"],
 )
 def binary32(server: Server) -> None:
-    """Decimals with many digits, then the shortest that round to the same binary32."""
+    """Send decimals with many digits, then the shortest ones that round to the same binary32."""
     count = server.actuators
     long = Always(tuple(0.1000000001 + 0.2 * (index % 3) for index in range(count)))
     short = Always(tuple((0.1, 0.3, 0.5)[index % 3] for index in range(count)))

@@ -20,7 +20,7 @@ EPISODE = "protocol.md, An episode, 1"
     d61="5.2.3; 6.2 Discovery message",
 )
 def answers(server: Server) -> None:
-    """One discovery, any answer with the server's ID."""
+    """Send a discovery; accept any answer with the server's ID."""
     question = server.discovery()
     sent = f"discovery {json.dumps(question)}"
     server.client.send("discovery", **question)
@@ -40,7 +40,7 @@ def answers(server: Server) -> None:
     needs=["S1.1"],
 )
 def echoes(server: Server) -> None:
-    """Two discoveries with different hashes. Answers to earlier ones may be late."""
+    """Send two discoveries with different hashes. Answers to earlier ones may be late."""
     for _ in range(2):
         before = set(server.question_hashes)
         question = server.discovery()
@@ -70,7 +70,7 @@ def echoes(server: Server) -> None:
     needs=["S1.2"],
 )
 def has_its_keys(server: Server) -> None:
-    """The shape of the answer."""
+    """Check the keys and types of the answer."""
     answer = server.must_answer("an answer")
     text = f"server {format_payload(json.dumps(answer))} arrived"
     titles, capabilities = answer.get("simulations"), answer.get("capabilities")
@@ -94,7 +94,7 @@ def has_its_keys(server: Server) -> None:
     needs=["S1.2"],
 )
 def ignores_other_titles(server: Server) -> None:
-    """Titles that are nearly right."""
+    """Send titles that are almost right."""
     title = server.settings.title
     others = [f"{title}2", "", f"no {title}"]
     server.must_not_answer((server.discovery(simulation=other) for other in others), "another simulation")
@@ -108,7 +108,7 @@ def ignores_other_titles(server: Server) -> None:
     needs=["S1.2"],
 )
 def ignores_other_dimensions(server: Server) -> None:
-    """One dimension more, one less, half a dimension more."""
+    """Require one dimension more, one less, and half a dimension more."""
     dimensions = server.settings.dimensions
     answer = server.must_answer("an answer")
     if answer.get("capabilities", {}).get("dimensions") != dimensions:
@@ -130,14 +130,14 @@ def ignores_other_dimensions(server: Server) -> None:
     needs=["S1.2"],
 )
 def many_agents(server: Server) -> None:
-    """Exactly as many agents, and one more, spelled as in Schema 1."""
+    """Require exactly as many agents as announced, and one more, spelled as in Schema 1."""
     if server.max_agents is None:
         raise Skip("the server announces no max_agents: no limit")
     compare_agents(server, "max_agents", server.max_agents)
 
 
 def compare_agents(server: Server, key: str, most: float) -> None:
-    """Require as many agents as announced, then one more. Raises Failure."""
+    """Require as many agents as announced, then one more. Raises Failure if an answer is wrong."""
     needs = {"dimensions": server.settings.dimensions}
     fits = server.discovery(requirements={**needs, key: most})
     server.must_answer(
@@ -158,7 +158,7 @@ def compare_agents(server: Server, key: str, most: float) -> None:
     needs=["S1.2"],
 )
 def accepts_any_hash(server: Server) -> None:
-    """Short, long, with quotes, backslashes and letters beyond ASCII."""
+    """Send hashes that are short, long, and with quotes, backslashes and non-ASCII letters."""
     for start in ("x", "ä ☃ 🤖", 'say "\\n"', "long " * 400):
         hash_ = start + new_hash()[:8]
         sent = f'discovery with "simulation_hash": {format_payload(json.dumps(hash_))}'
@@ -174,7 +174,7 @@ def accepts_any_hash(server: Server) -> None:
     needs=["S1.2"],
 )
 def tolerant(server: Server) -> None:
-    """A discovery with unknown keys."""
+    """Send a discovery with unknown keys."""
     server.must_answer(
         "an answer",
         "discovery with the unknown keys note and deep",

@@ -1,4 +1,4 @@
-"""S12 and S13: speed, which is reported and not judged; shutdown, the last rule."""
+"""S12 and S13: speed, which is measured and not judged; shutdown, the last rule."""
 
 import signal
 import time
@@ -14,13 +14,14 @@ from swarmwright.conformance.server._rules import rule
 from swarmwright.servers.broker.client import PRESENCE, Failure
 
 MEASUREMENT_S = 0.5
-"""Target duration of a measurement, seconds."""
+"""Target duration of a measurement in seconds."""
 STEPS = 15
-"""Steps of the measurement of the time between sensor messages."""
+"""Steps over which the time between sensor messages is measured."""
 LISTENING_S = 0.12
-"""Seconds in which the sensor messages of a step come, delayed acknowledgements (40 ms on Linux) included."""
+"""Seconds within which the sensor messages of a step arrive, including delayed acknowledgements (40 ms on
+Linux)."""
 HELD_BACK_S = 0.03
-"""Seconds between the sensor messages of a step from which they look held back."""
+"""Seconds between the sensor messages of a step from which they seem to be held back."""
 
 
 def _measure(server: Server, mode: str) -> str:
@@ -78,7 +79,7 @@ def _short(value: float) -> str:
     seconds=60,
 )
 def stepwise(server: Server) -> str:
-    """Layered networks, one episode after the other, as an optimization tool would."""
+    """Play layered networks, one episode after the other, as an optimization tool would."""
     return _measure(server, "stepwise")
 
 
@@ -91,7 +92,7 @@ def stepwise(server: Server) -> str:
     seconds=60,
 )
 def measure_batched(server: Server) -> str:
-    """As stepwise."""
+    """Play batches of layered networks."""
     return _measure(server, "batched")
 
 
@@ -104,7 +105,7 @@ def measure_batched(server: Server) -> str:
     seconds=60,
 )
 def measure_offloaded(server: Server) -> str:
-    """As stepwise."""
+    """Evaluate layered networks offloaded."""
     return _measure(server, "offloaded")
 
 
@@ -117,7 +118,7 @@ def measure_offloaded(server: Server) -> str:
     seconds=30,
 )
 def measure_spread(server: Server) -> Note:
-    """Actuators are sent when all agents were asked: answers in between would carry acknowledgements."""
+    """Answer agents only when all were asked, since earlier answers would carry acknowledgements."""
     agents = len(server.reference.readings)
     episode = server.episode()
     episode.configure()
@@ -125,7 +126,8 @@ def measure_spread(server: Server) -> Note:
     spans: list[float] = []
     while len(spans) < STEPS and not episode.over and episode.receive(sent):
         first = episode.last_at
-        # Answered late, the next messages would be acknowledged at once: so not later than necessary.
+        # Answer no later than necessary, since a delay would make the server acknowledge the next messages at
+        # once.
         while len(episode.pending) < agents:
             message = server.client.next(episode.is_mine, max(server.quiet, LISTENING_S))
             if message is None or not episode.take(message):
@@ -155,7 +157,7 @@ def measure_spread(server: Server) -> Note:
     needs=["S1.1"],
 )
 def leaves(server: Server) -> str:
-    """SIGTERM to the process that the kit started."""
+    """Send SIGTERM to the process that the kit started."""
     if server.process is None:
         raise Skip("the kit did not start the server (--exec)")
     topic = f"{PRESENCE}{server.id}"

@@ -38,7 +38,7 @@ def names(server: Server) -> list[str]:
     needs=["S1.2"],
 )
 def names_are_valid(server: Server) -> None:
-    """The announcement."""
+    """Check the announced names."""
     wrong = [name for name in names(server) if metric_names.problem_of(str(name))]
     if wrong:
         raise Failure(f'"metrics" has {wrong[0]!r}', "names of letters, digits and _")
@@ -52,7 +52,7 @@ def names_are_valid(server: Server) -> None:
     needs=["S2.3"],
 )
 def metrics_are_sent(server: Server) -> str:
-    """The fitness messages of all episodes so far: one that never came is missing."""
+    """Check the fitness messages of all episodes so far: a metric that never arrived is missing."""
     expected = names(server)
     trajectory = server.play()
     missing = [name for name in expected if name not in server.seen_metrics]
@@ -126,7 +126,7 @@ def sends_scene_per_step(server: Server) -> str:
     needs=["S14.1"],
 )
 def they_can_be_drawn(server: Server) -> None:
-    """The arrays of the first and the last scene."""
+    """Check the arrays of the first and the last scene."""
     skip_without_scenes(server)
     _, scenes, sent = watch_episode(server, scenes=PARTS)
     if not scenes:
@@ -186,7 +186,7 @@ def _row(part: Mapping[str, Any], key: str, count: int | None, sent: str) -> "np
     needs=["S14.1"],
 )
 def nothing_else_changes(server: Server) -> None:
-    """An episode with scenes and one without them."""
+    """Play an episode with scenes and one without."""
     skip_without_scenes(server)
     without, unasked, sent = watch_episode(server)
     if unasked:
@@ -205,7 +205,7 @@ WHERE = "protocol.md, Presence; decision 023"
 
 
 def skip_without_topic(server: Server) -> None:
-    """Skip the rule unless control messages on the own topic are announced."""
+    """Skip the rule unless control messages on the server's own topic are announced."""
     server.announces()
     if server.announced.get("control") is not True:
         raise Skip("not own_topic_announced: no capabilities.swarmwright.control")
@@ -220,7 +220,7 @@ def skip_without_topic(server: Server) -> None:
     needs=["S2.3"],
 )
 def starts(server: Server) -> None:
-    """A whole episode that was started there, compared with one that was started on control."""
+    """Compare an episode that was started on the own topic with one that was started on control."""
     skip_without_topic(server)
     earlier = server.trajectory
     repeatable = earlier is not None and earlier.messages > 0 and server.repeatable
@@ -242,7 +242,7 @@ def starts(server: Server) -> None:
     needs=["S15.1", "S2.9"],
 )
 def ends(server: Server) -> None:
-    """Started on the own topic and ended on control, then the other way round."""
+    """Start on the own topic and end on control, then the other way round."""
     skip_without_topic(server)
     for first, second in ((server.own_topic, "control"), ("control", server.own_topic)):
         episode = begin_episode(server, first)
@@ -262,7 +262,7 @@ def ends(server: Server) -> None:
     needs=["S15.1", "S2.9"],
 )
 def refuses(server: ServerPeer) -> None:
-    """Objects without a key, with a wrong type, for another server or episode; on another server's topic."""
+    """Send objects that lack a key, have a wrong type or another server or episode, or use another topic."""
     skip_without_topic(server)
 
     def junk(hash_: str) -> list[Junk]:

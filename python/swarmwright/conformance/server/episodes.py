@@ -1,4 +1,4 @@
-"""S2: from parameters to fitness."""
+"""S2: episodes from parameters to fitness."""
 
 import statistics
 import time
@@ -45,12 +45,12 @@ def play_until_several(server: Server) -> Episode:
     needs=["S1.2"],
 )
 def begins(server: Server) -> None:
-    """Parameters, control, the first message."""
+    """Send parameters and control; receive the first message."""
     episode = server.episode()
     sent = f"{episode.configure()}, then {episode.start()}"
     message = server.client.next(episode.is_mine, server.settings.timeout)
     if message is not None:
-        with suppress(Failure):  # its form is checked by another rule
+        with suppress(Failure):  # another rule checks its format
             episode.take(message)
     else:
         expected = "a message on sensor or fitness with this hash"
@@ -66,7 +66,7 @@ def begins(server: Server) -> None:
     needs=["S2.1"],
 )
 def sensors(server: Server) -> str:
-    """The messages of the first steps."""
+    """Check the messages of the first steps."""
     episode = first_steps(server)
     lengths = {len(numbers) for readings in episode.trajectory.readings.values() for numbers in readings}
     return f"{' or '.join(map(str, sorted(lengths)))} numbers"
@@ -91,7 +91,7 @@ def first_steps(server: Server) -> Episode:
     needs=["S2.1"],
 )
 def ends(server: Server) -> str:
-    """A whole episode, each message answered at once; its trajectory is what others are compared with."""
+    """Play a whole episode, answering each message at once; others are compared with its trajectory."""
     episode = server.episode()
     sent = episode.configure()
     episode.start()
@@ -120,7 +120,7 @@ def ends(server: Server) -> str:
     needs=["S2.3"],
 )
 def asks_once(server: Server) -> None:
-    """Wait at the beginning of an episode, and listen."""
+    """Wait at the beginning of an episode and listen."""
     episode = begin_episode(server)
     episode.gather()
     if episode.repeated:
@@ -139,7 +139,7 @@ def asks_once(server: Server) -> None:
     needs=["S2.4"],
 )
 def waits_for_all(server: Server) -> None:
-    """All but one agent are answered, the last one after a pause; then all but another one."""
+    """Answer all agents but one, and that one after a pause; then leave out another one."""
     episode = play_until_several(server)
     for index in (-1, 0):
         waiting = list(episode.pending)
@@ -167,7 +167,7 @@ def waits_for_all(server: Server) -> None:
     needs=["S2.3"],
 )
 def sends_single_fitness(server: Server) -> None:
-    """Late actuators after an episode, and a moment of listening."""
+    """Send late actuators after an episode, and listen for a moment."""
     episode = server.episode()
     episode.configure()
     episode.start()
@@ -188,7 +188,7 @@ def sends_single_fitness(server: Server) -> None:
     needs=["S2.6"],
 )
 def free_afterwards(server: Server) -> None:
-    """An episode, then a discovery at once."""
+    """Send a discovery immediately after an episode."""
     server.play()
     server.must_come_free("an answer: the episode is over", "the last actuators, then a discovery")
 
@@ -201,7 +201,7 @@ def free_afterwards(server: Server) -> None:
     needs=["S2.7"],
 )
 def serves_again(server: Server) -> None:
-    """Parameters once, control three times."""
+    """Send parameters once and control three times."""
     episode = server.episode()
     episode.configure()
     for _ in range(3):
@@ -219,7 +219,7 @@ def serves_again(server: Server) -> None:
     needs=["S2.3"],
 )
 def is_ended(server: Server) -> None:
-    """run: false in the middle of a step, then its actuators all the same."""
+    """Send run: false in the middle of a step, then its actuators nevertheless."""
     episode = begin_episode(server)
     sent = episode.stop()
     try:
@@ -227,7 +227,7 @@ def is_ended(server: Server) -> None:
     except Failure:
         episode.over = False
         raise
-    server.client.waiting.clear()  # what was said before the end
+    server.client.waiting.clear()  # discard messages from before the end
     for agent, turn, numbers in list(episode.pending):
         sent = episode.answer(agent, server.policy(agent, turn, numbers))
     server.must_be_silent("the episode was ended", sent)
@@ -241,7 +241,7 @@ def is_ended(server: Server) -> None:
     needs=["S2.9"],
 )
 def is_released(server: Server) -> None:
-    """Parameters, then run: false."""
+    """Send parameters, then run: false."""
     episode = server.episode()
     episode.configure()
     sent = episode.stop()
@@ -256,7 +256,7 @@ def is_released(server: Server) -> None:
     needs=["S2.3"],
 )
 def needs_parameters(server: Server) -> None:
-    """Control with a new hash."""
+    """Send control with a new hash."""
     episode = server.episode()
     sent = episode.start()
     episode.over = True
@@ -272,7 +272,7 @@ def needs_parameters(server: Server) -> None:
     needs=["S2.3"],
 )
 def short_control(server: Server) -> None:
-    """A control message without flags."""
+    """Send a control message without flags."""
     episode = server.episode()
     episode.configure()
     fields = {"simulation": server.settings.title, "simulation_hash": episode.hash}
@@ -288,7 +288,7 @@ def short_control(server: Server) -> None:
     needs=["S2.2"],
 )
 def as_many_numbers(server: Server) -> str:
-    """The messages of the first steps."""
+    """Count the values in the messages of the first steps."""
     episode = first_steps(server)
     announced = server.announced.get("sensors")
     lengths = {agent: {len(row) for row in rows} for agent, rows in episode.trajectory.readings.items()}
@@ -314,7 +314,7 @@ def as_many_numbers(server: Server) -> str:
     needs=["S2.3"],
 )
 def bare_control(server: Server) -> None:
-    """The shortest control message and actuator messages of D6.1's examples."""
+    """Send the shortest control and actuator messages of D6.1's examples."""
     episode = server.episode()
     episode.configure()
     if len(server.announced.get("simulations", [1])) > 1:
@@ -340,7 +340,7 @@ def bare_control(server: Server) -> None:
     needs=["S2.3"],
 )
 def another_title(server: Server) -> None:
-    """Parameters, then control with another title."""
+    """Send parameters, then control with another title."""
     episode = server.episode()
     episode.configure()
     sent = episode.start(simulation=f"{server.settings.title} of another server")

@@ -44,7 +44,7 @@ from swarmwright.servers.broker.client import Failure, format_payload
 
 NORMAL = "normal"
 REAL = ("layered", "fully_meshed", "evostick", "hebbian")
-"""Kinds of controller whose weights can be any numbers."""
+"""Kinds of controller whose weights can be any number."""
 ROWS = ("center", "deviation", "middle", "reach", "lower", "upper")
 
 
@@ -55,7 +55,7 @@ def makes_samples(server: Server, architecture: Json) -> bool:
 
 
 def sample_of(weights: int, candidates: int) -> Json:
-    """Build a sample of this many candidates, with some weights at their limits."""
+    """Build a sample of this many candidates, with some weights at their bounds."""
     genes = np.arange(weights)
     rows = {
         "center": np.sin(genes),
@@ -70,7 +70,7 @@ def sample_of(weights: int, candidates: int) -> Json:
         "seed": 5,
         "purpose": "conformance.sample",
         "generation": 2,
-        # From the second of a pair on.
+        # Begin with the second candidate of a pair.
         "first": 3,
         "count": candidates,
         "mirrored": True,
@@ -90,7 +90,7 @@ def genomes_of(sample: Json) -> NDArray[np.float32]:
 
 
 def wrong_samples(weights: int, candidates: int) -> list[tuple[str, Json]]:
-    """Return invalid samples, each with its invalid field."""
+    """Return invalid samples, each with the name of its invalid field."""
     sound = sample_of(weights, candidates)
     nan = np.full(weights, np.nan).tobytes()
     changed = {
@@ -108,9 +108,9 @@ def wrong_samples(weights: int, candidates: int) -> list[tuple[str, Json]]:
 
 OFFLOADED = "protocol.md, Offloaded evaluation"
 LONG_REQUEST_S = 0.5
-"""Duration of a request in seconds, during which any other request arrives."""
+"""Duration of a request in seconds that suffices for any other request to arrive meanwhile."""
 _MOST_REPETITIONS = 1 << 16
-"""Largest number of repetitions of a request's controllers to keep a server busy."""
+"""Largest number of repetitions of a request's controllers that keep a server busy."""
 
 
 @rule(
@@ -141,7 +141,7 @@ def is_answered(server: Server) -> None:
 
 
 def _finite(server: Server, request: Json) -> NDArray[np.float64]:
-    """Return the finite fitness of three candidates in two episodes."""
+    """Return the fitness of three candidates in two episodes. Raises Failure if it is not finite."""
     answer = request_fitness(server, request)
     fitness = numbers(answer, "fitness", "<f8")
     if len(fitness) != CANDIDATES * len(SEEDS):
@@ -167,7 +167,7 @@ def _finite(server: Server, request: Json) -> NDArray[np.float64]:
     needs=["S9.1"],
 )
 def properties(server: Server) -> None:
-    """The properties of an answer; none at all are MQTT 3.1.1's."""
+    """Check the properties of an answer; MQTT 3.1.1 has none."""
     request = evaluation(server, list_controllers(server), [1])
     answer = request_fitness(server, request)
     if answer["correlation"] is None and answer["content_type"] is None:
@@ -215,7 +215,7 @@ def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> s
     needs=["S9.1", "S3.2"],
 )
 def evaluates_layered(server: Server) -> str:
-    """Three candidates, two seeds."""
+    """Evaluate three candidates with two seeds."""
     return _must_equal_stepwise(server, "layered")
 
 
@@ -227,7 +227,7 @@ def evaluates_layered(server: Server) -> str:
     needs=["S9.1", "S3.2"],
 )
 def fully_meshed(server: Server) -> str:
-    """Three candidates, two seeds."""
+    """Evaluate three candidates with two seeds."""
     return _must_equal_stepwise(server, "fully_meshed")
 
 
@@ -239,7 +239,7 @@ def fully_meshed(server: Server) -> str:
     needs=["S9.1", "S3.2"],
 )
 def mealy_fsm(server: Server) -> str:
-    """Three candidates, two seeds."""
+    """Evaluate three candidates with two seeds."""
     return _must_equal_stepwise(server, "mealy_fsm")
 
 
@@ -252,7 +252,7 @@ def mealy_fsm(server: Server) -> str:
     needs=["S9.1", "S3.2"],
 )
 def evostick(server: Server) -> str:
-    """Three candidates, two seeds."""
+    """Evaluate three candidates with two seeds."""
     return _must_equal_stepwise(server, "evostick")
 
 
@@ -265,7 +265,7 @@ def evostick(server: Server) -> str:
     needs=["S9.1", "S3.2"],
 )
 def hebbian(server: Server) -> str:
-    """Three candidates, two seeds."""
+    """Evaluate three candidates with two seeds."""
     return _must_equal_stepwise(server, "hebbian")
 
 
@@ -278,7 +278,7 @@ def hebbian(server: Server) -> str:
     needs=["S9.1", "S3.2"],
 )
 def neat(server: Server) -> str:
-    """Three candidates, two seeds."""
+    """Evaluate three candidates with two seeds."""
     return _must_equal_stepwise(server, "neat")
 
 
@@ -291,7 +291,7 @@ def neat(server: Server) -> str:
     needs=["S9.1", "S3.2"],
 )
 def machines(server: Server) -> str:
-    """Three candidates, two seeds."""
+    """Evaluate three candidates with two seeds."""
     return _must_equal_stepwise(server, "modules")
 
 
@@ -304,7 +304,7 @@ def machines(server: Server) -> str:
     needs=["S9.1", "S3.2"],
 )
 def trees(server: Server) -> str:
-    """Three candidates, two seeds."""
+    """Evaluate three candidates with two seeds."""
     return _must_equal_stepwise(server, "modules", form="tree")
 
 
@@ -317,7 +317,7 @@ def trees(server: Server) -> str:
     needs=["S2.3"],
 )
 def parameter_set(server: Server) -> str | None:
-    """A set with the numbers among the parameters of the episodes, or another name."""
+    """Evaluate a set of the episodes' numeric parameters, or of an unknown name."""
     if not server.steers_itself:
         must_announce_kind(server, "parameter_set")
         numbers_given = numbers_in_parameters(server) or {"conformance": 1}
@@ -339,7 +339,7 @@ def parameter_set(server: Server) -> str | None:
     needs=["S9.1", "S3.2"],
 )
 def metrics(server: Server) -> str:
-    """None, one, all."""
+    """Request no metrics, an unknown one, one, and all."""
     controllers = list_controllers(server, 1)
     announced = server.announced.get("metrics") or []
     answer = request_fitness(server, evaluation(server, controllers, [1]))
@@ -374,7 +374,7 @@ def metrics(server: Server) -> str:
     needs=["S9.1"],
 )
 def answers_in_order(server: Server) -> None:
-    """Five requests at once."""
+    """Send five requests at once."""
     controllers = list_controllers(server)
     requests = [evaluation(server, controllers, SEEDS) for _ in range(5)]
     sent = ""
@@ -428,7 +428,7 @@ def is_held_for_tool(server: Server) -> None:
     needs=["S9.1", "S2.9"],
 )
 def refuses_during_episode(server: Server) -> None:
-    """Evaluate in the middle of an episode."""
+    """Request an evaluation in the middle of an episode."""
     controllers = list_controllers(server)
     episode = begin_episode(server)
     must_be_refused(server, evaluation(server, controllers, [1]), ["taken"], "an episode is under way")
@@ -450,7 +450,7 @@ def refuses_during_episode(server: Server) -> None:
     needs=["S9.1"],
 )
 def invalid(server: Server) -> None:
-    """Requests in which one field of evaluate, or of its sample, is wrong."""
+    """Send requests in which one field of evaluate, or of its sample, is invalid."""
     controllers = list_controllers(server)
     architecture = controllers.architecture
     misfits: list[tuple[str, Json]]
@@ -461,7 +461,7 @@ def invalid(server: Server) -> None:
             ("controller.sensors", {"sensors": server.sensors + 1}),
             ("controller.actuators", {"actuators": server.actuators + 1}),
         ]
-    # Of sets of one number, any number of them is whole.
+    # If candidates have a single number, any number of values is a whole number of candidates.
     short = [("genomes", {"genomes": controllers.weights.tobytes()[:-4]})] if controllers.size > 1 else []
     wrong: list[tuple[str, Json]] = [
         ("version", {"version": 2}),
@@ -500,7 +500,7 @@ def invalid(server: Server) -> None:
     needs=["S9.1"],
 )
 def ignores_junk(server: Server) -> None:
-    """Junk, an unknown kind, a reply elsewhere; then a request with unknown keys."""
+    """Send junk, an unknown kind and a reply topic that is not a tool's, then a request with unknown keys."""
     controllers = list_controllers(server)
     topic = f"swarmwright/v1/server/{server.id}"
     for payload in (
@@ -543,10 +543,10 @@ def ignores_junk(server: Server) -> None:
     seconds=60,
 )
 def lease_ends(server: Server) -> None:
-    """A request that takes a while, and behind it one whose lease is a millionth of a second.
+    """Send a long request, and behind it one with a lease of one microsecond.
 
-    The larger one grows until the other has to wait for it. The largest, or one that takes long, is sent
-    three times: on a busy machine the second may come when the first is done.
+    The first request grows until the second has to wait for it. The largest, or one that takes long, is sent
+    three times, since on a busy machine the second may arrive after the first is done.
     """
     small = list_controllers(server)
     times, left = 16, 3

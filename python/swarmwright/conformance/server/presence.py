@@ -16,7 +16,7 @@ WHERE = "protocol.md, Presence"
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 DETERMINISM = ("bitwise", "statistical", "none")
 CHANGE_TOLD_S = 2.0
-"""Seconds after which a change of presence is published; it must have lasted 150 ms."""
+"""Seconds within which a change of presence is published, if it lasts at least 150 ms."""
 
 
 def presence(server: Server) -> Json:
@@ -29,7 +29,7 @@ def presence(server: Server) -> Json:
 
 
 def await_presence(server: Server, state: str) -> Json:
-    """Wait until presence has a state."""
+    """Wait until presence has a state, and return it."""
     limit = time.monotonic() + CHANGE_TOLD_S + server.settings.timeout
     current: object = None
     while time.monotonic() < limit:
@@ -48,7 +48,7 @@ def await_presence(server: Server, state: str) -> Json:
     needs=["S1.3"],
 )
 def announcement(server: Server) -> str:
-    """Version, modes, controllers, numbers, names, determinism, scenes, control, where it runs."""
+    """Check the types of the announced fields."""
     server.announces()
     extension = server.announced
     for key, least in (("version", 1), ("sensors", 1), ("actuators", 1), ("batch", 1), ("pid", 0)):
@@ -80,7 +80,7 @@ def announcement(server: Server) -> str:
     needs=["S1.3"],
 )
 def keeps_presence(server: Server) -> None:
-    """The message, as the broker keeps it."""
+    """Check the retained message."""
     message = presence(server)
     message = await_presence(server, "ready")
     text = f"presence {format_payload(json.dumps(message))}"
@@ -110,7 +110,7 @@ def keeps_presence(server: Server) -> None:
     needs=["S7.2"],
 )
 def consistent(server: Server) -> None:
-    """Simulations and capabilities of both."""
+    """Compare simulations and capabilities in both."""
     message, answer = presence(server), server.must_answer("an answer")
     for key in ("simulations", "capabilities"):
         if message[key] != answer.get(key):
@@ -140,7 +140,7 @@ def _begin_waiting(server: Server) -> Episode:
     needs=["S7.2", "S2.9"],
 )
 def busy(server: Server) -> None:
-    """An episode with a name, waited in, then ended."""
+    """Wait during an episode of a named tool, then end it."""
     episode = _begin_waiting(server)
     message = await_presence(server, "busy")
     if message.get("tool") != "conformance/a":
@@ -157,7 +157,7 @@ def busy(server: Server) -> None:
     needs=["S2.3"],
 )
 def nothing_else(server: Server) -> None:
-    """What a new subscriber gets from the seven topics, after an episode."""
+    """Check what a new subscriber gets from the seven topics after an episode."""
     server.play()
     if server.own_broker is None:
         raise Skip("other clients use this broker; let the kit start one")
@@ -174,7 +174,7 @@ def nothing_else(server: Server) -> None:
     needs=["S7.4"],
 )
 def repeats_presence(server: Server) -> None:
-    """Control of another tool, in the first step of an episode of a tool with a name."""
+    """Send control of another tool in the first step of a named tool's episode."""
     episode = _begin_waiting(server)
     await_presence(server, "busy")
     server.client.drain(server.quiet)

@@ -14,7 +14,7 @@ from swarmwright.servers.broker.client import TO_TOOL, Failure, Message
 LONGEST_REASON = 2000
 TAKEN = "protocol.md, Reservation of servers"
 HOLD_S = 5.0
-"""Seconds for which parameters without control, and a named tool, reserve a server."""
+"""Seconds for which parameters without control, or a named tool, reserve a server."""
 TURN_S = 5.0
 """Seconds after which another tool that requests the server gets it."""
 
@@ -48,7 +48,7 @@ def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> 
     needs=["S2.10"],
 )
 def is_reserved_by_parameters(server: Server) -> None:
-    """Parameters, then a discovery."""
+    """Send parameters, then a discovery."""
     episode = server.episode()
     sent = episode.configure()
     must_be_taken(server, "it is taken since the parameters", sent)
@@ -64,7 +64,7 @@ def is_reserved_by_parameters(server: Server) -> None:
     needs=["S2.9"],
 )
 def while_running(server: Server) -> None:
-    """Discoveries at the first and the second step."""
+    """Send discoveries in the first and the second step."""
     episode = begin_episode(server)
     must_be_taken(server, "an episode is under way")
     for agent, turn, numbers in list(episode.pending):
@@ -83,7 +83,7 @@ def while_running(server: Server) -> None:
     needs=["S2.9"],
 )
 def ignores_other_tools(server: Server) -> None:
-    """Another tool configures, and ends."""
+    """Send another tool's parameters and run: false."""
     episode, other = begin_episode(server), server.episode()
     sent = f"{other.configure()}, then {other.stop()}"
     other.over = True
@@ -105,7 +105,7 @@ def ignores_other_tools(server: Server) -> None:
     needs=["S2.9"],
 )
 def first_control_wins(server: Server) -> None:
-    """Parameters of A, of B; control of A, of B: an episode for A alone."""
+    """Send parameters of A and B, then control of A and B; expect an episode for A only."""
     if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation controls its agents itself, it may be over before the second control")
     first, second = server.episode(), server.episode()
@@ -130,7 +130,7 @@ def first_control_wins(server: Server) -> None:
     seconds=30,
 )
 def parameters_time_out(server: Server) -> str:
-    """Parameters, then discoveries until one is answered."""
+    """Send parameters, then discoveries until one is answered."""
     episode = server.episode()
     sent = episode.configure()
     start = time.monotonic()
@@ -150,7 +150,7 @@ def parameters_time_out(server: Server) -> str:
     seconds=60,
 )
 def gives_up(server: Server) -> str:
-    """No actuators for as long as the time-out."""
+    """Send no actuators until the time-out."""
     patience = short_patience(server)
     episode = begin_episode(server)
     episode.over = True
@@ -171,7 +171,7 @@ def gives_up(server: Server) -> str:
     seconds=60,
 )
 def tells_of_failures(server: Server) -> str:
-    """An episode with reply, given up for want of actuators."""
+    """Start an episode with a reply topic and send no actuators until it is aborted."""
     skip_without_presence(server)
     patience = short_patience(server)
     if server.trajectory is not None and not server.trajectory.messages:
@@ -199,7 +199,7 @@ def tells_of_failures(server: Server) -> str:
 
 
 def short_patience(server: Server) -> float:
-    """Return the server's time-out of an episode; skip the rule if it is unknown or long."""
+    """Return the server's time-out of an episode; skip the rule if it is unknown or too long."""
     patience = server.settings.step_timeout
     if patience is None:
         raise Skip("give --step-timeout SECONDS, what the server was started with, 10 at most")
@@ -226,7 +226,7 @@ def play_named(server: Server, tool: str) -> Episode:
     needs=["S2.8", "S2.9"],
 )
 def is_held(server: Server) -> None:
-    """An episode with a name; discoveries of another tool, without a tool, of the same."""
+    """Play an episode of a named tool; then send discoveries of another, an unnamed and the same tool."""
     play_named(server, "conformance/a")
     must_be_taken(server, "it is held for conformance/a", tool="conformance/b")
     must_be_taken(server, "it is held for conformance/a")
@@ -249,7 +249,7 @@ def is_held(server: Server) -> None:
     needs=["S6.7"],
 )
 def is_freed(server: Server) -> None:
-    """An episode with a name, then run: false."""
+    """Play an episode of a named tool, then send run: false."""
     episode = play_named(server, "conformance/a")
     sent = episode.stop()
     server.must_answer("an answer to every tool", sent)
@@ -263,7 +263,7 @@ def is_freed(server: Server) -> None:
     needs=["S2.9", "S6.7"],
 )
 def ignores_unnamed_end(server: Server) -> None:
-    """run: false without a name and with another one, in the middle of an episode."""
+    """Send run: false unnamed and with another name during an episode."""
     _must_go_on(server, "conformance/a", [{}, {"tool": "conformance/b"}])
 
 
@@ -275,7 +275,7 @@ def ignores_unnamed_end(server: Server) -> None:
     needs=["S2.9"],
 )
 def ignores_named_end(server: Server) -> None:
-    """run: false with a name, in the middle of an episode without one."""
+    """Send run: false with a name during an unnamed tool's episode."""
     _must_go_on(server, None, [{"tool": "conformance/b"}])
 
 
@@ -309,7 +309,7 @@ def _must_go_on(server: Server, tool: str | None, others: list[dict[str, str]]) 
     seconds=30,
 )
 def hold_ends(server: Server) -> str:
-    """An episode with a name, then discoveries of others until one is answered."""
+    """Play an episode of a named tool, then send discoveries of others until one is answered."""
     play_named(server, "conformance/a")
     seconds = must_be_free_within(server, HOLD_S + 3, "free 5 s after the episode", "an episode with a name")
     if seconds < HOLD_S - 1:
@@ -327,7 +327,7 @@ def hold_ends(server: Server) -> str:
     seconds=40,
 )
 def takes_turns(server: Server) -> str:
-    """Episode after episode of one tool, and between them discoveries of another one."""
+    """Play one tool's episodes in succession, with discoveries of another tool between them."""
     start = time.monotonic()
     hashes: set[str] = set()
     sent = "episodes of conformance/a, and between them discoveries of conformance/b"
@@ -357,7 +357,7 @@ def takes_turns(server: Server) -> str:
     needs=["S2.11"],
 )
 def waits_for_parameters(server: Server) -> None:
-    """Control, then its parameters."""
+    """Send control, then its parameters."""
     skip_without_presence(server)
     episode = server.episode()
     sent = f"{episode.start()}, then {episode.configure()}"
@@ -373,7 +373,7 @@ def waits_for_parameters(server: Server) -> None:
     needs=["S2.8"],
 )
 def plays_once(server: Server) -> None:
-    """Control with reply, its whole episode, then the same control."""
+    """Send control with a reply topic, play the episode, then send the same control again."""
     skip_without_presence(server)
     episode = server.episode()
     episode.configure()

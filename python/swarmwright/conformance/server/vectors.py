@@ -1,16 +1,16 @@
-"""S9.14: networks against golden vectors, which an independent implementation has computed.
+"""S9.14: networks compared with golden vectors, which an independent implementation has computed.
 
-A server's sensors cannot be chosen, so networks contain their inputs: where all weights of a sensor are
-0, the first layer's outputs are those of its biases, the same in every step.
+The kit cannot choose a server's sensors, so the networks contain their inputs: if all weights of the sensors
+are 0, the first layer outputs functions of its biases, which are the same in every step.
 
-- Points of tanh and sigmoid: the first layer computes f(x); the second one takes the golden f(x) from it,
-  times so large a power of two that one wrong bit gives -1 or 1; the third one adds these up. Its outputs
-  steer agents: 0 if all bits are right, else -1 or 1. In a fully meshed network three iterations are these
-  layers.
-- Networks of activations that pass numbers on (linear, relu, clamp): their first layer outputs the sensors of
-  a vector, the rest of the network is the vector's. Agents are steered by the vector's actuators.
+- Points of tanh and sigmoid: the first layer computes f(x); the second subtracts the golden f(x) and
+  multiplies by a power of two so large that one wrong bit gives -1 or 1; the third adds up the results. The
+  network's outputs are 0 if all bits are right, otherwise -1 or 1. In a fully meshed network, three
+  iterations take the place of these layers.
+- Networks with activations that pass numbers on (linear, relu, clamp): the first layer outputs the sensors of
+  a vector, and the rest is the vector's network, so agents act with the vector's actuators.
 
-How episodes end with such actuators is seen stepwise; the controllers have no part in that.
+The expected fitness with such actuators is measured stepwise, without any controller.
 """
 
 import json
@@ -36,70 +36,70 @@ Floats = NDArray[np.float32]
 FILE = Path(__file__).with_name("controllers.json")
 """protocol/vectors/controllers.json"""
 GROUP = 16
-"""Points that one network computes; sums of as many powers of two are exact."""
+"""Points per network; sums of this many powers of two are exact."""
 SEED = 1
 RANGES = {"tanh": [-1, 1], "sigmoid": [0, 1]}
-"""Functions with points -> output range of networks that have them."""
+"""Output range of networks with each function that has points."""
 PASSES = {"linear": (-np.inf, np.inf), "relu": (0.0, np.inf), "clamp": (0.0, 1.0)}
-"""Activations that pass numbers on, and which ones."""
+"""Range of the numbers that each activation passes on unchanged."""
 
 
 @cache
 def vectors() -> Json:
-    """Read the file."""
+    """Read the golden vectors."""
     content: Json = json.loads(FILE.read_text(encoding="utf-8"))
     return content
 
 
 def binary32(bits: Sequence[str]) -> Floats:
-    """Return the numbers with these bits, in hexadecimal."""
+    """Return the numbers with these bits, given in hexadecimal."""
     return np.array([int(bit, 16) for bit in bits], np.uint32).view(np.float32)
 
 
 @dataclass(frozen=True)
 class Points:
-    """Golden points of a function: f(x) is y."""
+    """Golden points of a function: f(x) = y."""
 
     function: str
     x: Floats
     y: Floats
 
     def part(self, start: int, count: int = GROUP) -> "Points":
-        """Return some of them."""
+        """Return a range of the points."""
         return Points(self.function, self.x[start : start + count], self.y[start : start + count])
 
     def __str__(self) -> str:
-        """The first one, in words."""
+        """Describe the first point."""
         x, y = self.x[0], self.y[0]
         bits = self.y[:1].view(np.uint32)[0]
         return f"{self.function}({float(x).hex()}) = {float(y).hex()} (bits {bits:08x})"
 
 
 def _hexadecimal(value: np.float32) -> str:
-    """Write a number as the vectors do, without zeros that say nothing."""
+    """Write a number like the vectors, without redundant zeros."""
     head, _, exponent = float(value).hex().partition("p")
     return f"{head.rstrip('0').rstrip('.') if '.' in head else head}p{exponent}"
 
 
 def points(function: str) -> Points:
-    """All golden points of a function."""
+    """Return all golden points of a function."""
     rows = vectors()["functions"][function]
     return Points(function, binary32([row[1] for row in rows]), binary32([row[3] for row in rows]))
 
 
 def constants(values: Floats, sensors: int) -> Floats:
-    """Return a first layer, (nodes, 1 + sensors), that passes on these numbers, whatever is sensed."""
+    """Return a first layer, (nodes, 1 + sensors), that outputs these numbers whatever the sensors are."""
     return np.column_stack([values, np.zeros((len(values), sensors), np.float32)])
 
 
 Layers = tuple[Floats, Floats, Floats]
-"""(nodes, 1 + nodes below): bias and weights of each node."""
+"""Bias and weights of each node, (nodes, 1 + nodes below), layer by layer."""
 
 
 def detector(points: Points, sign: float, sensors: int, actuators: int) -> Layers:
-    """Return a network whose actuators are 0, or `sign` and its opposite for a wrong bit."""
+    """Return a network whose actuators are 0, or alternately `sign` and -`sign` for a wrong bit."""
     count = len(points.x)
-    # Times this a last bit is 32, or as much as binary32 can hold.
+    # The scale turns a wrong last bit into 32, or the largest value that binary32 allows.
     exponents = np.minimum(5 - np.frexp(np.spacing(np.abs(points.y)))[1], 120)
     scales = np.ldexp(np.float32(1), exponents).astype(np.float32)
     second = np.column_stack([-scales * points.y, np.diag(scales)])
@@ -128,7 +128,7 @@ def make_meshed(layers: Layers) -> Floats:
 
 
 def alternating(sign: float, actuators: int) -> Floats:
-    """Return sign and -sign in turn: where the largest actuator decides, equal ones change nothing."""
+    """Return alternating signs, since equal actuators have no effect if the largest decides."""
     signs: Floats = np.where(np.arange(actuators) % 2, -sign, sign).astype(np.float32)
     return signs
 
@@ -140,20 +140,20 @@ def architecture(server: Server, like: Json, **changes: object) -> Json:
 
 
 def fitness(server: Server, form: Json, rows: Sequence[Floats]) -> list[float]:
-    """Return the fitness of each row of weights, offloaded."""
+    """Return the offloaded fitness of each row of weights."""
     controllers = ControllerSet(form, np.array(rows, np.float32))
     answer = request_fitness(server, evaluation(server, controllers, [SEED]))
     return [float(value) for value in numbers(answer, "fitness", "<f8")]
 
 
 def steer_away(server: Server, values: Floats) -> float | None:
-    """Return the fitness when all agents always do this, stepwise."""
+    """Return the stepwise fitness if all agents always have these actuators."""
     parameters = {**server.settings.parameters, "seed": SEED}
     return server.play(Always(tuple(float(str(value)) for value in values)), parameters).fitness
 
 
 def wrong_points(server: Server, kind: str, function: str, expected: float | None) -> Points | None:
-    """Return the first point that the server computes otherwise, or those among which it is."""
+    """Return the first point that the server computes differently, or the points among which it is."""
     every = points(function)
 
     def wrong(parts: Sequence[Points]) -> Points | None:
@@ -176,7 +176,7 @@ def wrong_points(server: Server, kind: str, function: str, expected: float | Non
 
 @dataclass(frozen=True)
 class Case:
-    """A network of the vectors whose sensors a first layer can pass on. steps: sensors, actuators of each."""
+    """A golden network whose sensors a first layer can output. steps: sensors and actuators of each."""
 
     name: str
     specification: Json
@@ -193,13 +193,13 @@ class Case:
         ]
 
     def actuators(self, step: int, count: int) -> Floats:
-        """Return the golden actuators of a step, as many as there are here."""
+        """Return the golden actuators of a step, repeated or cut to `count`."""
         golden = self.steps[step][1]
         return golden[np.arange(count) % len(golden)]
 
 
 def cases() -> Iterator[Case]:
-    """Networks that can be tried on any sensors."""
+    """Yield networks that can be tested with any sensors."""
     for controller in vectors()["controllers"]:
         specification = controller["specification"]
         low, high = PASSES.get(specification.get("activation"), (1.0, 0.0))
@@ -220,7 +220,7 @@ def cases() -> Iterator[Case]:
     seconds=60,
 )
 def golden(server: Server) -> str:
-    """Points of tanh and sigmoid, then whole networks."""
+    """Test points of tanh and sigmoid, then whole networks."""
     server.announces(mode="offloaded")
     kinds = [kind for kind in ("layered", "fully_meshed") if kind in server.announced.get("controllers", [])]
     if not kinds:
@@ -244,7 +244,7 @@ def golden(server: Server) -> str:
 
 
 def _find_ignored(server: Server, form: Json, case: Case, fitness_values: Sequence[float]) -> str:
-    """Return that the server ignores output_activation, in words; empty where it does not."""
+    """Describe that the server ignores output_activation; empty if it does not."""
     without = {key: value for key, value in form.items() if key != "output_activation"}
     values = fitness(server, without, case.rows(server))
     free_again(server)
@@ -253,7 +253,7 @@ def _find_ignored(server: Server, form: Json, case: Case, fitness_values: Sequen
 
 
 def whole_networks(server: Server) -> int:
-    """Try those of the vectors that can be; how many steps. Raises Failure."""
+    """Test golden networks that fit the server; return the number of steps. Raises Failure."""
     tried = 0
     cache: dict[bytes, float | None] = {}
     for case in cases():
@@ -262,7 +262,7 @@ def whole_networks(server: Server) -> int:
         try:
             fitness_values = fitness(server, form, case.rows(server))
         except Failure as failure:
-            # The field is optional: what does not know it may say so.
+            # The field is optional, so a server may answer that it does not know it.
             if "output_activation" in form and "output_activation" in failure.came:
                 continue
             raise

@@ -1,4 +1,4 @@
-"""S5: refused messages change nothing and block nothing."""
+"""S5: refused messages change nothing and do not block the server."""
 
 import json
 
@@ -33,7 +33,7 @@ def _actuators(hash_: str, *tries: object, agent: object = 0) -> list[Junk]:
     needs=["S2.3"],
 )
 def no_json(server: ServerPeer) -> None:
-    """Nothing, a word, half an object, a list, a number, bytes that are not UTF-8."""
+    """Send nothing, a word, half an object, a list, a number, and bytes that are not UTF-8."""
     texts: list[str | bytes] = [
         "",
         "hello",
@@ -60,7 +60,7 @@ def no_json(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def missing_keys(server: ServerPeer) -> None:
-    """Each message of a tool without each of its keys."""
+    """Send each message of a tool without each of its keys."""
 
     def junk(hash_: str) -> list[Junk]:
         whole = _messages(server, hash_)
@@ -77,7 +77,7 @@ def missing_keys(server: ServerPeer) -> None:
 def _messages(server: Server, hash_: str) -> list[tuple[str, Json]]:
     actuators = [0.5] * server.actuators
     mine: Json = {"server": server.id, "simulation_hash": hash_}
-    # Control that stops can be told from control that was refused; run itself may be left out.
+    # Control omits the optional run, so it starts an episode unless it is refused.
     return [
         ("discovery", server.discovery()),
         ("parameters", mine),
@@ -95,7 +95,7 @@ def _messages(server: Server, hash_: str) -> list[tuple[str, Json]]:
     needs=["S2.3"],
 )
 def wrong_types(server: ServerPeer) -> None:
-    """Each key with values of other types."""
+    """Send each key with values of other types."""
     hash_free = new_hash()
 
     def junk(hash_: str) -> list[Junk]:
@@ -142,7 +142,7 @@ def wrong_types(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def refuses_infinite(server: ServerPeer) -> None:
-    """NaN, Infinity, 1e999 and 1e39 among actuators."""
+    """Send NaN, Infinity, 1e999 and 1e39 among actuators."""
 
     def junk(hash_: str) -> list[Junk]:
         rest = ", 0.5" * (server.actuators - 1)
@@ -161,7 +161,7 @@ def refuses_infinite(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def wrong_number(server: ServerPeer) -> None:
-    """None, one less, one more, a thousand more."""
+    """Send no actuators, one less, one more, and a thousand more."""
     count = server.actuators
     wrong = [[0.5] * number for number in sorted({0, count - 1, count + 1, count + 1000})]
     disturb(server, lambda hash_: _actuators(hash_, *wrong), f"it takes {count} actuators", free=False)
@@ -176,7 +176,7 @@ def wrong_number(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def unknown_agent(server: ServerPeer) -> None:
-    """Agents that cannot be there."""
+    """Send actuators of agents that cannot exist."""
     values = [0.5] * server.actuators
     agents = (-1, 1_000_000, 2**31, 2**63, 10**30)
     disturb(
@@ -196,7 +196,7 @@ def unknown_agent(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def foreign_hash(server: ServerPeer) -> None:
-    """Actuators with other hashes; some begin like ours."""
+    """Send actuators with other hashes, some of which share a prefix with the right one."""
 
     def junk(hash_: str) -> list[Junk]:
         values = [0.5] * server.actuators
@@ -215,7 +215,7 @@ def foreign_hash(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def foreign_server(server: ServerPeer) -> None:
-    """Parameters and control for the next ID: no episode begins, none ends."""
+    """Send parameters and control for the next ID: no episode begins or ends."""
     other = server.id + 1
     episode = server.episode()
     sent = episode.configure(server=other)
@@ -239,7 +239,7 @@ def foreign_server(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def refuses_deep(server: ServerPeer) -> None:
-    """Unknown keys, nested 100 and 100,000 levels."""
+    """Send unknown keys, nested 100 and 100,000 levels."""
     note: object = 1
     for _ in range(100):
         note = [note]
@@ -268,7 +268,7 @@ def refuses_deep(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def refuses_large(server: ServerPeer) -> None:
-    """Messages with an unknown key of 1 MiB."""
+    """Send messages with an unknown key of 1 MiB."""
     note = "x" * (1 << 20)
 
     def junk(hash_: str) -> list[Junk]:
@@ -290,7 +290,7 @@ def refuses_large(server: ServerPeer) -> None:
     needs=["S2.3"],
 )
 def integers(server: ServerPeer) -> None:
-    """An episode whose server and agents are written with a decimal point."""
+    """Play an episode in which servers and agents are written with a decimal point."""
     episode = server.episode()
     client, head = server.client, f'"server": {server.id}.0, "simulation_hash": "{episode.hash}"'
     fields = json.dumps(episode.parameters)[1:-1]
@@ -337,7 +337,7 @@ def takes_last_key(server: Server) -> None:
     needs=["S1.6"],
 )
 def either_spelling(server: Server) -> None:
-    """As many agents as it announces, and one more; without a limit a million."""
+    """Require as many agents as announced, and one more; a million if there is no limit."""
     if server.max_agents is not None:
         compare_agents(server, "max agents", server.max_agents)
         return
