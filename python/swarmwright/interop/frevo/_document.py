@@ -23,7 +23,7 @@ _TO_FILL_IN = re.compile("-[A-Z_]+-")
 """The placeholder of a value in the templates of FREVO's evaluation scripts."""
 _MOST_NODES = 10_000
 _DIGITS = len(str(_MOST_NODES))
-"""Most digits of a count; Python refuses to parse numbers with thousands of digits."""
+"""Largest number of digits of a count; Python refuses to parse numbers with thousands of digits."""
 _ROOT = "frevo"
 """The root element."""
 

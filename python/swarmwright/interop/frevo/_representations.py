@@ -133,7 +133,8 @@ _DEFAULTS = {
 _FALLBACK = (0, 100, 100, 1)
 """Minimum, maximum, units and thresholds of each input if the lists do not match the number of inputs."""
 _COUNTED = 4
-"""Most values of an input without thresholds, if `nthresholds_for_inputs` does not match the inputs."""
+"""Largest number of values of an input without thresholds, if `nthresholds_for_inputs` does not match the
+inputs."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from swarmwright.interop.frevo._networks import Network, read_networks
 from swarmwright.interop.frevo._representations import RELU, SIGMOID
 
 _MOST_EPISODES = 100_000
-"""Most episodes, as in experiments."""
+"""Largest number of episodes, as in experiments."""
 _NEAT = (
     "NEAT: in FREVO, children share their genes with their parents, and mutations change both: a network in "
     "the file may differ from the network with this fitness. Weights are rounded to 32 bits"

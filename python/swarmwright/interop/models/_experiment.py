@@ -120,7 +120,7 @@ class Parameters:
                 )
 
     def _take_groups(self, model: Model, simulation: SimulationParameters, *, evolved: bool) -> None:
-        """Take the numbers of agents of each kind; a team states numbers without a parameter itself.
+        """Take the numbers of agents of each kind; those without a parameter are written into the team.
 
         Raises InputError if agents control themselves and the simulation has no parameter for their number.
         """
@@ -199,8 +199,8 @@ def build_groups(
         simulation: its simulation. If it declares groups, their names are used and numbers of agents, sensors
             and
             actuators are checked; else the options contain these numbers.
-        parameters: of the simulation.
-        kind: of the controllers.
+        parameters: parameters of the simulation.
+        kind: kind of the controllers.
 
     Raises:
         InputError: the groups do not match the simulation, or agents lack sensors or actuators.
@@ -281,7 +281,7 @@ class Draft:
     Args:
         model: the model.
         simulation: its name in experiments.
-        folder: of the experiment file.
+        folder: folder of the experiment file.
         method: kind of the method.
         controller: kind of the controller; None: derived from the model.
 

@@ -58,7 +58,7 @@ def write_back(
         run: a run, or its folder.
         paths: the files of the model, or folders with them.
         output: the folder to write to.
-        generation: of the candidate, from 0; as in `Run.evaluation`.
+        generation: generation of the candidate, from 0; as in `Run.evaluation`.
         candidate: as in `Run.evaluation`; default: the best.
         force: overwrite existing files.
 

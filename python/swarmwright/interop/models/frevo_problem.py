@@ -1,6 +1,6 @@
 """FREVO's problem descriptions: `<icomponent>` with config, properties and requirements.
 
-Modelio's CPSwarm modules write one for the problem of a model; FREVO has one beside each component.
+Modelio's CPSwarm modules write such a file for the problem of a model; FREVO has one beside each component.
 """
 
 from pathlib import Path

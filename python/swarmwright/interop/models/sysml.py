@@ -213,10 +213,10 @@ _LIBRARY_NAMES = frozenset(
 """Names of the libraries that are often used without the package's name."""
 _WITH_MEMBERS = frozenset({"item", "package", "part", "port"})
 _MOST_STEPS = 50
-"""Most steps over types, imports and aliases to the definition of a member."""
+"""Largest number of steps over types, imports and aliases to the definition of a member."""
 
 _MOST_STEPS_OF_ALL = 500_000
-"""Most steps for all names of a file: about a second."""
+"""Largest number of steps for all names of a file: about a second."""
 
 Scope = tuple[str, ...]
 
@@ -404,11 +404,11 @@ _MOST_FEATURES = 10_000
 """The largest multiplicity of a port or a directed feature."""
 
 _LONGEST_INHERITANCE = 100
-"""Most steps of inheritance and nesting of parts and ports."""
+"""Largest number of steps of inheritance and nesting of parts and ports."""
 _MOST_NAMES = 1_000_000
-"""Most directed features, inherited features counted for each heir."""
+"""Largest number of directed features, inherited features counted for each heir."""
 _MOST_IGNORED = 100
-"""Most ignored elements that are listed."""
+"""Largest number of ignored elements that are listed."""
 
 Interface = dict[tuple[str, ...], tuple[str, list[str]]]
 """Path of port and feature names -> direction, `in` or `out`, and the names of the sensors or actuators."""
