@@ -35,7 +35,7 @@ def text(words: str, style: str = "") -> Text:
 
 
 def waiting(words: str) -> Text:
-    """Return a line on what is waited for, cut to the width of the terminal."""
+    """Return a line that says what the program waits for, cut to the width of the terminal."""
     line = text(words, "yellow")
     line.no_wrap, line.overflow = True, "ellipsis"
     return line

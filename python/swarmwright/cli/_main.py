@@ -97,7 +97,7 @@ def _status(arguments: Sequence[str] | None) -> int:
 def _check_environment() -> None:
     """Raise InputError for an invalid SWARMWRIGHT_INSTRUCTIONS."""
     if os.environ.get("SWARMWRIGHT_INSTRUCTIONS"):
-        from swarmwright import _engine  # takes 10 ms, which --help saves
+        from swarmwright import _engine  # takes 10 ms, which --help avoids
         from swarmwright.common.errors import engine_errors
 
         with engine_errors():

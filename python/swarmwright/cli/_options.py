@@ -84,7 +84,7 @@ def broker_url(value: str) -> str:
 
 
 def topic_prefix(value: str) -> str:
-    """Check the first levels of all topics."""
+    """Check a topic prefix, the first levels of all topics."""
     problem = prefix_problem(value)
     if problem:
         raise click.BadParameter(f"'{value}' {problem}.")

@@ -45,7 +45,7 @@ class Stall:
         self._said = 0.0
 
     def seconds(self, done: int, total: int) -> float:
-        """Return the seconds since the numbers last changed; 0 if all results are there."""
+        """Return the seconds since the numbers last changed; 0 if all results have arrived."""
         now = time.monotonic()
         if (done, total) != self._done or done >= total:
             self._done, self._since, self._said = (done, total), now, 0.0
@@ -177,7 +177,7 @@ class BarProgress:
             numbers = Text(no_wrap=True, overflow="ellipsis")
             numbers.append("best ").append(f"{last.best_so_far:.6g}", style="bold green")
             numbers.append(f"  mean {last.mean:.6g}")
-            if last.budget != "evaluations":  # else the line above says their number
+            if last.budget != "evaluations":  # otherwise the line above has their number
                 numbers.append(f"  {last.evaluations} evaluations")
             numbers.append(f"  {format_rate(last.evaluations_per_second)}/s", style="cyan")
             numbers.append(_format_failed(last), style="yellow")

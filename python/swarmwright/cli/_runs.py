@@ -130,7 +130,7 @@ def _format_held_out(facts: Mapping[str, Any]) -> str:
 
 
 def _share(failed: int, evaluations: int) -> str:
-    """Return how many evaluations failed: 167 of 200."""
+    """Return the number of failed evaluations and of all, such as 167 of 200."""
     return f"{failed} of {evaluations}" if failed else "0"
 
 

@@ -106,7 +106,7 @@ def _start_lines(validation: "Validation", run: "Run") -> Iterator[str]:
 
 
 def _nearer(run: "Run") -> str:
-    """Return advice on the option that samples nearer to the controller; plug-ins have none."""
+    """Return advice on the option that draws samples nearer to the controller; plug-ins have none."""
     options = run.experiment.method
     key = next((name for name in ("noise", "step") if name in type(options).model_fields), None)
     return f"A smaller method.{key} samples nearer to it; " if key else "The methods "

@@ -178,7 +178,7 @@ def _print_subject(output: Output, subject: "Subject", files: Sequence[Path] = (
 
 
 def _print_bundle(output: Output, run: Path, file: Path, bundled: "Bundle") -> None:
-    """Print what is in an archive."""
+    """Print the content of an archive."""
     facts = _print_subject(output, bundled.subject)
     for form, verification in bundled.verified.items():
         output.text(f"  {form}: {verification.words}")
