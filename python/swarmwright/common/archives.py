@@ -13,7 +13,7 @@ from swarmwright.common.untrusted import escape_line
 _UNPACKED_BYTES = 1 << 28
 """Unpacked bytes that any archive may have."""
 _UNPACKED_TIMES = 20
-"""Times its own size that a larger archive may unpack to: FMUs shrink to a third or a tenth."""
+"""Largest ratio of a larger archive's unpacked size to its own: FMUs shrink to a third or a tenth."""
 _MOST_ENTRIES = 100_000
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Methods with limited output; FMI and SSP allow no others."""

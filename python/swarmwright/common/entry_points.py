@@ -36,9 +36,9 @@ def describe_plug_in(noun: str, point: EntryPoint) -> str:
 
 
 def choose_entry_point(noun: str, points: Sequence[EntryPoint]) -> EntryPoint:
-    """Return the entry point of a name; ours, if another package announces the same name.
+    """Return the entry point of a name; Swarmwright's own if another package announces the same name.
 
-    Raises InputError if two other packages announce different ones.
+    Raises InputError if two other packages announce different entry points.
     """
     points = [point for point in points if distribution(point) == OWN] or list(points)
     if len({point.value for point in points}) > 1:

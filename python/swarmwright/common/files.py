@@ -114,7 +114,7 @@ def _check_kind(path: Path, mode: int) -> None:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file atomically, by a temporary file beside it: the disk may be full.
+    """Write a file atomically through a temporary file beside it, since the disk may be full.
 
     Raises OSError; then the previous file remains.
     """

@@ -115,7 +115,7 @@ def numbers(
         noun: meaning of the numbers with the names of the sizes: "genomes, (candidates, genes)".
         finite: whether to refuse NaN and infinite numbers.
         some: whether to refuse an empty array.
-        dtype: of the returned array.
+        dtype: dtype of the returned array.
 
     Raises PlugInError for other values.
     """

@@ -31,7 +31,7 @@ class Element:
     text: str = ""
 
     def error(self, message: str) -> InputError:
-        """Return an error on this element, to be raised."""
+        """Return an error on this element, for the caller to raise."""
         return InputError(f"{self.file}:{self.line}: <{self.tag}>: {message}")
 
     def find_all(self, tag: str) -> list["Element"]:

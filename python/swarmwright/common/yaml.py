@@ -140,7 +140,7 @@ def parse(text: str, name: str) -> Source:
 
 
 def parse_node(node: Node | None, name: str) -> Source:
-    """Return the values of a composed text; None: of an empty one."""
+    """Return the values of a composed text; None composes an empty one."""
     source = Source(name)
     if node is not None:
         source.values = _Builder(source).build(node, ())

@@ -92,7 +92,7 @@ class _Document:
         _require_plain(source)
         if not isinstance(source.values, Mapping | None):
             raise InputError("must be a mapping of keys")
-        if self._root is not None and not isinstance(self._root, MappingNode):  # `---` or `null` alone
+        if self._root is not None and not isinstance(self._root, MappingNode):  # only `---` or `null`
             raise InputError("must be a mapping of keys, not empty")
         self.values: dict[str, Any] = dict(source.values or {})
 
@@ -220,7 +220,7 @@ class _Document:
         return end
 
     def _line_end(self, position: int) -> int:
-        """Return the beginning of the next line; of this one where a position begins a line."""
+        """Return the beginning of the next line, or the position itself if it begins a line."""
         if position and self._text[position - 1] == "\n":
             return position
         ending = self._text.find("\n", position)
