@@ -42,7 +42,7 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
     """
     values = EXAMPLES.get(kind, {}) if options is None else options
     component = registry.get(kind)
-    in_file = registry.is_in_file(kind)  # its kind in experiments, whatever the class says
+    in_file = registry.is_in_file(kind)  # its kind in experiments, whatever the class defines
     assert in_file or component.kind == kind, (
         f"{component.__name__}.kind is {component.kind!r}, registered as {kind!r}"
     )
@@ -55,7 +55,8 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
 def check_common_options(model: type[Options], key: str, name: str, values: Mapping[str, Any]) -> None:
     """Check that options name their component and have descriptions.
 
-    key: the option that says it, `kind` or `launcher`. name: its value. given: required ones.
+    key: option with the name, `kind` or `launcher`. name: required value of that option. values: required
+    options.
     """
     field = model.model_fields.get(key)
     assert field is not None, f"{model.__name__} needs {key}: Literal[{name!r}] = {name!r}"

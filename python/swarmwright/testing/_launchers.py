@@ -26,7 +26,7 @@ def check_launcher(
     Two servers of `minisim` are started on a broker, one is stopped, another is started, all are stopped.
 
     Args:
-        kind: its name.
+        kind: name of the launcher.
         options: required options, as in an experiment, without `launcher` and `count`.
         broker: address of a reachable broker without accounts. Default: a broker with an account is
             started on the loopback address of this machine.

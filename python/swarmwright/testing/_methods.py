@@ -114,7 +114,7 @@ _STEADY_GENERATIONS = 3
 
 def check_steady_state(component: type[Method], subject: Representation) -> None:
     """Check a method in steady state, or that it rejects steady state."""
-    # Metrics are told for whole generations only.
+    # Metrics are only told for whole generations.
     if not component.steady_state or component.options_model().needed_metrics:
         _check_refusal(component, subject)
         return
@@ -322,10 +322,10 @@ Judge = Callable[[Genomes], Fitness]
 def check_method(kind: str) -> None:
     """Check a registered method with its default options, but few generations.
 
-    It is tried with every registered representation, with bounded genes and with genes that are
-    choices: it evolves them or refuses them by `unsuitable`. Then with fitness of every sign and size, equal
-    fitness, and evaluations that fail; from where it stopped, in a new process; and in steady state, where it
-    can.
+    It is tried with every registered representation, with bounded genes and with genes that are choices; it
+    must evolve them or refuse them by `unsuitable`. Then it is tried with fitness of every sign and size,
+    with equal fitness, and with failed evaluations; it is resumed in a new process; and steady state is tried
+    if it supports that.
     """
     check_options(METHODS, kind)
     representations = [representation(name) for name in kinds_without_options(REPRESENTATIONS)]

@@ -150,7 +150,7 @@ def _check_crossover(subject: Representation) -> None:
         _is_genome(subject, child, "crossover")
     assert (mother.tobytes(), father.tobytes()) == before, "crossover must not change its arguments"
     mixed = [child for child in children if child.tobytes() not in before]
-    # A single gene that is a choice has nothing to mix.
+    # Crossover cannot mix a single gene that is a choice.
     assert mixed or subject.genome_size == 1, "crossover never returned anything but a parent"
     same = subject.crossover(mother, mother, Stream(3, "check"))
     assert same.tobytes() == before[0], "crossover of a genome with itself must be that genome"

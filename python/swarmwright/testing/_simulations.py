@@ -37,23 +37,23 @@ def check_simulation(
     """Check that an episode depends only on parameters, seed and actions, and that its values are valid.
 
     An episode with random actions is run by an object, by another one, again by the first one, and once more
-    after an episode with another seed: observations, who acts, when it ends, fitness and metrics must be the
-    same, to the bit. It is also run with `scene` being called after every step, which may change nothing, and
-    in two other processes, which have different hash seeds (PYTHONHASHSEED): on these depends in which order
-    sets of texts are iterated over. A class that other processes cannot import, since it is defined in the
-    script that is run or within a function, is not checked in these, and a warning says so. Attributes,
-    shapes, names of metrics and scenes are checked as in runs.
+    after an episode with another seed: observations, acting agents, end, fitness and metrics must be the
+    same, to the bit. It is also run with a call of `scene` after every step, which must not change anything,
+    and in two other processes with different hash seeds (PYTHONHASHSEED), which change the order of sets of
+    strings. A class that other processes cannot import, because it is defined in the running script or within
+    a function, is not checked in these, and a warning says so. Attributes, shapes, names of metrics and
+    scenes are checked as in runs.
 
-    Where the class declares `determinism` as statistical, fitness and metrics are compared, within its
-    `tolerance`; where it declares none, nothing is, and one episode is run, with `scene` being called.
+    If the class declares its `determinism` as statistical, only fitness and metrics are compared, within its
+    `tolerance`; if it declares `none`, nothing is compared, and one episode is run, with calls of `scene`.
 
     Args:
-        simulation: the class, or its name: `path/to/file.py:Class`, `package.module:Class`, or one of an
+        simulation: the class, or its name: `path/to/file.py:Class`, `package.module:Class`, or the name of an
             environment.
         parameters: parameters of the episode; default: the simulation's defaults.
         seed: seed of the episode and of its actions, 0 to 2**63 - 1.
-        steps: largest number of steps, at least 1; of an unfinished episode, fitness and metrics are
-            not checked.
+        steps: largest number of steps, at least 1; fitness and metrics of an unfinished episode are not
+            checked.
 
     Raises AssertionError, InputError or RunError with the problem.
     """
