@@ -1,4 +1,4 @@
-//! Which instruction sets kernels are compiled for.
+//! Selects the instruction sets for which kernels are compiled.
 //!
 //! They are compiled once more for each of them. `SWARMWRIGHT_LEVELS=native` compiles large ones for the best one of this processor
 //! alone: what runs elsewhere, as binaries do that are handed on, is compiled for all.

@@ -1,4 +1,4 @@
-//! The caller's functions.
+//! The functions that the caller passes in.
 
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
@@ -61,7 +61,7 @@ pub(crate) struct Maker {
     pub live: Arc<Live>,
 }
 
-/// The functions of a simulation, those that must be there being there.
+/// The functions of a simulation; the required ones are present.
 pub(crate) struct Table {
     pub only_one: bool,
     maker: Maker,
@@ -141,7 +141,7 @@ impl Maker {
     /// Makes an object.
     ///
     /// # Errors
-    /// The caller says so.
+    /// The caller's function reported an error.
     pub(crate) fn make(&self) -> Result<ForeignObject, Trouble> {
         let mut pointer = null_mut();
         // SAFETY: the functions keep to the header, and none of them unwinds.
@@ -202,7 +202,7 @@ impl Object {
     }
 
     pub(crate) fn reset(&mut self, handle: &ParameterHandle<'_>, seed: u64) -> Result<(), Trouble> {
-        // SAFETY: as said above.
+        // SAFETY: see above.
         called("reset", || unsafe {
             (self.table.reset)(self.object.pointer, handle, seed)
         })
@@ -211,7 +211,7 @@ impl Object {
     /// Writes the agents that act.
     pub(crate) fn acting(&mut self, agents: &mut Vec<u32>) -> Result<(), Trouble> {
         let (mut first, mut count) = (null(), 0);
-        // SAFETY: as said above.
+        // SAFETY: see above.
         called("acting", || unsafe {
             (self.table.acting)(self.object.pointer, &raw mut first, &raw mut count)
         })?;
@@ -234,7 +234,7 @@ impl Object {
             return Ok(None);
         };
         let mut done = false;
-        // SAFETY: as said above.
+        // SAFETY: see above.
         called("done", || unsafe {
             call(self.object.pointer, &raw mut done)
         })?;
@@ -242,14 +242,14 @@ impl Object {
     }
 
     pub(crate) fn sense(&self, agent: u32, sensors: &mut [f32]) -> Result<(), Trouble> {
-        // SAFETY: as said above.
+        // SAFETY: see above.
         called("sense", || unsafe {
             (self.table.sense)(self.object.pointer, agent, sensors.as_mut_ptr())
         })
     }
 
     pub(crate) fn step(&mut self, actuators: &[f32]) -> Result<(), Trouble> {
-        // SAFETY: as said above.
+        // SAFETY: see above.
         called("step", || unsafe {
             (self.table.step)(self.object.pointer, actuators.as_ptr(), actuators.len())
         })
@@ -257,7 +257,7 @@ impl Object {
 
     pub(crate) fn fitness(&self) -> Result<f64, Trouble> {
         let mut fitness = f64::NAN;
-        // SAFETY: as said above.
+        // SAFETY: see above.
         called("fitness", || unsafe {
             (self.table.fitness)(self.object.pointer, &raw mut fitness)
         })?;
@@ -267,7 +267,7 @@ impl Object {
     pub(crate) fn metrics(&self) -> Result<Vec<f64>, Trouble> {
         let mut metrics = vec![f64::NAN; self.table.description.metrics.len()];
         if let (Some(call), false) = (self.table.metrics, metrics.is_empty()) {
-            // SAFETY: as said above.
+            // SAFETY: see above.
             called("metrics", || unsafe {
                 call(self.object.pointer, metrics.as_mut_ptr())
             })?;
@@ -286,20 +286,20 @@ impl Object {
             return Ok(None);
         };
         let (mut picture, mut milliseconds) = (Picture(Scene::default()), 250);
-        // SAFETY: as said above.
+        // SAFETY: see above.
         called("scene", || unsafe {
             call(self.object.pointer, &raw mut picture, &raw mut milliseconds)
         })?;
         Ok((picture.0.width > 0.0).then_some((picture.0, milliseconds)))
     }
 
-    /// Lets the simulation show itself; for how many milliseconds it is to be looked at, none if there is nothing to see.
+    /// Lets the simulation show itself; returns for how many milliseconds to show it, `None` if there is nothing to see.
     pub(crate) fn show(&self) -> Result<Option<u32>, Trouble> {
         let Some(call) = self.table.show else {
             return Ok(None);
         };
         let mut milliseconds = 250;
-        // SAFETY: as said above.
+        // SAFETY: see above.
         called("show", || unsafe {
             call(self.object.pointer, &raw mut milliseconds)
         })?;

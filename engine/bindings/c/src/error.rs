@@ -137,7 +137,7 @@ pub(crate) fn from_callback(status: i32, callback: &str) -> Trouble {
     }
 }
 
-/// What the last call of this thread that went wrong said; valid until the next one that does.
+/// Message of this thread's last failed call; valid until the next failed call.
 #[unsafe(no_mangle)]
 pub extern "C" fn swarmwright_error() -> *const c_char {
     shield_or(c"".as_ptr(), || {

@@ -21,7 +21,7 @@ pub(crate) struct Foreign {
     object: Object,
     acting: Vec<u32>,
     done: bool,
-    /// For how long what was shown last is to be looked at.
+    /// Milliseconds for which to show the last picture.
     milliseconds: Cell<u32>,
     /// Why it could not be shown: the next step says so, for a picture cannot fail.
     not_shown: Cell<Option<Trouble>>,
@@ -34,7 +34,7 @@ impl Foreign {
     /// Makes a simulation.
     ///
     /// # Errors
-    /// The caller says so.
+    /// The caller's function reported an error.
     pub(crate) fn new(table: &Arc<Table>) -> Result<Self, Trouble> {
         Ok(Self {
             object: Object::create(table)?,

@@ -11,7 +11,7 @@ use crate::error::Trouble;
 /// # Safety
 /// It is `repr(C)`, its first field is a `usize`, and zero bytes are a value of every field.
 pub(crate) unsafe trait Structure: Copy {
-    /// What it is called in C.
+    /// Name of the type in C.
     const NAME: &'static str;
 }
 

@@ -1,9 +1,9 @@
-//! Which of a caller's objects are still there: a server is closed when the last of them is gone.
+//! Tracks a caller's live objects: a server is closed when the last one is dropped.
 
 use std::cell::Cell;
 use std::sync::{Condvar, Mutex, PoisonError};
 
-/// Counts objects.
+/// Counter of live objects.
 #[derive(Debug, Default)]
 pub(crate) struct Live {
     count: Mutex<usize>,

@@ -10,7 +10,7 @@ use swarmwright_wrapper::{Notice, Options};
 use crate::error::{Trouble, c_text};
 use crate::input::{self, Structure};
 
-/// Where the broker is by default.
+/// Default address of the broker.
 const BROKER: &str = "mqtt://localhost:1883";
 /// Longest time that a caller can wait for, seconds: what a clock can add up without overflow.
 const LONGEST: f64 = 1e9;
@@ -37,7 +37,7 @@ unsafe impl Structure for RawOptions {
     const NAME: &'static str = "swarmwright_options";
 }
 
-/// Who is told of notices.
+/// Receiver of notices.
 #[derive(Clone, Copy)]
 pub(crate) struct Listener {
     call: Option<OnNotice>,

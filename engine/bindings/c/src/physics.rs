@@ -283,7 +283,7 @@ impl Physics for Foreign {
                 objects: start.objects.as_ptr(),
                 seed: start.seed,
             };
-            // SAFETY: as said above.
+            // SAFETY: see above.
             called("start", || unsafe {
                 (self.table.start)(self.object.pointer, &raw const raw)
             })
@@ -298,7 +298,7 @@ impl Physics for Foreign {
     }
 
     fn step(&mut self, robots: &[Motion]) {
-        // SAFETY: as said above.
+        // SAFETY: see above.
         or_fail(called("step", || unsafe {
             (self.table.step)(self.object.pointer, robots.as_ptr(), robots.len())
         }));
@@ -306,7 +306,7 @@ impl Physics for Foreign {
 
     fn poses(&mut self, robots: &mut [Pose], objects: &mut [Pose]) {
         let (robots, objects) = (robots.as_mut_ptr(), objects.as_mut_ptr());
-        // SAFETY: as said above.
+        // SAFETY: see above.
         or_fail(called("poses", || unsafe {
             (self.table.poses)(self.object.pointer, robots, objects)
         }));
@@ -317,7 +317,7 @@ impl Physics for Foreign {
             return false;
         };
         let (pointer, count) = (distances.as_mut_ptr(), distances.len());
-        // SAFETY: as said above.
+        // SAFETY: see above.
         or_fail(called("rays", || unsafe {
             rays(self.object.pointer, robot as u32, pointer, count)
         }));

@@ -1,5 +1,5 @@
-//! A simulator that keeps its own loop, as plug-ins of simulators do: it looks in, and is told what to do next. The
-//! server runs in a thread of ours.
+//! A simulator that keeps its own loop, as plug-ins of simulators do: it polls for what to do next. The
+//! server runs in a separate thread.
 
 mod relay;
 mod relayed;
@@ -202,7 +202,7 @@ pub unsafe extern "C" fn swarmwright_plugin_open(
         let (description, (options, listener)) =
             unsafe { (description::read(description)?, options::read(options)?) };
         let opened = Box::into_raw(Box::new(Plugin::open(options, listener, description)?));
-        // SAFETY: as the caller promises; what cannot be given out is freed again.
+        // SAFETY: as the caller promises; values that cannot be returned are freed.
         unsafe {
             input::write("the pointer for the plug-in", plugin, opened)
                 .inspect_err(|_| drop(Box::from_raw(opened)))
@@ -210,7 +210,7 @@ pub unsafe extern "C" fn swarmwright_plugin_open(
     })
 }
 
-/// What to do next; waits for at most so many seconds until there is something.
+/// Returns what to do next; waits at most this many seconds for it.
 ///
 /// # Safety
 /// `plugin` is null or an open plug-in, `event` null or an event with its size.

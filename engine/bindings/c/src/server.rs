@@ -58,7 +58,7 @@ impl Server {
             .map_err(trouble)
     }
 
-    /// Leaves the broker, and waits until the simulations are gone.
+    /// Leaves the broker, and waits until the simulations are dropped.
     fn leave(&self) -> Result<(), Trouble> {
         if let Some(server) = self.lock()?.take() {
             server.close();
@@ -148,7 +148,7 @@ unsafe fn open(
         listener,
         live,
     }));
-    // SAFETY: as the caller promises; what cannot be given out is freed again.
+    // SAFETY: as the caller promises; values that cannot be returned are freed.
     unsafe {
         input::write("the pointer for the server", server, opened)
             .inspect_err(|_| drop(Box::from_raw(opened)))

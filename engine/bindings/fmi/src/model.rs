@@ -45,7 +45,7 @@ pub struct Model {
     pub metrics: Vec<String>,
     /// Seconds of a step.
     pub period: f64,
-    /// Of a proxy: number of spatial dimensions of the servers that are looked for. None: the simulation is in this process.
+    /// For a proxy: number of spatial dimensions of the required servers. `None`: the simulation is in this process.
     #[serde(default)]
     pub dimensions: Option<f64>,
 }

@@ -106,7 +106,7 @@ pub unsafe fn slice_mut<'a, T>(start: *mut T, count: usize) -> Result<&'a mut [T
     Ok(unsafe { std::slice::from_raw_parts_mut(start, count) })
 }
 
-/// The arrays of a call that gets variables.
+/// The arrays of a call that reads variables.
 pub fn to_fill<'a, T>(
     references: *const u32,
     count: usize,
@@ -141,7 +141,7 @@ fn same(count: usize, value_count: usize) -> Result<(), Refusal> {
     )
 }
 
-/// Writes where a pointer points, if it does.
+/// Writes to a pointer unless it is null.
 ///
 /// # Safety
 /// It is null or points to a T.

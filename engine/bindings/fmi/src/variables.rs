@@ -20,7 +20,7 @@ pub enum Variable {
     Acts(usize),
     /// By place among the sensors of all agents.
     Sensor(usize),
-    /// By place among the actuators of all agents.
+    /// Index among the actuators of all agents.
     Actuator(usize),
 }
 

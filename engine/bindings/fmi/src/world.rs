@@ -7,7 +7,7 @@ use swarmwright_worlds::Parameters;
 pub struct View {
     /// (agents, sensors): of those who do not act, what they sensed last.
     pub sensors: Vec<f32>,
-    /// By agent: whether its actuators count in the next step.
+    /// Whether each agent's actuators are used in the next step.
     pub acts: Vec<bool>,
     pub done: bool,
     /// NaN as long as it is not known.
@@ -18,7 +18,7 @@ pub struct View {
 
 /// Episodes in turn. Errors are for the master's log.
 pub trait World {
-    /// Goes to the start of an episode.
+    /// Starts an episode.
     ///
     /// `connection`: of a simulation behind a broker, how it is reached.
     fn begin(&mut self, parameters: &Parameters, connection: &Parameters) -> Result<(), String>;
@@ -26,7 +26,7 @@ pub trait World {
     /// Goes on by a step; `actuators`: (agents, actuators), each in -1..=1.
     fn step(&mut self, actuators: &[f32]) -> Result<(), String>;
 
-    /// Where the episode is.
+    /// The present state of the episode.
     fn view(&self) -> &View;
 
     /// Gives the episode up.

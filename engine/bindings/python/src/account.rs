@@ -1,4 +1,4 @@
-//! Who this process is at a broker.
+//! The account of this process on a broker.
 
 use std::path::PathBuf;
 

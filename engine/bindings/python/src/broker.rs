@@ -74,7 +74,7 @@ impl PyBroker {
         })
     }
 
-    /// Publishes an account of the broker; the files, one for each of its addresses, or why there are none.
+    /// Publishes the account of the broker; returns a file for each of its addresses, or the reason why there are none.
     fn publish(
         &mut self,
         py: Python<'_>,

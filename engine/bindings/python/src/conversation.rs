@@ -28,7 +28,7 @@ pub enum Candidates {
 }
 
 impl Candidates {
-    /// Number of candidates of so many genes.
+    /// Number of candidates with `genes` genes each.
     pub fn candidates(&self, genes: usize) -> usize {
         match self {
             Self::Genomes(genomes) => genomes.len() / genes.max(1),
@@ -41,7 +41,7 @@ impl Candidates {
 pub type Failure = Arc<Mutex<Option<PyErr>>>;
 
 impl Conversation {
-    /// A method that has asked for nothing yet, whose genomes have so many genes; its errors go to `failed`.
+    /// Creates a method whose genomes have `genes` genes; its errors go to `failed`.
     pub fn new(genes: usize, search: impl Search + 'static, failed: Failure) -> Self {
         Self {
             search: Box::new(search),
@@ -111,7 +111,7 @@ impl Conversation {
         outcome.map_err(|error| self.reason(error))
     }
 
-    /// What so many genomes asked for last were made from, where servers can make them from it, too.
+    /// The sample of the last `count` genomes, if servers can expand it.
     pub fn sample(&self, count: usize) -> Option<Sample> {
         let drawn = self.search.drawn().filter(|_| count > 0)?;
         let row = |row: &[f64]| F64s(row.to_vec());
@@ -172,7 +172,7 @@ impl Conversation {
         self.pending.as_ref().map_or(0, Vec::len) / self.genes.max(1)
     }
 
-    /// Fitness of the members that stay; None where there are no such.
+    /// Fitness of the surviving members; `None` for methods without survivors.
     pub fn members(&self) -> Option<Vec<f64>> {
         Some(self.search.members()?.fitness.to_vec())
     }

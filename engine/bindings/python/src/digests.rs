@@ -67,7 +67,7 @@ impl PyDigests {
         threads::start()?;
         let (send, receive) = channel();
         rayon::spawn(move || {
-            // If the run has ended meanwhile, the receiver is gone and the digest is not needed.
+            // If the run has ended meanwhile, the receiver is dropped and the digest is not needed.
             let genomes = match genomes {
                 Genes::Sample(digest) => digest,
                 Genes::Genomes(genomes) => of_genomes(&genomes),
@@ -97,7 +97,7 @@ enum Genes {
     Sample([u8; 32]),
 }
 
-/// SHA-256 of columns, little-endian, as the store has them; with that of the genomes.
+/// SHA-256 of the columns, little-endian as in the store, and that of the genomes.
 pub fn columns(fitness: &[f64], episodes: &[f64], metrics: &[f64], genomes: [u8; 32]) -> Columns {
     let of_doubles = |numbers| digest(numbers, f64::to_le_bytes);
     [

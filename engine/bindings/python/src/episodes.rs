@@ -13,7 +13,7 @@ use crate::simulation::any;
 use crate::values::object;
 use crate::worlds::{catch_panic, scene, scene_arrays, text};
 
-/// Who acts next, and what they sense.
+/// The agents that act next, and their sensors.
 type Acting<'py> = (
     Bound<'py, PyArray1<u32>>,
     Bound<'py, PyArray1<u32>>,
@@ -48,7 +48,7 @@ impl PyEpisodes {
         let (mut sensors, mut actuators) = (0, 0);
         for seed in &seeds {
             let mut episode = match simulations.first() {
-                // A host has one object, of which another episode needs another one.
+                // A host has one simulation object, so another episode needs another host.
                 Some(first) if !simulation.is_instance_of::<PyString>() => {
                     catch_panic(|| first.duplicate())?.ok_or_else(|| {
                         input("seeds: this simulation runs one episode at a time in a process; pass a single seed")

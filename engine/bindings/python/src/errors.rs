@@ -1,4 +1,4 @@
-//! The exceptions: wrong input, and work that could not be done, for want of a broker above all.
+//! The exceptions: invalid input, and work that failed, mostly because there is no broker.
 
 use std::fmt::Display;
 

@@ -13,7 +13,7 @@ use crate::errors::input;
 use crate::evolution::row_major;
 use crate::values::object;
 
-/// The numbers of an array (candidates, weights), row-major, copied only where they do not lie like that in memory.
+/// The numbers of an array (candidates, weights) in row-major order, copied only if its memory has another order.
 pub fn rows<'a>(
     architecture: &Architecture,
     genomes: &'a PyReadonlyArray2<'_, f32>,

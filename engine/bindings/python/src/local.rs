@@ -20,7 +20,7 @@ use crate::threads;
 use crate::values::object;
 use crate::worlds::known;
 
-/// Work between two looks at Ctrl-C.
+/// Amount of work between two checks for Ctrl-C.
 const PART: Duration = Duration::from_millis(30);
 /// How many times as long as `PART` full vectors may take.
 const MOST_PARTS: usize = 16;

@@ -1,4 +1,4 @@
-//! What the engine logs, as JSON lines.
+//! The engine's log, as JSON lines.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write, stderr};
@@ -13,7 +13,7 @@ use serde_json::json;
 
 use crate::errors::input;
 
-/// Where the lines go; none before `log_to`.
+/// The output of the log; none before `log_to`.
 static LINES: Lines = Lines(Mutex::new(None));
 
 struct Lines(Mutex<Option<Sink>>);
@@ -27,7 +27,7 @@ enum Sink {
 struct LogFile {
     path: PathBuf,
     file: File,
-    /// Bytes from which on it is moved to `PATH.1`.
+    /// Size in bytes at which the log is moved to `PATH.1`.
     most: Option<u64>,
     /// Lines that could not be written since the last that was.
     lost: u64,

@@ -1,4 +1,4 @@
-//! Simulators in Python that move the robots of missions: what `swarmwright.simulations.physics_host.PhysicsHost` says.
+//! Simulators in Python that move the robots of missions, through `swarmwright.simulations.physics_host.PhysicsHost`.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -31,7 +31,7 @@ type Evaluated<'py> = (
 );
 
 /// Finds servers and runs episodes on them.
-/// What a server declares: its id, determinism and tolerance.
+/// A server's declaration: id, determinism and tolerance.
 type Declared = (u64, Option<String>, Option<f64>);
 
 #[pyclass(name = "Pool", module = "swarmwright._engine")]
@@ -364,7 +364,7 @@ pub fn fields<'py>(py: Python<'py>, lines: &[impl Serialize]) -> PyResult<Vec<Fi
     lines.iter().map(|line| to_python(py, line)).collect()
 }
 
-/// Further genomes from what `feed` returned; none when it returned None.
+/// Further genomes from the return value of `feed`; `None` if it returned None.
 fn further(py: Python<'_>, returned: &Py<PyAny>, columns: usize) -> PyResult<Option<Vec<f32>>> {
     if returned.is_none(py) {
         return Ok(None);

@@ -53,12 +53,12 @@ impl Borrower {
     }
 }
 
-/// Evolves in a thread of its own.
+/// Evolves in a separate thread.
 #[pyclass(name = "Producer", module = "swarmwright._engine")]
 pub struct PyProducer {
     shared: Arc<Shared>,
     borrower: Arc<Borrower>,
-    /// Who gets the pool back.
+    /// The object to which the pool is returned.
     lender: Option<Py<PyPool>>,
     genes: usize,
     episodes: usize,
@@ -227,7 +227,7 @@ impl PyProducer {
         self.shared.is_ready()
     }
 
-    /// For those who watch: how many generations the run is expected to have.
+    /// Sets the expected number of generations of the run, for progress displays.
     fn expect(&self, generations: u64) {
         self.shared.expected.store(generations, Ordering::Relaxed);
     }

@@ -16,7 +16,7 @@ const ROWS: usize = 6;
 #[pyclass(name = "Sample", module = "swarmwright._engine", frozen)]
 pub struct PySample(pub Sample);
 
-/// All but the rows of numbers, in the order in which the store has it.
+/// All fields except the rows of numbers, in the order of the store.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Address {
@@ -68,7 +68,7 @@ pub fn is_shorter(sample: &Sample) -> bool {
 
 #[pymethods]
 impl PySample {
-    /// A sample as the store has it.
+    /// A sample as stored.
     #[staticmethod]
     fn read(address: &str, numbers: &[u8]) -> PyResult<Self> {
         let header: Address = serde_json::from_str(address).map_err(input)?;

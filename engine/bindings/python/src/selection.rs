@@ -1,4 +1,4 @@
-//! Who survives, who mates and which children are new.
+//! Selection of survivors and parents, and detection of duplicate children.
 #![expect(
     clippy::needless_pass_by_value,
     reason = "pyo3 hands arguments over by value"

@@ -84,7 +84,7 @@ pub fn determinism(host: &Bound<'_, PyAny>) -> PyResult<Determinism> {
     })
 }
 
-/// What `reset` and `step` of a host return: the agents that act next, (agents, sensors), whether the episode has ended.
+/// Return value of `reset` and `step` of a host: the agents that act next, (agents, sensors), and whether the episode has ended.
 type Seen<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray2<'py, f32>, bool);
 
 /// A group of agents: its name, agents, sensors, actuators, and whether rows are padded.
@@ -216,7 +216,7 @@ fn metric((name, description): (String, String)) -> MetricInfo {
     }
 }
 
-/// What a refusal of parameters is about: "name: why".
+/// Formats a refusal of parameters: "name: reason".
 pub fn refused(text: &str) -> ParameterError {
     let (name, reason) = text.split_once(": ").unwrap_or(("", text));
     ParameterError {

@@ -42,7 +42,7 @@ pub fn figures(fitness: PyReadonlyArray1<'_, f64>) -> PyResult<(f64, f64, f64, f
     ))
 }
 
-/// Who is best, and how many failed.
+/// Returns the best candidate and the number of failures.
 #[pyfunction]
 pub fn outcome(fitness: PyReadonlyArray1<'_, f64>) -> PyResult<(usize, usize)> {
     let outcome = Outcome::of(fitness.as_slice()?);

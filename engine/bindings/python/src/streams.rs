@@ -71,7 +71,7 @@ impl PyStream {
     }
 }
 
-/// The number of integers to draw from, 1 to 2^64, where 0 stands for the latter.
+/// The number of integers to draw from, 1 to 2^64; 0 encodes 2^64.
 fn limit(below: u128) -> PyResult<u64> {
     if !(1..=1 << 64).contains(&below) {
         return Err(input(format!(

@@ -10,12 +10,12 @@ use crate::errors::engine;
 /// Starts the threads, one for each processor, unless they are there.
 ///
 /// # Errors
-/// The system gives none, for want of memory or by a limit. Without this call `rayon` would panic where it is used first.
+/// The system refuses threads for lack of memory or by a limit. Without this call, `rayon` would panic at its first use.
 pub fn start() -> PyResult<()> {
     static STARTED: OnceLock<Option<String>> = OnceLock::new();
     let failure = STARTED.get_or_init(|| {
         let error = rayon::ThreadPoolBuilder::new().build_global().err()?;
-        // The other error is that they have been started.
+        // The other error means that they have been started already.
         error.source().map(ToString::to_string)
     });
     match failure {

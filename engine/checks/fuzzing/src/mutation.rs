@@ -80,7 +80,7 @@ const TOKENS: &[&[u8]] = &[
 /// Which change, where, how long, what else.
 type Change = (u8, u32, u32, u32);
 
-/// A place from 0 to `end`, `end` included.
+/// A position from 0 to `end`, inclusive.
 fn place(drawn: u32, end: usize) -> usize {
     drawn as usize % (end + 1)
 }

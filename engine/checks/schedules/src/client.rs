@@ -10,7 +10,7 @@ use crate::server::Server;
 use crate::simulator::{Event, Simulator};
 use crate::tool::Stage;
 
-/// Pause before a broken connection is tried again; it doubles.
+/// Pause before the first attempt to reconnect; it doubles with each attempt.
 const FIRST_PAUSE: Time = 100 * MILLI;
 const LONGEST_PAUSE: Time = 10 * SECOND;
 /// How long it takes until a server that its simulation has brought down is started again.
@@ -176,7 +176,7 @@ impl Simulator<'_> {
         self.after(peer);
     }
 
-    /// A client sees that its connection is gone.
+    /// A client notices that its connection is lost.
     pub(crate) fn lose_connection(&mut self, peer: usize) {
         let now = self.instant();
         let client = &mut self.clients[peer];

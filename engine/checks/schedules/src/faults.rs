@@ -187,7 +187,7 @@ impl Simulator<'_> {
         }
     }
 
-    /// The broker has heard nothing of a client for long.
+    /// Handles a client of which the broker has heard nothing for long.
     pub(crate) fn silence(&mut self, connection: usize, cause: usize) {
         let link = &self.network.connections[connection];
         let client = &self.clients[link.who];

@@ -57,7 +57,7 @@ struct Lane {
 
 /// A connection of a client, living or dead. Its two ends may hold different views of that.
 pub struct Connection {
-    /// Whose: an index of all parties.
+    /// Owner, an index among all parties.
     pub who: usize,
     /// Which start of the client it is.
     pub incarnation: u64,
@@ -83,7 +83,7 @@ pub struct Network {
     pub up: bool,
     /// What is retained, by topic.
     pub retained: BTreeMap<Rc<str>, Rc<[u8]>>,
-    /// What was retained some time ago.
+    /// The retained messages of an earlier time.
     pub snapshot: BTreeMap<Rc<str>, Rc<[u8]>>,
 }
 

@@ -1,4 +1,4 @@
-//! What happens in a simulation: who takes part, what is to be computed, and what goes wrong when.
+//! The schedule of a simulation: its parties, the work to compute, and the faults with their times.
 
 mod display;
 
@@ -17,7 +17,7 @@ pub const BROKER_PATIENCE: Time = 45 * SECOND;
 /// After this time of silence a client gives up a connection: a ping after 30 s, no answer for 20 s.
 pub const CLIENT_PATIENCE: Time = 50 * SECOND;
 
-/// A candidate with which servers are lost so often is in quarantine.
+/// Number of lost servers after which a candidate is in quarantine.
 const MANY_LOSSES: usize = 3;
 
 /// So many failures may be enough for a candidate to be believed to fail.
@@ -34,7 +34,7 @@ pub struct Schedule {
     pub tools: Vec<Tool>,
     /// The simulation servers; the id is the index and 1.
     pub servers: Vec<Server>,
-    /// What goes wrong.
+    /// The faults.
     pub disturbances: Vec<Disturbance>,
 }
 
@@ -100,7 +100,7 @@ pub struct Server {
     pub twin: Option<Twin>,
 }
 
-/// A server that is given the id of another one, and starts if that one seems to be gone.
+/// A server that has the id of another one, and starts if that one seems to have ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Twin {
     /// The id.
@@ -142,7 +142,7 @@ pub enum Memory {
     Lost,
 }
 
-/// What goes wrong.
+/// A fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum What {
@@ -161,7 +161,7 @@ pub enum What {
     Leave(usize),
     /// A process is stopped and goes on later (SIGSTOP and SIGCONT, a laptop that sleeps).
     Freeze(Who),
-    /// The broker dies and is started anew later.
+    /// The broker dies and restarts later.
     Broker(Memory),
     /// An optimization tool is killed and started anew later; it has its unfinished work computed again.
     Restart(usize),
@@ -169,14 +169,14 @@ pub enum What {
     Interrupt(usize),
     /// Messages from and to a party are lost.
     Lose {
-        /// Whose.
+        /// The affected party.
         party: Who,
         /// How many of 100.
         percent: u64,
     },
     /// Messages from and to a party come twice.
     Duplicate {
-        /// Whose.
+        /// The affected party.
         party: Who,
         /// How many of 100.
         percent: u64,
@@ -185,28 +185,28 @@ pub enum What {
     },
     /// Messages from and to a party overtake each other.
     Reorder {
-        /// Whose.
+        /// The affected party.
         party: Who,
         /// How many of 100.
         percent: u64,
-        /// How much later they come, at most.
+        /// Largest delay of their arrival.
         later: Time,
     },
     /// Messages from and to a party overtake those on other topics, as with brokers that keep the order within a topic
     /// only.
     Cross {
-        /// Whose.
+        /// The affected party.
         party: Who,
         /// How many of 100.
         percent: u64,
-        /// How much later they come, at most.
+        /// Largest delay of their arrival.
         later: Time,
     },
     /// Messages from and to a party take longer.
     Delay {
-        /// Whose.
+        /// The affected party.
         party: Who,
-        /// How much.
+        /// Additional time.
         by: Time,
     },
     /// A server's installation is broken: everything fails on it at once.
@@ -215,7 +215,7 @@ pub enum What {
     Slow {
         /// Which.
         server: usize,
-        /// How many times.
+        /// Factor of the slowdown.
         times: u64,
     },
 }
@@ -265,7 +265,7 @@ impl Disturbance {
         )
     }
 
-    /// The party that it hits; none for the broker.
+    /// The affected party; `None` for the broker.
     #[must_use]
     pub fn who(&self) -> Option<Who> {
         Some(match self.what {
@@ -315,7 +315,7 @@ impl Schedule {
             };
             disturbance.incriminates(tool.step_timeout, server)
         };
-        // Where one is alone, no other one shows that a candidate with which it is lost again and again is sound.
+        // Without a second server, nothing shows that a candidate with which servers are lost repeatedly is valid.
         let losses = self
             .disturbances
             .iter()
@@ -331,7 +331,7 @@ impl Schedule {
         single || moments >= FEW_ATTEMPTS || self.disturbances.iter().any(incriminates)
     }
 
-    /// Whether servers may fail whatever they are given.
+    /// Whether servers may fail with any work.
     #[must_use]
     pub fn may_break(&self) -> bool {
         let mut events = self.disturbances.iter().map(|disturbance| disturbance.what);

@@ -19,7 +19,7 @@ use crate::trail::TITLE;
 /// Steps that an episode has on average.
 const STEPS: u64 = 3;
 
-/// A message that leaves.
+/// An outgoing message.
 pub struct Outgoing {
     /// The full name of its topic.
     pub topic: Rc<str>,
@@ -42,13 +42,13 @@ pub struct Server {
     host: String,
     died: Arc<AtomicBool>,
     broken: Arc<AtomicBool>,
-    /// What is computed.
+    /// The work in progress.
     pub job: Option<Job>,
     /// How many jobs there were.
     pub jobs: u64,
     /// Whether what is to be sent has been computed already.
     computed: bool,
-    /// Whether another server has its id, so that it is to go.
+    /// Whether another server has its id, so that it must leave.
     pub gives_way: bool,
 }
 
@@ -121,7 +121,7 @@ impl Server {
         seed.into_iter().chain(own).map(Filter::Exactly).collect()
     }
 
-    /// What the broker is to say when it is gone.
+    /// Its last will.
     #[must_use]
     pub fn will(&self) -> Option<Will> {
         let lost = || self.machine.presence(State::Lost, String::new()).encode();
@@ -134,7 +134,7 @@ impl Server {
         self.died.load(Ordering::Relaxed)
     }
 
-    /// Everything fails on it from now on, or nothing that is sound.
+    /// Sets whether everything fails on this server from now on.
     pub fn set_broken(&self, broken: bool) {
         self.broken.store(broken, Ordering::Relaxed);
     }
@@ -150,7 +150,7 @@ impl Server {
         self.machine.receive(topic, payload, retained, now);
     }
 
-    /// The job that is under way is done. It took so long.
+    /// Finishes the job in progress, which took `took`.
     pub fn finish(&mut self, took: Time, now: Instant) {
         if let Some(job) = self.job.take() {
             self.computed = true;

@@ -6,7 +6,7 @@ use crate::{Report, check};
 /// Simulations that a shrinking may take.
 const TRIALS: usize = 600;
 
-/// A smaller schedule that fails, too, and how.
+/// Returns a smaller schedule that also fails, and its failure.
 #[must_use]
 pub fn shrink(schedule: &Schedule) -> (Schedule, Report) {
     let mut best = schedule.clone();

@@ -12,7 +12,7 @@ use crate::schedule::{Disturbance, MILLI, SECOND, Schedule, Time};
 use crate::server::Server;
 use crate::tool::{Stage, Tool};
 
-/// How often it is looked whether a server idles or a tool remembers too much.
+/// Interval between checks whether a server is idle or a tool stores too much.
 const LOOK: Time = 250 * MILLI;
 /// After the last disturbance, work ends within this time and what it takes to compute everything a few times.
 pub const RECOVERY: Time = 600 * SECOND;
@@ -43,7 +43,7 @@ pub(crate) enum Event {
     },
     /// A client tries to connect.
     Connect { who: usize, incarnation: u64 },
-    /// A tool has thought.
+    /// A tool submits its next work.
     Submit { who: usize, incarnation: u64 },
     /// A process starts, unless it runs.
     Start { who: usize },
@@ -93,7 +93,7 @@ pub(crate) struct Simulator<'a> {
     pub clients: Vec<Client>,
     pub tools: Vec<Tool>,
     pub servers: Vec<Option<Server>>,
-    /// The disturbances under way, by number.
+    /// The active disturbances, by number.
     pub active: Vec<(u64, Disturbance)>,
     /// Since when a server has nothing to do while a tool has work, by tool, server, and whether it is free.
     pub idle: BTreeMap<(usize, usize, bool), Time>,

@@ -90,7 +90,7 @@ pub fn survey(first: u64, count: u64, jobs: usize, most: usize) -> Survey {
         .unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// What to say of a schedule that fails: the smallest one that fails, too, what is wrong with it, and how to see it again.
+/// Describes a failing schedule: the smallest one that also fails, its problem, and how to reproduce it.
 #[must_use]
 pub fn tell(schedule: &Schedule) -> String {
     let (small, report) = shrink(schedule);

@@ -42,7 +42,7 @@ pub struct Tool {
     number: u64,
     /// The process, once it has begun.
     pub machine: Option<Scheduler>,
-    /// What it calls itself.
+    /// Its name.
     pub name: String,
     /// How far it is.
     pub stage: Stage,
@@ -58,7 +58,7 @@ pub struct Tool {
     journal: Vec<Attempt>,
     /// Whether sound candidates may be reported failed.
     may_fail: bool,
-    /// Whether servers may fail whatever they are given.
+    /// Whether servers may fail with any work.
     may_break: bool,
     /// Whether work may end without results, to be resumed.
     may_end: bool,
@@ -72,7 +72,7 @@ pub struct Tool {
     pub failed: usize,
     /// Candidates whose results came.
     pub scored: usize,
-    /// The last words to the user.
+    /// The last message to the user.
     pub warnings: VecDeque<String>,
 }
 
@@ -162,7 +162,7 @@ impl Tool {
         mix(&[self.number, self.work as u64])
     }
 
-    /// Hands over the work that is next, or what is left of the one that was under way.
+    /// Hands over the next work, or the rest of the work in progress.
     ///
     /// # Errors
     /// None for works as they are drawn.

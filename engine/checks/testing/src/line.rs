@@ -20,7 +20,7 @@ pub struct Line {
     acting: Vec<u32>,
     step: u32,
     seed: f32,
-    /// The way of a step, where agents steer themselves.
+    /// Distance per step, if agents control themselves.
     speed: Option<f32>,
     /// Sensors of an agent, at least 2.
     pub sensors: usize,

@@ -86,12 +86,12 @@ impl Access {
         Ok(Self { rules })
     }
 
-    /// May the messages of this topic reach the subject?
+    /// Whether the subject may receive the messages of this topic.
     pub fn may_read(&self, subject: Subject<'_>, name: &str) -> bool {
         self.allows(subject, name, |rule| rule.read)
     }
 
-    /// May the subject publish to this topic?
+    /// Whether the subject may publish to this topic.
     pub fn may_write(&self, subject: Subject<'_>, name: &str) -> bool {
         self.allows(subject, name, |rule| rule.write)
     }

@@ -13,7 +13,7 @@ pub struct Config {
     pub port: Option<u16>,
     /// Path of a Unix socket to listen on, without TLS. A file that a broker left behind there is replaced.
     pub socket: Option<PathBuf>,
-    /// Permissions of its file: whoever may write to it may connect.
+    /// Permissions of its file; users who may write to it may connect.
     pub socket_mode: u32,
     /// Port for MQTT over WebSocket; 0 = any free one, None = no WebSocket.
     pub websocket_port: Option<u16>,
@@ -42,7 +42,7 @@ pub struct Config {
 pub struct Account {
     /// User name.
     pub user: String,
-    /// At least 128 random bits: it is checked at once and any number of times, since it cannot be guessed.
+    /// At least 128 random bits; checks are immediate and not limited in number, since it cannot be guessed.
     pub password: String,
 }
 

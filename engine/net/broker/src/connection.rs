@@ -24,7 +24,7 @@ pub struct Connection {
     /// Bytes to read next: fewer where packets of this client cause much work.
     portion: usize,
     pub is_ready: bool,
-    /// The other side sends no more: read to the end.
+    /// Whether the peer has closed its side and everything was read.
     pub is_ended: bool,
     is_finished: bool,
     pub closing_since: Option<Instant>,
@@ -105,7 +105,7 @@ impl Connection {
         self.input = Vec::new();
     }
 
-    /// Are there answers of the layers (PONG, TLS) that the client does not read?
+    /// Whether there are answers of the layers (PONG, TLS) that the client does not read.
     pub fn is_behind(&self) -> bool {
         let layers = self.layers.as_ref();
         layers.is_some_and(|layers| layers.waiting() > UNREAD)
@@ -119,7 +119,7 @@ impl Connection {
         Ok(())
     }
 
-    /// Sends as much as the socket takes; true = everything.
+    /// Sends as much as the socket accepts; returns true if everything was sent.
     pub fn flush(&mut self, hub: &mut Hub, id: usize, now: Instant) -> io::Result<bool> {
         loop {
             let Some(layers) = &mut self.layers else {

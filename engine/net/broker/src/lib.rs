@@ -53,7 +53,7 @@ pub struct Broker {
     websocket: Option<SocketAddr>,
     tls: bool,
     stopper: Stopper,
-    /// What it was started with: the files are read again.
+    /// The configuration at its start, whose files are read again on reload.
     config: Config,
     thread: Mutex<Option<JoinHandle<()>>>,
     #[cfg(unix)]
@@ -219,7 +219,7 @@ fn read_files(config: &Config) -> Result<Renewal, BrokerError> {
     })
 }
 
-/// The path from the root; as it is where the system has no current folder.
+/// The absolute path; unchanged if the system has no current folder.
 fn absolute(path: &Path) -> std::path::PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }

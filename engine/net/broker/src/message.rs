@@ -36,7 +36,7 @@ impl Message {
         }
     }
 
-    /// Whole seconds left, rounded up, None without expiry.
+    /// Remaining seconds, rounded up; `None` without expiry.
     pub fn seconds_left(&self, now: Instant) -> Option<u32> {
         let left = self
             .expires?

@@ -77,8 +77,8 @@ impl Retained {
         }
     }
 
-    /// The next one of a search, by topic, or None at its end, or when `budget`, the number of topics that may still be examined, is 0.
-    /// The budget is left above 0 at the end of a search.
+    /// The next message of a search, by topic; `None` at its end, or when `budget`, the number of topics that may still be
+    /// examined, is 0. At the end of a search the budget is above 0.
     pub fn next(
         &self,
         search: &mut Search,

@@ -46,12 +46,12 @@ pub struct Session {
     pub user: Option<Box<str>>,
     /// The connection, by its number; None while the client is disconnected.
     pub link: Option<usize>,
-    /// The topic filters that it subscribes to, and the bytes that they take, about.
+    /// The topic filters that it subscribes to, and their approximate size in bytes.
     filters: HashSet<Box<str>>,
     filter_bytes: usize,
     /// When its last connection ended.
     pub left: Option<Instant>,
-    /// Bytes that the broker counts for it.
+    /// Memory of the session in bytes, as counted by the broker.
     pub counted: usize,
     /// Seconds to live without a connection.
     pub expiry: u32,
@@ -149,7 +149,7 @@ impl Session {
         SESSION + 2 * self.client_id.len() + will + self.filter_bytes + self.queued_bytes
     }
 
-    /// Queues a message of QoS 1 or 2; false when that exceeds `limit` bytes.
+    /// Queues a message of QoS 1 or 2; returns false if that would exceed `limit` bytes.
     pub fn enqueue(&mut self, delivery: Delivery, limit: usize) -> bool {
         let size = delivery.message.size();
         if self.queued_bytes + size > limit {
@@ -205,7 +205,7 @@ impl Session {
         self.advance(out, terms, now);
     }
 
-    /// Is this the acknowledgement that the message waits for? Unknown identifiers are answered, or ignored.
+    /// Whether this is the acknowledgement that the message waits for. Unknown identifiers are answered, or ignored.
     pub fn expects(&self, id: u16, kind: Answer) -> bool {
         let Some(flight) = self.flights.iter().find(|flight| flight.id == id) else {
             return true;

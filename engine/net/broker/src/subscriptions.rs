@@ -52,7 +52,7 @@ impl Subscriptions {
         prune(&mut self.root, session, filter.split('/'));
     }
 
-    /// Are there no subscriptions?
+    /// Whether there are no subscriptions.
     #[cfg(test)]
     pub fn is_empty(&self) -> bool {
         self.root.next.is_empty()

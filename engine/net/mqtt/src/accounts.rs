@@ -17,7 +17,7 @@ use std::{env, process, thread};
 /// User name and password.
 pub type UserAndPassword = (String, String);
 
-/// A file of an account is a few lines; another one is not read to its end.
+/// Limit of the bytes to read: an account's file has a few lines.
 const LARGEST_FILE: u64 = 1 << 16;
 /// How often the lock of the folder is tried, and the pause between.
 const TRIES: usize = 50;

@@ -48,7 +48,7 @@ pub enum Event {
 /// A message that is larger than the broker accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TooLarge {
-    /// How large its packet would be, bytes.
+    /// Size of its packet in bytes.
     pub bytes: usize,
     /// What the broker accepts.
     pub most: usize,

@@ -33,7 +33,7 @@ pub(crate) enum Remedy {
 }
 
 impl Dialect {
-    /// The first attempt with an unknown broker; in one version only if that is `forced`.
+    /// The first attempt with an unknown broker; only one version is tried if it is `forced`.
     pub fn first(forced: Option<Version>) -> Self {
         Self {
             version: forced.unwrap_or(Version::Five),

@@ -15,7 +15,7 @@ use crate::{ConnectError, MOST_TRIES, tls};
 const SILENCE: f64 = 0.6;
 /// The pause after a connection that was accepted and then closed; it grows with each.
 const PAUSE: Duration = Duration::from_millis(100);
-/// How long a broker that closed a connection and then was gone may take to come back: it restarts.
+/// Time that a broker may take to restart after it closed a connection and became unreachable.
 const RESTART: Duration = Duration::from_secs(5);
 
 /// An attempt that failed, and what may help.
@@ -44,7 +44,7 @@ pub(crate) fn connect(
         .filter(|learnt| forced.is_none_or(|version| version == learnt.version));
     let mut dialect = learnt.unwrap_or_else(|| Dialect::first(forced));
     let mut broken = 0;
-    // Until when a broker is waited for that was there.
+    // Time limit for a broker that was reachable before.
     let mut restarts_until: Option<Instant> = None;
     loop {
         early.clear();
@@ -182,7 +182,7 @@ fn attempt(
                 }
             }
         }
-        // Not before: retained messages come together with the last answer.
+        // Not earlier, because retained messages arrive together with the last answer.
         if ready {
             return Ok((transport, session));
         }

@@ -21,7 +21,7 @@ pub struct PublishOptions<'a> {
     pub confirm: bool,
     /// Whether the broker keeps the message for clients that subscribe later.
     pub retain: bool,
-    /// Seconds after which the broker need not deliver it any more.
+    /// Seconds after which the broker may discard it.
     pub expiry: Option<u32>,
     /// Media type of the payload.
     pub content_type: Option<&'a str>,

@@ -19,13 +19,13 @@ pub(crate) struct Reading {
 }
 
 impl Reading {
-    /// A message was sent in a packet of so many bytes. Whether a ping is to follow: only where it is larger than all
+    /// Notes a message sent in a packet of `bytes` bytes. Returns whether a ping must follow: only if it is larger than all
     /// before, so pings are few.
     pub fn sent(&mut self, bytes: usize) -> bool {
         bytes > SMALL && bytes > self.read && bytes > self.unread()
     }
 
-    /// A ping was sent behind a packet of so many bytes.
+    /// Notes a ping sent after a packet of `bytes` bytes.
     pub fn asked(&mut self, bytes: usize) {
         self.asked.push_back(bytes);
     }

@@ -53,7 +53,7 @@ struct Limits {
     largest: usize,
     /// How many messages may be unacknowledged.
     unacknowledged: usize,
-    /// How many of these there may be of messages that need no answer.
+    /// Largest number of them for messages that need no answer.
     awaited: usize,
     /// The highest quality of service.
     qos: QoS,
@@ -342,7 +342,7 @@ impl Session {
         self.ping_at = self.patience.map(|patience| now + patience);
     }
 
-    /// Asks a broker that has been silent, and gives up one that does not answer.
+    /// Pings a silent broker, and gives up a broker that does not answer.
     fn check(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
         let was_asked = std::mem::replace(&mut self.asked, false);
         if std::mem::take(&mut self.heard) {

@@ -14,7 +14,7 @@ use crate::session::Version;
 const KEEP_ALIVE: u16 = 30;
 const LONGEST_KEEP_ALIVE: u16 = 3600;
 
-/// How the broker is reached.
+/// Transport to the broker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheme {
     /// TCP.
@@ -33,7 +33,7 @@ pub enum Scheme {
 /// absolute path of a Unix socket; `?mqtt=3` or `?mqtt=5` after it restricts the connection to one version of MQTT.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokerUrl {
-    /// How the broker is reached.
+    /// Transport to the broker.
     pub scheme: Scheme,
     /// Name or address, without brackets; empty for a Unix socket.
     pub host: String,
@@ -150,7 +150,7 @@ impl FromStr for BrokerUrl {
     }
 }
 
-/// A variable of the environment, None where it is empty, too.
+/// An environment variable; `None` if it is missing or empty.
 fn variable(name: &str) -> Option<String> {
     env::var(name).ok().filter(|value| !value.is_empty())
 }
@@ -266,7 +266,7 @@ pub struct Will {
     pub payload: Vec<u8>,
     /// After how many seconds the broker forgets it (MQTT 5).
     pub expiry: u32,
-    /// Whether the broker keeps it for clients that subscribe later, where it can.
+    /// Whether the broker retains it for later subscribers, if it can.
     pub retain: bool,
 }
 
@@ -386,7 +386,7 @@ impl Settings {
         }
     }
 
-    /// The account of a broker that this user runs on this machine. None where other brokers would get the password, too.
+    /// The account of a broker that this user runs on this machine. `None` if other brokers would get the password, too.
     fn account(&self) -> Option<(String, String)> {
         let is_elsewhere = |url: &BrokerUrl| url.scheme != Scheme::Unix && !is_loopback(&url.host);
         let mut urls = std::iter::once(&self.url).chain(&self.others);

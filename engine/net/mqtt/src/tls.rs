@@ -155,7 +155,7 @@ pub(crate) fn refused(error: &io::Error, settings: &Settings) -> Option<ConnectE
 fn describe_alert(alert: AlertDescription, settings: &Settings) -> String {
     use AlertDescription as A;
     match (alert, &settings.certificate) {
-        // It is sent for want of a certificate in TLS 1.2, and of anything else that both sides have to agree on.
+        // It is sent if a certificate is missing in TLS 1.2, and if both sides do not agree on something else.
         (A::HandshakeFailure, certificate) => format!(
             "the broker ends the handshake ({alert:?}): {}, or it shares no version of TLS (this client speaks 1.2 and 1.3) or \
              no cipher with this client; see the broker's log",

@@ -57,7 +57,7 @@ impl Write for Channel {
     }
 }
 
-/// MQTT as binary websocket messages; their borders carry no meaning (MQTT 5, section 6).
+/// MQTT as binary WebSocket messages; their boundaries have no meaning (MQTT 5, section 6).
 struct WebSocketStream {
     socket: WebSocket<Channel>,
     /// The part of the last message that did not fit the reader's buffer.
@@ -79,7 +79,7 @@ impl WebSocketStream {
     }
 
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // The websocket keeps what the socket does not take now; only its being full is a reason to wait.
+        // The WebSocket buffers what the socket does not accept now; wait only if the buffer is full.
         match self
             .socket
             .write(tungstenite::Message::binary(bytes.to_vec()))
@@ -192,7 +192,7 @@ impl Transport {
         matches!(self.0, Stream::Raw(Channel::Plain(_)))
     }
 
-    /// Reads what is there; 0 when the broker has closed.
+    /// Reads available bytes; returns 0 if the broker has closed the connection.
     pub fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match &mut self.0 {
             Stream::Raw(channel) => channel.read(buffer),

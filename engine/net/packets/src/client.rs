@@ -24,7 +24,7 @@ pub enum Packet<'a> {
         id: u16,
         /// Reason code, 0 in MQTT 3.
         code: u8,
-        /// The broker's own words.
+        /// The broker's reason as text.
         text: Option<&'a str>,
     },
     /// The answer to a subscription.
@@ -33,7 +33,7 @@ pub enum Packet<'a> {
         id: u16,
         /// For each filter the granted QoS, or the reason code of a refusal.
         codes: &'a [u8],
-        /// The broker's own words.
+        /// The broker's reason as text.
         text: Option<&'a str>,
     },
     /// The answer to a ping.
@@ -42,7 +42,7 @@ pub enum Packet<'a> {
     Disconnect {
         /// Reason code.
         code: u8,
-        /// The broker's own words.
+        /// The broker's reason as text.
         text: Option<&'a str>,
     },
 }
@@ -52,7 +52,7 @@ pub enum Packet<'a> {
 pub struct Connack<'a> {
     /// Reason code of MQTT 5; return codes of MQTT 3 are translated.
     pub code: u8,
-    /// The broker's own words.
+    /// The broker's reason as text.
     pub text: Option<&'a str>,
     /// The broker has a session of this client from before.
     pub present: bool,
@@ -64,7 +64,7 @@ pub struct Connack<'a> {
     pub maximum_packet: u32,
     /// The highest QoS of messages that the broker accepts.
     pub maximum_qos: u8,
-    /// Whether the broker keeps messages for clients that subscribe later.
+    /// Whether the broker retains messages for later subscribers.
     pub retains: bool,
 }
 

@@ -12,7 +12,7 @@ pub struct Connect<'a> {
     pub client_id: &'a str,
     /// Discard an earlier session with this identifier (clean start).
     pub clean: bool,
-    /// Seconds; 0 = none.
+    /// Keep-alive interval in seconds; 0 = none.
     pub keep_alive: u16,
     /// Seconds that the session outlives the connection, `u32::MAX` = for ever.
     pub session_expiry: u32,

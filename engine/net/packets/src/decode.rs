@@ -170,7 +170,7 @@ pub(crate) fn check_flags(first: u8) -> Result<(), Refusal> {
     }
 }
 
-/// Who sent a packet.
+/// Sender of a packet.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Side {
     Client,

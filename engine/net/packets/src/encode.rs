@@ -12,7 +12,7 @@ pub struct Outgoing<'a> {
     pub payload: &'a [u8],
     /// Without the message expiry interval if part of it has passed.
     pub properties: &'a [u8],
-    /// Seconds left, written in addition to `properties`.
+    /// Remaining seconds, written in addition to `properties`.
     pub expiry: Option<u32>,
     /// Subscription identifiers of the subscriptions that match.
     pub identifiers: &'a [u32],
@@ -242,7 +242,7 @@ pub(crate) fn variable(out: &mut Vec<u8>, mut value: usize) {
     }
 }
 
-/// Bytes of a packet whose body has so many.
+/// Size in bytes of a packet whose body has `length` bytes.
 pub(crate) fn size_with_header(length: usize) -> usize {
     1 + size_of_variable(length) + length
 }

@@ -131,7 +131,7 @@ pub fn expiry_of(properties: &[u8]) -> Option<u32> {
     expiry
 }
 
-/// The properties less the message expiry, which is written anew with what is left of it.
+/// The properties without the message expiry, which is rewritten with the remaining time.
 pub fn without_expiry(properties: &[u8]) -> Vec<u8> {
     without(properties, MESSAGE_EXPIRY)
 }

@@ -1,11 +1,11 @@
 //! Topic names and topic filters: MQTT 5.0, chapter 4.7.
 
-/// May a message be published here?
+/// Whether a message may be published here.
 pub fn is_name(topic: &str) -> bool {
     !topic.is_empty() && !topic.bytes().any(|byte| matches!(byte, b'+' | b'#'))
 }
 
-/// May this be subscribed to? `#` only as the last level, `+` only as a whole level.
+/// Whether this may be subscribed to: `#` only as the last level, `+` only as a whole level.
 pub fn is_filter(filter: &str) -> bool {
     let mut levels = filter.split('/').peekable();
     if filter.is_empty() {
@@ -24,7 +24,7 @@ pub fn is_filter(filter: &str) -> bool {
     true
 }
 
-/// Does the filter, itself valid, cover the topic name? Topics that start with `$` are covered by filters that do so too.
+/// Whether a valid filter covers the topic name. Topics that start with `$` are covered only by filters that do so, too.
 pub fn matches(filter: &str, topic: &str) -> bool {
     if filter == topic {
         return true;

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::{DecodeError, shortened};
 
-/// Characters of a path, at most: its keys are a peer's words.
+/// Largest number of characters of a path, since its keys come from a peer.
 const MOST_PATH: usize = 120;
 
 /// What is wrong, after the path of the field; none of the message as a whole.

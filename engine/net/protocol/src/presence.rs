@@ -31,7 +31,7 @@ pub struct Presence {
     pub simulations: Vec<String>,
     /// What it can do, with the announcement of its host, process and instance.
     pub capabilities: Capabilities,
-    /// Who holds it, when busy and known.
+    /// The tool that holds it, if it is busy and the tool is known.
     pub tool: Option<String>,
     /// Since when, RFC 3339.
     pub since: String,

@@ -141,7 +141,7 @@ pub struct Used {
 /// There is work and no server for it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NoServer {
-    /// Seconds since when.
+    /// Seconds for which there has been no server.
     pub seconds: f64,
     /// What was found instead, for people.
     pub found: String,
@@ -173,7 +173,7 @@ pub struct Status {
     /// Evaluations to be done: those of the generation, or in steady state those of the whole run.
     #[serde(with = "id")]
     pub total: u64,
-    /// Work under way, what was silent for the longest time first; at most [`MOST_LISTED`].
+    /// Work in progress, the most silent first; at most [`MOST_LISTED`].
     pub waiting_for: Vec<Waiting>,
     /// The servers that it uses; at most [`MOST_LISTED`], those that are benched first.
     pub servers: Vec<Used>,

@@ -85,7 +85,7 @@ const TO_SERVER: &str = "swarmwright/v1/server";
 const TO_TOOL: &str = "swarmwright/v1/tool";
 const STATUS: &str = "swarmwright/v1/status";
 
-/// A prefix that cannot stand before a topic.
+/// An invalid topic prefix.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("topic prefix {0:?}: {1}")]
 pub struct TopicError(String, &'static str);

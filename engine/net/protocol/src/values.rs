@@ -11,9 +11,9 @@ use serde_json::{Map, Number, Value};
 pub(crate) const MOST_WEIGHT: usize = 4 << 20;
 /// Bytes of memory.
 const UNIT: usize = 32;
-/// What a list weighs beside its items: it reserves more memory for its first items than they need.
+/// Cost of a list in addition to its items, since it reserves more memory for its first items than they need.
 const LIST: usize = 4;
-/// What a map weighs beside its entries: it is made of nodes for eleven of them.
+/// Cost of a map in addition to its entries, since it consists of nodes for eleven entries.
 const MAP: usize = 20;
 
 /// Bytes of memory that values take, about.

@@ -69,7 +69,7 @@ impl Architecture {
         of_kind!(self, kind => kind.current(&[0.0])).is_some()
     }
 
-    /// The state in which an agent begins; none for one whose controller has no states.
+    /// The state in which an agent begins; `None` if its controller has no states.
     pub(crate) fn first_state(&self, agent: u32) -> Option<u32> {
         let own = match self.team() {
             Some(team) => &*team.group_of(agent)?.0.controller,

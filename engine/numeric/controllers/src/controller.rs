@@ -58,12 +58,12 @@ pub enum ControllerError {
         /// Length that was offered.
         actual: usize,
     },
-    /// A number of weights other than the architecture needs.
+    /// The number of weights does not match the architecture.
     #[error("weights: {actual} numbers, but this controller needs {expected}")]
     WeightCount {
         /// Weights that the architecture needs.
         expected: usize,
-        /// Weights that were given.
+        /// Number of given weights.
         actual: usize,
     },
     /// A weight that is NaN or infinite.
@@ -204,7 +204,7 @@ impl Controller {
         self.state.fill(0.0);
     }
 
-    /// The state in which a state machine makes its next step, from 0; none for other kinds of controllers.
+    /// The state in which a state machine makes its next step, from 0; `None` for other kinds of controllers.
     pub fn current(&self) -> Option<u32> {
         of_kind!(&*self.architecture, kind => kind.current(&self.state))
     }

@@ -28,7 +28,7 @@ impl OutputRange {
             .then_some(Self { low, high })
     }
 
-    /// Lower and upper end.
+    /// Lower and upper bound.
     pub fn bounds(self) -> (f32, f32) {
         (self.low, self.high)
     }

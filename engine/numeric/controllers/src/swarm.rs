@@ -44,9 +44,9 @@ impl SwarmControllers {
     }
 
     /// The state in which the state machine of each agent makes its next step, by agent; -1 for agents of a team whose
-    /// controllers have no states. None where no agent's controller has any.
+    /// controllers have no states. `None` if no agent's controller has any.
     ///
-    /// Agents after the last of the list have not acted yet: they are in state 0, or have none where the last one has none.
+    /// Agents beyond the list have not acted yet: they are in state 0, or have no state if the last one has none.
     #[must_use]
     pub fn machine_states(&self) -> Option<Vec<i32>> {
         let architecture = self.prototype.architecture();

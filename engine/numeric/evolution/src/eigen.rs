@@ -12,7 +12,7 @@ use crate::linear::{add_rows, dot};
 
 /// Steps for one eigenvalue; two are usual.
 const STEPS: usize = 60;
-/// Up to this size all eigenvectors are in a near cache.
+/// Largest size for which all eigenvectors fit into a near cache.
 const SMALL: usize = 128;
 /// Rotations that are kept before they are applied.
 const KEPT: usize = 1 << 14;
@@ -361,7 +361,7 @@ type Rotation = [f64; 2];
 #[derive(Default)]
 struct Sweeps {
     rotations: Vec<Rotation>,
-    /// Of each sweep: its first row, and how many rotations there are up to its end. It goes from the last row to the first.
+    /// First row of each sweep, and the number of rotations up to its end. A sweep goes from the last row to the first.
     ends: Vec<(usize, usize)>,
 }
 

@@ -2,7 +2,7 @@
 
 use swarmwright_lanes::{Kernel, Lanes, Level};
 
-/// The sum, rounded once: whatever the order, the same bits. None where it overflows on the way.
+/// The sum, rounded once, with the same bits in any order. `None` if it overflows on the way.
 ///
 /// Shewchuk, "Adaptive precision floating-point arithmetic", Discrete & Computational Geometry 18, 1997. Numbers must be finite.
 #[must_use]
@@ -47,7 +47,7 @@ pub fn exact_sum(numbers: impl IntoIterator<Item = f64>) -> Option<f64> {
     Some(high)
 }
 
-/// Numbers that are summed side by side.
+/// Number of values that are summed side by side.
 const SIDE: usize = 8;
 /// Parts into which each number is cut.
 const PARTS: usize = 3;
@@ -121,7 +121,7 @@ impl Kernel for InParts<'_> {
     }
 }
 
-/// The least power of two above a positive number.
+/// The smallest power of two above a positive number.
 fn power_above(number: f64) -> f64 {
     const EXPONENT: u64 = 0x7FF << 52;
     2.0 * f64::from_bits(number.to_bits() & EXPONENT)
@@ -275,7 +275,7 @@ pub struct Figures {
     pub lower_quartile: f64,
     /// Half are not above it.
     pub median: f64,
-    /// Three quarters are not above it.
+    /// Value that three quarters of the values do not exceed.
     pub upper_quartile: f64,
 }
 
@@ -323,7 +323,7 @@ fn put_quartiles(numbers: &mut [f64]) {
     }
 }
 
-/// Who is best in a generation, and how many failed.
+/// The best candidate of a generation, and the number of failures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outcome {
     /// The best candidate, of equals the first; 0 where all failed.

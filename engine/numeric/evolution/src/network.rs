@@ -103,7 +103,7 @@ impl NodeNetwork {
         }
     }
 
-    /// Moves chosen genes, each by its word.
+    /// Changes chosen genes, each by its random word.
     #[inline]
     fn move_genes(
         &self,

@@ -92,7 +92,7 @@ impl Remaining {
         Self(counts.collect())
     }
 
-    /// Takes the one of the remaining places that so many remain before.
+    /// Takes the remaining place that has `before` remaining places before it.
     fn take(&mut self, before: u64) -> usize {
         let (mut index, mut before) = (0, before);
         let mut step = (self.0.len() + 1).next_power_of_two();
@@ -140,7 +140,7 @@ impl Ranks {
         self.order.partition_point(|rank| rank.0 != FAILED)
     }
 
-    /// The last in order: of those that failed the one with the largest index, else the one of least fitness.
+    /// The last in order: the failed member with the largest index, or else the one with the lowest fitness.
     #[must_use]
     pub fn worst(&self) -> Option<usize> {
         self.order.last().copied().map(member)

@@ -21,7 +21,7 @@ pub struct GaussianSample<'a> {
     pub generation: u64,
     /// Whether candidates 2 i and 2 i + 1 lie on opposite sides of the center, in direction i.
     pub mirrored: bool,
-    /// Where the samples are around.
+    /// Center of the samples.
     pub center: &'a [f64],
     /// Standard deviation of each gene.
     pub deviation: &'a [f64],

@@ -11,7 +11,7 @@ const FEW: usize = 16384;
 pub struct Scale<'a> {
     /// Value of each gene where a point is 0.
     pub middle: &'a [f64],
-    /// By how much each gene changes where a point changes by 1.
+    /// Change of each gene if a point changes by 1.
     pub reach: &'a [f64],
     /// Least value of each gene.
     pub lower: &'a [f64],

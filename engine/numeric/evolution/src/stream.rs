@@ -453,7 +453,7 @@ pub(crate) fn uniform(word: u64, border: f64) -> f64 {
     (unit(word) * 2.0 - 1.0) * border
 }
 
-/// Makes a row of `length` numbers with each stream; many of them on all processors.
+/// Makes a row of `length` numbers with each stream; many rows are made on all processors.
 ///
 /// `make` takes the row's index, its stream and its place.
 pub fn rows<T: Send>(

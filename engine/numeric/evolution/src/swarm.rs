@@ -9,7 +9,7 @@ use crate::stream::{SIDE, Stream, Streams};
 /// 2^-32, the distance of two neighbouring shares.
 const SHARE: f64 = 1.0 / 4_294_967_296.0;
 
-/// Flights that leave the box are drawn again so often, before they end between the bound and where they began.
+/// Number of attempts for flights that leave the box, before they end between the bound and their start.
 const ATTEMPTS: usize = 20;
 
 /// Settings of a particle swarm in a box.
@@ -32,9 +32,9 @@ pub struct Swarm<'a> {
 /// A particle before it flies; all of as many genes.
 #[derive(Debug, Clone, Copy)]
 pub struct Flight<'a> {
-    /// Where it is.
+    /// Its position.
     pub from: &'a [f32],
-    /// The best place where it has been.
+    /// The best position that it has visited.
     pub own: &'a [f32],
     /// The best place where any particle has been.
     pub social: &'a [f32],
@@ -335,7 +335,7 @@ fn scaled<'a>(row: &'a [f32], width: &'a [f64]) -> impl Iterator<Item = f64> + '
         .map(|(value, width)| f64::from(*value) / width)
 }
 
-/// Distances of one place to all from the first one on; their squares are added gene after gene.
+/// Distances of a position to all others from the first one on; their squares are added gene by gene.
 struct Distances<'a> {
     from: &'a [f64],
     /// (genes, places)

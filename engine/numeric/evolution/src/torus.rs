@@ -7,10 +7,10 @@ const NEAR: usize = 8;
 /// Members of a neighbourhood at most, and a place for one that is not kept.
 const MOST: usize = NEAR + 2;
 
-/// Who meets whom, and how many of them stay. Members are numbered column by column.
+/// Neighbourhoods of members, and the number of survivors. Members are numbered column by column.
 #[derive(Debug, Clone)]
 pub struct Torus {
-    /// Where the neighbours of each member begin, and the end of the last one's.
+    /// Start index of each member's neighbours, and the end of the last one's.
     starts: Vec<usize>,
     /// Ascending for each member.
     neighbours: Vec<u32>,
@@ -54,7 +54,7 @@ impl Worked {
         self.count += usize::from(!its.is_nan());
     }
 
-    /// The one that so many are ahead of. Mostly that is none, so the best is found again and again instead of sorting all.
+    /// The member at rank `ahead`. That is mostly the first, so the best is found repeatedly instead of sorting all.
     fn ranked(&self, ahead: usize) -> usize {
         let mut members = self.members;
         let mut left = &mut members[..self.count];
@@ -77,7 +77,7 @@ impl Worked {
 impl Torus {
     /// The up to eight cells around each, on a torus of `width` columns and `height` rows.
     ///
-    /// `obstacles`: so many cells, drawn at random, are empty.
+    /// `obstacles`: number of empty cells, drawn at random.
     ///
     /// # Panics
     ///
@@ -222,14 +222,14 @@ impl Torus {
     }
 }
 
-/// Whether one member is better than another; those that failed are not.
+/// Whether one member is better than another; failed members never are.
 #[inline]
 fn is_ahead(left: Member, right: Member) -> bool {
     // Without jumps, which would be guessed wrong half of the time.
     (left.1 > right.1) | ((left.1 == right.1) & (left.0 > right.0))
 }
 
-/// In which of so many equal parts of 0 .. 1 a number lies.
+/// Index of the equal part of 0 .. 1 that contains a number.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -209,7 +209,7 @@ pub trait Int: Copy {
     fn lookup_eight(self, table: &[i32; 8]) -> Self;
     /// `table[self]` per lane. Panics when a lane lies outside of the table.
     fn lookup(self, table: &[i32]) -> Self;
-    /// `table[self]` where the condition holds, else `other`: memory is read for those lanes alone where the processor can
+    /// `table[self]` where the condition holds, else `other`; memory is read only for those lanes if the processor can
     /// do that. Panics when any lane lies outside of the table.
     #[inline(always)]
     fn lookup_where(self, table: &[i32], other: Self, condition: Self::Mask) -> Self {

@@ -28,7 +28,7 @@ pub(crate) enum Segment {
 #[derive(Debug)]
 pub(crate) struct Error {
     pub reason: String,
-    /// Where it is, the innermost part first.
+    /// Its path, the innermost part first.
     pub path: Vec<Segment>,
 }
 
@@ -51,7 +51,7 @@ impl Display for Error {
 
 impl std::error::Error for Error {}
 
-/// What was found, in the words of JSON.
+/// The found value, in terms of JSON.
 struct ActualValue<'a>(Unexpected<'a>);
 
 impl Display for ActualValue<'_> {

@@ -1,4 +1,4 @@
-//! The words of serde for what does not fit, without names of types of Rust.
+//! Rewords serde's messages for invalid values, without names of Rust types.
 
 use serde_json::Value;
 
@@ -78,7 +78,7 @@ fn invalid(words: &str) -> Option<String> {
     }
 }
 
-/// So many entries of a list.
+/// Formats a number of entries of a list.
 fn items(count: &str) -> String {
     let noun = if count == "1" { "item" } else { "items" };
     format!("{count} {noun}")

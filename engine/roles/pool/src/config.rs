@@ -15,7 +15,7 @@ pub struct Config {
     pub demand: Demand,
     /// Sent to the server before each episode, with `seed` replaced by the episode's.
     pub parameters: Map<String, Value>,
-    /// Who asks, unique among the tools on the broker.
+    /// Name of the tool, unique on the broker.
     pub tool: String,
     /// Last level of the topic on which servers answer requests: letters and digits, unique like `tool`.
     pub token: String,

@@ -17,9 +17,9 @@ pub struct Counts {
     pub retries: u64,
     /// Evaluations that have failed for good.
     pub failed: u64,
-    /// Of these, those that took so many servers down that no other one got them.
+    /// Those of them that are in quarantine because they crashed too many servers.
     pub quarantined: u64,
-    /// Copies of work under way that were given to another server, because the first one was slow or silent.
+    /// Copies of work in progress that were sent to another server because the first one was slow or silent.
     pub backups: u64,
     /// Results that came for something that was not waited for any more; they were refused.
     pub late: u64,

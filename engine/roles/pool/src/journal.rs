@@ -46,7 +46,7 @@ pub struct Attempt {
     pub server: u64,
     /// 1 for the first try.
     pub attempt: u32,
-    /// Steps that the server took, where it takes them one by one.
+    /// Number of steps that the server took, if it is stepped.
     pub steps: Option<u64>,
     /// Start, seconds since 1970.
     pub started: f64,
@@ -54,7 +54,7 @@ pub struct Attempt {
     pub seconds: f64,
     /// How it ended.
     pub outcome: Outcome,
-    /// Why it brought no results, for people; none where it did.
+    /// Why it brought no results, as text; `None` if it did.
     pub error: Option<String>,
     /// Where in the simulation's code, if that is known: once for each reason.
     pub stack: Option<String>,
@@ -92,7 +92,7 @@ pub struct FailedEvaluation {
     pub candidate: usize,
     /// Index of the episode.
     pub episode: usize,
-    /// How many servers failed with it, so that no other one gets it; none where it failed by itself.
+    /// Number of servers that failed with it, so that it is in quarantine; `None` if it failed by itself.
     pub quarantined: Option<u32>,
 }
 

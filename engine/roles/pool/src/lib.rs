@@ -1,6 +1,6 @@
 //! The optimization tool's side of the protocol: discovery, dispatch of episodes, results.
 //!
-//! What is decided is in [`scheduler`], which knows neither sockets nor clocks; [`Pool`] is its thin shell.
+//! Decisions are made in [`scheduler`], which uses neither sockets nor clocks; [`Pool`] is a thin shell around it.
 
 mod config;
 mod counts;

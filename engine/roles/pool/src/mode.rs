@@ -58,7 +58,7 @@ impl FromStr for Mode {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Way {
     Stepwise,
-    /// With at most so many episodes at once.
+    /// Batches of at most this many episodes.
     Batched(usize),
     Offloaded,
 }

@@ -17,7 +17,7 @@ pub struct Work {
     genomes: Vec<f32>,
     forgotten: usize,
     seeds: Vec<u64>,
-    /// What all genomes were made from, if servers can make them from it, too.
+    /// The sample of all genomes, if servers can expand it.
     sample: Option<Box<Sample>>,
     /// Makes them here, where there is only the sample.
     make: Option<MakeGenomes>,
@@ -88,7 +88,7 @@ pub enum WorkError {
 
 /// Candidates whose genomes take more room than the distribution that they are from: six rows of binary64.
 const MIN_SAMPLE: usize = 16;
-/// Numbers that are looked at together: a loop without a way out is one that the compiler can do in vectors.
+/// Number of values that are checked together, since the compiler vectorizes only loops without an early exit.
 const TOGETHER: usize = 1024;
 
 /// Whether genomes and seeds are some work for controllers that have this in common.
@@ -351,7 +351,7 @@ impl Work {
         Ok(())
     }
 
-    /// Drops the genomes of all candidates before this one, which are not needed any more.
+    /// Drops the genomes of all candidates before this one, which are no longer needed.
     pub fn forget_before(&mut self, candidate: usize) {
         if self.make.is_none() {
             let weights = self.architecture.weight_count();

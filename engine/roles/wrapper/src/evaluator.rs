@@ -30,7 +30,7 @@ pub(crate) struct Evaluator {
     progress: Option<Arc<Progress>>,
     waker: Waker,
     worker: Option<(Sender<Job>, Receiver<Done>)>,
-    /// Seconds of a group of episodes in the last job, and what that was about.
+    /// Seconds of a group of episodes in the last job, and the job's setup.
     pace: Option<(Arc<Setup>, f64)>,
 }
 

@@ -15,7 +15,7 @@ pub(crate) enum Genomes {
 }
 
 impl Genomes {
-    /// What a sound message has for a controller of so many weights.
+    /// Genomes of a valid message for a controller with `weights` weights.
     ///
     /// # Errors
     /// Why it is not for this controller or this server.

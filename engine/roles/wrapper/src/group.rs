@@ -38,7 +38,7 @@ impl Group {
     /// Resets all episodes; whether the parameters are taken. `metrics`: their indices.
     ///
     /// # Errors
-    /// What the code says when it fails: then [`apart`](Self::apart) is called for.
+    /// The error of the code if it fails; then call [`apart`](Self::apart).
     pub fn start(&mut self, metrics: &[usize]) -> Result<Result<(), ParameterError>, Cause> {
         guarded(|| match self.simulation.together() {
             Some(episodes) => episodes.start(&self.parameters, &self.seeds, metrics),
@@ -68,7 +68,7 @@ impl Group {
     /// Makes a step of all episodes, a row of actuators for each agent that acts in one that runs.
     ///
     /// # Errors
-    /// What the code says when it fails: then [`apart`](Self::apart) is called for.
+    /// The error of the code if it fails; then call [`apart`](Self::apart).
     pub fn step(&mut self, actuators: &[f32], running: &[bool]) -> Result<(), Cause> {
         self.steps += 1;
         let Some(episodes) = self.simulation.together() else {

@@ -1,4 +1,4 @@
-//! Who a server is: its id, and what tells it from another one with the same id.
+//! Identity of a server: its id, and an instance that distinguishes it from others with the same id.
 
 use swarmwright_controllers::{KINDS, PYTHON_MODULES, TEAM};
 use swarmwright_protocol::{Announcement, Capabilities, ModuleCode, NORMAL};

@@ -45,7 +45,7 @@ impl Setup {
     }
 }
 
-/// A request that was found to be sound.
+/// A valid request.
 #[derive(Debug)]
 pub(crate) struct Request {
     pub number: u64,
@@ -367,7 +367,7 @@ impl Evaluation {
     }
 }
 
-/// Stacks in a message, at most.
+/// Largest number of stack traces in a message.
 const STACKS: usize = 16;
 
 /// Adds a failure to those of a message. Its stack is left out where one with the same reason has it: many candidates

@@ -7,7 +7,7 @@ use swarmwright_worlds::Scene;
 
 use crate::job::Job;
 
-/// What the machine wants done.
+/// An action that the machine requests.
 #[derive(Debug)]
 pub enum Action {
     /// Publish with QoS 0; or, for presence, QoS 1 and retained.
@@ -16,7 +16,7 @@ pub enum Action {
     Reply {
         /// Topic without prefix.
         topic: String,
-        /// The request's number: correlation data, 8 bytes big-endian; none where no request is answered.
+        /// The request's number: correlation data, 8 bytes big-endian; `None` if no request is answered.
         request: Option<u64>,
         /// The message.
         payload: Vec<u8>,
@@ -53,7 +53,7 @@ impl fmt::Display for Rival {
     }
 }
 
-/// Something that the operator of a server wants to know.
+/// A notice for the operator of a server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Notice {
     /// The server is free.
@@ -62,7 +62,7 @@ pub enum Notice {
     Busy(Option<String>),
     /// Something is not as it should be.
     Warning(String),
-    /// The broker is gone; trying again.
+    /// The connection to the broker was lost; the server reconnects.
     Lost(String),
 }
 

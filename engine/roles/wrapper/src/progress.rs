@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 /// Interval of heartbeats: a supervisor looks a few times a second.
 const BEAT: Duration = Duration::from_millis(20);
-/// Where the number of signs of life stands.
+/// Offset of the number of heartbeats.
 const BEATS: u64 = 40;
 /// In the place of an episode: all of them.
 const ALL: u64 = u64::MAX;

@@ -30,7 +30,7 @@ pub(crate) struct Run {
     pub simulation: usize,
     /// Steps completed.
     pub steps: u64,
-    /// When the step under way began to wait for actuators.
+    /// Time at which the present step began to wait for actuators.
     pub waiting_since: Instant,
     /// Whether the waiting was warned of.
     pub told: bool,
@@ -331,7 +331,7 @@ impl Run {
         })
     }
 
-    /// Who is missing and for how long, in words.
+    /// Describes the missing agents, and for how long they have been awaited.
     pub fn waiting_for(&self, now: Instant) -> String {
         let missing: Vec<u32> = self
             .acting

@@ -187,7 +187,7 @@ pub fn from_message(message: SceneMessage) -> Scene {
     }
 }
 
-/// Characters of a text of a peer that are shown, at most.
+/// Largest number of characters of a peer's text that are shown.
 const MOST_CHARACTERS: usize = 200;
 
 /// A text of a peer, which goes to terminals and pages: short, without control characters.

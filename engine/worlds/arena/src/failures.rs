@@ -128,7 +128,7 @@ impl Failure {
         }
     }
 
-    /// How many of `robots` it befalls: so many that their share is nearest to what it should be.
+    /// Number of affected robots among `robots`, whose share is nearest to the requested one.
     fn count(&self, robots: usize) -> usize {
         let (share, ..) = self.scope();
         (share * robots as f64).round() as usize
@@ -190,7 +190,7 @@ impl Failure {
     }
 }
 
-/// Reads a list of failures; `path` is what it is called in complaints.
+/// Reads a list of failures; `path` is its path in error messages.
 ///
 /// # Errors
 /// All that is wrong with them.
@@ -242,7 +242,7 @@ impl<L: Lanes> Failing<L> {
         }
     }
 
-    /// Goes to the start of an episode in each lane.
+    /// Starts an episode in each lane.
     #[inline(always)]
     pub(crate) fn start(
         &mut self,
@@ -333,7 +333,7 @@ impl<L: Lanes> Failing<L> {
         }
     }
 
-    /// The probability with which failures lose messages in a tick; none where none does.
+    /// Probability with which failures lose messages in a tick; `None` without such failures.
     pub(crate) fn loss(&self, tick: u32) -> Option<f32> {
         let losses = self
             .befallen
@@ -347,7 +347,7 @@ impl<L: Lanes> Failing<L> {
 }
 
 impl Failing<f32> {
-    /// What scenes call a robot that fails in a tick; of several failures that which takes the most.
+    /// Name in scenes of a robot that fails in a tick; of several failures, the most severe one.
     pub(crate) fn state(&self, tick: u32, robot: usize) -> Option<&'static str> {
         let befallen = self.befallen.iter().filter(|(failure, masks)| {
             failure.active(tick) && masks.get(robot).is_some_and(|mask| mask.any())

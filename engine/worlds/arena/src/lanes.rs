@@ -41,7 +41,7 @@ const FEW_EPISODES: usize = 3;
 /// Most robots of episodes in four vectors side by side: of more the state does not fit into the nearest caches.
 const MOST_IN_FOUR: usize = 64;
 
-/// Vectors side by side for episodes with so many robots.
+/// Number of vectors side by side for episodes with this many robots.
 pub(crate) fn vectors(robots: usize) -> usize {
     if robots > MOST_IN_FOUR {
         2

@@ -81,7 +81,7 @@ pub(crate) fn items<T: DeserializeOwned>(
     values.iter().enumerate().filter_map(item).collect()
 }
 
-/// A complaint about a part of what is called `path`.
+/// An error about a part of the value at `path`.
 pub(crate) fn with_place(path: &str, error: ParameterError) -> ParameterError {
     let name = match error.name.as_str() {
         "" => path.to_owned(),

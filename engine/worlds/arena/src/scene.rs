@@ -211,7 +211,7 @@ fn led_bodies<'a>(
     })
 }
 
-/// The colour of a robot's LEDs; empty where they are off.
+/// The colour of a robot's LEDs; empty if they are off.
 fn led(swarm: &Swarm<f32>, index: usize) -> &'static str {
     let code = swarm
         .senses
@@ -238,7 +238,7 @@ fn shown(layout: &Place) -> [[f32; 2]; 2] {
     [low, high]
 }
 
-/// Where objects are, what they are called, and what cameras see of them.
+/// Positions, names and colours of the objects.
 fn objects<'a>(
     layout: &'a Place,
     swarm: &'a Swarm<f32>,

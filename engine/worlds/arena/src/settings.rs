@@ -16,7 +16,7 @@ use crate::time::LONGEST;
 pub(crate) struct Settings {
     pub mission: Mission,
     pub team: Team,
-    /// Where it is said how many robots there are.
+    /// Key that sets the number of robots.
     counted: &'static str,
     pub failures: Vec<Failure>,
     /// Ticks of 0.1 s; the first one is the start.

@@ -107,7 +107,7 @@ pub trait LaneWorld: Sync + Sized {
     /// Memory for the state of as many episodes as there are lanes, used for one group of episodes after the other.
     type Workspace<L: Lanes>;
 
-    /// Checks the parameters of every episode; none where lanes do not pay or are not possible.
+    /// Checks the parameters of every episode; `None` if lanes are not worthwhile or not possible.
     ///
     /// # Errors
     /// A parameter that the simulation refuses.
@@ -418,7 +418,7 @@ pub fn evaluate_fitting<D: Borrow<Description>>(
 /// Evaluates a block one episode at a time.
 ///
 /// # Errors
-/// Parameters that the simulation refuses, controllers that do not fit it.
+/// Parameters that the simulation refuses, or controllers that do not fit it.
 pub fn one_by_one(
     block: &Block<'_>,
     means: Means,

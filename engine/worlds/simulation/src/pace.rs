@@ -1,4 +1,4 @@
-//! How long evaluations take, and whether they are worth more than one thread.
+//! Duration of evaluations, and whether they justify more than one thread.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -30,7 +30,7 @@ impl Pace {
         self.each.load(Ordering::Relaxed)
     }
 
-    /// Whether one thread takes less than a part divided by `share` for so many evaluations; if that is not known, whether all do.
+    /// Whether one thread takes less than a part divided by `share` for these evaluations; if unknown, whether all threads do.
     #[must_use]
     pub fn is_less(&self, share: usize, evaluations: usize, threads: usize) -> bool {
         match self.alone.load(Ordering::Relaxed) {
@@ -39,7 +39,7 @@ impl Pace {
         }
     }
 
-    /// Notes how long so many threads took for evaluations.
+    /// Notes how long `threads` threads took for evaluations.
     pub fn note(&self, evaluations: usize, threads: usize, took: Duration) {
         let factor = self.part.as_secs_f64() / took.as_secs_f64().max(1e-6);
         let each = scaled(evaluations.div_ceil(threads), factor);

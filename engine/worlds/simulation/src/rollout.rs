@@ -33,7 +33,7 @@ pub enum RolloutError {
     Groups {
         /// Title of the simulation.
         simulation: String,
-        /// Which group differs, and how.
+        /// The group that differs, and how.
         reason: String,
     },
     /// The weights of a candidate do not make a controller.

@@ -11,7 +11,7 @@ pub struct Scene {
     pub width: f32,
     /// Extent in y, metres or cells.
     pub height: f32,
-    /// Where the bottom left corner is in the simulation's own coordinates. Positions in a scene are from that corner.
+    /// Position of the bottom left corner in the simulation's own coordinates. Positions in a scene are relative to it.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub origin: [f32; 2],
     /// Whether it is a grid of cells, which people number from (0, 0) at the top left. Positions have y pointing
@@ -62,7 +62,7 @@ pub struct Body {
     pub state: Cow<'static, str>,
     /// Radius, same unit as the position; 0 for a point.
     pub radius: f32,
-    /// Where it looks, radians counter-clockwise from the x axis.
+    /// Its heading, radians counter-clockwise from the x axis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heading: Option<f32>,
     /// A number that gives it a colour, see [`Scale`].
@@ -126,9 +126,9 @@ pub struct Light {
 pub struct Ray {
     /// Index of the body that it belongs to.
     pub body: u32,
-    /// From the heading, radians counter-clockwise.
+    /// Angle from the heading, radians counter-clockwise.
     pub angle: f32,
-    /// Where it begins, from the middle of the body.
+    /// Distance of its beginning from the middle of the body.
     pub start: f32,
     /// How far it goes from there.
     pub length: f32,

@@ -38,7 +38,7 @@ impl Determinism {
         }
     }
 
-    /// How far results may differ, where that is declared.
+    /// Declared tolerance of results, if any.
     #[must_use]
     pub const fn tolerance(self) -> Option<f64> {
         match self {
@@ -242,7 +242,7 @@ pub trait Simulation: Send {
         Vec::new()
     }
 
-    /// Goes to the start of an episode. Parameters left out take their defaults, unknown ones are ignored.
+    /// Starts an episode. Omitted parameters have their defaults; unknown ones are ignored.
     ///
     /// # Errors
     /// A parameter of the wrong type or out of range; the simulation is then not to be stepped.

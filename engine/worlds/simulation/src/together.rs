@@ -5,7 +5,7 @@ use crate::{ParameterError, Parameters};
 /// Many episodes of one simulation, each with a seed of its own: for those whose code steps many in the time of one. They
 /// end when they end; until all have, each [`step`](Self::step) is one of every episode that has not.
 pub trait Together: Send {
-    /// Goes to the start of an episode for each seed. `wanted`: indices of the metrics that [`results`](Self::results) gives.
+    /// Starts an episode for each seed. `wanted`: indices of the metrics that [`results`](Self::results) gives.
     ///
     /// # Errors
     /// As [`Simulation::reset`](crate::Simulation::reset).

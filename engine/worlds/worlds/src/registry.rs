@@ -91,7 +91,7 @@ pub fn create(title: &str) -> Option<Box<dyn crate::Simulation>> {
 /// the metrics that the block asks for, row-major (candidates, episodes, 1 + metrics). None for an unknown title.
 ///
 /// # Errors
-/// Parameters that the simulation refuses, controllers that do not fit it.
+/// Parameters that the simulation refuses, or controllers that do not fit it.
 pub fn evaluate(
     title: &str,
     block: &Block<'_>,

@@ -14,7 +14,7 @@ use crate::error::Trouble;
 pub(crate) enum Request {
     /// An episode is to begin.
     Reset(Box<Parameters>),
-    /// The agents that were named do this.
+    /// Actuators of the named agents.
     Step(Vec<f32>),
 }
 
@@ -38,7 +38,7 @@ pub(crate) enum Phase {
     Idle,
     /// It was asked, and is to answer.
     Due,
-    /// It has said what the agents sense, and waits for what they do.
+    /// It has sent the agents' sensors, and waits for their actuators.
     Waiting,
 }
 
@@ -69,7 +69,7 @@ pub(crate) struct Relay {
     for_server: Condvar,
 }
 
-/// Notices that are kept for a simulator which does not look in.
+/// Largest number of notices that are kept for a simulator that does not poll.
 const MOST_NOTICES: usize = 1000;
 
 impl Relay {
@@ -120,7 +120,7 @@ impl Relay {
         }
     }
 
-    /// The server tells something. That it is free means that no episode is under way.
+    /// Handles a notice of the server. If it is free, no episode is in progress.
     pub(crate) fn tell(&self, notice: &Notice) {
         let mut state = self.lock();
         if *notice == Notice::Ready && state.phase == Phase::Waiting {
@@ -132,7 +132,7 @@ impl Relay {
         self.for_simulator.notify_all();
     }
 
-    /// The simulator looks in, and waits until then at the longest; not at all where it is the one to answer.
+    /// Called by the simulator; waits at most until `until`, and not at all if the simulator has to answer.
     pub(crate) fn look(&self, until: Instant) -> (News, Vec<Notice>) {
         let mut state = self.lock();
         loop {

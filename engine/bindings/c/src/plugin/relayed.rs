@@ -1,4 +1,4 @@
-//! A simulator with a loop of its own, as the wrapper knows simulations.
+//! A simulator with its own loop, as a simulation for the wrapper.
 
 use std::sync::Arc;
 

@@ -53,7 +53,7 @@ impl Remote {
                     "server {id} did not begin the episode"
                 )))
             }
-            // The server has gone: there may be another one.
+            // The server has left, but there may be another one.
             Err(reason) => {
                 self.release();
                 Err(Refused::Taken(reason))

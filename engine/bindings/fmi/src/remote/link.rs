@@ -16,9 +16,9 @@ use super::options::Options;
 
 /// How long the broker may take to read the last messages.
 const CLOSING: Duration = Duration::from_secs(1);
-/// The thread looks after itself so often, without being woken.
+/// Interval after which the thread wakes up by itself.
 const TURN: Duration = Duration::from_secs(10);
-/// Where the hash is looked for in a message that cannot be read, bytes.
+/// Number of bytes of an unreadable message that are searched for the hash.
 const AROUND: usize = 4096;
 
 /// What came for this instance.
@@ -33,7 +33,7 @@ pub enum News {
     /// The episode failed on the server.
     Failed(Failed),
     Batch(Box<BatchSensors>),
-    /// A server left or was lost; which start of it, where that is known.
+    /// A server left or was lost, with its instance if known.
     Gone(u64, Option<String>),
     /// The connection broke.
     Disconnected(String),
@@ -198,7 +198,7 @@ impl Pump {
 
     fn publish(&self, connection: &mut Connection, topic: &str, payload: &[u8]) {
         let options = PublishOptions {
-            // Of a second copy, a server would take the next step.
+            // A server would take a second copy for the next step.
             confirm: topic != self.topics.name(Topic::Actuator),
             ..PublishOptions::default()
         };

@@ -21,7 +21,7 @@ use crate::world::{View, World};
 use link::{Link, News};
 use options::Options;
 
-/// How long a server that was chosen may take to begin before another one is looked for: two tools may choose the same.
+/// Time after which another server is chosen if the first has not begun: two tools may choose the same.
 const BEGIN: Duration = Duration::from_secs(5);
 
 /// Why an episode does not begin on a server.
@@ -189,7 +189,7 @@ impl Remote {
         }
     }
 
-    /// Two hashes that no other tool has: of the discovery and of the episode.
+    /// Creates unique hashes for the discovery and for the episode.
     fn hashes(&self, parameters: &Map<String, Value>) -> [String; 2] {
         let title = self
             .options
@@ -256,7 +256,7 @@ impl Remote {
         Ok(())
     }
 
-    /// The end of the episode.
+    /// Ends the episode with its fitness and metrics.
     fn ended(&mut self, fitness: f64, metric: impl Fn(&str) -> Option<f64>) -> Result<(), String> {
         let id = self.server_id();
         for (name, value) in self.model.metrics.iter().zip(&mut self.view.metrics) {

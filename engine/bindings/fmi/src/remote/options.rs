@@ -13,7 +13,7 @@ const LONGEST: f64 = 31_536_000.0;
 /// See the module.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Options {
-    /// URL, or those of a cluster, separated by commas.
+    /// URL, or the URLs of a cluster, separated by commas.
     pub broker: String,
     /// Topic prefix.
     pub prefix: String,
@@ -26,7 +26,7 @@ pub struct Options {
     pub simulation: String,
     /// The only server to be used; none for any.
     pub server: Option<u64>,
-    /// How long a free server is looked for.
+    /// Time limit of the search for a free server.
     pub discovery: Duration,
     /// How long a server may take for a step.
     pub step: Duration,

@@ -31,7 +31,7 @@ pub struct Produced {
     pub episodes: Vec<f64>,
     pub metrics: Vec<f64>,
     pub fitness: Vec<f64>,
-    /// None: the fitness.
+    /// Fitness of the population; `None` if it equals `fitness`.
     pub population: Option<Vec<f64>>,
     pub outcome: Outcome,
     /// What is computed from its columns, where it is known.
@@ -75,7 +75,7 @@ pub struct Shared {
     /// Something has come, been taken, or ended.
     changed: Condvar,
     pub stopped: AtomicBool,
-    /// Episodes of the generation under way that are done, and all.
+    /// Number of finished episodes of the generation in progress, and of all its episodes.
     pub done: AtomicUsize,
     pub total: AtomicUsize,
     /// What is waited for.
@@ -90,7 +90,7 @@ struct Queue {
     bytes: usize,
     /// There are enough to take them, until there is none.
     ready: bool,
-    /// The one or the other waits for a change.
+    /// Whether the taker waits for a change.
     taker_waits: bool,
     producer_waits: bool,
     /// Nothing more comes; perhaps because of an error.

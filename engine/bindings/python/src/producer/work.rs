@@ -18,7 +18,7 @@ use crate::sample::genomes_of;
 /// tenth of a small generation.
 const QUICK: Duration = Duration::from_micros(500);
 
-/// Where candidates are evaluated.
+/// The place where candidates are evaluated.
 pub enum Place {
     Here(Arc<Evaluation>),
     Servers(Box<Servers>),
@@ -38,7 +38,7 @@ pub struct Work {
     pub samples: bool,
 }
 
-/// Where the thread ends by itself.
+/// Limits at which the thread ends.
 pub struct Limits {
     pub generations: u64,
     /// Evaluations that the whole run may have, and those that it has had.
@@ -47,7 +47,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Whether a generation of so many candidates is not to be evaluated any more.
+    /// Whether a generation of this many candidates exceeds the limits.
     fn excludes(&self, candidates: usize) -> bool {
         let full = |(most, used)| used > 0 && used + candidates as u64 > most;
         self.evaluations.is_some_and(full)

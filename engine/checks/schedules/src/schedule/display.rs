@@ -1,4 +1,4 @@
-//! Schedules as text for people.
+//! Schedules as readable text.
 
 use std::fmt;
 

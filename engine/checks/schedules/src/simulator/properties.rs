@@ -13,7 +13,7 @@ use crate::tool::{Stage, Tool};
 pub const IDLE: Time = 3 * SECOND;
 /// How much longer where a server may be taken for two.
 const DOUBT: Time = 6 * SECOND;
-/// How long a tool that has no work for a server keeps it.
+/// Time for which a tool without work for a server keeps it reserved.
 const HELD: Time = 5 * SECOND;
 
 impl Simulator<'_> {
@@ -151,7 +151,7 @@ impl Simulator<'_> {
         process.job.is_none() && self.tools.iter().any(lets_down)
     }
 
-    /// Whether a server is gone since another one has its id.
+    /// Whether a server has left because another one has its id.
     fn has_given_way(&self, server: usize) -> bool {
         let id = self.schedule.id(server);
         let others = (0..self.servers.len()).filter(|other| *other != server);

@@ -158,7 +158,7 @@ impl Hub {
         self.passwords.as_ref()?.due(now)
     }
 
-    /// Is this connection's password still being checked?
+    /// Whether this connection's password is still being checked.
     pub fn is_asking(&self, id: usize) -> bool {
         self.links.get(id).is_some_and(|link| link.asked.is_some())
     }

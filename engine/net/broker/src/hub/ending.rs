@@ -85,7 +85,7 @@ impl Hub {
         });
         link.out.abandon();
         link.lookups.clear();
-        // The server frees them when it sees that the connection is closing.
+        // The server frees them when it notices that the connection is closing.
         link.buffers = 0;
         self.recount(id);
         self.refuse(id, Refusal::new(reason::QUOTA_EXCEEDED, explanation), now);

@@ -81,7 +81,7 @@ impl Link {
         }
     }
 
-    /// Does it leave too many answers unread, or still receive the retained messages that it subscribed to?
+    /// Whether it leaves too many answers unread, or still receives the retained messages that it subscribed to.
     pub(super) fn is_behind(&self) -> bool {
         self.answers > UNREAD_ANSWERS || !self.lookups.is_empty()
     }

@@ -21,7 +21,7 @@ pub struct Lookup {
 }
 
 impl Hub {
-    /// Begins to send retained messages; the first slice at once.
+    /// Begins to send retained messages; sends the first slice immediately.
     pub(super) fn look_up(&mut self, id: usize, lookups: Vec<Lookup>, now: Instant) {
         if lookups.is_empty() {
             return;
@@ -58,7 +58,7 @@ impl Hub {
         false
     }
 
-    /// Are there searches under way?
+    /// Whether searches are in progress.
     pub fn is_searching(&self) -> bool {
         !self.searching.is_empty()
     }

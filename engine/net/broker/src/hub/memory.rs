@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 const CONNECTION: usize = 4096;
 /// Sessions without a connection that are kept.
 const ABSENT: usize = 4096;
-/// A client that published messages to be stored within this time is read later when memory is short.
+/// Time within which a client that published stored messages is read later if memory is short.
 const FILLED: Duration = Duration::from_secs(1);
 
 impl Hub {
@@ -97,7 +97,7 @@ impl Hub {
             .map(|(id, _)| id)
     }
 
-    /// Of the account that holds most, the connection that holds most.
+    /// The connection with the most memory, of the account with the most memory.
     fn largest(&self, now: Instant, any: bool) -> Option<usize> {
         let open = || {
             self.links.iter().filter(|(_, link)| {

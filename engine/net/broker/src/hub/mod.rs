@@ -203,7 +203,7 @@ impl Hub {
         self.recount(id);
     }
 
-    /// Is the connection to be closed once its outbox is empty?
+    /// Whether the connection must be closed once its outbox is empty.
     pub fn is_closing(&self, id: usize) -> bool {
         self.links[id].closing
     }

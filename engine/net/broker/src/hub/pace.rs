@@ -31,7 +31,7 @@ impl Hub {
         held
     }
 
-    /// Has this client exceeded its packet rate, so that it is read later?
+    /// Whether this client has exceeded its packet rate, so that it is read later.
     fn is_too_fast(&mut self, id: usize, now: Instant) -> bool {
         let Some(link) = self.links.get_mut(id).filter(|link| link.allowance < 0.0) else {
             return false;

@@ -16,7 +16,8 @@ pub(super) enum Next {
 }
 
 impl Hub {
-    /// Takes received bytes; returns how many of them were complete packets. The caller keeps the rest and passes it again, with more appended.
+    /// Processes received bytes; returns how many of them were complete packets. The caller keeps the rest, and passes it
+    /// again with more appended.
     pub fn receive(&mut self, id: usize, bytes: &[u8], now: Instant) -> usize {
         let mut done = 0;
         let link = &mut self.links[id];

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 pub struct Keys(HashMap<Box<str>, Digest>);
 
 impl Keys {
-    /// None where there are no accounts.
+    /// Returns `None` if there are no accounts.
     pub fn new(accounts: &[Account]) -> Option<Self> {
         let keys = accounts
             .iter()
@@ -22,7 +22,7 @@ impl Keys {
         (!keys.is_empty()).then_some(Self(keys))
     }
 
-    /// Is this the user's password? How long the comparison of two hashes takes says nothing about the password.
+    /// Whether this is the user's password. The time to compare two hashes reveals nothing about the password.
     pub fn admit(&self, user: &str, password: &[u8]) -> bool {
         let stored = self.0.get(user);
         stored.is_some_and(|stored| stored.as_ref() == hash(password).as_ref())

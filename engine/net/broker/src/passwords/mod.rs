@@ -54,7 +54,7 @@ impl Passwords {
         self.workers.wake_with(wake);
     }
 
-    /// Is this the user's password? None: the check has to be computed, see [`Passwords::verdicts`].
+    /// Whether this is the user's password. `None`: the check has to be computed, see [`Passwords::verdicts`].
     pub fn ask(
         &mut self,
         link: usize,

@@ -89,7 +89,7 @@ pub struct CheckQueue {
     /// Networks from which accounts have connected, with the order in which they are removed.
     trusted: HashSet<(Box<str>, Key)>,
     trusted_order: VecDeque<(Box<str>, Key)>,
-    /// The oldest first.
+    /// Sorted by age, the oldest first.
     attempts: Vec<Attempt>,
     /// Connections whose pairs were displaced by others.
     displaced: Vec<usize>,
@@ -143,7 +143,7 @@ impl CheckQueue {
         key
     }
 
-    /// Was this pair right before? Then its account is trusted on this network.
+    /// Whether this pair was right before; its account is then trusted on this network.
     pub fn is_admitted(&mut self, pair: &Key, network: &str, account: Key) -> bool {
         let is_known = self.admitted.contains_key(pair);
         if is_known {

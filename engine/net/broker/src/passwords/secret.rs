@@ -107,7 +107,7 @@ impl Secret {
         }
     }
 
-    /// Is this the password?
+    /// Whether this is the password.
     pub fn is(&self, password: &[u8]) -> bool {
         match self {
             Self::Argon2(text) => PasswordHash::new(text).is_ok_and(|hash| {
@@ -131,8 +131,8 @@ impl Secret {
 }
 
 thread_local! {
-    /// What argon2 computed in last in this thread. Allocated anew each time it would be kept by the system's allocator
-    /// several times over.
+    /// Memory of argon2's last computation in this thread. If it were allocated anew each time, the system's allocator
+    /// would keep it several times.
     static BLOCKS: RefCell<Vec<Block>> = const { RefCell::new(Vec::new()) };
 }
 
@@ -183,7 +183,7 @@ impl Costs {
         }
     }
 
-    /// Is this the password of the secret, where there is one? It takes as long as the costliest secret, whichever this is.
+    /// Whether this is the password of the secret, if there is one. Every check takes as long as that of the costliest secret.
     pub fn check(&self, secret: Option<&Secret>, password: &[u8]) -> bool {
         let is_right = secret.is_some_and(|secret| secret.is(password));
         let (spent, done) = match secret {
@@ -228,10 +228,10 @@ pub fn hash_password(password: &str) -> Result<String, BrokerError> {
         .map_err(|error| system(&error))
 }
 
-/// The `$7$` hash of a password with a new salt, as Mosquitto 2 reads it: PBKDF2-HMAC-SHA-512 with so many iterations.
+/// The `$7$` hash of a password with a new salt, as Mosquitto 2 reads it: PBKDF2-HMAC-SHA-512 with `iterations` rounds.
 ///
 /// # Errors
-/// The operating system gives no random numbers; more iterations than are taken.
+/// The operating system provides no random numbers, or there are too many iterations.
 pub fn hash_for_mosquitto(password: &str, iterations: NonZeroU32) -> Result<String, BrokerError> {
     if iterations.get() > MOST_ITERATIONS {
         return Err(system(&format!(

@@ -44,7 +44,7 @@ impl Users {
         Ok(Self { accounts, costs })
     }
 
-    /// Is this the user's password? It takes the same time whether the user exists or not, and whatever kind of hash is kept of
+    /// Whether this is the user's password. It takes the same time whether or not the user exists, for any kind of hash of
     /// its password: response times do not reveal which names exist.
     pub fn admit(&self, user: &str, password: &[u8]) -> bool {
         let account = self.accounts.get(user);
@@ -52,7 +52,7 @@ impl Users {
             .check(account.map(|account| &account.secret), password)
     }
 
-    /// Is the account here, and in `other` with the very same hash?
+    /// Whether the account exists here and in `other`, with the same hash.
     pub fn is_same(&self, other: &Self, user: &str) -> bool {
         match (self.accounts.get(user), other.accounts.get(user)) {
             (Some(account), Some(other)) => account.line == other.line,
@@ -60,7 +60,7 @@ impl Users {
         }
     }
 
-    /// Is there such an account?
+    /// Whether there is such an account.
     pub fn has(&self, user: &str) -> bool {
         self.accounts.contains_key(user)
     }

@@ -202,7 +202,7 @@ impl Server {
         peer: String,
         now: Instant,
     ) -> Result<(), String> {
-        // Several small packets a step must not wait for each other's acknowledgement.
+        // The small packets of a step must not wait for each other's acknowledgement.
         socket.send_at_once().map_err(|error| error.to_string())?;
         let layers = layers?;
         self.hub.make_room();

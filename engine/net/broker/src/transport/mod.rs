@@ -15,7 +15,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::sync::Arc;
 use websocket::WebSocket;
 
-/// What TLS keeps for a connection, bytes, about.
+/// Approximate memory of TLS for a connection in bytes.
 const TLS: usize = 32 << 10;
 
 /// The layers of one connection, with the bytes that wait for its socket.
@@ -67,7 +67,7 @@ impl Layers {
         self.to_send.capacity() + tls
     }
 
-    /// Takes bytes from the socket, appends MQTT bytes to `mqtt`.
+    /// Processes bytes from the socket; appends MQTT bytes to `mqtt`.
     pub fn received(&mut self, bytes: &[u8], mqtt: &mut Vec<u8>) -> Result<(), String> {
         let Some(tls) = &mut self.tls else {
             return self.unwrapped(bytes, mqtt);

@@ -38,7 +38,7 @@ impl Origins {
         })
     }
 
-    /// May a page of this origin connect to the host that it asked for? Clients other than browsers send no origin.
+    /// Whether a page of this origin may connect to the host that it asked for. Clients other than browsers send no origin.
     pub fn allow(&self, origin: Option<&str>, host: Option<&str>) -> bool {
         let Some(origin) = origin else {
             return true;
@@ -65,7 +65,7 @@ fn name(authority: &str) -> &str {
     }
 }
 
-/// Is this a host whose address other parties cannot change?
+/// Whether this is a host whose address other parties cannot change.
 fn is_literal(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok()
 }

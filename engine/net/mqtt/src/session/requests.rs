@@ -70,7 +70,7 @@ impl Session {
         Ok(())
     }
 
-    /// Puts the DISCONNECT packet of a normal end into `out`.
+    /// Appends the DISCONNECT packet of a normal end to `out`.
     pub fn disconnect(out: &mut Vec<u8>) {
         out.extend_from_slice(&DISCONNECT);
     }

@@ -42,7 +42,7 @@ impl std::error::Error for Invalid {}
 /// Properties of a message (MQTT 5).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Properties<'a> {
-    /// Seconds after which the broker need not deliver it any more.
+    /// Seconds after which the broker may discard it.
     pub expiry: Option<u32>,
     /// Media type of the payload.
     pub content_type: Option<&'a str>,

@@ -1,4 +1,4 @@
-//! Reading and writing of these messages.
+//! Codec of these messages.
 
 use rmp_serde::decode::Error;
 use serde::de::DeserializeOwned;
@@ -47,7 +47,7 @@ fn unknown(kind: &str, expected: &str) -> DecodeError {
     DecodeError::value(format!("\"kind\" is {kind:?}, expected {expected}"))
 }
 
-/// `numbers`: bytes that the message's arrays will take, so that a block is not moved about while it is written.
+/// `numbers`: bytes of the message's arrays, so that a large message is not reallocated while it is written.
 fn encode<T: Serialize>(message: &T, numbers: usize) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(numbers + 1024);
     // Maps, texts and numbers cannot fail to serialize into memory.

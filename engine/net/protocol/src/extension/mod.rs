@@ -33,7 +33,7 @@ pub struct Evaluate {
     pub version: u64,
     /// Chosen by the tool, echoed in the result.
     pub request: u64,
-    /// Who asks, unique among the tools on the broker.
+    /// Name of the tool, unique on the broker.
     pub tool: String,
     /// Topic for the result, without prefix.
     pub reply: String,
@@ -45,7 +45,7 @@ pub struct Evaluate {
     /// Controller specification without its weights (protocol/schemas/controller.schema.json).
     #[serde(deserialize_with = "bounded")]
     pub controller: Map<String, Value>,
-    /// (candidates, weights), row-major; none where the server is to make them itself, see `sample`.
+    /// (candidates, weights), row-major; empty if the server creates them itself, see `sample`.
     pub genomes: F32s,
     /// One seed per episode, at least one.
     pub seeds: U64s,
@@ -56,7 +56,7 @@ pub struct Evaluate {
     pub attempt: u32,
     /// Seconds after which the tool gives the work to another server.
     pub lease: f64,
-    /// Which start of the server is meant, as it announced it: another one with its id is not.
+    /// The instance that the server announced; another instance with its id must refuse the request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
     /// In place of genomes: what the server makes them from, if it announces the distribution.
@@ -92,7 +92,7 @@ pub struct Sample {
     pub deviation: F64s,
     /// Value of each gene where a point is 0.
     pub middle: F64s,
-    /// By how much each gene changes where a point changes by 1.
+    /// Change of each gene if a point changes by 1.
     pub reach: F64s,
     /// Least value of each gene, within the range of binary32.
     pub lower: F64s,
@@ -220,7 +220,7 @@ pub struct BatchStart {
     pub version: u64,
     /// Chosen by the tool, echoed in every message of the batch.
     pub request: u64,
-    /// Who asks, unique among the tools on the broker.
+    /// Name of the tool, unique on the broker.
     pub tool: String,
     /// Topic for the server's messages, without prefix.
     pub reply: String,
@@ -234,7 +234,7 @@ pub struct BatchStart {
     /// Names of the metrics that are to come with the fitness of each episode.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub metrics: Vec<String>,
-    /// Which start of the server is meant, as it announced it: another one with its id is not.
+    /// The instance that the server announced; another instance with its id must refuse the request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
 }
@@ -288,7 +288,7 @@ pub struct BatchSensors {
     /// Their metrics that were asked for, each of the shape of `ended`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, F64s>,
-    /// Episodes that failed with the step before; `candidate` is 0.
+    /// Episodes that failed in the previous step; `candidate` is 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub failed: Vec<Failure>,
     /// Why the batch is not served.
@@ -349,7 +349,7 @@ pub fn shortened(mut text: String, most: usize) -> String {
     text
 }
 
-/// What a request says of itself, read where the whole cannot be: so that it can be refused with a reason.
+/// The header of a request, read if the whole is invalid, so that it can be refused with a reason.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct Envelope {
     /// evaluate, start, ...

@@ -41,7 +41,7 @@ pub struct SceneMessage {
     pub width: f32,
     /// Extent in y.
     pub height: f32,
-    /// Where (0, 0) is in the simulation's own coordinates; there, where it is left out.
+    /// Position of (0, 0) in the simulation's own coordinates; by default (0, 0).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<[f32; 2]>,
     /// Whether the unit is a cell, not a metre.
@@ -50,7 +50,7 @@ pub struct SceneMessage {
     /// A line to show above.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub message: String,
-    /// What there is, what lies below first.
+    /// The bodies, from bottom to top.
     pub bodies: Bodies,
     /// What bodies look along.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -99,7 +99,7 @@ pub struct Bodies {
     /// Numbers that give colours; NaN for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<F32s>,
-    /// Which agent each is; [`NO_AGENT`] for none.
+    /// Agent of each body; [`NO_AGENT`] for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<U32s>,
     /// Short texts.
@@ -112,9 +112,9 @@ pub struct Bodies {
 pub struct Rays {
     /// Index of the body.
     pub body: U32s,
-    /// From the heading, radians counter-clockwise.
+    /// Angle from the heading, radians counter-clockwise.
     pub angle: F32s,
-    /// Where they begin, from the middle of the body.
+    /// Distance of their beginning from the middle of the body.
     pub start: F32s,
     /// How far they go from there.
     pub length: F32s,

@@ -1,4 +1,4 @@
-//! Reading and writing of these messages.
+//! Codec of these messages.
 
 use std::fmt;
 
@@ -21,7 +21,7 @@ impl Message {
     /// Reads the payload of a topic.
     ///
     /// # Errors
-    /// No JSON object, a required key missing, a value of the wrong type, a number out of range, too large.
+    /// Not a JSON object, a missing key, a value of the wrong type, a number out of range, or too large.
     pub fn decode(topic: Topic, payload: &[u8]) -> Result<Self, DecodeError> {
         Ok(match topic {
             Topic::Discovery => Self::Discovery(Discovery::decode(payload)?),
@@ -88,7 +88,7 @@ const TYPES: [(&str, Expected); 16] = [
     ("pid", Expected::Whole(0)),
 ];
 
-/// An object whose keys are taken out one by one.
+/// An object from which keys are removed one by one.
 struct Keys {
     object: Map<String, Value>,
     /// The object's key in the message; empty for the message itself.

@@ -76,7 +76,7 @@ pub struct Announcement {
     pub lanes: Option<usize>,
     /// Behaviours and conditions in Python that the server has, for controllers of kind `python_modules`.
     pub modules: Vec<ModuleCode>,
-    /// Distributions from which the server makes genomes itself, when offloaded; none if it does not say.
+    /// Distributions from which the server creates genomes itself in offloaded mode; empty if not announced.
     pub distributions: Vec<String>,
     /// Numbers in a sensor message.
     pub sensors: Option<usize>,
@@ -94,7 +94,7 @@ pub struct Announcement {
     pub control: bool,
     /// Random for each start of a server: tells two servers with one id apart.
     pub instance: Option<String>,
-    /// Where the server runs.
+    /// Host on which the server runs.
     pub host: Option<String>,
     /// Its process id there.
     pub pid: Option<u64>,

@@ -410,7 +410,7 @@ impl Fitness {
         })
     }
 
-    /// What is wrong with a metric in a payload, in words; none where it is a finite number, or null, or is not there.
+    /// Describes the problem with a metric in a payload; `None` if it is a finite number, null or missing.
     #[must_use]
     pub fn wrong_metric(payload: &[u8], name: &str) -> Option<String> {
         let fields = read(payload, Kind::Fitness).ok()?;

@@ -7,7 +7,7 @@ use super::count;
 pub(super) struct Constants {
     /// Of each rank, the best first: positive ones, whose sum is 1, and then those that are not.
     pub weights: Vec<f64>,
-    /// mu: so many weights are positive.
+    /// mu, the number of positive weights.
     pub parents: usize,
     /// mu_eff: the variance effective number of parents.
     pub effective: f64,
@@ -56,7 +56,7 @@ impl Constants {
         }
     }
 
-    /// After so many generations eigenvectors are computed anew: often enough, and seldom enough for little work per gene.
+    /// Number of generations between computations of the eigenvectors, which limits the work per gene.
     pub fn gap(&self, genes: usize) -> f64 {
         1.0 / (self.c_1 + self.c_mu) / count(genes) / 10.0
     }

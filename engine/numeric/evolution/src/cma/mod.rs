@@ -342,14 +342,14 @@ impl Cma {
         &self.units
     }
 
-    /// The covariance matrix in units, without the step size; None where it is the identity.
+    /// The covariance matrix in units, without the step size; `None` if it is the identity.
     #[must_use]
     pub fn covariance(&self) -> Option<&[f64]> {
         self.full.as_ref().map(Full::covariance)
     }
 }
 
-/// An evolution path: what is kept of it, and what comes to it.
+/// Extends an evolution path by a shift.
 fn extend(path: &mut [f64], shift: &[f64], rate: f64, effective: f64) {
     let (retained, added) = (1.0 - rate, (rate * (2.0 - rate) * effective).sqrt());
     for (value, along) in path.iter_mut().zip(shift) {

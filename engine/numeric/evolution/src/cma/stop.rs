@@ -13,7 +13,7 @@ const TOLX: f64 = 1e-11;
 const TOLFACUPX: f64 = 1e3;
 /// Generations that are flat at most.
 const TOLFLATFITNESS: u32 = 1;
-/// A generation in so many is kept for the stagnation's sake.
+/// Interval between the generations that are kept to detect stagnation.
 const SPARSE: u32 = 5;
 /// So many are kept at most.
 const LONGEST: usize = 20_000;
@@ -65,7 +65,7 @@ impl Stop {
     }
 }
 
-/// What is looked at of a search.
+/// The state of a search that stopping criteria examine.
 pub(super) struct State<'a> {
     pub mean: &'a [f64],
     /// Standard deviation of each gene.

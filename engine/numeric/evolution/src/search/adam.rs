@@ -4,7 +4,7 @@ const FIRST: f64 = 0.9;
 const SECOND: f64 = 0.999;
 const TINY: f64 = 1e-8;
 
-/// What Adam remembers.
+/// The state of Adam.
 #[derive(Debug, Clone)]
 pub(super) struct Adam {
     step: f64,

@@ -14,7 +14,7 @@ const MOST: usize = 1 << 24;
 /// Numbers that are made in little more time than another thread takes to begin.
 const FEW: usize = 1 << 14;
 
-/// Numbers that are drawn ahead: of as many generations as have so many, at least of one.
+/// Number of values that are drawn ahead: those of whole generations, of at least one.
 const AHEAD: usize = 1 << 16;
 
 /// See the module.
@@ -83,7 +83,7 @@ impl Batch {
         }
     }
 
-    /// The numbers of a generation of these, as soon as the other thread has drawn them; None where it has not begun.
+    /// Waits for the numbers that the other thread draws for a generation; `None` if it has not begun them.
     fn take(&mut self, generation: u64) -> Option<Vec<f32>> {
         let next = generation + 1;
         if generation >= self.end
@@ -101,7 +101,7 @@ impl Batch {
     }
 }
 
-/// Draws generations until `end`, or until the receiver is gone.
+/// Draws generations until `end`, or until the receiver is dropped.
 fn draw_free(address: Address, free: &AtomicU64, end: u64, drawn: &Sender<(u64, Vec<f32>)>) {
     loop {
         let generation = free.fetch_add(1, Ordering::Relaxed);

@@ -12,7 +12,7 @@ const EVERY_GENE: Chances = (1.0, 0.0);
 const LAST_FIFTH: Chances = (0.5, 0.2);
 /// Of a genome that is changed more: every second one.
 const SEVERE: Chances = (0.7, 0.2);
-/// From so many genes on a genome has a last fifth.
+/// Smallest number of genes of a genome with a last fifth.
 const LONG: usize = 10;
 
 /// Settings of the algorithm, gene by gene.

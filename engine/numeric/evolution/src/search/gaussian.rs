@@ -110,7 +110,7 @@ impl Sample {
         sample
     }
 
-    /// Changes how many genomes the next generations have.
+    /// Changes the number of genomes of the next generations.
     pub(super) fn resize(&mut self, population: usize) {
         self.population = population;
         let rows = if self.mirrored {

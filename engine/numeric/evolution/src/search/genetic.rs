@@ -122,7 +122,7 @@ impl Operators for NodeNetwork {
     }
 }
 
-/// What a [`Genetic`] is told.
+/// The settings of a [`Genetic`].
 #[derive(Debug, Clone, Copy)]
 pub struct GeneticSettings {
     /// Populations that evolve side by side, and members of each.
@@ -159,7 +159,7 @@ pub struct Genetic {
     /// Those of one population after the other.
     genomes: Vec<f32>,
     fitness: Vec<f64>,
-    /// How many of them each population has, and how many new ones it has asked for.
+    /// Number of members of each population, and of requested new ones.
     counts: Vec<usize>,
     children: Vec<usize>,
 }
@@ -251,7 +251,7 @@ impl Genetic {
         }
     }
 
-    /// Where the members of each population are.
+    /// Range of the members of each population.
     fn places(&self) -> Vec<Range<usize>> {
         let mut first = 0;
         let range_of = |count: &usize| {

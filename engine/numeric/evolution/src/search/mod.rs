@@ -24,7 +24,7 @@ use crate::sample::GaussianSample;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Unavailable;
 
-/// Genes of a new start, by a number that the method counts.
+/// Genes of a new start, by its number.
 pub type Starts = Box<dyn Fn(u64) -> Result<Vec<f64>, Unavailable> + Send + Sync>;
 
 /// A method that asks for whole generations.
@@ -67,7 +67,7 @@ pub trait Search: Send + Sync {
         &[]
     }
 
-    /// What the genomes asked for last were made from, until their fitness is told; none where that is not all of a normal
+    /// The sample of the last genomes until their fitness is told; `None` unless it is one of a normal
     /// distribution with a deviation for each gene.
     fn drawn(&self) -> Option<GaussianSample<'_>> {
         None

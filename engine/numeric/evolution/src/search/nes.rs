@@ -42,7 +42,7 @@ pub struct NesSettings {
     pub rate: f64,
     /// Whether only a standard deviation of each gene is learnt.
     pub separable: bool,
-    /// What happens when it is over.
+    /// Reaction to a stopping criterion.
     pub restart: Restart,
 }
 

@@ -5,7 +5,7 @@ use super::{Search, Starts, Unavailable};
 use crate::cma::{Cma, Start, Stop};
 use crate::stream::{Stream, purpose_key};
 
-/// What happens when going on makes no sense.
+/// Reaction to a stopping criterion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Restarts {
     /// Samples of the same distribution.
@@ -31,7 +31,7 @@ pub struct CmaSettings {
     pub population: usize,
     /// Whether the covariance matrix stays diagonal.
     pub separable: bool,
-    /// What happens when going on makes no sense.
+    /// Reaction to a stopping criterion.
     pub restarts: Restarts,
     /// Evaluations of the whole run.
     pub budget: u64,

@@ -29,7 +29,7 @@ pub struct Swarming {
     settings: SwarmSettings,
     /// Largest velocity of each gene.
     fastest: Vec<f64>,
-    /// Where the particles are, rows.
+    /// Positions of the particles, one per row.
     places: Vec<f32>,
     velocities: Vec<f64>,
 }

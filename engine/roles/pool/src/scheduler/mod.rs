@@ -105,7 +105,7 @@ impl Scheduler {
         }
     }
 
-    /// The broker takes no larger packets than of so many bytes: requests are kept below.
+    /// Sets the largest packet that the broker accepts, in bytes; requests are kept smaller.
     pub fn set_largest_packet(&mut self, bytes: usize) {
         self.limits.set_packet(bytes);
     }
@@ -120,7 +120,7 @@ impl Scheduler {
         self.outbox.drain()
     }
 
-    /// How many warnings were not made since the last call, as others had been that were the same.
+    /// Number of warnings suppressed since the last call, because the same had been issued before.
     pub fn take_repeated(&mut self) -> Vec<String> {
         self.outbox.take_repeated()
     }
@@ -186,7 +186,7 @@ impl Scheduler {
         &self.counts
     }
 
-    /// What two servers do not agree on, where it cannot be told which one is wrong.
+    /// The disagreement of two servers, if it is unknown which one is wrong.
     #[must_use]
     pub fn disagreement(&self) -> Option<&str> {
         self.outlook.disagreement()

@@ -30,7 +30,7 @@ pub enum Action {
         server: u64,
         /// The request's number: the correlation data.
         request: u64,
-        /// What is asked.
+        /// Payload of the question.
         payload: Vec<u8>,
     },
     /// Tell the user.
@@ -62,7 +62,7 @@ pub(crate) struct Outbox {
     groups: HashMap<String, (usize, String)>,
     /// Warnings that were made, and how often each was repeated since that was last told.
     repeated: BTreeMap<String, u64>,
-    /// Reasons for which episodes failed in simulations, and whether a stack was told.
+    /// Reasons why episodes failed in simulations, and whether a stack trace was reported.
     failures: HashMap<String, bool>,
 }
 
@@ -119,7 +119,7 @@ impl Outbox {
         *self.repeated.entry(group.1.clone()).or_default() += 1;
     }
 
-    /// How many different warnings were made [once](Self::warn_once).
+    /// Number of different warnings issued [once](Self::warn_once).
     pub fn warned_once(&self) -> usize {
         self.once.len()
     }

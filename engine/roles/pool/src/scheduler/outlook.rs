@@ -87,7 +87,7 @@ impl Outlook {
         *self.absent.entry(server).or_insert(now)
     }
 
-    /// Servers are lost again and again; the first time is kept.
+    /// Notes that servers are lost repeatedly; only the first message is kept.
     pub fn cannot_decide(&mut self, message: String) {
         self.undecided.get_or_insert(message);
     }

@@ -1,4 +1,4 @@
-//! Which servers are to show that they are sound, and whether more are looked for.
+//! Decides which servers must show that they work, and whether to discover more.
 
 use crate::scheduler::view::View;
 

@@ -30,7 +30,7 @@ const ROW_OVERHEAD: usize = 2;
 pub(crate) const IN_FLIGHT: usize = 2;
 /// A server is passed over when it would be done later than all others with all that is left, by more seconds than these.
 const GRACE_SECONDS: f64 = 0.005;
-/// Where it is not worked out when all others would be done: how many times as long a server may need.
+/// Factor by which a server may be slower, if the time of all others is not computed.
 const MAX_SLOWDOWN: f64 = 2.0;
 
 /// The lease of a block: it is given to another server when it takes this many times as long as expected.

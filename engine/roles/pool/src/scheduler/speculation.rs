@@ -16,7 +16,7 @@ use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::rectangle;
 use crate::scheduler::view::View;
 
-/// A copy must be expected to be done in this part of the time that the other one still takes.
+/// Largest expected duration of a copy, as a share of the remaining time of the original.
 const MAX_SHARE_OF_REMAINING: f64 = 0.5;
 /// Seconds that a copy must be expected to save.
 const MIN_SAVED_SECONDS: f64 = 0.25;
@@ -156,7 +156,7 @@ impl View<'_> {
         all
     }
 
-    /// What a server could do in much less time than it will still take where it is; the worst of these.
+    /// The work with the longest remaining time that this server could do in much less time.
     pub fn slowest(&self, server: u64, rate: f64, under_way: &[UnderWay]) -> Option<Piece> {
         let limit = match self.fleet.slot(server)?.way {
             Way::Stepwise => 1,

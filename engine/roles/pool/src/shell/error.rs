@@ -67,7 +67,7 @@ pub enum PoolError {
     /// It cannot be told whether candidates or servers are at fault, or all servers are broken.
     #[error("{0}")]
     Hopeless(String),
-    /// The caller wants to stop.
+    /// The caller requested to stop.
     #[error("interrupted")]
     Interrupted,
 }

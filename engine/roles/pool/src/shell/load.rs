@@ -3,9 +3,10 @@
 use std::num::NonZero;
 use std::time::{Duration, Instant};
 
-/// How often it is looked.
+/// Interval between two measurements.
 const INTERVAL: Duration = Duration::from_millis(500);
-/// What is left of the slowdown from one look to the next, so that a quiet moment does not count as the end of the load.
+/// Share of the slowdown that is kept from one measurement to the next, so that a quiet moment does not count as the end
+/// of the load.
 const DECAY: f64 = 0.9;
 /// More is no different.
 const MOST: f64 = 30.0;
@@ -24,7 +25,7 @@ impl Load {
         }
     }
 
-    /// The factor by which the machine slows down what runs on it; none where it is not time to look.
+    /// The factor by which the machine slows down its processes; `None` if no measurement is due.
     pub fn look(&mut self, now: Instant) -> Option<f64> {
         if now < self.look_at {
             return None;

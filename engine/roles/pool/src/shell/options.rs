@@ -24,7 +24,7 @@ pub struct About {
 /// How a pool is to work.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Where the broker is.
+    /// Connection settings of the broker.
     pub settings: Settings,
     /// Topic prefix, empty for none.
     pub prefix: String,

@@ -8,7 +8,7 @@ const MAX_KEPT: usize = 100;
 /// Of these, told one by one: the last ones.
 const MAX_TOLD: usize = 3;
 
-/// A time without broker, by both clocks; `end` is none as long as it lasts.
+/// A time without a broker, by both clocks; `end` is `None` while it lasts.
 #[derive(Debug)]
 struct Outage {
     start: (Instant, SystemTime),
@@ -50,7 +50,7 @@ impl Outages {
         self.all.back().is_some_and(|last| last.end.is_none())
     }
 
-    /// For how long the broker has not been reachable; zero if it is.
+    /// Time for which the broker has been unreachable; zero if it is reachable.
     pub fn down_for(&self, now: Instant) -> Duration {
         let last = self.all.back().filter(|last| last.end.is_none());
         last.map_or(Duration::ZERO, |last| {

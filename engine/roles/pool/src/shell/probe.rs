@@ -1,4 +1,4 @@
-//! Asks the broker what it does with small packets, on a thread of its own: the run goes on meanwhile.
+//! Probes the broker's handling of small packets in a separate thread, while the run continues.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;

@@ -26,7 +26,7 @@ pub enum Report<'a> {
     },
     /// An attempt at evaluations ended, with or without results.
     Attempt(&'a Attempt),
-    /// A server failed and gets no work for so many seconds.
+    /// A server failed and gets no work for some seconds.
     Benched {
         /// The server.
         server: u64,
@@ -79,7 +79,7 @@ fn state_or_left<S: Serializer>(state: &Option<State>, serializer: S) -> Result<
     }
 }
 
-/// Who is told.
+/// Receiver of reports.
 pub type Listener = Box<dyn FnMut(&Report<'_>) + Send + Sync>;
 
 /// Notices what the scheduler does not say by itself.
@@ -106,7 +106,7 @@ impl Reporter {
         }
     }
 
-    /// A message came; presence is news.
+    /// Handles a message; reports presence.
     pub fn heard(&mut self, scheduler: &Scheduler, topic: &str, payload: &[u8]) {
         if self.listener.is_none()
             || scheduler.config().topics.parse(topic) != Some(Topic::Presence)
@@ -168,7 +168,7 @@ impl Reporter {
         }
     }
 
-    /// The scheduler's journal was taken away.
+    /// Notes that the scheduler's journal was taken.
     pub fn taken(&mut self) {
         self.told = 0;
     }

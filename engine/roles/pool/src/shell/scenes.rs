@@ -21,7 +21,7 @@ use swarmwright_protocol::{
 const BEGIN: Duration = Duration::from_secs(10);
 /// How often the caller is asked whether to go on.
 const TURN: Duration = Duration::from_millis(100);
-/// How long scenes that the fitness has overtaken are waited for.
+/// Time to wait for scenes that the fitness has overtaken.
 const OVERTAKEN: Duration = Duration::from_millis(250);
 /// Times the patience for a message that a step may take in which messages come, but no scene.
 const MOST_STEPS: u32 = 10;
@@ -29,7 +29,7 @@ const MOST_STEPS: u32 = 10;
 /// Which episode, and how long to wait.
 #[derive(Debug, Clone)]
 pub struct SceneOptions {
-    /// Where the broker is.
+    /// Connection settings of the broker.
     pub settings: Settings,
     /// Topic prefix, empty for none.
     pub prefix: String,
@@ -62,7 +62,7 @@ pub enum SceneError {
     /// Messages were lost, or the server: another time it may go well.
     #[error("{0}")]
     Lost(String),
-    /// The caller does not want to go on.
+    /// The caller requested to stop.
     #[error("interrupted")]
     Interrupted,
 }
@@ -80,7 +80,7 @@ enum News {
 struct Acted {
     sensors: Vec<f32>,
     actuators: Vec<f32>,
-    /// In which step.
+    /// Step in which it acted.
     step: Option<u64>,
 }
 
@@ -200,7 +200,7 @@ impl SceneEpisode {
         ))
     }
 
-    /// Waits for messages until `until`, for a tenth of a second at most.
+    /// Waits for messages until `until`, but at most for a tenth of a second.
     fn turn(&mut self, until: Instant, go_on: GoOn<'_>) -> Result<(), SceneError> {
         let until = until.min(Instant::now() + TURN);
         self.connection.poll(until, &mut self.events);
@@ -291,7 +291,7 @@ impl SceneEpisode {
         Ok(())
     }
 
-    /// Whether the fitness is there, and everything that it may have overtaken.
+    /// Whether the fitness has arrived, and all messages that it may have overtaken.
     fn settled(&self) -> bool {
         let came = self.fitness.as_ref().map(|(_, came)| *came);
         came.is_some_and(|came| came.elapsed() >= OVERTAKEN)
@@ -456,7 +456,7 @@ impl SceneEpisode {
             .map_or(&self.scene.metrics, |(_, metrics)| metrics)
     }
 
-    /// What it looks like.
+    /// The present scene.
     #[must_use]
     pub fn scene(&self) -> &SceneMessage {
         &self.scene

@@ -67,12 +67,12 @@ impl Supervision {
         self.waker.wake();
     }
 
-    /// So many servers are being started: as long as it is any, the pool does not give up for want of servers.
+    /// Sets the number of servers that are being started; while it is not 0, the pool does not give up for lack of servers.
     pub fn starting(&self, servers: usize) {
         self.shared().starting = servers;
     }
 
-    /// Servers that have not answered in time, since the last call. Each is to be looked at: it has ended, or it is alive.
+    /// Servers that have not answered in time since the last call; the supervisor must check whether each is alive.
     pub fn take_overdue(&self) -> Vec<u64> {
         std::mem::take(&mut self.shared().overdue)
     }

@@ -13,7 +13,7 @@ use crate::shell::error::PoolError;
 pub enum News {
     /// What a server does now.
     Presence(Box<Presence>),
-    /// A server left in good order.
+    /// A server left cleanly.
     Left(u64),
     /// How a tool stands; its token tells it from others.
     Status(String, Box<Status>),
@@ -21,7 +21,7 @@ pub enum News {
     Broker(Result<(), String>),
 }
 
-/// For how long one of two connections is waited for before the other one is looked at.
+/// Longest wait for messages on one of the two connections before the other one is read.
 const TURN: Duration = Duration::from_millis(20);
 
 /// A connection that publishes nothing.
@@ -35,7 +35,7 @@ impl Watcher {
     /// Connects; `tools`: whether tools are listened to, or servers alone.
     ///
     /// # Errors
-    /// No broker, credentials refused, a prefix that cannot be.
+    /// No broker, refused credentials, or an invalid prefix.
     pub fn connect(settings: Settings, prefix: &str, tools: bool) -> Result<Self, PoolError> {
         let topics = Topics::new(prefix)?;
         let at = |filter, qos| Subscription { filter, qos };
@@ -50,7 +50,7 @@ impl Watcher {
         })
     }
 
-    /// What came until `until`, or a little less: it returns as soon as there is something.
+    /// Returns the messages until `until`, or as soon as there is one.
     pub fn poll(&mut self, until: Instant) -> Vec<News> {
         let mut news = Vec::new();
         while news.is_empty() && Instant::now() < until {
@@ -93,7 +93,7 @@ impl Watcher {
 /// The presence of all servers on the broker, by id: what is retained, and what comes within `wait`.
 ///
 /// # Errors
-/// No broker, credentials refused, a prefix that cannot be.
+/// No broker, refused credentials, or an invalid prefix.
 pub fn list_servers(
     settings: Settings,
     prefix: &str,

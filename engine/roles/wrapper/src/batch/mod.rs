@@ -17,7 +17,7 @@ use crate::job::{add_failure, invalid, metrics_wanted};
 use view::View;
 
 struct Episode {
-    /// Its own; none where it has ended, or is stepped by a group.
+    /// Its own simulation; `None` if it has ended, or is stepped by a group.
     simulation: Option<Box<dyn Simulation>>,
     /// How many of the rows are its agents; none once it has ended.
     rows: Option<usize>,
@@ -30,7 +30,7 @@ pub(crate) struct Batch {
     pub reply: String,
     /// Index of the simulation among those that the server offers.
     pub simulation: usize,
-    /// When the step under way began to wait for actuators.
+    /// Time at which the present step began to wait for actuators.
     pub waiting_since: Instant,
     /// Whether the waiting was warned of.
     pub told: bool,
@@ -152,7 +152,7 @@ impl Batch {
         self.episodes.iter().map(|e| e.rows.is_some()).collect()
     }
 
-    /// The group's code has failed: each episode goes on alone, but for those that fail again.
+    /// Continues each episode separately after the group's code has failed, except those that fail again.
     fn apart(&mut self) {
         let Some(group) = self.group.take() else {
             return;
@@ -320,7 +320,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Who is missing and for how long, in words.
+    /// Describes the missing agents, and for how long they have been awaited.
     pub fn waiting_for(&self, now: Instant) -> String {
         let seconds = now
             .saturating_duration_since(self.waiting_since)

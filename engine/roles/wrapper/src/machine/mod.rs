@@ -38,7 +38,7 @@ use offloaded::Work;
 use rival::{Leaving, Listening};
 use turns::{Tool, Turns};
 
-/// How long parameters without control, or a holder without a new episode, keep the server taken.
+/// Time for which parameters without control, or a holder without a new episode, reserve the server.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// A change of presence is published when it has lasted this long: runs of a few milliseconds are not published.
 const SETTLE: Duration = Duration::from_millis(150);
@@ -83,7 +83,7 @@ pub struct Machine {
     /// The run before, whose hash a control{run: false} may still name.
     last: Option<(String, Option<String>)>,
     complaints: Complaints,
-    /// Complaints about another server with this id: no message of others hides them.
+    /// Complaints about another server with this id, counted separately so that no others suppress them.
     rivals: Complaints,
     /// The time of the turn.
     clock: Option<Instant>,
@@ -95,7 +95,7 @@ pub struct Machine {
     offline: bool,
     /// The connection has come back: another server may have this one's id by now.
     listening: Option<Listening>,
-    /// Another server has this id, and this one is to go.
+    /// Set if another server has this id, so that this one must leave.
     leaving: Option<Leaving>,
     /// Whether no other server can have this id.
     alone: bool,
@@ -149,7 +149,7 @@ impl Machine {
         self.actions.drain(..)
     }
 
-    /// A message came in. Retained messages are outdated, except presence.
+    /// Handles a message. Retained messages are outdated, except presence.
     pub fn receive(&mut self, topic: &str, payload: &[u8], retained: bool, now: Instant) {
         self.clock = Some(now);
         let name = topic;
@@ -270,7 +270,7 @@ impl Machine {
             State::Free | State::Configured { .. } => {
                 self.enter(State::Configured { until: patience }, now);
             }
-            // Parameters do not name their tool: presumably they are those of the tool that is waited for.
+            // Parameters do not name their tool; presumably they come from the awaited tool.
             State::Held { tool: None, until } => *until = patience,
             _ => {}
         }

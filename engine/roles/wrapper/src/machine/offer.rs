@@ -8,7 +8,7 @@ use crate::guard::guarded;
 /// A simulation that is offered.
 pub(super) struct Offer {
     pub(super) description: Description,
-    /// Where the description depends on parameters: what gives it.
+    /// Function that returns the description, if it depends on parameters.
     pub(super) describer: Option<Describer>,
     /// Most episodes of a batch.
     pub(super) batch: usize,

@@ -20,14 +20,14 @@ use crate::job::{Done, Evaluation, Job, Request, Setup, invalid, metrics_wanted}
 /// Requests that may wait, and the bytes that they may hold.
 const MOST_WAITING: usize = 4096;
 const MOST_BYTES: usize = 4 * MAX_BLOCK;
-/// Numbers of an answer: a fitness and some metrics for every episode, and as many again for reasons.
+/// Largest number of values in an answer: fitness and metrics of every episode, and the same again for reasons.
 const MOST_NUMBERS: usize = MAX_BLOCK / 8;
 /// A lease that ends later than this need not be watched.
 const LONGEST_LEASE: f64 = 1e6;
 
 /// The requests of the tool that has the server.
 pub(crate) struct Work {
-    /// None once the work was given up, until the next request.
+    /// The tool; `None` after the work was given up, until the next request.
     tool: Option<String>,
     /// The request that is being computed.
     request: u64,

@@ -83,7 +83,7 @@ impl Machine {
         }
     }
 
-    /// Publishes what the server does now, unless that is known.
+    /// Publishes the present state of the server, unless it was published already.
     pub fn publish_presence(&mut self, since: String) {
         self.changed_at = None;
         let state = if matches!(self.state, State::Free) {

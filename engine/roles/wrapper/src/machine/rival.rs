@@ -41,7 +41,7 @@ pub(super) struct Listening {
 pub(super) struct Leaving {
     rival: Rival,
     instance: Option<String>,
-    /// Until when it may turn out that it is gone.
+    /// Time until which it may prove to have ended.
     until: Instant,
 }
 
@@ -101,7 +101,7 @@ impl Machine {
             .is_some_and(|period| period.until <= now)
     }
 
-    /// Hears what came meanwhile.
+    /// Handles the messages that arrived meanwhile.
     pub(super) fn catch_up(&mut self, now: Instant) {
         let Some(Listening { unheard, .. }) = self.listening.take() else {
             return;

@@ -128,7 +128,7 @@ impl Machine {
         self.report(control.reply.clone(), hash, reason.into(), true);
     }
 
-    /// A control message for another start of a server with this id. If that one is gone, its tool hears of this one.
+    /// Handles control for another instance with this id. If that one has ended, its tool learns of this one.
     pub(super) fn turn_away_from_another(&mut self, control: &Control, now: Instant) {
         let offered = control
             .simulation
@@ -139,7 +139,7 @@ impl Machine {
         }
     }
 
-    /// Tells the tool that an episode has ended without fitness, if it said where.
+    /// Tells the tool that an episode has ended without fitness, if it gave a reply topic.
     pub(super) fn report(
         &mut self,
         reply: Option<String>,
@@ -229,7 +229,7 @@ impl Machine {
         }
     }
 
-    /// The broker does not take a message of so many bytes. The run cannot go on, nor would it another time.
+    /// The broker does not accept a message of `bytes` bytes. The run cannot continue, and a repetition would fail, too.
     pub fn unsent(&mut self, topic: Topic, bytes: usize, most: usize, now: Instant) {
         let reason = format!(
             "a {} message of {bytes} bytes is larger than the {most} that the broker accepts",

@@ -55,7 +55,7 @@ impl Machine {
         }
     }
 
-    /// When missing actuators are warned of, or the run is given up.
+    /// Time at which to warn of missing actuators, or to give up the run.
     fn deadline(&self, waiting_since: Instant, warned: bool) -> Instant {
         let patience = if warned {
             self.step_timeout

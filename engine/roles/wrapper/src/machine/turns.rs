@@ -44,7 +44,7 @@ impl Question {
     }
 }
 
-/// Whose turn it is, and who waits.
+/// The tool whose turn it is, and the waiting ones.
 #[derive(Debug, Default)]
 pub(super) struct Turns {
     holder: Option<Tool>,
@@ -87,7 +87,7 @@ impl Turns {
         }
     }
 
-    /// A tool has an answer.
+    /// Notes that a tool was answered.
     pub fn has_asked_enough(&mut self, tool: &Tool) {
         self.waiting
             .retain(|question| question.discovery.tool != *tool);
@@ -98,7 +98,7 @@ impl Turns {
             .is_some_and(|since| now.saturating_duration_since(since) >= TURN)
     }
 
-    /// Who is to have the server next, once the turn is over.
+    /// The tool that gets the server next, once the turn is over.
     fn next(&mut self, now: Instant) -> Option<Discovery> {
         self.waiting.retain(|question| question.is_good(now));
         if !self.is_over(now) {

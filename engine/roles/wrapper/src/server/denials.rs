@@ -38,7 +38,7 @@ impl Denials {
         self.told.len() < MOST && self.told.insert(message.to_owned())
     }
 
-    /// The connection is gone. Returns the denial that this server is to leave for: no tool would ever use it.
+    /// Handles the loss of the connection. Returns the denial for which this server must leave, as no tool would use it.
     pub fn reason_to_leave(&self, now: Instant) -> Option<String> {
         let (at, message) = self.presence.as_ref()?;
         (now < self.began + BEGINNING && now < *at + AT_ONCE).then(|| message.clone())

@@ -29,7 +29,7 @@ use words::{is_scene, lost, refusal};
 
 /// For how long the broker keeps the news that a server was lost.
 const LOST_EXPIRY: u32 = 3600;
-/// How often a server that runs asks whether it is to go on.
+/// Interval at which a running server asks whether to continue.
 const ASKED_EVERY: Duration = Duration::from_millis(100);
 
 /// Shows a frame of a run.
@@ -39,7 +39,7 @@ pub type FrameHandler = Box<dyn FnMut(&Scene) + Send>;
 pub struct Options {
     /// The server's id.
     pub id: u64,
-    /// Where the broker is.
+    /// Connection settings of the broker.
     pub settings: Settings,
     /// Topic prefix, empty for none.
     pub prefix: String,
@@ -85,7 +85,7 @@ pub enum ServeError {
     /// No connection to the broker.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// A prefix that cannot stand before a topic.
+    /// An invalid topic prefix.
     #[error(transparent)]
     Topic(#[from] TopicError),
     /// Another server uses the id.
@@ -96,7 +96,7 @@ pub enum ServeError {
     IdTaken {
         /// The id.
         id: u64,
-        /// Where the other server runs: its host, and its process if it says that.
+        /// Location of the other server: its host, and its process if announced.
         location: String,
         /// Its presence topic.
         topic: String,
@@ -135,9 +135,9 @@ pub struct SimulationServer {
     progress: Option<Arc<Progress>>,
     /// Whether it says that episodes are stepped.
     is_marked: bool,
-    /// Whether it was said that the server is ready.
+    /// Whether the server was reported as ready.
     ready: bool,
-    /// Another server has the id: this one has left.
+    /// Set after this server has left because another one has its id.
     rival: Option<Rival>,
     denials: Denials,
     /// The denial for which this one has left.
@@ -296,7 +296,7 @@ impl SimulationServer {
     /// Gives up what is under way and leaves the broker in good order.
     pub fn close(mut self) {
         self.machine.free(Instant::now());
-        // The presence of another server with the id is not this one's to remove.
+        // This server must not remove the presence of another server with its id.
         if self.rival.is_none() {
             self.connection.lock().publish(
                 &self.topics.presence(self.id),
@@ -412,7 +412,7 @@ impl SimulationServer {
         let mut connection = self.connection.lock();
         for action in self.machine.actions() {
             if self.rival.is_some() {
-                // What this server has to say is the other one's to say.
+                // Publishing is up to the other server with this id.
                 continue;
             }
             match action {

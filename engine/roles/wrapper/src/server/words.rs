@@ -43,7 +43,7 @@ pub(super) fn refusal(answer: &[u8], reason: String) -> Vec<u8> {
             ..answer
         })
         .encode(),
-        // A reason is short: only a broker that takes next to nothing refuses it.
+        // A reason is short; only a broker with a tiny limit refuses it.
         Ok(ToTool::Failed(_) | ToTool::Scene(_)) | Err(_) => Vec::new(),
     }
 }

@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 use swarmwright_controllers::Architecture;
 use swarmwright_simulation::Block;
 
-/// What is computed.
+/// The computation.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Work {

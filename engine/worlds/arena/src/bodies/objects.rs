@@ -159,7 +159,7 @@ pub(crate) struct Touch<L: Lanes> {
     pub key: [u32; 3],
     /// In which lanes it is possible.
     pub lanes: L::Mask,
-    /// In which lanes the robot holds the object: it pulls as well as it pushes, and nothing slips.
+    /// Lanes in which the robot holds the object: it pulls as well as pushes, and does not slip.
     pub held: L::Mask,
     /// From the surface to the point.
     pub normal: [Number<L>; 2],
@@ -209,7 +209,7 @@ impl<L: Lanes> Objects<L> {
         }
     }
 
-    /// Goes to the start of an episode in each lane.
+    /// Starts an episode in each lane.
     #[inline(always)]
     pub(crate) fn start(&mut self, mut pose: impl FnMut(usize, usize) -> Pose) {
         self.touches[0].clear();
@@ -283,7 +283,7 @@ impl<L: Lanes> Objects<L> {
 }
 
 impl Objects<f32> {
-    /// Where they are.
+    /// Their poses.
     pub(crate) fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
         self.moving.iter().map(|moving| Pose {
             at: [moving.x.0, moving.y.0],

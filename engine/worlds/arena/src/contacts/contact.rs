@@ -10,7 +10,7 @@ const TOLERANCE: f32 = 0.2;
 /// The share of an overlap that is not left alone which ends in a part.
 pub(crate) const SHARE: f32 = 0.2;
 
-/// What a contact has for the solver. Impulses are divided by the mass of a robot, of the first kind where two robots touch.
+/// A contact for the solver. Impulses are divided by the mass of a robot, of the first kind if two robots touch.
 #[derive(Clone, Copy)]
 pub(crate) struct Contact<L: Lanes> {
     /// From the first robot to the other, or into the wall.

@@ -33,7 +33,7 @@ pub(crate) struct Moved<L> {
     pub touched: u64,
 }
 
-/// Where a robot of a lane is among those that move.
+/// Index of a lane's robot among the moving robots.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Spot {
     pub vector: u32,

@@ -24,7 +24,7 @@ pub(crate) const NEAR: f32 = 0.02;
 const SLOP: f32 = 0.0002;
 const APART: f32 = 0.05;
 
-/// How far objects may come in a tick, metres: as far as the fastest robot pushes them.
+/// Largest distance that objects move in a tick, metres: as far as the fastest robot pushes them.
 pub(crate) fn way(team: &Team) -> f32 {
     (team.fastest() * (TICK / 2.0)).max(WAY)
 }

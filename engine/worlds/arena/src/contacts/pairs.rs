@@ -17,7 +17,7 @@ use super::near::{Moved, Near, Spot, key};
 struct Touch {
     robots: [u32; 2],
     lane: u32,
-    /// Where they are among the robots that move.
+    /// Their indices among the moving robots.
     spots: [Spot; 2],
     pair: Pair,
     /// How fast the rims of both move along each other when nothing else does, m/s.
@@ -35,7 +35,7 @@ impl Touch {
 struct Touches<L: Lanes> {
     /// Ascending by robots, then by lanes.
     all: Vec<Touch>,
-    /// Their contacts, one after the other, with the distances of middles at which they touch and the smaller radii.
+    /// Their contacts in sequence, with the distances of their middles when they touch, and the smaller radii.
     contacts: Vec<(Contact<L>, [Number<L>; 2])>,
 }
 
@@ -90,7 +90,7 @@ impl<L: Lanes> Pairs<L> {
         }
     }
 
-    /// Goes to the start of an episode.
+    /// Starts an episode.
     #[inline(always)]
     pub(crate) fn forget(&mut self) {
         self.now.clear();

@@ -47,7 +47,7 @@ impl<L: Lanes> Contacts<L> {
         }
     }
 
-    /// Goes to the start of an episode.
+    /// Starts an episode.
     #[inline(always)]
     pub(crate) fn forget(&mut self) {
         self.pairs.forget();
@@ -206,7 +206,7 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
         most = number(TRACTION * PART).select(most, L::Mask::from_bits(moved.touched));
     }
     let whole = (inverse * most).at_most(number(1.0));
-    // Of two substeps the first one still has the velocity of before.
+    // The first of two substeps still has the previous velocity.
     let half = (inverse * (acceleration * SUBSTEP)).at_most(number(1.0));
     let [vx, vy] = moved.before;
     moved.free = [

@@ -29,7 +29,7 @@ struct WallContact<L: Lanes> {
     vector: u32,
     /// Lanes that have a face, as bits.
     lanes: u64,
-    /// A further one of the same vector, after this; none where it is 0.
+    /// The next contact of the same vector; 0 for none.
     next: u32,
     middle: [Number<L>; 2],
     along: [Number<L>; 2],
@@ -43,7 +43,7 @@ pub(crate) struct Walls<L: Lanes> {
     now: Vec<Touch>,
     old: Vec<Touch>,
     contacts: Vec<WallContact<L>>,
-    /// By vector: its first contact; none where it is `u32::MAX`.
+    /// First contact of each vector; `u32::MAX` for none.
     first: Vec<u32>,
 }
 
@@ -64,7 +64,7 @@ impl<L: Lanes> Walls<L> {
         }
     }
 
-    /// Goes to the start of an episode.
+    /// Starts an episode.
     #[inline(always)]
     pub(crate) fn forget(&mut self) {
         self.now.clear();

@@ -33,10 +33,10 @@ fn meet([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
         && !apart(left(c, d, a), left(c, d, b))
 }
 
-/// The corners in counter-clockwise order, a repeated first corner at the end left out.
+/// The corners in counter-clockwise order, without a repeated first corner at the end.
 ///
 /// # Errors
-/// What is wrong with the polygon: too few corners, a corner twice in a row, sides that cross, no area.
+/// The problem with the polygon: too few corners, a corner twice in a row, crossing sides, or no area.
 pub(crate) fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
     let mut corners = corners.to_vec();
     if corners.len() > 1 && corners.first() == corners.last() {

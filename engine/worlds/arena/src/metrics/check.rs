@@ -233,7 +233,7 @@ fn several<'a>(field: &str, names: &'a [String]) -> Vec<(String, &'a str)> {
         .collect()
 }
 
-/// Checks that a length is one.
+/// Checks that a number is a valid length.
 fn length(field: &str, number: f32) -> Result<(), ParameterError> {
     if number > 0.0 && number <= LONGEST {
         return Ok(());

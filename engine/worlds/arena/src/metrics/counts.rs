@@ -36,7 +36,7 @@ pub(super) fn bounds(at_least: Option<f64>, at_most: Option<f64>, robots: usize)
     [least as f32, most as f32]
 }
 
-/// Makes `waits` 0 where a count is within bounds; it stays so.
+/// Sets `waits` to 0 in lanes whose count is within bounds; it stays 0.
 #[inline(always)]
 pub(super) fn wait<L: Lanes>(count: Number<L>, [least, most]: [f32; 2], waits: &mut Number<L>) {
     let now = number(least).le(count).and(count.le(number(most)));

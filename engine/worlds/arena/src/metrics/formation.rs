@@ -36,7 +36,7 @@ pub(crate) struct Formation {
 }
 
 impl Formation {
-    /// The formation for so many robots.
+    /// The formation for this many robots.
     pub(super) fn outline(&self, robots: usize) -> Outline {
         let count = (POINTS_PER_ROBOT * robots).clamp(POINTS[0], POINTS[1]);
         let part = |index: usize| (index as f64 + 0.5) / count as f64;

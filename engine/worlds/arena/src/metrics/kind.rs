@@ -67,7 +67,7 @@ pub(crate) enum Metric {
     /// Robots on the side of the patch's middle where they should not be: south of it when the patch is black, north when
     /// it is white; summed over ticks.
     RobotsInWrongHalf { patch: String },
-    /// How badly robots stopped: ticks of robots until one has been on the patch, those in which they stood still before
+    /// Errors in stopping: ticks of robots until one has been on the patch, those in which they stood still before
     /// that, and those in which they moved after it.
     StopErrors { patch: String },
     /// The area, in m^2, that the largest group at the end covers within a circle around the origin: robots are in one

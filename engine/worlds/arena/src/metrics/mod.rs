@@ -19,7 +19,7 @@ use swarm::{MetricCache, Visits};
 
 pub(crate) use kind::{Metric, When};
 
-/// Of episodes.
+/// Ticks per second of an episode.
 const TICKS_PER_SECOND: f64 = 10.0;
 /// Distance of linked robots where a mission does not say another, metres.
 const LINK: f32 = 0.35;

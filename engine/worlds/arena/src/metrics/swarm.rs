@@ -103,7 +103,7 @@ fn from_left(robots: &[State]) -> Vec<usize> {
     order
 }
 
-/// Up to so many robots are looked at in pairs, with sets of them as bits.
+/// Largest number of robots that are compared in pairs, with sets of robots as bits.
 const FEW: usize = 64;
 
 /// The mean distance to the nearest other robot.
@@ -296,11 +296,11 @@ pub(super) struct Visits {
     side: f64,
     columns: usize,
     rows: usize,
-    /// Lane after lane: whether a square is free and no robot has been in it.
+    /// Whether a square is free and no robot has been in it, lane after lane.
     fresh: Vec<bool>,
     /// Free squares.
     free: usize,
-    /// By lane: free squares in which robots have been.
+    /// Free squares in which robots have been, by lane.
     counts: [usize; MOST_LANES],
 }
 

@@ -18,7 +18,7 @@ pub(crate) use mission::Mission;
 #[derive(Debug, Clone, Copy)]
 struct BuiltIn {
     name: &'static str,
-    /// What it is called beside its short name.
+    /// Other names of the mission.
     also: &'static [&'static str],
     text: &'static str,
 }

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::place::LedColor;
 
-/// A mission as it is written: its sections, each of which is read by itself so that all mistakes are told at once.
+/// A mission as written: its sections, which are read separately so that all errors are reported at once.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Text {
@@ -56,7 +56,7 @@ pub(super) struct SideColor {
     /// Its number, from 0, counter-clockwise.
     pub side: usize,
     pub color: LedColor,
-    /// Where it begins and ends, metres from the first corner of the side; by default the whole side.
+    /// Its beginning and end, metres from the first corner of the side; by default the whole side.
     #[serde(default)]
     pub from: f32,
     pub to: Option<f32>,
@@ -74,7 +74,7 @@ pub(super) struct Obstacle {
     pub angle: f32,
     #[serde(default = "wall_height")]
     pub height: f32,
-    /// What cameras see of it.
+    /// Colour that cameras see.
     pub color: Option<LedColor>,
 }
 
@@ -83,7 +83,7 @@ pub(super) struct Obstacle {
 #[serde(deny_unknown_fields)]
 pub(super) struct ObjectText {
     pub name: String,
-    /// Of a disc, metres ...
+    /// Radius of a disc, metres ...
     pub radius: Option<f32>,
     /// ... or the extent of a box along x and y before it is turned.
     pub size: Option<[f32; 2]>,
@@ -94,9 +94,9 @@ pub(super) struct ObjectText {
     /// Coefficient of friction with the floor.
     #[serde(default = "sliding")]
     pub friction: f32,
-    /// What cameras see of it.
+    /// Colour that cameras see.
     pub color: Option<LedColor>,
-    /// Where the middle is ...
+    /// Position of the middle ...
     pub center: Option<[f32; 2]>,
     /// Degrees counter-clockwise.
     pub angle: Option<f32>,
@@ -140,7 +140,7 @@ pub(super) struct Circle {
 pub(super) struct Rectangle {
     /// Left and right end.
     pub x: [f32; 2],
-    /// Lower and upper end.
+    /// Lower and upper bound.
     pub y: [f32; 2],
 }
 

@@ -59,9 +59,9 @@ pub struct RobotModel {
     pub acceleration: f32,
     /// Directions of the proximity rays, radians counter-clockwise from ahead.
     pub rays: Vec<f32>,
-    /// Where they begin, metres from the middle.
+    /// Distance of their beginning from the middle, metres.
     pub ray_start: f32,
-    /// How far they reach from there, metres.
+    /// Their length, metres.
     pub ray_range: f32,
 }
 
@@ -97,7 +97,7 @@ pub struct World {
     pub models: Vec<RobotModel>,
     /// The model of each robot.
     pub robots: Vec<u32>,
-    /// What can be pushed.
+    /// Objects that robots can push.
     pub objects: Vec<WorldObject>,
 }
 
@@ -138,7 +138,7 @@ impl World {
         }
     }
 
-    /// Rays of the robot with most of them.
+    /// Largest number of rays of a robot.
     #[must_use]
     pub fn most_rays(&self) -> usize {
         let rays = self.models.iter().map(|model| model.rays.len());

@@ -24,7 +24,7 @@ impl LedColor {
         Self::Yellow,
     ];
 
-    /// Its place among all.
+    /// Its index among all colours.
     pub(crate) const fn index(self) -> usize {
         self as usize
     }

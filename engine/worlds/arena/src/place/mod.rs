@@ -81,7 +81,7 @@ impl Shape {
 pub(crate) struct Patch {
     pub name: String,
     pub shape: Shape,
-    /// 0 black to 1 white; none for black or white by the seed of the episode.
+    /// 0 black to 1 white; `None` for black or white by the seed of the episode.
     pub grey: Option<f32>,
 }
 

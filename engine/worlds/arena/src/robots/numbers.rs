@@ -81,7 +81,7 @@ impl Robot {
         parts.iter().map(|name| (*name).to_owned()).collect()
     }
 
-    /// Where the numbers of an output look, as controllers are told, half turns; empty where they look nowhere.
+    /// Directions of the numbers of an output, as reported to controllers, in half turns; empty if they have none.
     pub(crate) fn directions(&self, output: Output) -> Vec<f32> {
         let rays = self.proximity.iter().flat_map(|sensors| &sensors.rays);
         let lights = self.light.iter().flat_map(|sensors| &sensors.angles);

@@ -1,4 +1,4 @@
-//! What controllers get.
+//! The outputs that controllers receive.
 
 /// Numbers that controllers get, in the order of a model's list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,7 +37,7 @@ pub(crate) enum Output {
     NeighbourHeading,
     /// The nearest of them in the robot's frame, in ranges: x, y.
     NeighbourNearest,
-    /// What the drive aimed at in the tick before, with its noise: for each actuator of the drive a share of the largest
+    /// Target of the drive in the previous tick, with its noise: for each actuator of the drive a share of the largest
     /// speed.
     Encoders,
     /// The direction of the x axis in the robot's frame as a unit vector: x, y.

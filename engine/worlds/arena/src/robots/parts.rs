@@ -93,7 +93,7 @@ pub(crate) struct Links {
     pub range: f32,
     /// Probability that a message is lost, drawn for each link and tick.
     pub loss: f32,
-    /// What is imperfect besides; none where the range and the loss alone count.
+    /// Further imperfections; `None` if only the range and the loss count.
     pub radio: Option<Radio>,
 }
 

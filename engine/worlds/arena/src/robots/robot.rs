@@ -22,7 +22,7 @@ pub(crate) struct Robot {
     pub radius: f32,
     /// Metres; what lies lower does not hide it.
     pub height: f32,
-    /// Kilograms: with the acceleration, how strongly it pushes objects.
+    /// Mass in kilograms; with the acceleration, it determines how strongly the robot pushes objects.
     pub mass: f32,
     pub drive: Drive,
     /// Largest speed of a wheel or of the robot, m/s: actuators of 1.
@@ -88,7 +88,7 @@ impl Robot {
         }
     }
 
-    /// Finds what it names in a mission; `at` is what the robot is called in complaints.
+    /// Resolves the parts of a mission that it names; `at` is the robot's path in error messages.
     ///
     /// # Errors
     /// The mission lacks the patch on which batteries charge.
@@ -133,7 +133,7 @@ impl Robot {
         (self.fastest() * TICK).max(0.03)
     }
 
-    /// No two bodies approach each other faster, m/s.
+    /// Upper limit of the speed at which two bodies approach each other, m/s.
     pub(crate) fn fastest(&self) -> f32 {
         // The factor of the noise is at most 4.9 deviations off.
         (2.0 * self.top_speed * (1.0 + 4.9 * self.wheel_noise)).max(0.3)
@@ -143,7 +143,7 @@ impl Robot {
 /// Robots of the same model.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Group {
-    /// What it is called in pictures and metrics.
+    /// Name in pictures and metrics.
     pub name: String,
     pub robot: Robot,
     pub count: usize,

@@ -1,4 +1,4 @@
-//! The robots of a swarm: kinds one after another, each with so many robots. All have the same rows of numbers.
+//! The robots of a swarm, kind after kind, each with a number of robots. All have the same rows of numbers.
 
 use std::ops::Range;
 
@@ -228,7 +228,7 @@ impl Team {
         }
     }
 
-    /// Reads a list of kinds; `path` is what it is called in complaints.
+    /// Reads a list of kinds; `path` is its path in error messages.
     ///
     /// # Errors
     /// All that is wrong with it.
@@ -301,7 +301,7 @@ impl Team {
         &self.groups
     }
 
-    /// What kinds are called, and which robots they are; all robots are of one kind without a name where there is no list.
+    /// Names of the robot kinds, with the index range of each; without a list, all robots are of one unnamed kind.
     pub(crate) fn named(&self) -> impl Iterator<Item = (String, Range<usize>)> + '_ {
         let mut first = 0;
         self.groups.iter().map(move |group| {
@@ -372,7 +372,7 @@ impl Team {
         self.delay
     }
 
-    /// Where the messages of all robots begin that were sent so many ticks before a tick, among those kept in turn.
+    /// Offset of all robots' messages that were sent a number of ticks before a tick, in the ring buffer.
     #[inline(always)]
     pub(crate) fn sent_at(&self, tick: u32, delay: u32) -> usize {
         let ticks = self.delay() + 1;
@@ -442,12 +442,12 @@ impl Team {
         first..first + self.robot(index).drive.actuators().len()
     }
 
-    /// Where the numbers for a robot's LEDs begin among those that controllers give.
+    /// Index of the first number for a robot's LEDs among the controllers' outputs.
     pub(crate) fn leds(&self, index: usize) -> usize {
         self.row.leds[self.group(index)]
     }
 
-    /// Where the number for grippers is among those that controllers give; none where no kind has one.
+    /// Index of the number for grippers among the controllers' outputs; `None` if no kind has one.
     #[inline(always)]
     pub(crate) fn gripper(&self) -> Option<usize> {
         self.row.gripper
@@ -463,7 +463,7 @@ impl Team {
         self.groups.iter().any(|group| !group.name.is_empty())
     }
 
-    /// Finds what the robots name in a mission; `at` is what they are called in complaints.
+    /// Resolves the parts of a mission that the robots name; `at` is their path in error messages.
     ///
     /// # Errors
     /// The mission lacks something.
@@ -512,7 +512,7 @@ impl Team {
         self.row.message.len()
     }
 
-    /// Where the numbers of messages begin among those that controllers give.
+    /// Index of the first number of messages among the controllers' outputs.
     pub(crate) fn message_at(&self) -> usize {
         self.row.message.start
     }

@@ -19,7 +19,7 @@ pub(crate) struct Row {
     pub drives: Vec<usize>,
     /// By kind: where the numbers for its LEDs begin.
     pub leds: Vec<usize>,
-    /// Where the number for grippers is, where a kind has one.
+    /// Index of the number for grippers, if a kind has one.
     pub gripper: Option<usize>,
     /// The numbers of the longest message; those of shorter ones are its first ones.
     pub message: Range<usize>,
@@ -167,7 +167,7 @@ fn output(column: &Column<Output>, kind: usize) -> Output {
     }
 }
 
-/// Where the numbers of each kind begin, of columns that are put at a place.
+/// Index of the first number of each kind, for columns that begin at `first`.
 fn places<T>(columns: &[Column<T>], first: usize, kinds: usize) -> Vec<usize> {
     let mut places = vec![first; kinds];
     let mut at = first;

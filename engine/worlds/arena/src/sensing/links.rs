@@ -14,7 +14,7 @@ use crate::robots::{Links, Team};
 
 /// Ticks whose messages count for the attraction.
 const WINDOW: usize = 11;
-/// Messages that are looked at at a time.
+/// Number of messages that are processed at a time.
 const AT_A_TIME: usize = 4;
 
 /// Messages of the last ticks.
@@ -28,14 +28,14 @@ pub(crate) struct LinkWindow<L: Lanes> {
     sent: Sent<L>,
     /// In which lanes no other robot hears a robot; empty where all are heard.
     pub mute: Vec<L::Mask>,
-    /// The probability with which failures lose messages, beside that of the robots; none where they lose none.
+    /// Probability with which failures lose messages, in addition to that of the robots; `None` without such failures.
     pub failing: Option<f32>,
 }
 
 /// Messages that were not lost: the way to their sender, and the distance of middles at which its rim touches, centimetres.
 type Sent<L> = Slots<L, 3, AT_A_TIME>;
 
-/// Those that arrive: their number, and their sum.
+/// Number and sum of the messages that arrive.
 #[derive(Clone, Copy)]
 struct Arrived<L> {
     count: Number<L>,
@@ -209,7 +209,7 @@ pub(crate) fn behind_robot<L: Lanes>(
     hidden
 }
 
-/// Whether a wall stands between.
+/// Whether a wall is between two points.
 #[inline(always)]
 pub(crate) fn behind_wall<L: Lanes>(
     layout: &Place,

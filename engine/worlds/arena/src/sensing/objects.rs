@@ -1,4 +1,4 @@
-//! What objects hide, and where rays meet them.
+//! Occlusion by objects, and intersections of rays with them.
 
 use std::ops::Range;
 

@@ -15,7 +15,7 @@ pub(crate) struct Others<L> {
     /// As many as there ever were; those of the robot that looks come first.
     pub all: Vec<Other<L>>,
     pub count: usize,
-    /// By kind: where its robots end.
+    /// End of the index range of each kind's robots.
     pub ends: Vec<usize>,
 }
 

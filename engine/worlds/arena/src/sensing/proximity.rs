@@ -9,9 +9,9 @@ use crate::math::functions::absolute;
 use crate::place::Place;
 use crate::robots::{Proximity, Team};
 
-/// Robots, or walls, that a lane has in reach at a time; more of them are looked at in several turns.
+/// Number of robots, or walls, that a lane processes at a time; more are processed in several passes.
 const AT_A_TIME: usize = 4;
-/// In so many lanes something is seen by most rays, so that asking costs more than it saves.
+/// Number of lanes from which most rays hit something, so that a branch costs more than it saves.
 const BRANCHLESS: usize = 8;
 /// Nothing that is so far away is seen, metres.
 const FAR: f32 = 1e6;
@@ -115,7 +115,7 @@ pub(crate) fn respond<L: Lanes>(sensors: &Proximity, readings: &mut [Number<L>])
     }
 }
 
-/// A vector in the frame of a robot with this cosine and sine.
+/// A vector in the frame of a robot whose heading has this cosine and sine.
 #[inline(always)]
 fn turned<L: Lanes>([cos, sin]: [Number<L>; 2], [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
     [x * cos + y * sin, y * cos - x * sin]

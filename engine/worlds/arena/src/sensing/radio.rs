@@ -26,7 +26,7 @@ pub(crate) struct Reception<'a, L: Lanes> {
 }
 
 impl<'a, L: Lanes> Reception<'a, L> {
-    /// `loss`: the probability of loss in this tick. `mute`: in which lanes robots send nothing; empty where all send.
+    /// `loss`: probability of loss in this tick. `mute`: lanes in which robots send nothing; empty if all send.
     #[inline(always)]
     pub(crate) fn new(
         links: &'a Links,

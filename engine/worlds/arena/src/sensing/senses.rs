@@ -35,7 +35,7 @@ pub(crate) struct Senses<L: Lanes> {
     seen: Seen<L>,
     /// By robot: the numbers of its message; as many ticks one after the other as messages take, and one more.
     pub sent: Vec<Number<L>>,
-    /// By number of a message: how many that a robot hears lack it; empty where all messages have as many.
+    /// By number of a message: how many received messages lack it; empty if all messages have the same length.
     lacking: Vec<Number<L>>,
     /// By robot: what the drive aimed at, for encoders.
     pub turned: Vec<Number<L>>,
@@ -94,7 +94,7 @@ impl<L: Lanes> Senses<L> {
         }
     }
 
-    /// Goes to the start of an episode.
+    /// Starts an episode.
     #[inline(always)]
     pub(crate) fn forget(&mut self, team: &Team) {
         self.ground.clear();

@@ -6,9 +6,9 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 /// `K` places for things of `N` numbers.
 pub(crate) struct Slots<L: Lanes, const N: usize, const K: usize> {
     things: [[Number<L>; N]; K],
-    /// Lanes that have nothing in a place; a lane fills them in order.
+    /// Lanes with an empty slot, by slot; a lane fills its slots in order.
     empty: [L::Mask; K],
-    /// Places that any lane has filled; what is in the others means nothing.
+    /// Number of slots that any lane has filled; the content of the others is undefined.
     used: usize,
     /// What a place holds in lanes that have nothing in it.
     nothing: [f32; N],

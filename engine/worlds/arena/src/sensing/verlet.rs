@@ -6,7 +6,7 @@ use crate::bodies::Bodies;
 
 /// With more robots the memory of all lanes would matter: one episode at a time.
 pub(crate) const MOST_IN_LANES: usize = 16_384;
-/// Up to so many robots it is faster to look at all others, one episode at a time.
+/// Largest number of robots for which it is faster to check all others, one episode at a time.
 const FEW: usize = 48;
 /// The same in lanes.
 const FEW_IN_LANES: usize = 96;
@@ -22,11 +22,11 @@ pub(crate) struct VerletLists<L: Lanes> {
     /// Where each robot's list begins, and where the last one ends.
     starts: Vec<u32>,
     others: Vec<u32>,
-    /// Within this distance others matter, metres; none where all are looked at.
+    /// Distance within which others matter, metres; `None` if all are checked.
     reach: Option<f32>,
     /// Thickness of the skin, metres.
     skin: f32,
-    /// Where robots were when the lists were made.
+    /// Positions of the robots when the lists were made.
     x: Vec<Number<L>>,
     y: Vec<Number<L>>,
     /// By lane.
@@ -52,7 +52,7 @@ impl<L: Lanes> VerletLists<L> {
         }
     }
 
-    /// The robots that may be near one, ascending; it may be among them itself.
+    /// Indices of the robots that may be near a robot, ascending; may include the robot itself.
     #[inline(always)]
     pub(crate) fn of(&self, robot: usize) -> &[u32] {
         if self.reach.is_none() {

@@ -116,7 +116,7 @@ impl Grid {
     }
 }
 
-/// Which cells are taken, a bit each: even a large grid's stay near the processor.
+/// Occupied cells, a bit each, so that even a large grid fits into a near cache.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Taken(Vec<u64>);
 

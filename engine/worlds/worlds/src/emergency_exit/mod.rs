@@ -58,7 +58,7 @@ const METRICS: &[MetricInfo] = &[
 #[derive(Debug, Clone)]
 pub struct EmergencyExit {
     settings: Settings,
-    /// Where the field came from: many episodes in turn are run on the same one.
+    /// Origin of the field, since many episodes in succession use the same one.
     plan: Plan,
     field: Field,
     grid: Grid,

@@ -13,7 +13,7 @@ const MAX_CELLS: u32 = MAX_SIDE * MAX_SIDE;
 const MAX_STEPS: u32 = 10_000_000;
 const MAX_STEP_SIZE: u32 = 3_600_000;
 
-/// Who acts when.
+/// The order in which agents act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Update {
     /// One after another, as in FREVO.

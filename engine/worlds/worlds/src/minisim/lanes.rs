@@ -15,13 +15,13 @@ use swarmwright_simulation::rollout::stopped;
 /// With more defenders every agent looks at all of them in vain; the stepper's grid is faster then.
 const MOST_DEFENDERS: usize = 256;
 
-/// Agents that move, and are looked at by all defenders, while they are in the nearest cache.
+/// Number of agents that move, and are checked by all defenders, while they are in the nearest cache.
 const TOGETHER: usize = 32;
 
 /// The episodes of a block. They differ in the positions at the start alone.
 pub(crate) struct MinisimLanes {
     settings: Vec<Settings>,
-    /// Whether the number of steps is wanted.
+    /// Whether the number of steps is requested.
     counts_steps: bool,
 }
 
@@ -351,7 +351,7 @@ impl<L: Lanes> Workspace<L> {
         }
     }
 
-    /// Who has arrived, who is caught.
+    /// Updates which agents have arrived and which are caught.
     #[inline(always)]
     fn judge(&mut self, goal: Points<L>, goal_radius: L, capture_radius: L) {
         for (agent, status) in self.agents.iter_mut().zip(&mut self.statuses) {

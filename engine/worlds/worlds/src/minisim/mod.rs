@@ -83,9 +83,9 @@ pub struct Minisim {
     free: Vec<u32>,
     /// Those whose actuators are asked for: of agents and of defenders, what controllers steer.
     acting: Vec<u32>,
-    /// Where the defenders are, to be asked for the closest one.
+    /// Positions of the defenders, to find the closest one.
     near_defenders: Nearest,
-    /// Where the free agents are, while the defenders move.
+    /// Positions of the free agents, while the defenders move.
     near_agents: Nearest,
     step: u32,
 }

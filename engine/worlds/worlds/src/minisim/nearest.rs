@@ -2,7 +2,7 @@
 
 use super::{Point, squared_distance};
 
-/// Fewer points than this are looked at one by one.
+/// Number of points below which they are checked one by one.
 const FEW: usize = 32;
 /// Points in a cell, on average.
 const IN_CELL: f64 = 2.0;
@@ -18,7 +18,7 @@ pub(super) struct Nearest {
     side: f64,
     columns: usize,
     rows: usize,
-    /// By cell: where its points begin in `order`; one more at the end.
+    /// Start of each cell's points in `order`, and the end of the last one's.
     starts: Vec<u32>,
     /// Indices of the points, by cell, ascending within a cell.
     order: Vec<u32>,

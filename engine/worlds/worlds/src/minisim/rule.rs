@@ -2,7 +2,7 @@
 
 use super::{Point, distance};
 
-/// On which side an agent evades a defender.
+/// Side on which an agent evades a defender.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Evasion {
     Away,

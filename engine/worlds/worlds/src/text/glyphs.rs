@@ -19,7 +19,7 @@ const KNOWN: &[(&str, &str, char, char, Color)] = &[
 ];
 /// Symbols of kinds that are not there, in the order in which they are seen.
 const FREE: [(char, char); 3] = [('◆', '?'), ('⬟', '&'), ('⬢', '%')];
-/// Colours of kinds and states that are not there, in the order in which they are seen.
+/// Colours of unknown kinds and states, in the order of appearance.
 const OTHERS: [Color; 4] = [Color::Other1, Color::Other2, Color::Other3, Color::Other4];
 
 /// Colours, named as in the table.
@@ -192,7 +192,7 @@ pub(super) fn halo(glyph: Glyph, unicode: bool) -> Glyph {
     }
 }
 
-/// East and on counter-clockwise, with their ASCII.
+/// Arrows counter-clockwise from east, with their ASCII equivalents.
 const ARROWS: [(char, char); 8] = [
     ('→', '>'),
     ('↗', '/'),

@@ -71,7 +71,7 @@ pub(super) fn draw(canvas: &mut Canvas, scene: &Scene, unicode: bool) {
     }
 }
 
-/// What there is, for the legend.
+/// Returns the kinds of ground in a scene, for the legend.
 pub(super) fn legend(scene: &Scene, unicode: bool) -> Vec<(Glyph, &'static str)> {
     let floors = scene.floor.iter().chain(&scene.patches);
     let greys: Vec<&str> = floors

@@ -34,7 +34,7 @@ impl LaneKind for Layered {
         (bits, order): (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
-        // A copy, since networks go through sensors in a loop: others may keep theirs in registers.
+        // A copy, since networks read sensors in a loop, while other kinds may keep them in registers.
         let copy = numbers;
         let inputs = Inputs::new(&copy, bits, &order);
         self.forward(weights, scratch, inputs, actuators);

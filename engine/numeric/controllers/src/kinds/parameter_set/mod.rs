@@ -8,7 +8,7 @@ use crate::reader::Reader;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// Values that go to the simulation before an episode, beside its other parameters; agents are not steered by them.
+/// Values sent to the simulation before an episode, besides its other parameters; they do not steer agents.
 ///
 /// Weights: one for each parameter, in their order.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -34,7 +34,7 @@ pub struct PythonModules {
 pub struct Module {
     /// Of a class in a file its name, otherwise the name under which it is registered.
     pub name: String,
-    /// What that file is called, without its folder.
+    /// Name of that file, without its folder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
     /// SHA-256 of the code, in hexadecimal.
@@ -84,7 +84,7 @@ impl Module {
     }
 }
 
-/// Weights that parameters of modules in Python have.
+/// Number of weights for parameters of modules in Python.
 fn places(modules: &[Module], built_in: &[&str]) -> usize {
     let modules = modules
         .iter()

@@ -26,9 +26,9 @@ pub struct Team {
 pub struct TeamGroup {
     /// Unique in the team.
     pub name: String,
-    /// How many agents; none, in the last group only, for all others.
+    /// Number of agents; `None`, in the last group only, for all remaining agents.
     pub agents: Option<u32>,
-    /// The controller of each.
+    /// The controller of each agent.
     #[serde(serialize_with = "versioned")]
     pub controller: Arc<Architecture>,
 }

@@ -3,9 +3,9 @@
 use crate::scheduler::fleet::Fleet;
 use crate::scheduler::fleet::slot::Slot;
 
-/// Of more servers than these it is not worked out how they would share what is left.
+/// Largest number of servers for which the sharing of the remaining work is simulated.
 const MAX_SIMULATED: usize = 256;
-/// Halvings of the time in which that is looked for.
+/// Number of bisection steps of that simulation.
 const HALVINGS: usize = 24;
 
 #[expect(
@@ -38,7 +38,7 @@ pub(crate) struct Capacity {
 pub(crate) struct Busy {
     server: u64,
     pub rate: f64,
-    /// Seconds until what it has is done.
+    /// Seconds until its present work is done.
     pub until: f64,
 }
 
@@ -99,7 +99,7 @@ impl Capacity {
 }
 
 impl Capacity {
-    /// A server got work that takes so many seconds.
+    /// Notes that a server got work that takes `seconds`.
     pub fn gave(&mut self, server: u64, seconds: f64) {
         if let Some(busy) = self.busy.iter_mut().find(|busy| busy.server == server) {
             busy.until += seconds;
@@ -133,7 +133,7 @@ impl Capacity {
         busy.find(|busy| busy.server == server).copied()
     }
 
-    /// In how many seconds all but one can have done so many evaluations more: whole ones, each on one server.
+    /// Seconds in which all servers but one can do this many further evaluations, each on a single server.
     pub fn done_without(&self, server: u64, evaluations: usize) -> f64 {
         let others = || self.busy.iter().filter(|busy| busy.server != server);
         let needed = number(evaluations);

@@ -12,7 +12,7 @@ impl Unproven {
         self.0.entry(id).or_default().1 += 1;
     }
 
-    /// One server alone answered to an id in a whole round: up to then no other one had it.
+    /// Notes that a single server answered for an id in a whole round: until then no other server had the id.
     pub fn proven(&mut self, id: u64) {
         if let Some((before, since)) = self.0.get_mut(&id) {
             (*before, *since) = (*since, 0);

@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 /// The pause after a first failure; it doubles with each further one in a row.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
-/// A server that fails so many candidates and succeeds with none is in doubt.
+/// Number of failed candidates, without a success, after which a server is in doubt.
 const FEW: usize = 3;
-/// After so many failures without a success nothing more is hoped for from a server, although it goes on getting work.
+/// Number of failures without a success after which a server counts as useless, although it still gets work.
 const MANY: u32 = 4;
 
 /// What is remembered of one id.
@@ -17,7 +17,7 @@ struct Past {
     /// Failures in a row, and why it failed last.
     failures: u32,
     reason: String,
-    /// Not before this time again.
+    /// Time before which it gets no work.
     until: Option<Instant>,
     /// Its results were wrong: it is not used any more.
     distrusted: bool,
@@ -63,7 +63,7 @@ impl Health {
         }
     }
 
-    /// What was held against it last was none of its fault.
+    /// Forgives the last failure, which was not the server's fault.
     pub fn forgive(&mut self, id: u64) {
         if let Some(past) = self.pasts.get_mut(&id) {
             past.failures = past.failures.saturating_sub(1);
@@ -126,14 +126,14 @@ impl Health {
         self.pasts.entry(id).or_default().overtaken = true;
     }
 
-    /// A server says something of what it has.
+    /// Notes that a server reported on its work.
     pub fn answers(&mut self, id: u64) {
         if let Some(past) = self.pasts.get_mut(&id) {
             past.overtaken = false;
         }
     }
 
-    /// Whether a server has failed so often, and succeeded with nothing since, that there is no hope.
+    /// Whether a server has failed too often without a success to be useful.
     pub fn is_useless(&self, id: u64) -> bool {
         self.pasts.get(&id).is_some_and(|past| past.in_vain >= MANY)
     }
@@ -148,7 +148,7 @@ impl Health {
         }
     }
 
-    /// Other work has begun, with candidates of its own.
+    /// Notes that other work has begun, with other candidates.
     pub fn new_work(&mut self) {
         for past in self.pasts.values_mut() {
             past.failed.clear();

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// Milliseconds by which answers are late: of Linux (measured: 42 to 48), twice that, or of macOS; of Windows.
 const LATE: [RangeInclusive<u128>; 3] = [38..=52, 76..=110, 195..=220];
-/// Answers that come sooner belong together with those before.
+/// Time within which answers belong to the same group.
 const SOON: Duration = Duration::from_millis(5);
 /// Two messages were sent together, at least: one alone is never held back.
 const TOGETHER: u32 = 2;
@@ -22,7 +22,7 @@ const MOST: f64 = 0.5;
 /// How the answers of one server came that is stepped one episode at a time.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Answers {
-    /// Messages sent to it since it was last waited for.
+    /// Number of messages sent to it since the last wait for it.
     together: u32,
     late: u32,
     late_seconds: f64,
@@ -121,7 +121,7 @@ impl Lag {
 mod tests {
     use super::*;
 
-    /// Whether a server is suspicious whose steps of `agents` agents take so many milliseconds each.
+    /// Whether a server whose steps of `agents` agents take these milliseconds is suspicious.
     fn suspicious(agents: u32, steps: impl IntoIterator<Item = f64>) -> bool {
         let mut answers = Answers::default();
         answers.on_sent(2);

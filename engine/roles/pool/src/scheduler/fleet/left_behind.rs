@@ -14,7 +14,7 @@ const MAX_HASHES: usize = 8;
 
 #[derive(Debug, Default)]
 struct AbandonedServer {
-    /// Episodes that it may be at, the last one at the end; none where it computes something else, or only waits.
+    /// Episodes that it may be computing, the last one at the end; empty if it computes something else, or only waits.
     hashes: Vec<String>,
     /// When it was told first and last.
     told: Option<(Instant, Instant)>,

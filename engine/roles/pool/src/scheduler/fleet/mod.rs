@@ -38,9 +38,9 @@ pub(crate) struct Fleet {
     presences: BTreeMap<u64, Presence>,
     /// Servers that answered and do not fit, or cannot be told apart.
     unfit: BTreeMap<u64, String>,
-    /// By id: the instances that answered lately, each with its last round.
+    /// Instances that answered lately by id, each with its last round.
     seen: BTreeMap<u64, Vec<(String, u64)>>,
-    /// Ids to which two servers answered: the last round in which one did, and how often.
+    /// Ids used by two servers: the last round with a second answer, and how often.
     duplicates: BTreeMap<u64, (u64, u32)>,
     /// Servers that answered with a hash that this tool has not asked with, each with that hash.
     unmatched: BTreeMap<u64, String>,
@@ -153,7 +153,7 @@ impl Fleet {
     }
 }
 
-/// What servers are at.
+/// The present work of servers.
 impl Fleet {
     /// A server has one more job.
     pub fn began(&mut self, id: u64, job: Job) {
@@ -315,7 +315,7 @@ impl Fleet {
         }
     }
 
-    /// From one message of an episode or a batch to the next.
+    /// Time from one message of an episode or a batch to the next.
     pub fn measured_step(&mut self, id: u64, duration: Duration) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.steps.measured(duration);
@@ -345,7 +345,7 @@ impl Fleet {
         Some(*slot.passed_over.get_or_insert(now))
     }
 
-    /// A server is passed over no more. False if it is not there.
+    /// Ends the exclusion of a server. Returns false if it does not exist.
     pub fn consider(&mut self, id: u64) -> bool {
         let slot = self.slots.get_mut(&id);
         slot.map(|slot| slot.passed_over = None).is_some()
@@ -372,7 +372,7 @@ impl Fleet {
             .collect()
     }
 
-    /// Other work has begun, with candidates of its own.
+    /// Notes that other work has begun, with other candidates.
     pub fn new_work(&mut self) {
         self.health.new_work();
     }

@@ -28,7 +28,7 @@ pub(crate) enum Answer {
     Welcome,
     /// Known already.
     Known,
-    /// It does not fit; why, if that is news.
+    /// It does not fit; with the reason, if it is new.
     Unfit(Option<String>),
     /// Two servers answer to one id; the jobs to be given up, and whether that is news.
     Duplicate(Vec<Job>, bool),

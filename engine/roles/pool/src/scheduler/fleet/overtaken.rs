@@ -17,7 +17,7 @@ impl Fleet {
         }
     }
 
-    /// What such servers have not answered, by server.
+    /// The unanswered work of overtaken servers, by server.
     pub fn overtaken(&self, now: Instant) -> Vec<Waiting> {
         let overtaken = self.slots().filter_map(|(_, slot)| slot.overtaken.as_ref());
         overtaken

@@ -15,7 +15,7 @@ pub struct At {
     pub first: usize,
     /// How many of them.
     pub candidates: usize,
-    /// The request's episode, from 0; all of them where several are computed at once.
+    /// The request's episode, from 0; `None` if several are computed at once.
     pub episode: Option<usize>,
 }
 
@@ -41,7 +41,7 @@ pub struct Ending {
     pub pid: u64,
     /// How it ended, for people; the same text for the same cause.
     pub reason: String,
-    /// Where in its code, or what it said last, if that is known.
+    /// The place in its code, or its last output, if known.
     pub stack: Option<String>,
     /// It was ended from outside: what it computed is not to blame before that happens again and again.
     pub outside: bool,
@@ -50,7 +50,7 @@ pub struct Ending {
 }
 
 impl Ending {
-    /// What it says of what the process computed.
+    /// The blame for the work that the process computed.
     pub(crate) fn blame(&self) -> Blame {
         if self.outside {
             Blame::Gone

@@ -45,9 +45,9 @@ pub(crate) struct Slot {
     pub rate: Option<f64>,
     /// Seconds of the longest evaluation of late, as a part of what it was made with.
     pub longest: f64,
-    /// Nothing came from it for so long that it gets no work until something does.
+    /// It was silent for too long, and gets no work until it sends a message.
     pub silent: bool,
-    /// From one message of an episode or a batch to the next.
+    /// Time from one message of an episode or a batch to the next.
     pub steps: Pace,
     /// Episodes that are stepped one at a time.
     pub episodes: Pace,
@@ -76,7 +76,7 @@ impl Slot {
         announced.is_some_and(|announced| announced.distributions.iter().any(|name| name == NORMAL))
     }
 
-    /// Seconds after which so many evaluations take strangely long; none while nothing is known.
+    /// Seconds after which this many evaluations take suspiciously long; `None` while its speed is unknown.
     pub fn doubtful_after(&self, evaluations: usize) -> Option<f64> {
         let usual = LATENESS_FACTOR / self.rate?;
         let each = usual.max(LONGEST_FACTOR * self.longest);

@@ -20,7 +20,7 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 pub(crate) struct Limit {
     /// The largest that went through.
     largest_accepted: usize,
-    /// How often in a row a connection ended on a size that has not gone through since, and the smallest of those.
+    /// Number of consecutive connections that ended on a packet size that was never accepted since, and the smallest such size.
     ends: u32,
     ended_on: usize,
     learnt: Option<Learnt>,
@@ -33,7 +33,7 @@ struct Learnt {
     advice: usize,
     grow_at: Instant,
     pause: Duration,
-    /// Whether more was tried since, and not yet too much.
+    /// Whether larger sizes were tried since, without reaching the limit.
     growing: bool,
     /// How often a connection ended although nothing could be smaller.
     in_vain: u32,
@@ -182,7 +182,7 @@ mod tests {
         );
         assert_eq!(limit.largest_accepted(), 12_500);
         assert!(limit.is_settled());
-        // After one, two, four .. minutes twice as much is tried.
+        // After one, two, four .. minutes, twice the size is tried.
         assert_eq!(losses(&mut limit, 20_000, 100_000, 3600, start), 5);
         assert_eq!(limit.advice(), Some(12_500));
     }

@@ -1,7 +1,7 @@
-//! Messages that are larger than the broker takes, where it does not say how much it takes: it ends the connection.
+//! Messages that are too large for a broker that does not announce its limit: it ends the connection.
 //!
-//! This tool's connection knows what it had sent when it ended. Of a server it is known what it was at, and that its
-//! process goes on: it comes back as the same instance. One that crashed does not, so that a crash is never taken for this.
+//! This tool's connection knows what it had sent when it ended. Of a server, the work in progress is known, and that its
+//! process continues, as it returns as the same instance. A crashed server does not, so a crash is never mistaken for this.
 
 mod limit;
 
@@ -15,7 +15,7 @@ use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::limits::limit::Limit;
 use crate::scheduler::modes::request::Request;
 
-/// Messages of so many bytes are taken by every broker.
+/// Size in bytes of a message that every broker accepts.
 const SMALL: usize = 1024;
 /// Bytes of a packet beside its topic and payload, at most.
 const PACKET_HEADER: usize = 16;
@@ -53,7 +53,7 @@ struct Suspect {
 /// What is known of how much the broker takes.
 #[derive(Debug, Default)]
 pub(crate) struct Limits {
-    /// Bytes of the largest packet that the broker takes, if it says so.
+    /// Size in bytes of the largest packet that the broker accepts, if announced.
     announced: Option<usize>,
     /// Bytes of a request for blocks of the work beside genomes and seeds.
     beside: usize,
@@ -74,7 +74,7 @@ pub(crate) struct Limits {
 }
 
 impl Limits {
-    /// Other work begins. `beside`: bytes of a request for a block of it beside genomes and seeds.
+    /// Notes that other work begins. `beside`: bytes of a request for one of its blocks, besides genomes and seeds.
     pub fn begin(&mut self, beside: usize) {
         self.beside = beside;
         self.whole = 0;
@@ -181,7 +181,7 @@ impl Limits {
         self.beside
     }
 
-    /// The broker has read a packet of so many bytes.
+    /// Notes that the broker has read a packet of `bytes` bytes.
     pub fn was_read(&mut self, bytes: usize) {
         self.packet.took(bytes);
     }
@@ -198,7 +198,7 @@ impl Limits {
         }
     }
 
-    /// Why a message of so many bytes cannot be sent to a server, if it cannot.
+    /// Reason why a message of `bytes` bytes cannot be sent to a server, if any.
     pub fn too_large(&self, topics: &Topics, topic: Topic, bytes: usize) -> Option<String> {
         let beside = topics.name(topic).len() + PACKET_HEADER;
         let (name, takes) = (topic.name(), self.packet().saturating_sub(beside));
@@ -302,7 +302,7 @@ impl Limits {
     }
 }
 
-/// Bytes of the message that a server is to send next, about; none where that is not known.
+/// Approximate size of a server's next message in bytes; `None` if unknown.
 fn due(request: &Request, results: usize) -> (Kind, Option<usize>) {
     let size = request.piece.len();
     let Some(batch) = &request.batch else {

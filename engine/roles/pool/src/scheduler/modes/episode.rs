@@ -22,7 +22,7 @@ pub(crate) struct Episode {
     pub started: Instant,
     /// When the server last said something of use.
     heard: Instant,
-    /// Why a message of this run was refused, and when: the server gets little time to send a better one.
+    /// When and why a message of this run was refused; the server gets little time to send a valid one.
     refused: Option<(Instant, String)>,
     /// Its server said that it is free, though it had not begun: until when it may still begin.
     vacant: Option<Instant>,
@@ -47,7 +47,7 @@ pub(crate) struct Episode {
     last_agent: u64,
 }
 
-/// More agents than this are a mistake of the server, if the parameters do not say how many there are.
+/// Number of agents above which the server is at fault, if the parameters do not set their number.
 pub(crate) const MOST_AGENTS: u64 = 1_000_000;
 
 impl Episode {
@@ -194,7 +194,7 @@ impl Episode {
         }
     }
 
-    /// Until when its server, which is busy for nobody knows whom, may still begin.
+    /// Time until which its server, which is busy for an unknown tool, may still begin.
     pub fn unnamed_until(&self) -> Option<Instant> {
         self.unnamed.filter(|_| !self.begun())
     }

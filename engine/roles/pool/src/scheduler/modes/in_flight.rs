@@ -11,12 +11,12 @@ use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::modes::request::Request;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 
-/// Episodes that are remembered when they are over.
+/// Number of ended episodes that are remembered.
 const REMEMBERED: usize = 256;
-/// Where the hash is looked for in a message that is too large, bytes.
+/// Number of bytes of an oversized message that are searched for the hash.
 const AROUND: usize = 4096;
 
-/// An episode that is over for this tool, though its server may still begin it, or answer.
+/// An episode that has ended for this tool, although its server may still begin it, or answer.
 struct Ended {
     hash: String,
     server: u64,
@@ -26,7 +26,7 @@ struct Ended {
     open: bool,
     /// The value of its fitness.
     fitness: Option<f64>,
-    /// Whether the same fitness came again.
+    /// Whether the same fitness arrived again.
     repeated: bool,
 }
 
@@ -54,7 +54,7 @@ pub(crate) struct InFlight {
     /// Numbers are never used twice, so that an answer that comes late is not taken for another.
     next_request: u64,
     first_request: u64,
-    /// The last episodes that are over.
+    /// The last ended episodes.
     ended: VecDeque<Ended>,
 }
 
@@ -186,7 +186,7 @@ impl InFlight {
         all
     }
 
-    /// When the first time-out is.
+    /// Time of the first time-out.
     pub fn next_deadline(&self, config: &Config) -> Option<Instant> {
         let episodes = self
             .episodes

@@ -1,4 +1,4 @@
-//! Work under way on servers, by mode of evaluation.
+//! Work in progress on servers, by mode of evaluation.
 
 pub(crate) mod batch;
 pub(crate) mod episode;

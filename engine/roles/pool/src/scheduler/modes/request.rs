@@ -14,7 +14,7 @@ use crate::scheduler::queue::piece::Piece;
 pub(crate) struct Request {
     pub server: u64,
     pub piece: Piece,
-    /// Evaluations of it that failed by themselves, and are tried again apart from it.
+    /// Evaluations in it that failed by themselves, and are retried separately.
     apart: Vec<usize>,
     pub started: Instant,
     /// When the server last said something of use, or could begin with this.

@@ -13,7 +13,7 @@ use crate::sections::Faults;
 
 /// Lost servers that count, before an evaluation is taken for the cause, at least.
 const LEAST_LOST: u32 = 3;
-/// Evaluations with which so many servers were lost are tried one after another.
+/// Number of lost servers after which evaluations are tried one after another.
 const DUBIOUS: u32 = 2;
 /// So often a server has to succeed with something else before it gets an evaluation with which others were lost: one
 /// that is lost again and again for reasons of its own hardly comes so far.
@@ -25,7 +25,7 @@ const TOGETHER: Duration = Duration::from_secs(5);
 const MOST_LOST: u32 = 4;
 const LONG: Duration = Duration::from_secs(60);
 
-/// Whose fault it is that work brought no result.
+/// The cause of work without a result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Blame {
     /// The server had other work.
@@ -91,7 +91,7 @@ impl<'a> Cause<'a> {
         }
     }
 
-    /// The server is for another tool.
+    /// The server is reserved for another tool.
     pub fn handed_back(reason: &'a str) -> Self {
         Self {
             outcome: Outcome::HandedBack,
@@ -138,7 +138,7 @@ pub(crate) struct Failure {
 pub(crate) enum Verdict {
     /// All attempts have failed.
     Failed,
-    /// It took so many servers down.
+    /// It crashed too many servers.
     Quarantined,
 }
 
@@ -235,7 +235,7 @@ impl Attribution {
         record.is_some_and(|record| record.lost > 0)
     }
 
-    /// Whether another dubious evaluation has to end before this one is tried again: else each would speak for the other.
+    /// Whether another dubious evaluation must end before this one is retried, since each would otherwise excuse the other.
     pub fn must_wait(&self, evaluation: usize) -> bool {
         let is_dubious = |record: &Record| record.lost >= DUBIOUS && record.aside.is_none();
         let record = self.by_evaluation.get(&evaluation);

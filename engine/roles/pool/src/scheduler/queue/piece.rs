@@ -81,7 +81,7 @@ impl Piece {
         }
     }
 
-    /// The same for another server than that which has it.
+    /// The same work for a server other than the present one.
     pub fn backup(&self, server: u64) -> Self {
         Self {
             purpose: Purpose::Backup,
@@ -106,7 +106,7 @@ impl Piece {
         }
     }
 
-    /// What lies before and behind some of it, with the same past.
+    /// The parts before and after some of it, with the same history.
     pub fn around(&self, evaluations: &Range<usize>) -> Vec<Self> {
         let before = self.first()..evaluations.start;
         let behind = evaluations.end..self.evaluations.end;
@@ -114,7 +114,7 @@ impl Piece {
         rest.map(|rest| self.part(rest)).collect()
     }
 
-    /// A part of it, with the same past, that any server may have.
+    /// A part of it with the same history, for any server.
     pub fn work_again(&self, evaluations: Range<usize>) -> Self {
         Self {
             purpose: Purpose::Work,

@@ -112,7 +112,7 @@ impl Scheduler {
         }
     }
 
-    /// Who found what, in words.
+    /// Describes the result of each server.
     fn describe_disagreement(&self, evaluation: usize, results: &[ServerResult]) -> String {
         let each: Vec<String> = results
             .iter()

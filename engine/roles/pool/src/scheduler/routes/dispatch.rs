@@ -10,7 +10,7 @@ use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::share::IN_FLIGHT;
 
-/// How often it is looked whether one has become worth while.
+/// Interval between checks whether one has become worthwhile.
 const RECHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 impl Scheduler {
@@ -101,7 +101,7 @@ impl Scheduler {
         false
     }
 
-    /// Gives the work of servers that have been silent for strangely long to others as well.
+    /// Gives the work of servers that have been silent for suspiciously long to other servers as well.
     pub(super) fn back_up_stragglers(&mut self, now: Instant) {
         for server in self.view().stragglers(now) {
             self.speculate(server, now);
@@ -159,7 +159,7 @@ impl Scheduler {
         }
     }
 
-    /// Nothing is queued any more: idle servers get copies of what others would take much longer for.
+    /// With an empty queue, gives idle servers copies of work that others would take much longer for.
     pub(super) fn start_backups(&mut self, now: Instant) {
         if !self.config.faults.backup || self.config.visual || self.ledger.queued() > 0 {
             return;

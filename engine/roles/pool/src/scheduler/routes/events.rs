@@ -115,7 +115,7 @@ impl Scheduler {
         }
     }
 
-    /// The broker has read a packet of so many bytes.
+    /// Notes that the broker has read a packet of `bytes` bytes.
     pub fn was_read(&mut self, bytes: usize) {
         self.limits.was_read(bytes);
     }

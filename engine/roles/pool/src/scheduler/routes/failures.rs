@@ -147,7 +147,7 @@ impl Scheduler {
         self.journal.push(attempt, started);
     }
 
-    /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
+    /// Notes that a server has succeeded: it works, so its earlier failures with other evaluations count.
     pub(super) fn server_succeeded(&mut self, server: u64, times: u32) {
         self.fleet.succeeded(server);
         self.outlook.some_work();
@@ -298,8 +298,8 @@ impl Scheduler {
         }
     }
 
-    /// Why the work cannot be done although nothing tells that its candidates are to blame. `patience`: how long it is
-    /// waited for servers that fail what succeeded before.
+    /// Why the work cannot be done although its candidates are not known to be at fault. `patience`: how long to wait for
+    /// servers that fail work that succeeded before.
     #[must_use]
     pub fn undecided(&self, patience: Duration, now: Instant) -> Option<String> {
         if let Some(reason) = self.outlook.undecided() {

@@ -87,7 +87,7 @@ impl Scheduler {
         }
         self.record_request(&request, Outcome::Done, None, now);
         self.limits.went_through(&request);
-        // What succeeded shows that the server is sound, so it comes last.
+        // Successes come last, because they show that the server works.
         let columns = self.ledger.extent(&request.piece).1.len();
         for failure in message.failed {
             let offset = usize::try_from(failure.candidate * columns as u64 + failure.episode);
@@ -127,7 +127,7 @@ impl Scheduler {
     }
 }
 
-/// Why a result is not enough: a metric that is needed is not in it.
+/// Describes a required metric that is missing in a result.
 fn without(message: &Evaluated, metrics: &[String]) -> Option<String> {
     let missing = metrics
         .iter()

@@ -12,7 +12,7 @@ use crate::scheduler::queue::blame::{Blame, Cause};
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::{Action, Scheduler};
 
-/// A server that refuses so many requests in a row is not just shared with other tools.
+/// Number of refused requests in a row after which a server is not merely shared with other tools.
 const OFTEN: u32 = 5;
 
 impl Scheduler {
@@ -59,7 +59,7 @@ impl Scheduler {
     pub(crate) fn answered(&mut self, message: ToTool, now: Instant) {
         let before = self.changes();
         self.answer(message, now);
-        // Most steps end nothing, and thousands of them come each second.
+        // Most steps end no episode, and thousands of them arrive each second.
         if self.changes() != before {
             self.tell_of_limits();
             self.dispatch(now);
@@ -126,7 +126,7 @@ impl Scheduler {
         }
     }
 
-    /// Whether a request is one for a batch; none if this server was not asked, or not any more: its `results` are late.
+    /// Whether a request is for a batch; `None` if it was not sent to this server or has ended, so that its `results` are late.
     fn is_batch(&mut self, number: u64, server: u64, results: usize, now: Instant) -> Option<bool> {
         let Some(request) = self.in_flight.request(number) else {
             self.counts.late += u64::from(results > 0);

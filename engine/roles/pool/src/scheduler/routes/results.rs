@@ -154,7 +154,7 @@ impl Scheduler {
         match self.in_flight.came_again(hash, fitness) {
             LateFitness::Other(server) => {
                 self.counts.double += 1;
-                // It may be one server: nothing is taken back, so that the run comes to an end.
+                // A single server may be at fault: results are kept, so that the run can end.
                 self.outbox.warn_once(format!(
                     "server {server} has sent two different fitness values for one episode, of which the first counts: \
                      two servers may have this id, or it evaluates an episode twice; results of this run may be wrong"

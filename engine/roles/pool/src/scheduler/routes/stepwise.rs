@@ -293,7 +293,7 @@ impl Scheduler {
         }
     }
 
-    /// Episodes that their servers, busy for nobody knows whom, have not begun: another tool has these.
+    /// Episodes whose servers are busy for an unknown tool and have not begun them: another tool has these servers.
     fn taken_episodes(&mut self, now: Instant) {
         for (hash, server) in self.in_flight.taken_episodes(now) {
             self.fleet.remove(server);

@@ -60,7 +60,7 @@ impl Scheduler {
         self.ledger.take_settled()
     }
 
-    /// What came out for every candidate in every episode, once all have ended.
+    /// Results of every candidate in every episode, once all have ended.
     pub fn take_results(&mut self) -> Results {
         self.take_all().0
     }

@@ -120,8 +120,8 @@ impl Pool {
         })
     }
 
-    /// Works until all has ended, or `step`, called whenever something may have come, says no, or `meanwhile`, called once
-    /// when servers have got their first work.
+    /// Works until everything has ended, or a callback returns false: `step`, called whenever a message may have arrived, or
+    /// `meanwhile`, called once when servers have got their first work.
     fn drive(
         &mut self,
         work: Work,

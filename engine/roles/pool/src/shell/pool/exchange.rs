@@ -131,7 +131,7 @@ impl Pool {
             match action {
                 Action::Publish(topic, payload) => {
                     let options = PublishOptions {
-                        // Of a second copy, a server would take the next step.
+                        // A server would take a second copy for the next step.
                         confirm: topic != Topic::Actuator,
                         ..PublishOptions::default()
                     };

@@ -73,10 +73,10 @@ pub struct Pool {
 }
 
 impl Pool {
-    /// Connects; servers are looked for from the first `poll` on.
+    /// Connects to the broker; discovery of servers begins with the first `poll`.
     ///
     /// # Errors
-    /// No broker, credentials refused, a prefix that cannot be.
+    /// No broker, refused credentials, or an invalid prefix.
     pub fn connect(options: Options) -> Result<Self, PoolError> {
         let topics = Topics::new(&options.prefix)?;
         let token = format!("{:016x}", fastrand::u64(..));
@@ -275,7 +275,7 @@ impl Pool {
         self.scheduler.counts()
     }
 
-    /// What the user should know, since the last call.
+    /// Returns the warnings for the user since the last call.
     pub fn take_warnings(&mut self) -> Vec<Warning> {
         std::mem::take(&mut self.warnings)
     }

@@ -12,7 +12,7 @@ use super::{GoOn, News, SceneEpisode};
 
 /// More agents than this are a mistake of the server.
 const MOST_AGENTS: usize = 1_000_000;
-/// Where the hash is looked for in a message that cannot be read, bytes.
+/// Number of bytes of an unreadable message that are searched for the hash.
 const AROUND: usize = 4096;
 
 impl SceneEpisode {

@@ -22,7 +22,7 @@ pub(super) fn coordinates(path: &str, numbers: &[f32]) -> Result<(), ParameterEr
     }
 }
 
-/// Checks that a length is one.
+/// Checks that a number is a valid length.
 pub(super) fn length(path: &str, number: f32) -> Result<(), ParameterError> {
     if number > 0.0 && number <= FARTHEST {
         return Ok(());

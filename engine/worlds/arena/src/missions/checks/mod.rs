@@ -155,7 +155,7 @@ fn metric(name: &str, value: &Value, layout: Option<&Place>) -> Result<Metric, P
     Ok(metric)
 }
 
-/// A complaint about the name of a metric that is none of the known ones.
+/// An error about an unknown metric.
 fn unknown<'a>(name: &str, metrics: impl Iterator<Item = &'a (String, Metric)>) -> ParameterError {
     let names: Vec<_> = metrics.map(|(name, _)| name.as_str()).collect();
     let hint = match metrics::check_name(name) {

@@ -21,7 +21,7 @@ pub(super) fn overlaps(outline: &[[f32; 2]], shape: &Shape) -> bool {
             low: from,
             high: to,
         } => {
-            // Where it does not end, it ends beyond the walls.
+            // An unbounded side ends beyond the walls.
             let from = [0, 1].map(|axis| from[axis].max(low[axis] - 1.0));
             let to = [0, 1].map(|axis| to[axis].min(high[axis] + 1.0));
             let corners = [from, [to[0], from[1]], to, [from[0], to[1]]];

@@ -33,7 +33,7 @@ fn reach() -> f32 {
 /// Of a gripper, metres: what is held is in contact.
 const REACHES: [f32; 2] = [0.001, 0.02];
 
-/// Gives a robot an actuator; `at` is what it is called in complaints.
+/// Adds an actuator to a robot; `at` is its path in error messages.
 pub(super) fn add(robot: &mut Robot, actuator: &Actuator, at: &str) -> Result<(), ParameterError> {
     match actuator {
         Actuator::Message { numbers } => {

@@ -14,7 +14,7 @@ use crate::robots::outputs::Output;
 use crate::robots::parts::Drive;
 use crate::robots::robot::Robot;
 
-/// What is different; what is left out is that of the built-in robot.
+/// The differences; omitted fields are those of the built-in robot.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Changes {
@@ -144,7 +144,7 @@ fn check_nesting(value: &Value) -> Result<(), ParameterError> {
     Ok(())
 }
 
-/// Puts what is given into its place.
+/// Applies a given value.
 fn put<T: Copy>(target: &mut T, value: Option<T>) {
     if let Some(value) = value {
         *target = value;

@@ -3,13 +3,13 @@
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
-/// Least and largest noise, range of rays and of what is seen of robots in metres, reach of light, and probability.
+/// Limits of noise, of the range of rays and of robot detection in metres, of the reach of light, and of probabilities.
 pub(super) const NOISE: [f32; 2] = [0.0, 1.0];
 pub(super) const RAYS: [f32; 2] = [0.001, 100.0];
 pub(super) const RANGE: [f32; 2] = [0.001, 1000.0];
 pub(super) const REACH: [f32; 2] = [0.001, 1000.0];
 pub(super) const SHARE: [f32; 2] = [0.0, 1.0];
-/// Of a robot, kilograms.
+/// Limits of a robot's mass, kilograms.
 pub(super) const MASSES: [f32; 2] = [0.001, 1000.0];
 /// Of a compass, degrees.
 pub(super) const TURNED: [f32; 2] = [0.0, 180.0];

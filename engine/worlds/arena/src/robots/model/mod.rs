@@ -1,4 +1,4 @@
-//! Robots as they are written: by name, as a built-in one with changes, or composed of parts.
+//! Robots as written: by name, as a built-in robot with changes, or composed of parts.
 
 mod actuators;
 mod battery;
@@ -19,7 +19,7 @@ use crate::mistakes::{Mistakes, with_place};
 pub use presets::robots;
 
 impl Robot {
-    /// A model as a name or an object; `path` is what it is called in complaints, `others_send` whether other kinds of robots
+    /// A model as a name or an object; `path` is its path in error messages, `others_send` whether other kinds of robots
     /// send messages that it hears.
     ///
     /// # Errors

@@ -14,7 +14,7 @@ use crate::robots::robot::Robot;
 static MODELS: LazyLock<BTreeMap<String, Value>> =
     LazyLock::new(|| serde_json::from_str(include_str!("../../robots.json")).unwrap_or_default());
 
-/// Where the e-puck's manual says that its proximity and light sensors look, degrees counter-clockwise from ahead.
+/// Directions of the e-puck's proximity and light sensors according to its manual, degrees counter-clockwise from ahead.
 const E_PUCK_ANGLES: [f32; 8] = [17.0, 50.0, 90.0, 150.0, 210.0, 270.0, 310.0, 343.0];
 
 impl Robot {

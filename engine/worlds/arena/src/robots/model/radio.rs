@@ -46,7 +46,7 @@ fn yes() -> bool {
 }
 
 impl RadioText {
-    /// Gives links this radio; `at` is what it is called in complaints.
+    /// Adds this radio to links; `at` is its path in error messages.
     pub(super) fn put(self, links: &mut Links, at: &str) -> Result<(), ParameterError> {
         // Read as any number, so that one complaint says all that is expected.
         let count = |name: &str, number: f64, low: u32, high: u32| {

@@ -15,7 +15,7 @@ use crate::robots::robot::Robot;
 
 /// Most readings of a sensor that has several.
 const MOST_READINGS: usize = 128;
-/// Most places at which the floor is looked at.
+/// Largest number of places at which the floor is sensed.
 const MOST_POINTS: usize = 8;
 
 /// What a sensor of several readings gives.
@@ -132,7 +132,7 @@ pub(super) enum Sensor {
     Camera {
         /// Metres from middle to middle.
         range: f32,
-        /// Degrees by which the direction of each thing is off.
+        /// Error of each detected direction, degrees.
         #[serde(default)]
         noise: f32,
         colors: Vec<LedColor>,
@@ -200,7 +200,7 @@ fn directions(
     Ok(directions.into_iter().map(positive).collect())
 }
 
-/// That there is no other sensor of the kind.
+/// Checks that there is no other sensor of this kind.
 fn only<T>(at: &str, kind: &str, existing: Option<&T>) -> Result<(), ParameterError> {
     if existing.is_none() {
         return Ok(());
@@ -211,7 +211,7 @@ fn only<T>(at: &str, kind: &str, existing: Option<&T>) -> Result<(), ParameterEr
     ))
 }
 
-/// Gives a robot a sensor; `at` is what it is called in complaints, `others_send` whether other kinds of robots send messages.
+/// Adds a sensor to a robot; `at` is its path in error messages, `others_send` whether other kinds of robots send messages.
 pub(super) fn add(
     robot: &mut Robot,
     sensor: &Sensor,

@@ -37,7 +37,7 @@ pub(crate) struct Prepared {
 /// What was prepared last, and for what.
 struct Kept {
     parameters: Parameters,
-    /// Seeds of the fields; none where the field was given.
+    /// Seeds of the fields; empty if the field was given.
     seeds: Vec<u64>,
     prepared: Arc<Prepared>,
 }
@@ -49,7 +49,7 @@ fn last() -> MutexGuard<'static, Option<Kept>> {
 }
 
 impl Prepared {
-    /// Checks the parameters of every episode; none where lanes do not pay or are not possible.
+    /// Checks the parameters of every episode; `None` if lanes are not worthwhile or not possible.
     pub(super) fn of(block: &Block<'_>) -> Result<Option<Arc<Self>>, ParameterError> {
         if block.seeds.is_empty() {
             return Ok(None);

@@ -247,7 +247,7 @@ impl<L: Lanes> Workspace<L> {
         window.stack.store(&mut stacks);
         cells.shl(window.row).store(&mut flipped);
         let mut rest = lanes;
-        // Few agents move: most are in each other's way.
+        // Few agents move, since most are blocked by others.
         while rest != 0 {
             let lane = rest.trailing_zeros() as usize;
             rest &= rest - 1;

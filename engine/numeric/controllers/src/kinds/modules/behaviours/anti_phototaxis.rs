@@ -1,4 +1,4 @@
-//! Away from the light, around obstacles.
+//! Anti-phototaxis: moves away from the light, around obstacles.
 
 use super::follow::{NONE, Pull};
 use super::{Behaviour, Module};

@@ -1,4 +1,4 @@
-//! What behaviours that follow a sum of vectors have in common.
+//! Code shared by behaviours that follow a sum of vectors.
 
 use swarmwright_lanes::Lanes;
 

@@ -56,7 +56,7 @@ impl Ledger {
         let (times, hopeless) = self.attribution.lost_with(evaluation, faults, now);
         let apart = match blame {
             Blame::Silent { others } => others,
-            // What has not begun may have been another tool's.
+            // Work that has not begun may have been refused for another tool.
             Blame::Lost => times > FREE_LOSSES,
             _ => true,
         };
@@ -107,7 +107,7 @@ impl Ledger {
                 instance: failed.instance,
                 reason: failed.reason.to_owned(),
                 kind,
-                // What it did before was a success.
+                // Its previous work succeeded.
                 certain: failed.sound && self.attribution.is_proven(failed.server),
                 at: failed.at,
             };

@@ -26,7 +26,7 @@ pub(crate) struct Ledger {
     settled: Vec<bool>,
     /// In how many places each evaluation waits or is under way.
     holders: Vec<u8>,
-    /// Whose result each is.
+    /// The server of each result.
     by: Vec<u64>,
     /// What is attributed to evaluations.
     attribution: Attribution,
@@ -259,7 +259,7 @@ impl Ledger {
             && piece.evaluations.clone().all(|other| self.has_ended(other))
     }
 
-    /// Where an evaluation that has not ended stands in the lists.
+    /// Index of an unfinished evaluation in the lists.
     fn place(&self, evaluation: usize) -> Option<usize> {
         let index = evaluation.checked_sub(self.forgotten)?;
         (!self.settled[index]).then_some(index)
@@ -346,7 +346,7 @@ impl Ledger {
         }
     }
 
-    /// A server's results are worth nothing: what it did waits for another one. Returns how many evaluations do, and how
+    /// Discards a server's results: its evaluations wait for another server. Returns how many evaluations do, and how
     /// many cannot, since their candidates have been handed out.
     pub fn reopen(&mut self, server: u64) -> (usize, usize) {
         let episodes = self.episodes();

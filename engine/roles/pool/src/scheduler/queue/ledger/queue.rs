@@ -105,7 +105,7 @@ impl Ledger {
         }
     }
 
-    /// One server does not have an evaluation any more. In how many other places it is; none if it has ended.
+    /// Notes that a server no longer has an evaluation. Returns in how many other places it is; `None` if it has ended.
     pub(super) fn let_go(&mut self, evaluation: usize) -> Option<u8> {
         let index = self.place(evaluation)?;
         self.holders[index] = self.holders[index].saturating_sub(1);
