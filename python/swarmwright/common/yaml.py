@@ -41,7 +41,7 @@ _HINTS = {
     "expected <block end>": "; keys of a mapping, and items of a list, must begin in the same column",
 }
 """Message of the parser -> remedy."""
-_LINE_CHARACTERS = 110
+LINE_CHARACTERS = 110
 """Largest number of characters of a line."""
 
 
@@ -134,16 +134,19 @@ def read(path: Path) -> Source:
     return parse(text, str(path))
 
 
-def parse(text: str, name: str) -> Source:
-    """Parse YAML text; `name` is its name in messages."""
-    return parse_node(compose(text, name), name)
+def parse(text: str, name: str, most_values: int | None = None) -> Source:
+    """Parse YAML text; `name` is its name in messages.
+
+    Raises InputError if it is not valid YAML, or has more values, those that aliases repeat included.
+    """
+    return parse_node(compose(text, name), name, most_values)
 
 
-def parse_node(node: Node | None, name: str) -> Source:
-    """Return the values of a composed text; None composes an empty one."""
+def parse_node(node: Node | None, name: str, most_values: int | None = None) -> Source:
+    """Return the values of a composed text; None composes an empty one. Raises InputError as `parse`."""
     source = Source(name)
     if node is not None:
-        source.values = _Builder(source).build(node, ())
+        source.values = _Builder(source, most_values or _MOST_VALUES).build(node, ())
     return source
 
 
@@ -203,15 +206,16 @@ class _Composer(Composer):
 class _Builder:
     """Converts the node graph to plain values; tags are never executed."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Source, most_values: int) -> None:
         self._source = source
+        self._most_values = most_values
         self._open: list[Node] = []
         self._count = 0
 
     def build(self, node: Node, path: Path_) -> Any:  # noqa: ANN401 - any YAML value
         self._count += 1
-        if self._count > _MOST_VALUES:
-            raise InputError(f"{self._source.name}: holds more than {_MOST_VALUES} values")
+        if self._count > self._most_values:
+            raise InputError(f"{self._source.name}: holds more than {self._most_values} values")
         if len(self._open) > 100:
             raise InputError(f"{self._source.name}: is nested too deeply")
         if any(node is above for above in self._open):
@@ -325,7 +329,7 @@ def _mapping_lines(values: Mapping[str, Any], indent: str) -> Iterator[str]:
         elif (
             isinstance(value, list)
             and len(value) > 1
-            and len(start) + len(dump_flow(value)) >= _LINE_CHARACTERS
+            and len(start) + len(dump_flow(value)) >= LINE_CHARACTERS
         ):
             yield start
             yield from _wrap_list(value, indent + "  ")
@@ -338,7 +342,7 @@ def _wrap_list(values: list[Any], indent: str) -> Iterator[str]:
     line = f"{indent}["
     for index, value in enumerate(values):
         item = f"{dump_flow(value)}{',' if index + 1 < len(values) else ']'}"
-        if len(line) + len(item) >= _LINE_CHARACTERS and line.strip() != "[":
+        if len(line) + len(item) >= LINE_CHARACTERS and line.strip() != "[":
             yield line.rstrip()
             line = f"{indent} "
         line += f"{item} "

@@ -39,7 +39,7 @@ def read_text(text: str) -> dict[str, Any]:
         raise InputError(
             f"has more than {TEXT_BYTES >> 10} KiB, which is too much for the form; change the text"
         )
-    source = yaml.parse(text, "text")
+    source = yaml.parse(text, "text", TEXT_BYTES)
     if source.problems:
         _, line, message = source.problems[0]
         raise InputError(f"text:{line}: {message}")

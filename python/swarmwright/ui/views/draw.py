@@ -15,18 +15,20 @@ from starlette.requests import Request
 from swarmwright import Controller, Episodes, Experiment, InputError, SwarmwrightError, templates
 from swarmwright.common import yaml
 from swarmwright.common.arguments import simulation_seed
+from swarmwright.common.yaml_updates import update_text
 from swarmwright.display import Recording
 from swarmwright.display.page import format_page
 from swarmwright.servers.evaluation.shown import ShownEpisode
 from swarmwright.simulations.fitness import ExpressionError, FitnessExpression
 from swarmwright.ui.arena_parts import PARTS
+from swarmwright.ui.drawable import is_drawable
 from swarmwright.ui.index import as_values
 from swarmwright.ui.jobs import require_name
 from swarmwright.ui.requests import read_field, read_whole
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.window import Window
 
-PREFIX = "parameters.mission."
+PREFIX = re.compile(r"^parameters\.mission(\.|: )")
 LONGEST_TRY_S = 300.0
 """Seconds of an episode that are computed while somebody waits."""
 MOST_ROBOTS = 500
@@ -35,6 +37,7 @@ MOST_ROBOT_SECONDS = 30_000.0
 MOST_METRICS = 100
 MISSION_BYTES = 64 << 10
 """Of a mission's text: YAML of 1 MiB takes many seconds to read."""
+TOO_LARGE = f"the mission is larger than {MISSION_BYTES >> 10} KiB"
 KEY = re.compile(r"^(\w+) *:", re.MULTILINE)
 KEYS = {"walls", "start"}
 """Keys by which a file is recognised as a mission."""
@@ -71,14 +74,26 @@ def text_of(folder: Path, name: str) -> str:
 def parse(text: str) -> dict[str, Any]:
     """Return the mission that a text describes. Raises InputError with its line when it is none."""
     if len(text.encode(errors="replace")) > MISSION_BYTES:
-        raise InputError(f"the mission is larger than {MISSION_BYTES >> 10} KiB")
-    source = yaml.parse(text, "mission")
+        raise InputError(TOO_LARGE)
+    source = yaml.parse(text, "mission", MISSION_BYTES)
     if source.problems:
         raise InputError("\n".join(f"mission:{line}: {message}" for _, line, message in source.problems))
     if not isinstance(source.values, dict):
         raise InputError("mission: must be a mapping of keys such as walls, start and fitness")
     values: dict[str, Any] = source.values
+    write(values)  # its aliases may make it large
     return values
+
+
+def write(mission: dict[str, Any]) -> str:
+    """Return a mission as YAML. Raises InputError where it is too large."""
+    try:
+        text = yaml.dump(mission)
+    except RecursionError:
+        raise InputError("the mission is nested too deeply") from None
+    if len(text.encode(errors="replace")) > MISSION_BYTES:
+        raise InputError(TOO_LARGE)
+    return text
 
 
 def problems(mission: dict[str, Any], folder: Path) -> list[str]:
@@ -92,7 +107,7 @@ def problems(mission: dict[str, Any], folder: Path) -> list[str]:
 
 def strip_keys(error: InputError) -> list[str]:
     """Return the lines of an error, with the keys of a mission's own file."""
-    return [line.strip().removeprefix(PREFIX) for line in str(error).splitlines() if line.strip()]
+    return [PREFIX.sub("", line.strip()) for line in str(error).splitlines() if line.strip()]
 
 
 def experiment(mission: dict[str, Any], folder: Path, fitness: str | None = None) -> Experiment:
@@ -222,19 +237,19 @@ def try_out(
     return format_page([shown.part(recording)], caption=shown.caption(recording)), recording
 
 
-def save(folder: Path, name: str, mission: dict[str, Any], *, over: bool) -> str:
+def save(folder: Path, name: str, text: str, *, over: bool) -> str:
     """Write a mission into the folder; return the name of its file.
 
     Args:
         folder: of the runs.
         name: of the file, without `.yaml`.
-        mission: without mistakes.
+        text: of a mission without mistakes.
         over: write over a mission of this name.
 
     Raises InputError when the name is none or is taken, or the mission has mistakes.
     """
     require_name(name)
-    wrong = problems(mission, folder)
+    wrong = problems(parse(text), folder)
     if wrong:
         raise InputError("\n".join(wrong))
     file = folder / f"{name}.yaml"
@@ -242,7 +257,7 @@ def save(folder: Path, name: str, mission: dict[str, Any], *, over: bool) -> str
         raise InputError(f"name: {file} exists already; choose another name")
     new = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
     try:
-        new.write_text(yaml.dump(mission), encoding="utf-8")
+        new.write_text(text, encoding="utf-8")
         new.rename(file)
     except OSError as error:
         with suppress(OSError):
@@ -252,24 +267,29 @@ def save(folder: Path, name: str, mission: dict[str, Any], *, over: bool) -> str
 
 
 def read_mission(window: Window, request: Request) -> Values:
-    """Return a built-in mission, or one of the folder."""
-    text = text_of(window.index.folder, request.query_params.get("name", ""))
-    return {"mission": as_values(parse(text))}
+    """Return the text of a built-in mission, or of one of the folder."""
+    return {"text": text_of(window.index.folder, request.query_params.get("name", ""))}
 
 
 def parse_text(window: Window, values: dict[str, Any]) -> Values:
-    """Return the mission that a text describes, and what is wrong with it."""
+    """Return the mission that a text describes if the board can show it, and what is wrong with it."""
     try:
         mission = parse(read_field(values, "text", str))
     except InputError as error:
         return {"problems": str(error).splitlines()}
-    return {"mission": as_values(mission), **check(window, mission, values)}
+    answer = check(window, mission, values)
+    if is_drawable(mission):
+        return {"mission": mission, **answer}
+    return {**answer, "problems": answer["problems"] or ["the board cannot show this mission"]}
 
 
 def write_text(window: Window, values: dict[str, Any]) -> Values:
-    """Return the text of a mission, and what is wrong with it."""
-    mission = read_field(values, "mission", dict)
-    return {"text": yaml.dump(mission), **check(window, mission, values)}
+    """Return the text of a mission, with the comments of its former text, and what is wrong with it."""
+    mission, former = read_field(values, "mission", dict), read_field(values, "text", str)
+    text = write(mission)
+    if len(former.encode()) <= MISSION_BYTES:
+        text = update_text(former, mission)
+    return {"text": text, **check(window, mission, values)}
 
 
 def check(window: Window, mission: dict[str, Any], values: dict[str, Any]) -> Values:
@@ -324,8 +344,8 @@ def start_try(window: Window, values: dict[str, Any]) -> Values:
 
 def save_mission(window: Window, values: dict[str, Any]) -> Values:
     """Write a mission into the folder of the runs."""
-    mission, name = read_field(values, "mission", dict), read_field(values, "name", str)
-    return {"file": save(window.index.folder, name, mission, over=values.get("replace") is True)}
+    text, name = read_field(values, "text", str), read_field(values, "name", str)
+    return {"file": save(window.index.folder, name, text, over=values.get("replace") is True)}
 
 
 VIEW = View(

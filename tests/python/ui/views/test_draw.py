@@ -11,6 +11,7 @@ import pytest
 from swarmwright import Experiment, InputError, Run, templates
 from swarmwright.common.yaml import dump
 from swarmwright.ui.app import create_app
+from swarmwright.ui.drawable import is_drawable
 from swarmwright.ui.views import draw as missions
 from tests.python.ui.client import Answer, call
 
@@ -26,6 +27,9 @@ SMALL: dict[str, Any] = {
 }
 
 
+NESTED: Any = 1
+for _ in range(800):
+    NESTED = {"a": NESTED}
 EVERYTHING: dict[str, Any] = {
     "title": "Everything",
     "walls": {
@@ -118,9 +122,10 @@ def test_robots_are_shown_where_they_begin(start: dict[str, Any], tmp_path: Path
 
 def test_every_shape_is_written_read_and_shown(tmp_path: Path) -> None:
     assert missions.problems(EVERYTHING, tmp_path) == []
-    missions.save(tmp_path, "all", EVERYTHING, over=False)
+    assert is_drawable(EVERYTHING)
+    missions.save(tmp_path, "all", dump(EVERYTHING), over=False)
     assert missions.parse(missions.text_of(tmp_path, "all.yaml")) == EVERYTHING
-    answer = post(tmp_path, "mission_text", {"mission": EVERYTHING, "seed": 3}).values
+    answer = post(tmp_path, "mission_text", {"mission": EVERYTHING, "text": "", "seed": 3}).values
     assert [body[4] for body in answer["start"]["bodies"]] == ["scout"] * 4 + ["worker"] * 2
     assert {"scouts", "crates", "ring", "line", "order"} <= set(answer["start"]["metrics"])
     values = {"mission": EVERYTHING, "seed": 3, "run": "", "fitness": ""}
@@ -178,20 +183,21 @@ def test_robots_may_have_files_beside_the_mission(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", templates.missions())
 def test_every_built_in_mission_is_read_and_written_again(name: str, tmp_path: Path) -> None:
     mission = missions.parse(missions.text_of(tmp_path, name))
+    assert is_drawable(mission)
     assert missions.problems(mission, tmp_path) == []
     assert missions.parse(dump(mission)) == mission
 
 
 def test_a_mission_is_saved_listed_and_opened(tmp_path: Path) -> None:
-    assert missions.save(tmp_path, "mine", SMALL, over=False) == "mine.yaml"
+    assert missions.save(tmp_path, "mine", dump(SMALL), over=False) == "mine.yaml"
     assert missions.names(tmp_path)["files"] == ["mine.yaml"]
     assert missions.parse(missions.text_of(tmp_path, "mine.yaml")) == SMALL
     with pytest.raises(InputError, match="exists already"):
-        missions.save(tmp_path, "mine", SMALL, over=False)
-    missions.save(tmp_path, "mine", {**SMALL, "robots": 4}, over=True)
+        missions.save(tmp_path, "mine", dump(SMALL), over=False)
+    missions.save(tmp_path, "mine", dump({**SMALL, "robots": 4}), over=True)
     (tmp_path / "experiment.yaml").write_text("simulation: minisim\n")
     with pytest.raises(InputError, match="exists already"):
-        missions.save(tmp_path, "experiment", SMALL, over=True)
+        missions.save(tmp_path, "experiment", dump(SMALL), over=True)
     Experiment.from_mapping({"simulation": "arena", "parameters": {"mission": str(tmp_path / "mine.yaml")}})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["experiment.yaml", "mine.yaml"]
 
@@ -199,7 +205,7 @@ def test_a_mission_is_saved_listed_and_opened(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["", "../out", "a/b", ".hidden", "a b", "-x", "x" * 101])
 def test_names_that_are_no_names_are_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="name: "):
-        missions.save(tmp_path, name, SMALL, over=False)
+        missions.save(tmp_path, name, dump(SMALL), over=False)
     assert [*tmp_path.iterdir()] == []
 
 
@@ -221,7 +227,7 @@ def test_mistakes_are_told_with_their_keys(changes: dict[str, Any], problem: str
     lines = missions.problems(mission, tmp_path)
     assert any(re.search(problem, line) for line in lines), lines
     with pytest.raises(InputError):
-        missions.save(tmp_path, "mine", mission, over=False)
+        missions.save(tmp_path, "mine", dump(mission), over=False)
 
 
 @pytest.mark.parametrize(
@@ -282,16 +288,69 @@ def post(folder: Path, name: str, values: Any, *, read_only: bool = False) -> An
 
 
 def test_the_board_and_the_text_follow_each_other(tmp_path: Path) -> None:
-    answer = post(tmp_path, "mission_text", {"mission": SMALL}).values
+    answer = post(tmp_path, "mission_text", {"mission": SMALL, "text": ""}).values
     assert answer["problems"] == []
     parsed = post(tmp_path, "mission_parse", {"text": answer["text"]}).values
     assert parsed == {"mission": SMALL, "problems": [], "start": answer["start"]}
     assert "mission" not in post(tmp_path, "mission_parse", {"text": "walls: ["}).values
 
 
+def test_a_change_on_the_board_keeps_the_comments(tmp_path: Path) -> None:
+    opened = dump(SMALL).replace("robots: 3", "robots: 3  # few").replace("walls:", "# square\nwalls:")
+    mission = {**SMALL, "robots": 4, "obstacles": [{"center": [0.5, 0.5], "size": [0.1, 0.2]}]}
+    text = post(tmp_path, "mission_text", {"mission": mission, "text": opened}).values["text"]
+    assert "robots: 4  # few\n" in text
+    assert "# square\nwalls:" in text
+    assert missions.parse(text) == mission
+    post(tmp_path, "mission_save", {"text": text, "name": "mine"})
+    assert call(create_app(tmp_path, token=None), "/api/mission", name="mine.yaml").values == {"text": text}
+
+
+SHAPES = [
+    "walls: 5", "walls: null\nstart: null", "{rectangle: 2}", "{corners: [[1], [2, 3], [3, 4]]}",
+    "{corners: {a: 1}}", "{rectangle: [2, .inf]}", "{colors: [5]}", "\nfloor: []",
+    "\nfloor: {patches: {a: 1}}", "\nfloor: {patches: [null]}", "\nfloor: {patches: [{circle: 5}]}",
+    "\nfloor: {patches: [{polygon: [1, 2]}]}", "\nstart: []", "\nstart: {disc: 3}", "\nobstacles: {a: 1}",
+    "\nobstacles: [{center: [0, 0]}]", "\nobjects: [null]", "\nobjects: [{center: x, radius: 1}]",
+    "\nlights: [{at: 3}]", "\nrobots: [null]", "\nrobots: [{robot: 3}]", "\nrobot: [1]",
+    "\nrobot: {sensors: {a: b}}", "\nrobot: {sensors: [{kind: ground, points: [1]}]}",
+    "\nrobot: {preset: kilobot, sensors: [1]}", "\nmetrics: [1]", "\nmetrics: {a: null}",
+    "\nmetrics: {a: {shape: {line: 5}}}", "\nfitness: {factors: [1]}", "\nfailures: 5", "\nduration: .nan",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_missions_of_other_shapes_are_not_drawn(shape: str, tmp_path: Path) -> None:
+    walls = "" if shape.startswith("walls") else "walls: " + ("{}" if shape[0] == "\n" else "")
+    answer = post(tmp_path, "mission_parse", {"text": walls + shape, "seed": 1})
+    assert answer.status == 200
+    assert answer.values["problems"]
+    assert "mission" not in answer.values
+
+
+@pytest.mark.parametrize(
+    "text", ["walls: {}", "walls: {sides: -5}\nfloor: null\nmetrics: {a: {}}", "walls: {}\nx: [[]]"]
+)
+def test_missions_with_other_mistakes_are_drawn(text: str, tmp_path: Path) -> None:
+    answer = post(tmp_path, "mission_parse", {"text": text, "seed": 1}).values
+    assert answer["problems"]
+    assert answer["mission"]["walls"] is not None
+    assert not any("parameters.mission" in line for line in answer["problems"])
+
+
+def test_aliases_cannot_make_a_mission_large(tmp_path: Path) -> None:
+    items = ", ".join(["*p"] * 2000)
+    text = f"{dump(SMALL)}x: &p {{polygon: [[0, 0], [1, 0], [0, 1]]}}\nobstacles: [{items}]\n"
+    answer = post(tmp_path, "mission_parse", {"text": text, "seed": 1}).values
+    assert answer["problems"] == ["the mission is larger than 64 KiB"]
+    bomb = "\n".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9 if i else ['1'])}]" for i in range(9))
+    answer = post(tmp_path, "mission_parse", {"text": bomb, "seed": 1}).values
+    assert answer["problems"] == ["mission: holds more than 65536 values"]
+
+
 def test_a_read_only_window_draws_and_saves_nothing(tmp_path: Path) -> None:
-    assert post(tmp_path, "mission_text", {"mission": SMALL}, read_only=True).status == 200
-    assert post(tmp_path, "mission_save", {"mission": SMALL, "name": "x"}, read_only=True).status == 405
+    assert post(tmp_path, "mission_text", {"mission": SMALL, "text": ""}, read_only=True).status == 200
+    assert post(tmp_path, "mission_save", {"text": dump(SMALL), "name": "x"}, read_only=True).status == 405
     assert [*tmp_path.iterdir()] == []
 
 
@@ -300,20 +359,25 @@ def test_a_read_only_window_draws_and_saves_nothing(tmp_path: Path) -> None:
     [
         ("mission_text", {"mission": []}),
         ("mission_text", {}),
-        ("mission_text", {"mission": SMALL, "seed": "one"}),
-        ("mission_text", {"mission": SMALL, "seed": -1}),
-        ("mission_text", {"mission": SMALL, "seed": 2**70}),
-        ("mission_text", {"mission": {**SMALL, "robots": [None, 3]}}),
-        ("mission_text", {"mission": {**SMALL, "robot": "\0.yaml"}}),
+        ("mission_text", {"mission": SMALL, "text": 3}),
+        ("mission_text", {"mission": SMALL, "text": "", "seed": "one"}),
+        ("mission_text", {"mission": SMALL, "text": "", "seed": -1}),
+        ("mission_text", {"mission": SMALL, "text": "", "seed": 2**70}),
+        ("mission_text", {"mission": {**SMALL, "robots": [None, 3]}, "text": ""}),
+        ("mission_text", {"mission": {**SMALL, "robot": "\0.yaml"}, "text": ""}),
+        ("mission_text", {"mission": {**SMALL, "title": "x" * 70_000}, "text": ""}),
+        ("mission_text", {"mission": SMALL | {"title": NESTED}, "text": ""}),
+        ("mission_try", {"mission": SMALL | {"title": NESTED}, "seed": 1, "run": "", "fitness": ""}),
         ("mission_fitness", {"text": 3}),
         ("mission_fitness", {}),
         ("mission_try", {"mission": SMALL, "seed": 1, "run": "", "fitness": None}),
         ("mission_try", {"mission": SMALL, "seed": "one", "run": "", "fitness": ""}),
         ("mission_try", {"mission": SMALL, "seed": -1, "run": "", "fitness": ""}),
         ("mission_try", {"mission": SMALL, "seed": 1, "run": "../x", "fitness": ""}),
-        ("mission_save", {"mission": SMALL, "name": 3}),
+        ("mission_save", {"text": dump(SMALL), "name": 3}),
+        ("mission_save", {"text": "walls: [", "name": "x"}),
         ("mission_parse", {"text": "\ud800"}),
-        ("mission_text", {"mission": {"walls": {"a": [[[[[[1]]]]]]}, "title": "\ud800"}}),
+        ("mission_text", {"mission": {"walls": {"a": [[[[[[1]]]]]]}, "title": "\ud800"}, "text": ""}),
     ],
 )
 def test_wrong_requests_are_told_why(tmp_path: Path, name: str, values: Any) -> None:
