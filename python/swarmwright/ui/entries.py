@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ruamel.yaml.nodes import Node, ScalarNode, SequenceNode
+
 from swarmwright import InputError
 from swarmwright.common import yaml
 from swarmwright.common.yaml_edits import remove_value, set_value
@@ -49,9 +51,15 @@ def read_text(text: str) -> dict[str, Any]:
 
 
 def show_values(values: Any, depth: int = 0) -> dict[str, Any]:  # noqa: ANN401 - any plain value
-    """Return values as a form shows them: `{text}`, and `keys` for a mapping with those of its values."""
+    """Return values as a form shows them: `{text}`, and `keys` for a mapping with those of its values.
+
+    A text that YAML has in quotes has them in `yaml`.
+    """
     if isinstance(values, str):
-        return {"text": values if len(values) <= ENTRY_CHARACTERS else TOO_LONG}
+        if len(values) > ENTRY_CHARACTERS:
+            return {"text": TOO_LONG}
+        quoted = yaml.dump_flow(values)
+        return {"text": values} if quoted == values else {"text": values, "yaml": quoted}
     text = "" if values is None else yaml.dump_flow(values)
     shown: dict[str, Any] = {"text": text if len(text) <= ENTRY_CHARACTERS else TOO_LONG}
     if isinstance(values, Mapping) and depth < DEEPEST:
@@ -178,21 +186,37 @@ def read_entries(entries: str, field: Field) -> list[Any]:
     """
     if len(entries) > ENTRY_CHARACTERS:
         raise InputError(f"must have at most {ENTRY_CHARACTERS:,} characters, not {len(entries):,}")
-    values = _read_yaml(f"[{entries.strip()}]")
+    items = _read_items(f"[{entries.strip()}]")
     # Of a field that takes a list itself, "[8, 4]" is a single value.
-    is_bracketed = isinstance(values, list) and len(values) == 1 and isinstance(values[0], list)
-    if is_bracketed and "list" not in field.takes:
-        values = values[0]
-    if not isinstance(values, list) or not values:
+    if len(items) == 1 and isinstance(items[0][1], list) and "list" not in field.takes:
+        items = _read_items(entries)
+    if not items:
         raise InputError("must list values, such as 10, 20, 50")
-    if len(values) > LONGEST_LIST:
-        raise InputError(f"must list at most {LONGEST_LIST:,} values, not {len(values):,}")
-    read = [read_entry(value if isinstance(value, str) else yaml.dump_flow(value), field) for value in values]
+    if len(items) > LONGEST_LIST:
+        raise InputError(f"must list at most {LONGEST_LIST:,} values, not {len(items):,}")
+    read = [_read_item(node, value, field) for node, value in items]
     texts = [yaml.dump_flow(value) for value in read]
     twice = next((text for index, text in enumerate(texts) if text in texts[:index]), None)
     if twice is not None:
         raise InputError(f"{twice[:50]} is listed twice")
     return read
+
+
+def _read_items(text: str) -> list[tuple[Node, Any]]:
+    """Return the items of a list as they are written, and their values."""
+    values = _read_yaml(text)
+    root = yaml.compose(text, "entry")
+    return list(zip(root.value, values, strict=True)) if isinstance(root, SequenceNode) else []
+
+
+def _read_item(node: Node, value: Any, field: Field) -> Any:  # noqa: ANN401 - any plain value
+    """Return a value of a list that was entered, which the field takes as it takes a single one."""
+    if not isinstance(node, ScalarNode):
+        return read_entry(yaml.dump_flow(value), field)
+    if node.style is None:
+        return read_entry(node.value, field)
+    is_text = isinstance(value, str) and {"any", "text"} & set(field.takes)
+    return value if is_text else read_entry(node.value, field)
 
 
 def _read_plain(text: str) -> Any:  # noqa: ANN401 - any plain value

@@ -208,7 +208,7 @@ def test_a_mission_is_drawn_tried_saved_and_evolved_on(browser: Chrome, tmp_path
         browser.get(address)
         find(browser, "header a[href='#/draw']").click()
         eventually(lambda: "Nothing is wrong" in page_text(browser), "a mission is opened")
-        for button in browser.find_elements(By.CSS_SELECTOR, "[role=toolbar] button"):
+        for button in browser.find_elements(By.CSS_SELECTOR, "[aria-label=Add] button"):
             if button.text == "obstacle":
                 button.click()
         board = find(browser, ".board")

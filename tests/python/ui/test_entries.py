@@ -152,7 +152,19 @@ def test_a_text_that_cannot_be_read_is_told(text: str, message: str) -> None:
         ("ranking.failed", "last, -1", ["last", -1]),
         ("faults.backup", "true, false", [True, False]),
         ("parameters.helloMessage", "a b, '1', 2", ["a b", "1", "2"]),
+        (
+            "parameters.helloMessage",
+            "007, yes, 2020-01-01, 1e3, a:b",
+            ["007", "yes", "2020-01-01", "1e3", "a:b"],
+        ),
+        (
+            "parameters.helloMessage",
+            """"a, b", 'c: d', it's, http://u:1, "\\"", '~'""",
+            ["a, b", "c: d", "it's", "http://u:1", '"', "~"],
+        ),
         ("parameters.goal", "[1, 2], [3, 4]", [[1, 2], [3, 4]]),
+        ("parameters.goal", "[[1, 2]]", [[1, 2]]),
+        ("parameters.unknown", "'5', 5, 'a: b', {a: 1}", ["5", 5, "a: b", {"a": 1}]),
     ],
 )
 def test_values_of_a_sweep_are_listed(path: str, entry: str, values: list[Any]) -> None:
@@ -184,4 +196,5 @@ def test_values_are_shown_as_text() -> None:
     ]
     assert shown["a"] == {"text": "9223372036854775808"}
     assert shown["b"]["keys"]["c"] == {"text": '[1, "x: y"]'}
+    assert show_values("a, b") == {"text": "a, b", "yaml": '"a, b"'}
     assert [shown[key]["text"] for key in "def"] == ["", ".nan", "<b>"]

@@ -121,31 +121,32 @@ def _combine_values(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict
 def apply_changes(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
     """Apply changes to an experiment: kinds first, since options depend on them; parts of options last."""
     merged: dict[str, Any] = {}
-    for key in sorted(changes, key=lambda key: (not key.endswith(".kind"), _part_of_option(base, key) or ())):
+    paths = {key: _path_of(base, key) for key in changes}
+    for key, path in sorted(
+        paths.items(), key=lambda item: (not item[0].endswith(".kind"), item[1] if len(item[1]) > 2 else ())
+    ):
         value = changes[key]
-        section, _, option = key.partition(".")
-        if not option:
+        section = path[0]
+        if len(path) == 1:
             merged[section] = value
             continue
         if section not in merged:
             merged[section] = {}
-        if option == "kind" and section in REGISTRIES:
+        if path[1:] == ("kind",) and section in REGISTRIES:
             merged[section].update(_select_kept_options(base, section, value, changes))
-        path = _part_of_option(base, key)
-        if path is None:
-            merged[section][option] = value
+        if len(path) == 2:
+            merged[section][path[1]] = value
         else:
             _set_part(base, merged[section], path, value)
     return base.replace(**merged)
 
 
-def _part_of_option(base: Experiment, key: str) -> tuple[str, ...] | None:
-    """Return the path of a key for a part of an option, such as `method.measures.steps.bins`; else None."""
+def _path_of(base: Experiment, key: str) -> tuple[str, ...]:
+    """Return the path of a key, such as `method.measures.steps.bins` or `parameters."a.b"`."""
     section, _, option = key.partition(".")
-    if not ("." in option or "[" in option) or (section == "parameters" and option in base.parameters):
-        return None
-    path = key_path(f"{key}=")[0]
-    return path if len(path) > 2 else None
+    if not set('."[') & set(option) or (section == "parameters" and option in base.parameters):
+        return (section, option) if option else (section,)
+    return key_path(f"{key}=")[0]
 
 
 def _set_part(base: Experiment, merged: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  # noqa: ANN401

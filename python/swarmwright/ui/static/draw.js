@@ -26,12 +26,17 @@ const OPTIONAL = {
 let clipboard = null;
 
 export function show(view, query) {
-  const board = { mission: null, parts: null, start: null, expression: null, values: null, step: 0, edit, weigh };
+  const board = { mission: null, parts: null, start: null, expression: null, values: null, step: 0, edit, weigh: (expression) => track(divide(expression)) };
   let selection = null;
   let tool = null;
   let sketch = null;
   let drag = null;
   let saved = "";
+  let opened = ""; // its name
+  let shown = ""; // the text of what the board shows; another one is typed, and not read yet
+  let kept = null; // what was opened or saved
+  let comments = []; // of the text that was opened or typed
+  let isWrong = false;
   let isGone = false;
   let checked = 0;
   let tried = 0;
@@ -40,7 +45,8 @@ export function show(view, query) {
   let timer = null;
   const past = [];
   const future = [];
-  const canvas = h("canvas", { class: "board", tabindex: 0, "aria-label": "The mission from above", pointerdown: press, pointermove: move, pointerup: release, pointercancel: release, dblclick: doubled, keydown: key });
+  const requests = new Set(); // under way, whose answers change the mission or its text
+  const canvas = h("canvas", { class: "board", tabindex: 0, role: "application", "aria-label": "The mission from above", "aria-describedby": "board-keys", pointerdown: press, pointermove: move, pointerup: release, pointercancel: release, dblclick: doubled, keydown: key });
   const choice = h("select", { "aria-label": "Mission", change: () => open(choice.value) });
   const tools = Object.keys(TOOLS).map((each) => h("button", { type: "button", click: () => take(tool === each ? null : each) }, each));
   const snap = h("input", { type: "checkbox", checked: true });
@@ -57,6 +63,8 @@ export function show(view, query) {
   const file = h("input", { "aria-label": "Name of the file", placeholder: "name", pattern: "[A-Za-z0-9_][A-Za-z0-9_.\\-]{0,99}" });
   const saveButton = h("button", { type: "button", click: save }, "Save");
   const message = h("span", { role: "status" });
+  const notice = h("p", { class: "hint bad", role: "status" });
+  const lost = h("p", { class: "hint", role: "status" });
   const frame = h("div", { class: "panes" });
   const showProperties = renderer(properties, buildProperties);
   const robots = robotsPanel(board);
@@ -65,13 +73,13 @@ export function show(view, query) {
   view.append(
     h("h1", {}, "Draw a mission"),
     h("div", { class: "tools" }, h("label", {}, "mission ", choice), undo, redo, h("label", {}, snap, ` snap to ${GRID_M} m`), h("label", {}, ranges, " ranges of sensors")),
-    h("div", { class: "tools", role: "toolbar", "aria-label": "Add" }, "Add: ", tools),
+    h("div", { class: "tools", role: "group", "aria-label": "Add" }, "Add: ", tools),
     h("div", { class: "columns" },
-      h("div", {}, canvas,
-        h("p", { class: "hint" }, "Drag to move, drag the squares to change the shape. A polygon is drawn corner by corner; a click on its first corner or Enter closes it. Double-click a side to add a corner, Shift-click a corner to remove it. Arrow keys move, Delete removes, Ctrl-C, Ctrl-V and Ctrl-D copy, paste and duplicate. Alt drags without snapping."),
+      h("div", {}, notice, canvas,
+        h("p", { class: "hint", id: "board-keys" }, "Drag to move, drag the squares to change the shape. A polygon is drawn corner by corner; a click on its first corner or Enter closes it. Double-click a side to add a corner, Shift-click a corner to remove it. Arrow keys move, Delete removes, Ctrl-C, Ctrl-V and Ctrl-D copy, paste and duplicate. Alt drags without snapping."),
         h("div", { class: "tools" }, tryButton, " with ", run, h("label", {}, "seed ", seed), h("label", {}, live, " again after each change")),
         store.window.read_only ? null : h("div", { class: "tools" }, h("label", {}, "save as ", file), saveButton),
-        h("p", { class: "hint" }, message), frame),
+        lost, h("p", { class: "hint" }, message), frame),
       h("div", {}, properties, section("Robots", false, robots.element), section("Objective", true, goals.element), section("Check", true, wrong), section("As YAML", true, text))),
   );
   const observer = new ResizeObserver(() => draw());
@@ -102,6 +110,7 @@ export function show(view, query) {
 
   function draw() {
     const { mission } = board;
+    if (mission === null) canvas.width = canvas.clientWidth; // clears it
     if (mission === null || canvas.clientWidth === 0) return;
     // While something is dragged the scale stays: the arena does not grow away under the pointer.
     const at = drag?.view ?? scale();
@@ -249,7 +258,7 @@ export function show(view, query) {
     else {
       context.beginPath();
       const centre = element.shape.point?.at ?? element.shape.circle?.center ?? [0, 0];
-      context.arc(...toScreen(centre, at), element.shape.point ? 12 : element.shape.circle.radius * at.unit, 0, 7);
+      context.arc(...toScreen(centre, at), element.shape.point ? 12 : Math.max(0, element.shape.circle.radius) * at.unit, 0, 7);
     }
     context.stroke();
     context.fillStyle = color("--accent");
@@ -295,7 +304,7 @@ export function show(view, query) {
   }
 
   function press(event) {
-    if (board.mission === null) return;
+    if (board.mission === null || isTyped()) return;
     canvas.focus();
     canvas.setPointerCapture(event.pointerId);
     const point = toWorld(event);
@@ -391,6 +400,7 @@ export function show(view, query) {
   }
 
   function key(event) {
+    if (board.mission === null) return;
     const chosen = selected();
     const isCommand = event.ctrlKey || event.metaKey;
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -424,21 +434,34 @@ export function show(view, query) {
   }
 
   function edit(act) {
+    if (isTyped()) {
+      refresh(); // what was typed would be lost
+      return;
+    }
     remember();
     act(board.mission);
     changed();
   }
 
+  const moment = () => ({ mission: JSON.stringify(board.mission), text: shown });
+
   function remember() {
-    past.push(JSON.stringify(board.mission));
+    past.push(moment());
     if (past.length > 200) past.shift();
     future.length = 0;
   }
 
   function step(from, to) {
+    if (isTyped() && board.mission !== null) {
+      text.value = shown;
+      changed();
+      return;
+    }
     if (from.length === 0) return;
-    to.push(JSON.stringify(board.mission));
-    board.mission = JSON.parse(from.pop());
+    to.push(moment());
+    const { mission, text: former } = from.pop();
+    board.mission = JSON.parse(mission);
+    text.value = shown = former;
     if (selected() === null) selection = null;
     changed();
   }
@@ -454,7 +477,7 @@ export function show(view, query) {
     showProperties();
     robots.show();
     goals.show();
-    undo.disabled = past.length === 0;
+    undo.disabled = past.length === 0 && (board.mission === null || !isTyped());
     redo.disabled = future.length === 0;
   }
 
@@ -559,52 +582,87 @@ export function show(view, query) {
     return [
       list.map((stretch, index) => h("div", { class: "fields" },
         fields(specs, stretch, (name, value) => edit(() => put(stretch, name, value ?? (name === "color" ? "red" : undefined))), `walls.colors.${index}`),
-        h("button", { type: "button", click: () => edit(({ walls }) => { walls.colors.splice(index, 1); if (!walls.colors.length) delete walls.colors; }) }, "Remove"))),
+        h("button", { type: "button", "data-key": `walls.colors.${index}.remove`, click: () => edit(({ walls }) => { walls.colors.splice(index, 1); if (!walls.colors.length) delete walls.colors; }) }, "Remove"))),
       h("button", { type: "button", "data-key": "walls.colors.add", click: () => edit(({ walls }) => { walls.colors = [...(walls.colors ?? []), { side: list.length % corners(walls).length, color: "red" }]; }) }, "Color a side (for cameras)"),
     ];
   }
 
   // The text, and what the engine says.
-  async function changed() {
+  const isTyped = () => text.value !== shown;
+  const state = () => JSON.stringify([board.mission, board.expression]);
+  const isChanged = () => kept !== null && (text.value !== kept.text || state() !== kept.state);
+
+  function keep() {
+    kept = { text: text.value, state: state() };
+  }
+
+  function track(request) {
+    requests.add(request);
+    request.finally(() => requests.delete(request));
+    return request;
+  }
+
+  const changed = () => track(write());
+  const typed = () => track(read());
+
+  /** Resolves when the mission is what is on the screen. */
+  async function settle() {
+    if (isTyped()) typed();
+    while (requests.size) await Promise.all(requests);
+  }
+
+  /** Writes the mission into the text, whose comments stay. */
+  async function write() {
     refresh();
+    if (board.mission === null) return;
     const number = ++checked;
+    message.textContent = "";
     try {
-      const answer = await change("mission_text", { mission: board.mission, seed: Number(seed.value) });
-      if (isGone || number !== checked) return;
+      const answer = await change("mission_text", { mission: board.mission, text: shown, seed: Number(seed.value) });
+      if (isGone || number !== checked || isTyped()) return;
       text.value = answer.text;
+      shown = text.value;
       tell(answer);
     } catch (error) {
-      if (!isGone) wrong.replaceChildren(h("li", {}, problem(error)));
+      if (!isGone && number === checked) tell({ problems: error.message.split("\n") });
     }
   }
 
-  async function typed() {
+  /** Reads the mission from the text. */
+  async function read() {
     const number = ++checked;
+    const source = text.value;
     try {
-      const answer = await change("mission_parse", { text: text.value, seed: Number(seed.value) });
+      const answer = await change("mission_parse", { text: source, seed: Number(seed.value) });
       if (isGone || number !== checked) return;
       if (answer.mission) {
-        remember();
+        if (board.mission !== null) remember();
         board.mission = answer.mission;
-        selection = null;
+        shown = source;
+        comments = source.match(/(?<=^|\s)#.*$/gm) ?? [];
+        if (selected() === null) selection = null;
       }
       tell(answer);
     } catch (error) {
-      wrong.replaceChildren(h("li", {}, problem(error)));
+      if (!isGone && number === checked) tell({ problems: error.message.split("\n") });
     }
   }
 
   function tell({ problems, start }) {
     // Robots stay where they were while something is wrong.
     board.start = start ?? board.start;
-    tryButton.disabled = saveButton.disabled = problems.length > 0;
-    wrong.replaceChildren(...(problems.length ? problems.map((each) => h("li", { class: "problem" }, each)) : [h("li", { class: "fine" }, "Nothing is wrong.")]));
+    isWrong = problems.length > 0;
+    tryButton.disabled = saveButton.disabled = isWrong;
+    wrong.replaceChildren(...(isWrong ? problems.map((each) => h("li", { class: "problem" }, each)) : [h("li", { class: "fine" }, "Nothing is wrong.")]));
+    notice.textContent = !isTyped() ? "" : board.mission === null ? "This text cannot be drawn. Correct it beside the board." : "The board shows the last text that could be drawn. Correct the text, or undo.";
+    const left = comments.filter((each) => !text.value.includes(each));
+    lost.textContent = left.length === 0 ? "" : `Without ${left.length === 1 ? "a comment" : `${left.length} comments`} of the text: ${left.join(" ").slice(0, 200)}`;
     refresh();
-    if (problems.length === 0) later();
+    if (!isWrong) later();
   }
 
   /** Takes a fitness: into the mission if it is a weighted sum, else for the experiment. */
-  async function weigh(expression) {
+  async function divide(expression) {
     if (expression.trim() === "") {
       goals.show();
       return;
@@ -613,14 +671,14 @@ export function show(view, query) {
       const { fitness } = await change("mission_fitness", { text: expression });
       if (isGone) return;
       board.expression = fitness === null ? expression : null;
+      message.textContent = "";
       if (fitness === null) {
         refresh();
         later();
       } else if (expressionOf(fitness) === expressionOf(board.mission.fitness)) refresh();
       else edit((mission) => { mission.fitness = fitness; });
-      message.textContent = "";
     } catch (error) {
-      message.replaceChildren(problem(error));
+      if (!isGone) message.replaceChildren(problem(error));
     }
   }
 
@@ -632,6 +690,8 @@ export function show(view, query) {
 
   async function tryOut(isAgain = false) {
     clearTimeout(timer);
+    if (!isAgain) await settle();
+    if (isWrong || isGone) return;
     const number = ++tried;
     if (!isAgain) tryButton.disabled = true;
     message.textContent = "simulating…";
@@ -647,7 +707,7 @@ export function show(view, query) {
     } catch (error) {
       if (!isGone && number === tried) message.replaceChildren(problem(error));
     }
-    tryButton.disabled = false;
+    tryButton.disabled = isWrong;
   }
 
   /** Shows the values of the step that the player shows; see `remote.js` of the player. */
@@ -665,9 +725,13 @@ export function show(view, query) {
   }
 
   async function save() {
+    await settle();
+    if (isWrong || isGone) return;
+    const now = { text: text.value, state: state() };
     try {
-      const answer = await change("mission_save", { name: file.value, mission: board.mission, replace: saved === file.value });
+      const answer = await change("mission_save", { name: file.value, text: now.text, replace: saved === file.value });
       saved = file.value;
+      kept = now;
       const fitness = board.expression === null ? "" : `&fitness=${encodeURIComponent(board.expression)}`;
       message.replaceChildren(`saved as ${answer.file}. `, h("a", { href: `#/new?mission=${encodeURIComponent(answer.file)}${fitness}` }, "Evolve on it"));
     } catch (error) {
@@ -676,18 +740,27 @@ export function show(view, query) {
   }
 
   async function open(which) {
+    if (isChanged() && !confirm("Open another mission, and lose what is not saved of this one?")) {
+      choice.value = opened;
+      return;
+    }
     try {
+      opened = which;
       const answer = await ask("mission", { name: which });
-      if (isGone) return;
-      board.mission = answer.mission;
-      board.expression = board.values = null;
-      past.length = future.length = 0;
-      selection = null;
+      if (isGone || opened !== which) return;
+      board.mission = board.expression = board.values = board.start = null;
+      past.length = future.length = comments.length = 0;
+      selection = sketch = tool = null;
       frame.replaceChildren();
+      shown = "";
+      text.value = answer.text;
       saved = which.endsWith(".yaml") ? which.replace(/\.yaml$/, "") : "";
       file.value = saved || `my_${which}`;
       choice.value = which;
-      changed();
+      kept = null;
+      buttons();
+      await typed();
+      keep();
     } catch (error) {
       wrong.replaceChildren(h("li", {}, problem(error)));
     }
@@ -704,7 +777,7 @@ export function show(view, query) {
     }
     await open(query.get("mission") ?? names.files[0] ?? "aggregation");
   })().catch((error) => wrong.replaceChildren(h("li", {}, problem(error))));
-  return { trail: ["draw a mission"], leave: () => {
+  return { trail: ["draw a mission"], isChanged, leave: () => {
     isGone = true;
     clearTimeout(timer);
     observer.disconnect();

@@ -27,12 +27,14 @@ export function renderer(container, build) {
       const open = new Set([...container.querySelectorAll("details[open]")].map((each) => each.dataset.key));
       container.replaceChildren(...[build()].flat(3).filter(Boolean));
       for (const each of container.querySelectorAll("details")) if (open.has(each.dataset.key)) each.open = true;
-      if (key) [...container.querySelectorAll("[data-key]")].find((each) => each.dataset.key === key)?.focus({ preventScroll: true });
+      const fields = [...container.querySelectorAll("[data-key]")];
+      if (active) (fields.find((each) => each.dataset.key === key) ?? fields[0])?.focus({ preventScroll: true });
     });
   };
   return draw;
 }
 
+const listOf = (value) => (Array.isArray(value) ? value : []);
 const numbers = (text) => text.split(/[\s,;]+/).filter(Boolean).map(Number);
 
 /** A labelled field. `set(undefined)` is called where an optional value is emptied. */
@@ -54,29 +56,31 @@ function input(spec, value, set, key, names, label) {
       return h("input", { ...data, type: "checkbox", checked: value === true, change: (event) => set(event.target.checked || undefined) });
     case "choice":
       return select(data, [[ "", `${spec.value} (default)` ], ...spec.options.filter((each) => each !== spec.value || value === each).map((each) => [each, each])], value ?? "", (now) => set(now || undefined));
-    case "several":
-      return h("span", { class: "several", role: "group", "aria-label": label }, spec.options.map((each) => h("label", {}, h("input", { "data-key": `${key}.${each}`, type: "checkbox", checked: (value ?? spec.value).includes(each), change: (event) => {
-        const chosen = spec.options.filter((other) => (other === each ? event.target.checked : (value ?? spec.value).includes(other)));
+    case "several": {
+      const present = Array.isArray(value) ? value : spec.value;
+      return h("span", { class: "several", role: "group", "aria-label": label }, spec.options.map((each) => h("label", {}, h("input", { "data-key": `${key}.${each}`, type: "checkbox", checked: present.includes(each), change: (event) => {
+        const chosen = spec.options.filter((other) => (other === each ? event.target.checked : present.includes(other)));
         set(chosen.length ? chosen : spec.is_optional ? undefined : []);
       } }), each)));
+    }
     case "patch":
     case "object":
     case "kind":
       return select(data, [...(emptied ? [["", "all"]] : []), ...(names[spec.type] ?? []).map((each) => [each, each])], value ?? "", (now) => set(now || undefined));
     case "patches": {
-      const chosen = value ?? [];
+      const chosen = listOf(value);
       return h("span", { class: "several", role: "group", "aria-label": label }, (names.patch ?? []).map((each) => h("label", {}, h("input", { "data-key": `${key}.${each}`, type: "checkbox", checked: chosen.includes(each), change: (event) => {
         const now = event.target.checked ? [...chosen, each] : chosen.filter((other) => other !== each);
         set(now.length || !spec.is_optional ? now : undefined);
       } }), each)));
     }
     case "numbers":
-      return h("input", { ...data, value: (value ?? []).join(", "), placeholder: "default", change: (event) => {
+      return h("input", { ...data, value: listOf(value).join(", "), placeholder: "default", change: (event) => {
         const list = numbers(event.target.value);
         set(list.length ? list.map((each) => (Number.isNaN(each) ? event.target.value : each)) : undefined);
       } });
     case "points":
-      return h("input", { ...data, value: (value ?? []).map((point) => point.join(" ")).join(", "), placeholder: "x y, x y", change: (event) => {
+      return h("input", { ...data, value: listOf(value).map((point) => listOf(point).join(" ")).join(", "), placeholder: "x y, x y", change: (event) => {
         const list = event.target.value.split(/[,;]/).map(numbers).filter((point) => point.length);
         set(list.length ? list : undefined);
       } });

@@ -26,9 +26,10 @@ export function kindColor(index) {
 
 /** The description of a model, that of a built-in one by its name; null for a file. */
 export function describe(model, parts) {
-  if (typeof model === "string") return parts.robots[model] ?? null;
-  if (model?.preset === undefined) return model ?? null;
-  const base = structuredClone(parts.robots[model.preset] ?? null);
+  const builtIn = (name) => (Object.hasOwn(parts.robots, name) ? parts.robots[name] : null);
+  if (typeof model === "string") return builtIn(model);
+  if (model.preset === undefined) return model;
+  const base = structuredClone(builtIn(model.preset));
   if (base === null) return null;
   for (const key of ["radius", "height", "mass"]) if (model[key] !== undefined) base[key] = model[key];
   for (const sensor of base.sensors ?? []) Object.assign(sensor, model.sensors?.[sensor.kind]);

@@ -4,19 +4,20 @@ import { change, h } from "./dom.js";
 const TYPING_MS = 500;
 const FEW = 5; // fields of a section that are all shown
 const NUMBER = /^[-+]?(\d[\d_]*\.?\d*|\.\d+)(e[-+]?\d+)?$/i;
+const TYPED = "\0"; // `data-entered` of an input with text that is not entered yet
 const OUTSIDE_SWEEPS = ["Servers", "Time limits", "Failures"];
 
 export const nameOf = (path) => path.join(".");
-const keyOf = (path) => JSON.stringify(path);
+export const keyOf = (path) => JSON.stringify(path);
 
 /**
- * Makes a form. `host` has the text: `text()`, `replace(text)`; `vary(field, value)` is asked for by a field,
+ * Makes a form. `host` has the text: `text()`, `replace(text)`; `vary(field, node)` is asked for by a field,
  * `isVaried(path)` says whether it was; `mayExecute()`, whether the code that the text names may be executed.
  */
 export function makeForm(host) {
   const find = h("input", { type: "search", "aria-label": "Find a field", placeholder: "find a field", input: () => update() });
   const notice = h("p", { class: "hint", role: "status" });
-  const body = h("fieldset", { class: "form" });
+  const body = h("fieldset", { class: "form", "aria-label": "Fields of the experiment" });
   const help = h("p", { class: "help", id: "field-help" });
   const element = h("div", { class: "form-column" }, h("div", { class: "tools" }, find), notice, body, help);
   const rows = new Map();
@@ -95,12 +96,18 @@ export function makeForm(host) {
     const shape = JSON.stringify(next);
     if (shape !== built) {
       const focused = document.activeElement?.dataset?.key;
+      const typed = [...rows].filter(([, entry]) => isTyped(entry)).map(([key, entry]) => [key, controlOf(entry).value]);
       built = shape;
       shown = next;
       rows.clear();
+      errors.clear();
       body.replaceChildren(...shown.map(makeSection));
       suggest();
-      if (focused && rows.has(focused)) rows.get(focused).input.focus();
+      for (const [key, value] of typed) {
+        if (rows.has(key)) Object.assign(controlOf(rows.get(key)), { value }).dataset.entered = TYPED;
+      }
+      update();
+      if (rows.has(focused)) controlOf(rows.get(focused)).focus();
     }
     update();
   }
@@ -122,7 +129,7 @@ export function makeForm(host) {
     const canVary = !OUTSIDE_SWEEPS.includes(section.title) && nameOf(field.path) !== "seed";
     const vary = canVary ? h("button", {
       type: "button", class: "vary", "aria-label": `Vary ${nameOf(field.path)}`, title: "Try several values in a sweep",
-      click: () => { host.vary(field, at(field.path)?.text ?? ""); update(); },
+      click: () => { host.vary(field, at(field.path)); update(); },
     }, "vary") : nameOf(field.path) === "broker" ? h("button", { type: "button", title: "Ask the broker for the simulations of its servers", click: () => askBroker(key) }, "ask") : h("span");
     const short = field.path.length > 1 && field.path[0] !== "requirements" ? field.path.slice(1).join(".") : nameOf(field.path);
     const row = h("div", { class: "entry", mouseenter: () => explain(field), focusin: () => explain(field) },
@@ -149,8 +156,8 @@ export function makeForm(host) {
       change: () => { clearTimeout(timer); if (input.dataset.entered !== input.value || input.validity.badInput) enter(field, input.value, input.validity.badInput); },
       input: () => {
         clearTimeout(timer);
-        input.dataset.entered = "\0";
-        if (!field.is_kind && input.value.trim() && !input.validity.badInput) timer = setTimeout(() => enter(field, input.value), TYPING_MS);
+        input.dataset.entered = TYPED;
+        if (!field.is_kind && input.value.trim() && !input.validity.badInput) timer = setTimeout(() => { if (input.dataset.entered === TYPED) enter(field, input.value); }, TYPING_MS);
       },
     });
     if (!field.choices) return input;
@@ -214,6 +221,15 @@ export function makeForm(host) {
 
   function controlOf(entry) {
     return entry.input.matches(".combo") ? entry.input.firstChild : entry.input;
+  }
+
+  const isTyped = (entry) => controlOf(entry).dataset.entered === TYPED;
+
+  function show(entry) {
+    find.value = "";
+    opened.set(entry.section.title, true);
+    whole.add(entry.section.title);
+    update();
   }
 
   function explain(field) {
@@ -291,8 +307,28 @@ export function makeForm(host) {
     element,
     read,
     update,
-    /** Resolves when all that was entered is in the text. */
-    settled: () => changes,
+    /** Whether something is typed into a field that is not in the text. */
+    isChanged: () => [...rows.values()].some(isTyped),
+    /** Resolves when all that was typed is in the text. Throws what a field does not take. */
+    async settle() {
+      for (const entry of rows.values()) if (isTyped(entry)) enter(entry.field, controlOf(entry).value, controlOf(entry).validity.badInput);
+      for (let last = null; last !== changes;) await (last = changes);
+      for (const [key, { message }] of errors) {
+        const entry = rows.get(key);
+        const { value, validity } = controlOf(entry);
+        if (value === (at(entry.field.path)?.text ?? "") && !validity.badInput) continue; // such as a broker that does not answer
+        show(entry);
+        controlOf(entry).focus();
+        throw new Error(`${nameOf(entry.field.path)}: ${message}`);
+      }
+    },
+    /** Shows a field that is not varied any more. */
+    focusVary(path) {
+      const entry = rows.get(keyOf(path));
+      if (entry === undefined) return;
+      show(entry);
+      entry.vary.focus();
+    },
     showProblems(list) {
       problems = list;
       update();
@@ -301,10 +337,8 @@ export function makeForm(host) {
     focus(message) {
       const [key] = [...assign([{ message }]).keys()];
       if (key === undefined) return false;
-      find.value = "";
-      update();
       const entry = rows.get(key);
-      entry.section.parts.details.open = true;
+      show(entry);
       controlOf(entry).focus();
       return true;
     },

@@ -15,7 +15,7 @@ export function show(view, query) {
   const seeds = h("input", { type: "number", min: 1, max: 200, step: 1, value: 1, "aria-label": "Number of seeds", input: () => sweep.plan() });
   const start = h("button", { type: "submit", class: "primary" }, "Start");
   const undo = h("button", { type: "button", disabled: true, title: "Undo the last change by the form", click: () => goBack() }, "Undo");
-  const choice = h("select", { "aria-label": "Template", change: () => take({ template: choice.value }, choice.value.replace(/^.*:/, "")) });
+  const choice = h("select", { "aria-label": "Template", change: () => choose() });
   const refused = h("p", { class: "problem", role: "alert" });
   const before = [];
   let timer = null;
@@ -24,11 +24,13 @@ export function show(view, query) {
   let isHeld = false; // the text names code of somebody else, which is executed when it is checked
   let isWrong = false;
   let runs = null; // of a sweep; 0 where it is wrong, null without one
+  let kept = null; // what was opened or started
+  let taken = ""; // the template
 
   const sweep = makeSweep({
     text: () => editor.value,
     seeds: () => seeds.valueAsNumber || 1,
-    removed: () => form.update(),
+    removed: (path) => form.focusVary(path),
     changed: (count) => {
       runs = count;
       start.textContent = runs === null ? "Start" : "Start sweep";
@@ -42,7 +44,7 @@ export function show(view, query) {
       if (before.length > MOST_UNDONE) before.shift();
       put(text);
     },
-    vary: (field, value) => sweep.toggle(field, value),
+    vary: (field, node) => sweep.toggle(field, node),
     isVaried: (path) => sweep.isVaried(path),
     mayExecute: () => !isHeld,
   });
@@ -57,6 +59,14 @@ export function show(view, query) {
     h("div", { class: "workbench" }, form.element,
       h("div", { class: "text-column" }, h("div", { class: "tools" }, h("h2", {}, "YAML"), undo), editor, h("h2", {}, "Check"), held, h("div", { role: "status" }, problems))),
   );
+
+  const state = () => JSON.stringify([editor.value, sweep.entered()]);
+  const isChanged = () => kept !== null && (state() !== kept || form.isChanged());
+
+  function choose() {
+    if (!isChanged() || confirm("Take this template, and lose what is not started of this experiment?")) take({ template: choice.value }, choice.value.replace(/^.*:/, ""));
+    else choice.value = taken;
+  }
 
   function allow() {
     start.disabled = isWrong || isHeld || runs === 0;
@@ -94,8 +104,11 @@ export function show(view, query) {
 
   async function take(source, suggested) {
     try {
+      taken = source.template ?? "";
       const answer = await ask("experiment", source);
+      if (isGone || taken !== (source.template ?? "")) return;
       editor.value = answer.text;
+      kept = state();
       forget();
       hold(!answer.is_trusted);
       if (!name.value || name.dataset.suggested === name.value) name.value = name.dataset.suggested = suggested;
@@ -153,15 +166,21 @@ export function show(view, query) {
     refused.textContent = "";
     start.disabled = true; // a second click would start it again
     try {
-      await form.settled();
+      await form.settle();
       const count = Number(seeds.value);
+      const now = state();
+      const isSweep = sweep.entered().length > 0;
       const common = { text: editor.value, name: name.value };
-      const answer = runs === null
+      const answer = !isSweep
         ? await change("start", { ...common, seeds: count === 1 ? [] : Array.from({ length: count }, (_, index) => index + 1) })
         : await change("sweep", { ...common, vary: sweep.entered(), seeds: count });
-      if (answer.problems?.length && runs === null) showProblems(answer.problems);
+      if (isGone) return;
+      if (answer.problems?.length && !isSweep) showProblems(answer.problems);
       else if (answer.problems?.length) refused.textContent = answer.problems.map((entry) => entry.message).join("\n");
-      else location.hash = "#/jobs";
+      else {
+        kept = now;
+        location.hash = "#/jobs";
+      }
     } catch (error) {
       refused.textContent = error.message;
     }
@@ -178,6 +197,7 @@ export function show(view, query) {
       // As a text in JSON, which YAML reads, too: the address may come from anywhere.
       editor.value = editor.value.replace(/^( *mission: *)\S+/m, (_match, key) => key + JSON.stringify(mission));
       if (query.get("fitness")) editor.value = `${editor.value.trimEnd()}\nfitness: ${JSON.stringify(query.get("fitness"))}\n`;
+      kept = state();
       later(0);
     } else if (query.get("run")) {
       choice.value = "";
@@ -187,5 +207,5 @@ export function show(view, query) {
       take({ template: choice.value }, "aggregation");
     }
   })().catch((error) => problems.replaceChildren(h("li", {}, problem(error))));
-  return { trail: ["new experiment"], leave: () => { isGone = true; clearTimeout(timer); form.leave(); sweep.leave(); } };
+  return { trail: ["new experiment"], isChanged, leave: () => { isGone = true; clearTimeout(timer); form.leave(); sweep.leave(); } };
 }

@@ -1,12 +1,12 @@
 // Fields that are varied in a sweep: their values, and how many runs they make.
 import { change, figure, h } from "./dom.js";
-import { nameOf } from "./form.js";
+import { keyOf, nameOf } from "./form.js";
 
 const AFTER_MS = 300;
 
 const count = (number, noun) => `${figure(number)} ${noun}${number === 1 ? "" : "s"}`;
 
-/** Makes the list of varied fields. `host` has `text()`, `seeds()` and is told by `changed(runs)` what is chosen. */
+/** Makes the list of varied fields. `host` has `text()` and `seeds()`; `changed(runs)` and `removed(path)` say what is chosen. */
 export function makeSweep(host) {
   const list = h("div", { class: "varied" });
   const sum = h("p", { class: "hint", role: "status" });
@@ -15,14 +15,14 @@ export function makeSweep(host) {
   let timer = null;
   let asked = 0;
 
-  function toggle(field, value) {
-    const name = nameOf(field.path);
-    const index = chosen.findIndex((entry) => nameOf(entry.field.path) === name);
+  /** Varies a field, or does so no more. `node` is what the text has for it: `{text, yaml}`. */
+  function toggle(field, node) {
+    const index = chosen.findIndex((entry) => keyOf(entry.field.path) === keyOf(field.path));
     if (index >= 0) {
       chosen[index].row.remove();
       chosen.splice(index, 1);
     } else {
-      const entry = makeEntry(field, value || field.default || "");
+      const entry = makeEntry(field, node);
       chosen.push(entry);
       list.append(entry.row);
       entry.row.querySelector("input").focus();
@@ -31,20 +31,22 @@ export function makeSweep(host) {
     plan();
   }
 
-  function makeEntry(field, value) {
+  function makeEntry(field, node) {
     const name = nameOf(field.path);
     const message = h("p", { class: "problem", role: "status" });
     const number = h("span", { class: "count" });
     const takes = field.takes ?? [];
     const isChoice = takes.length === 0 || (takes.length === 1 && takes[0] === "boolean");
-    const remove = h("button", { type: "button", "aria-label": `Do not vary ${name}`, title: "Do not vary this field", click: () => { toggle(field); host.removed(); } }, "×");
+    const remove = h("button", { type: "button", "aria-label": `Do not vary ${name}`, title: "Do not vary this field", click: () => { toggle(field); host.removed(field.path); } }, "×");
     const entry = { field, message, number };
     if (isChoice) {
-      const boxes = (field.choices ?? ["true", "false"]).map((choice) => h("input", { type: "checkbox", value: choice, checked: choice === value, change: plan }));
+      const boxes = (field.choices ?? ["true", "false"]).map((choice) => h("input", { type: "checkbox", value: choice, checked: choice === (node?.text || field.default), change: plan }));
       entry.values = () => boxes.filter((box) => box.checked).map((box) => box.value).join(", ");
       entry.row = h("fieldset", { class: "vary-entry" }, h("legend", {}, name, " ", number, " ", remove), boxes.map((box) => h("label", {}, box, " ", box.value)), message);
       return entry;
     }
+    const first = node?.yaml ?? (node?.text || field.default || "");
+    const value = first.startsWith("[") && !takes.includes("list") ? `[${first}]` : first; // a single value
     const input = h("input", { type: "text", value, "aria-label": `Values of ${name}`, placeholder: "10, 20, 50", autocomplete: "off", spellcheck: "false", input: later });
     entry.values = () => input.value;
     const isNumber = takes.includes("integer") || takes.includes("number");
@@ -101,5 +103,5 @@ export function makeSweep(host) {
     }
   }
 
-  return { element, toggle, plan, entered, isVaried: (path) => chosen.some((entry) => nameOf(entry.field.path) === nameOf(path)), leave: () => clearTimeout(timer) };
+  return { element, toggle, plan, entered, isVaried: (path) => chosen.some((entry) => keyOf(entry.field.path) === keyOf(path)), leave: () => clearTimeout(timer) };
 }
