@@ -1,5 +1,6 @@
 """A mission is drawn from scratch in a real browser: shapes, robots, objective, an episode, and the file."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,9 +37,14 @@ def button(browser: Chrome, label: str) -> None:
 
 def fill(browser: Chrome, key: str, value: str) -> None:
     """Type into the field with a key, and leave it."""
-    entry = eventually(lambda: browser.find_element(By.CSS_SELECTOR, f"[data-key='{key}']"), f"a field {key}")
-    entry.send_keys(Keys.CONTROL, "a")
-    entry.send_keys(value, Keys.TAB)
+
+    def enter() -> bool:
+        entry = browser.find_element(By.CSS_SELECTOR, f"[data-key='{key}']")
+        entry.send_keys(Keys.CONTROL, "a")
+        entry.send_keys(value, Keys.TAB)
+        return True
+
+    eventually(enter, f"a field {key}")  # it may be drawn anew meanwhile
 
 
 def test_a_mission_is_drawn_from_scratch(browser: Chrome, tmp_path: Path) -> None:
@@ -64,7 +70,7 @@ def test_a_mission_is_drawn_from_scratch(browser: Chrome, tmp_path: Path) -> Non
 
         button(browser, "start rectangle")
         ActionChains(browser).move_to_element_with_offset(board, -60, 0).click().perform()
-        has_text(browser, "rectangle:\n    x:")
+        has_text(browser, "rectangle: {x:")
         Select(find(browser, "[aria-label=Selected]")).select_by_value("start,disc")
         button(browser, "Remove")
         eventually(
@@ -121,3 +127,147 @@ def test_a_mission_is_drawn_from_scratch(browser: Chrome, tmp_path: Path) -> Non
     assert [kind["count"] for kind in mission["robots"]] == [4, 5]
     assert "camera" in [sensor["kind"] for sensor in mission["robots"][1]["robot"]["sensors"]]
     assert mission["fitness"] == {"factors": {"apart": 1, "robots_on": -0.01}}
+
+
+SHAPES = [
+    "", "3", "[1, 2]", "walls: [", "walls: 5", "walls: {rectangle: 2}\nstart: 3",
+    "walls: {corners: [[1], 2]}",
+    "walls: {rectangle: [2, 2]}\nfloor: {patches: [null]}", "walls: {rectangle: [2, 2]}\nrobots: {a: 1}",
+    "walls: {rectangle: [2, 2]}\nrobot: {sensors: [{kind: proximity, angles: 3}]}", "a: &a [*a]",
+    "walls: {rectangle: [2, 2]}\nmetrics: [1]", "walls: {rectangle: [2, .nan]}\nstart: null",
+]  # fmt: skip
+MISTAKES = """\
+walls: {sides: -5, height: [1], colors: [{side: 99, color: constructor}]}
+floor: {color: [1], patches: [{name: {a: 1}, circle: {radius: -1}, color: [2]}, {polygon: []}]}
+start: {disc: {radius: -1}}
+robots:
+  - {robot: constructor, count: -3}
+  - {robot: {preset: none}}
+  - {robot: {sensors: [{kind: light, count: 1e9}]}}
+metrics:
+  constructor: {kind: constructor}
+  b: {kind: most_robots_on, patches: 3}
+  c: {kind: shape_deviation, shape: {}}
+lights: [{at: [0, 0], color: {}}]
+title: [[[[[]]]]]
+duration: {a: b}
+"""
+"""What can be drawn, but never be simulated."""
+
+
+def type_text(browser: Chrome, text: str) -> None:
+    """Put a text into the editor as somebody does who still has the focus in it."""
+    editor = find(browser, "textarea")
+    browser.execute_script(
+        "const [editor, text] = arguments; editor.focus(); editor.value = text;"
+        "editor.dispatchEvent(new Event('input'))",
+        editor,
+        text,
+    )
+
+
+def press(browser: Chrome, label: str) -> None:
+    """Press a button in the moment after what was done before."""
+    browser.execute_script(
+        "[...document.querySelectorAll('button')].find((each) => each.textContent === arguments[0]).click()",
+        label,
+    )
+
+
+def text_of(browser: Chrome) -> str:
+    return find(browser, "textarea").get_attribute("value") or ""
+
+
+def test_what_is_typed_is_saved_with_its_comments_and_any_shape_is_survived(
+    browser: Chrome, tmp_path: Path
+) -> None:
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    (runs / "broken.yaml").write_text("walls: 5\nstart: 3  # where\n")
+    with window(runs) as address:
+        browser.get(f"{address}#/draw?mission=broken.yaml")
+        eventually(lambda: "This text cannot be drawn" in page_text(browser), "a broken file is told")
+        assert "# where" in text_of(browser)
+        browser.get(f"{address.partition('?')[0]}#/draw?mission=dispersion")
+        eventually(lambda: "Nothing is wrong" in page_text(browser), "a mission is opened")
+        head = text_of(browser).splitlines()[0]
+        assert head.startswith("# ")
+
+        # Saved in the moment after it was typed.
+        type_text(browser, text_of(browser).replace("title: ", "title: My ").rstrip() + "  # mine\n")
+        press(browser, "Save")
+        eventually(lambda: "saved as my_dispersion.yaml" in page_text(browser), "it is saved")
+        saved = (runs / "my_dispersion.yaml").read_text()
+        assert saved == text_of(browser)
+        assert saved.startswith(head)
+        assert "title: My" in saved
+        fitness = find(browser, "[data-key=fitness]")
+        browser.execute_script(
+            "const [field] = arguments; field.value = '2 * apart';"
+            "field.dispatchEvent(new Event('change', {bubbles: true}))",
+            fitness,
+        )
+        press(browser, "Save")
+        eventually(lambda: "apart: 2" in (runs / "my_dispersion.yaml").read_text(), "with the fitness")
+        assert (runs / "my_dispersion.yaml").read_text().startswith(head)
+
+        # Texts that are no missions leave the board as it is.
+        before = text_of(browser)
+        for shape in SHAPES:
+            type_text(browser, shape)
+            press(browser, "Try")
+            eventually(lambda: "The board shows the last text" in page_text(browser), shape)
+            assert browser.find_elements(By.CSS_SELECTOR, ".problems .problem"), shape
+            find(browser, ".board").click()
+            assert not find(browser, "[aria-label='Name of the file'] + *, .primary").is_enabled()
+        assert text_of(browser) == SHAPES[-1]
+        press(browser, "Undo")
+        eventually(lambda: text_of(browser) == before, "the text of the board is back")
+        eventually(lambda: "Nothing is wrong" in page_text(browser), "it is right")
+        type_text(browser, MISTAKES)
+        press(browser, "Try")
+        eventually(lambda: len(browser.find_elements(By.CSS_SELECTOR, ".problems .problem")) > 5, "mistakes")
+        select = Select(find(browser, "[aria-label=Selected]"))
+        for option in [option.get_attribute("value") for option in select.options]:
+            browser.execute_script(
+                "const field = document.querySelector('[aria-label=Selected]');"
+                "field.value = arguments[0]; field.dispatchEvent(new Event('change'))",
+                option,
+            )
+            time.sleep(0.1)
+        log = browser.get_log("browser")  # type: ignore[no-untyped-call]
+        assert [entry for entry in log if entry["source"] != "network"] == []
+
+
+IS_CHANGED = """
+const [script, done] = arguments;
+import(new URL(script, document.baseURI)).then(async ({ show }) => {
+  const element = document.createElement("div");
+  document.body.append(element);
+  const until = async (isTrue) => { while (!isTrue()) await new Promise((go) => setTimeout(go, 20)); };
+  const shown = show(element, new URLSearchParams());
+  const editor = element.querySelector("textarea");
+  await until(() => element.textContent.includes("Nothing is wrong"));
+  const answers = [shown.isChanged()];
+  const text = editor.value;
+  editor.value = `${text}# more`;
+  answers.push(shown.isChanged());
+  editor.value = text;
+  answers.push(shown.isChanged());
+  const field = element.querySelector("input[type=number][data-key]");
+  field.value = 7;
+  for (const name of ["input", "change"]) field.dispatchEvent(new Event(name, { bubbles: true }));
+  answers.push(shown.isChanged());
+  shown.leave();
+  element.remove();
+  done(answers);
+}).catch((error) => done(String(error)));
+"""
+
+
+@pytest.mark.parametrize("view", ["new", "draw"])
+def test_views_say_whether_something_would_be_lost(browser: Chrome, tmp_path: Path, view: str) -> None:
+    with window(tmp_path) as address:
+        browser.get(address)
+        find(browser, f"header a[href='#/{view}']")
+        assert browser.execute_async_script(IS_CHANGED, f"static/{view}.js") == [False, True, False, True]

@@ -34,6 +34,7 @@ export function makeForm(host) {
   let problems = [];
   let number = 0;
   let changes = Promise.resolve();
+  let pending = 0; // changes
   let isGone = false;
 
   async function read() {
@@ -173,7 +174,8 @@ export function makeForm(host) {
       update();
       return;
     }
-    changes = changes.then(() => apply(field, key, entry));
+    pending += 1;
+    changes = changes.then(() => apply(field, key, entry)).finally(() => { pending -= 1; });
   }
 
   /** Notes what is wrong with an entry, which stays until the field or its part of the text changes. */
@@ -308,7 +310,7 @@ export function makeForm(host) {
     read,
     update,
     /** Whether something is typed into a field that is not in the text. */
-    isChanged: () => [...rows.values()].some(isTyped),
+    isChanged: () => pending > 0 || [...rows.values()].some(isTyped),
     /** Resolves when all that was typed is in the text. Throws what a field does not take. */
     async settle() {
       for (const entry of rows.values()) if (isTyped(entry)) enter(entry.field, controlOf(entry).value, controlOf(entry).validity.badInput);
