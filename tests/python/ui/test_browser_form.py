@@ -45,6 +45,16 @@ def enter(browser: Chrome, path: str, text: str) -> None:
     element.send_keys(text, Keys.TAB)
 
 
+def start_at_once(browser: Chrome, path: str, text: str) -> None:
+    """Type into a field that keeps the focus, and start in the same moment."""
+    browser.execute_script(
+        "const [field, text] = arguments; field.focus(); field.value = text;"
+        "field.dispatchEvent(new Event('input')); document.querySelector('form').requestSubmit()",
+        field(browser, path),
+        text,
+    )
+
+
 def test_form_and_text_follow_each_other_and_a_sweep_is_started(browser: Chrome, tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
 
@@ -124,6 +134,12 @@ def test_form_and_text_follow_each_other_and_a_sweep_is_started(browser: Chrome,
         eventually(lambda: "must be a number" in find(browser, ".sweep").text, "a wrong value is told")
         assert not find(browser, "button[type=submit]").is_enabled()
         values.send_keys(Keys.BACKSPACE, "0.3")
+        find(browser, "button[aria-label='Vary parameters.helloMessage']").send_keys(Keys.ENTER)
+        message_values = find(browser, "input[aria-label='Values of parameters.helloMessage']")
+        assert message_values.get_attribute("value") == '"<b>: #x"'
+        find(browser, "button[aria-label='Do not vary parameters.helloMessage']").click()
+        focused = browser.switch_to.active_element.get_attribute("aria-label")
+        assert focused == "Vary parameters.helloMessage"
         seeds = find(browser, "input[aria-label='Number of seeds']")
         seeds.send_keys(Keys.CONTROL, "a")
         seeds.send_keys("2")
@@ -132,11 +148,25 @@ def test_form_and_text_follow_each_other_and_a_sweep_is_started(browser: Chrome,
         name.clear()
         name.send_keys("speeds")
         eventually(lambda: find(browser, "button[type=submit]").is_enabled(), "it can be started")
-        name.send_keys(Keys.ENTER)
-        eventually(lambda: "sweep speeds-sweep.yaml --out speeds" in page_text(browser), "the job is listed")
+        before = text()
+        start_at_once(browser, "controller.hidden", "5, 3]")
+        eventually(
+            lambda: "controller.hidden: is not valid YAML" in find(browser, "[role=alert]").text,
+            "what a field does not take is not left out",
+        )
+        assert browser.switch_to.active_element == field(browser, "controller.hidden")
+        assert text() == before
+        enter(browser, "controller.hidden", "[5]")
+        eventually(lambda: find(browser, "button[type=submit]").is_enabled(), "it can be started")
+        start_at_once(browser, "method.population", "11")
+        assert not find(browser, "button[type=submit]").is_enabled()
+        eventually(
+            lambda: "sweep speeds-sweep.yaml --out speeds" in page_text(browser), "the job is listed", 120
+        )
         eventually(lambda: find(browser, ".job .state").text == "done", "the sweep is done", 120)
         severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]  # type: ignore[no-untyped-call]
         assert [entry for entry in severe if "422" not in entry["message"]] == []
+    assert "population: 11" in (tmp_path / "runs" / "speeds.yaml").read_text()
     runs = [Run(file.parent) for file in (tmp_path / "runs" / "speeds").glob("*/run.sqlite")]
     assert sorted((run.experiment.parameters["speedDefenders"], run.experiment.seed) for run in runs) == [
         (0.1, 1), (0.1, 2), (0.3, 1), (0.3, 2),

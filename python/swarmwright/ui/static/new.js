@@ -23,6 +23,7 @@ export function show(view, query) {
   let isGone = false;
   let isHeld = false; // the text names code of somebody else, which is executed when it is checked
   let isWrong = false;
+  let isStarting = false; // a second click would start it again
   let runs = null; // of a sweep; 0 where it is wrong, null without one
   let kept = null; // what was opened or started
   let taken = ""; // the template
@@ -69,7 +70,7 @@ export function show(view, query) {
   }
 
   function allow() {
-    start.disabled = isWrong || isHeld || runs === 0;
+    start.disabled = isStarting || isWrong || isHeld || runs === 0;
   }
 
   function hold(isOn) {
@@ -164,7 +165,9 @@ export function show(view, query) {
 
   async function begin() {
     refused.textContent = "";
-    start.disabled = true; // a second click would start it again
+    if (isStarting) return;
+    isStarting = true;
+    allow();
     try {
       await form.settle();
       const count = Number(seeds.value);
@@ -184,6 +187,7 @@ export function show(view, query) {
     } catch (error) {
       refused.textContent = error.message;
     }
+    isStarting = false;
     allow();
   }
 
