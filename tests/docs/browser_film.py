@@ -29,8 +29,10 @@ FRAME_MS = 200
 CAPTION_PX = 30
 QUALITY = 55
 LARGEST_BYTES = 4_000_000
-GENERATIONS = 30
-LONGEST_RUN_S = 600.0
+GENERATIONS = 1000
+"""More than the film shows: the run goes on until the end."""
+CURVE_FRAMES = 25
+LONGEST_SCENE_S = 600.0
 
 
 @dataclass
@@ -166,14 +168,14 @@ def try_and_save(film: Film) -> None:
     eventually(
         lambda: "gather.yaml" in (find(browser, "textarea").get_attribute("value") or ""), "the experiment"
     )
-    shorten(browser)
+    lengthen(browser)
     eventually(lambda: "Nothing is wrong" in page_text(browser), "the experiment is right")
     film.shoot(4)
     film.click(find(browser, "button[type=submit]"))
 
 
-def shorten(browser: Chrome) -> None:
-    """Let the run take a minute: fewer generations than the template has."""
+def lengthen(browser: Chrome) -> None:
+    """Let the run go on longer than the film: more generations than the template has."""
     editor = find(browser, "textarea")
     text = editor.get_attribute("value") or ""
     text = re.sub(r"generations: \d+", f"generations: {GENERATIONS}", text)
@@ -183,7 +185,7 @@ def shorten(browser: Chrome) -> None:
 
 
 def watch(film: Film) -> None:
-    """Show the curve while it grows, a frame for each generation; then a late candidate."""
+    """Show the curve while it grows, a frame for each new generation; then a late candidate."""
     browser = film.browser
     film.caption = "5  Watch it evolve, live"
     eventually(lambda: browser.find_element(By.CSS_SELECTOR, ".job .state"), "the job is listed")
@@ -191,16 +193,18 @@ def watch(film: Film) -> None:
     film.click(find(browser, "header .brand"))
     film.click(eventually(lambda: browser.find_element(By.CSS_SELECTOR, "tbody a"), "the run is listed"))
     find(browser, ".u-over")
-    end = time.monotonic() + LONGEST_RUN_S
+    end = time.monotonic() + LONGEST_SCENE_S
     before = ""
-    while time.monotonic() < end and state(browser) != "done":
+    shot = 0
+    while shot < CURVE_FRAMES and time.monotonic() < end:
         facts = str(browser.execute_script("return document.querySelector('.facts')?.textContent ?? ''"))
         generation = facts.partition("evaluations")[0]
         if generation != before:
             film.shoot()
+            shot += 1
             before = generation
         time.sleep(0.2)
-    film.shoot(4)
+    film.shoot(2)
     film.caption = "6  Click an evaluation: the swarm, replayed"
     chart = find(browser, ".u-over")
     width = chart.size["width"]
@@ -212,9 +216,13 @@ def watch(film: Film) -> None:
     film.shoot(35)
 
 
-def state(browser: Chrome) -> str:
-    """Return the state of the run on the page, whose elements are replaced as it goes on."""
-    return str(browser.execute_script("return document.querySelector('.state')?.textContent ?? ''"))
+def stop(browser: Chrome) -> None:
+    """Stop the run, which would go on without the window."""
+    find(browser, "header a[href='#/jobs']").click()
+    find(browser, ".job, .empty")
+    for running in browser.find_elements(By.XPATH, "//button[text()='Stop']"):
+        running.click()
+        eventually(lambda: find(browser, ".job .state").text == "stopped", "the run is stopped")
 
 
 def play(browser: Chrome, speed: float = 2) -> None:
@@ -243,6 +251,7 @@ def main(file: Path = FILE) -> None:
                     scene(film)
             finally:
                 film.save(file)
+                stop(browser)
 
 
 if __name__ == "__main__":

@@ -160,9 +160,8 @@ def test_form_and_text_follow_each_other_and_a_sweep_is_started(browser: Chrome,
         eventually(lambda: find(browser, "button[type=submit]").is_enabled(), "it can be started")
         start_at_once(browser, "method.population", "11")
         assert not find(browser, "button[type=submit]").is_enabled()
-        eventually(
-            lambda: "sweep speeds-sweep.yaml --out speeds" in page_text(browser), "the job is listed", 120
-        )
+        job = eventually(lambda: browser.find_element(By.CSS_SELECTOR, ".job code"), "the job is listed", 120)
+        assert "sweep speeds-sweep.yaml --out speeds" in job.text
         eventually(lambda: find(browser, ".job .state").text == "done", "the sweep is done", 120)
         severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]  # type: ignore[no-untyped-call]
         assert [entry for entry in severe if "422" not in entry["message"]] == []
