@@ -27,10 +27,12 @@ SIZE = (1280, 800)
 SHOWN_PX = 896
 FRAME_MS = 200
 CAPTION_PX = 30
-QUALITY = 55
+QUALITY = 30
 LARGEST_BYTES = 4_000_000
 GENERATIONS = 1000
 """More than the film shows: the run goes on until the end."""
+EPISODES = 2
+"""Of a candidate: fewer than the template has, for quick generations."""
 CURVE_FRAMES = 25
 LONGEST_SCENE_S = 600.0
 
@@ -100,7 +102,7 @@ class Film:
                 kept.append(frame)
                 durations.append(FRAME_MS)
         kept[0].save(
-            file, save_all=True, append_images=kept[1:], duration=durations, loop=0, quality=QUALITY, method=4
+            file, save_all=True, append_images=kept[1:], duration=durations, loop=0, quality=QUALITY, method=6
         )
         print(
             f"{file}: {sum(durations) / 1000:.0f} s, {len(kept)} pictures, {file.stat().st_size / 1e6:.1f} MB"
@@ -175,10 +177,11 @@ def try_and_save(film: Film) -> None:
 
 
 def lengthen(browser: Chrome) -> None:
-    """Let the run go on longer than the film: more generations than the template has."""
+    """Let the run go on longer than the film, in generations that are shorter than those of the template."""
     editor = find(browser, "textarea")
     text = editor.get_attribute("value") or ""
     text = re.sub(r"generations: \d+", f"generations: {GENERATIONS}", text)
+    text = re.sub(r"episodes: \d+", f"episodes: {EPISODES}", text)
     browser.execute_script(
         "arguments[0].value = arguments[1]; arguments[0].dispatchEvent(new Event('input'))", editor, text
     )
