@@ -45,7 +45,7 @@ def test_what_fails_is_said(checkout: Path, recipe: str, words: str) -> None:
 @pytest.mark.slow
 def test_without_make(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(checkout))
-    with pytest.raises(RunError, match="there is no program `make`"):
+    with pytest.raises(RunError, match="`make` not found"):
         simulation_fmu.read_library()
 
 

@@ -255,7 +255,7 @@ def test_prefixes_that_differ_in_case_only_are_refused(program: Any, minisim: Ru
     refused = program(*export, "c", "--prefix", "Leader")
     assert refused.returncode == 2
     assert "prefix: 'Leader' differs from 'leader' of " in refused.stderr
-    assert "or write over those files with the prefix leader" in refused.stderr
+    assert "overwrite those files with the prefix leader" in refused.stderr
     assert sorted((tmp_path / "robot").rglob("*")) == before
     for prefix in ("leader", "leaders"):
         assert program(*export, "c", "--prefix", prefix).returncode == 0
