@@ -255,7 +255,7 @@ def test_runs_of_different_code_are_not_repeated_as_one_sweep(line: Path, tmp_pa
     sweep = {"experiment": base, "grid": {"method.population": [6]}, "seeds": 2}
     other = swarmwright.sweep(sweep, out=tmp_path / "other", jobs=1).path
     shutil.copytree(other / "population_6-1", line / "population_6-1")
-    with pytest.raises(InputError, match=r"population_6-1: the code of line\.py:Line is not that of .*_4-1"):
+    with pytest.raises(InputError, match=r"6-1: the code of line\.py:Line differs from that of .*_4-1"):
         Sweep.load(line / "sweep.json")
 
 

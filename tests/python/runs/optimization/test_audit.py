@@ -278,7 +278,7 @@ def test_a_command_that_ignores_its_seed_is_reported(
     run(drawing(tmp_path, "None"), tmp_path, controller=SPEED)
     (text,) = warnings(caplog)
     assert "the output of the command does not depend on parameters and seed alone; derive" in text
-    assert "simulation.determinism: none" in text
+    assert "or set simulation.determinism to none" in text
 
 
 @pytest.mark.slow
