@@ -109,8 +109,8 @@ class Bias(Representation):
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
         return np.concatenate([mother[: stream.integer(len(mother))], father])[: len(mother)]
 
-    def distance(self, one: Genome, other: Genome) -> float:
-        return float(np.abs(one - other).sum())
+    def distance(self, genome: Genome, other: Genome) -> float:
+        return float(np.abs(genome - other).sum())
 
 
 class Hold(sw.Simulation):

@@ -65,9 +65,9 @@ class _Sample(Representation):
         """Return a copy of `mother` with half of the genes of `father`."""
         return np.where(stream.unit(_GENES) < 0.5, mother, father).astype(np.float32)
 
-    def distance(self, one: Genome, other: Genome) -> float:
+    def distance(self, genome: Genome, other: Genome) -> float:
         """Return the number of genes that differ."""
-        return float((one != other).sum())
+        return float((genome != other).sum())
 
 
 class BoundedGenes(_Sample):

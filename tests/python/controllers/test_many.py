@@ -95,8 +95,8 @@ def test_a_subclass_that_varies_one_genome_otherwise_varies_many_so() -> None:
         def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
             return -super().mutate(genome, stream, severity=severity, probability=probability)
 
-        def distance(self, one: Genome, other: Genome) -> float:
-            return -super().distance(one, other)
+        def distance(self, genome: Genome, other: Genome) -> float:
+            return -super().distance(genome, other)
 
     options = MealyFsmOptions()
     found, subject = (kind(options, sensors=2, actuators=1) for kind in (Opposite, MealyFsm))

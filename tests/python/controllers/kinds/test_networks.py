@@ -250,8 +250,8 @@ def test_genomes_that_do_not_fit_are_refused() -> None:
 
 def test_matings_follow_a_subclass_that_measures_otherwise() -> None:
     class Contrary(Layered):
-        def distance(self, one: Genome, other: Genome) -> float:
-            return -float(np.abs(one - other).sum())
+        def distance(self, genome: Genome, other: Genome) -> float:
+            return -float(np.abs(genome - other).sum())
 
     kinds = (Layered, Contrary)
     subjects = [kind(LayeredOptions(hidden=[2]), sensors=3, actuators=1) for kind in kinds]

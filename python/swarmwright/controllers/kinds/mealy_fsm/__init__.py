@@ -264,10 +264,9 @@ class MealyFsm(Representation):
         row = np.arange(self.genome_size) // unit
         return np.where((row >= firsts) & (row < firsts + counts), fathers, mothers)
 
-    def distance(self, first: Genome, second: Genome) -> float:
+    def distance(self, genome: Genome, other: Genome) -> float:
         """Return the number of next states that differ plus half of each difference of outputs."""
-        tables = (self._tables(self.weights(genome)) for genome in (first, second))
-        return float(self._distances(*tables))
+        return float(self._distances(self._tables(self.weights(genome)), self._tables(self.weights(other))))
 
     def distances(self, genome: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
