@@ -123,7 +123,7 @@ def test_one_record_on_one_server_and_on_two_and_nothing_left(tmp_path: Path) ->
 def test_mistakes(change: tuple[str, str], words: str, tmp_path: Path) -> None:
     text = ROBOTS.replace(*change)
     assert text != ROBOTS
-    silent = "startup: 4\npatience: 4\n" if "does not answer" in words else ""
+    silent = "startup: 4\npatience: 4\n" if "did not answer" in words else ""
     one = experiment(tmp_path, text + silent)
     with pytest.raises(RunError, match=words):
         simulate(one, servers="in-process")
