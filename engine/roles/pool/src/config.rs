@@ -1,4 +1,4 @@
-//! What the scheduler is told at the start.
+//! Configuration of the scheduler.
 
 use std::time::Duration;
 
@@ -8,29 +8,29 @@ use swarmwright_protocol::Topics;
 use crate::demand::Demand;
 use crate::sections::{Faults, Timeouts};
 
-/// What the scheduler is to know at the start.
+/// Configuration of the scheduler, fixed for its lifetime.
 #[derive(Debug, Clone)]
 pub struct Config {
-    /// What a server must offer.
+    /// Requirements for servers.
     pub demand: Demand,
-    /// Sent to the server before each episode, with `seed` replaced by the episode's.
+    /// Parameters sent to the server before each episode; `seed` is replaced by the seed of the episode.
     pub parameters: Map<String, Value>,
     /// Name of the tool, unique on the broker.
     pub tool: String,
-    /// Last level of the topic on which servers answer requests: letters and digits, unique like `tool`.
+    /// Last level of the topic on which servers answer requests: letters and digits, unique on the broker like `tool`.
     pub token: String,
     /// Topic names.
     pub topics: Topics,
-    /// Whether servers are to show their runs.
+    /// Whether servers should display their runs.
     pub visual: bool,
-    /// How long to wait.
+    /// Time limits.
     pub timeouts: Timeouts,
     /// How failing, slow and wrong servers and evaluations are treated.
     pub faults: Faults,
-    /// Most evaluations in one request.
+    /// Largest number of evaluations in one request.
     pub largest: usize,
-    /// How long a server that is new waits for its first work; zero where no two can have one id.
+    /// How long a new server waits for its first work; zero where two servers cannot share an id.
     pub probation: Duration,
-    /// The first instance number; random, so that no two tools use the same hashes.
+    /// First instance number; random, so that no two tools generate the same hashes.
     pub first_instance: u64,
 }

@@ -1,38 +1,39 @@
-//! What happened beside results, in numbers.
+//! Counters of incidents.
 
 use serde::Serialize;
 
-/// Incidents since the pool began.
+/// Incidents since the pool was created.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Times that a server was lost, fell silent for too long, or sent what cannot be used.
+    /// Number of times that a server was lost, was silent for too long, or sent an unusable message.
     pub server_failures: u64,
-    /// Of these, those in which it was silent for too long.
+    /// Number of these failures in which the server was silent for too long.
     pub time_outs: u64,
-    /// Times that a server had to pause because it failed.
+    /// Number of times that a server was paused because it had failed.
     pub benched: u64,
-    /// Times that the connection to the broker broke.
+    /// Number of times that the connection to the broker broke.
     pub broker_losses: u64,
-    /// Attempts that were made again, on another server where there was one.
+    /// Number of repeated attempts; they run on another server if there is one.
     pub retries: u64,
-    /// Evaluations that have failed for good.
+    /// Number of evaluations that have failed permanently.
     pub failed: u64,
-    /// Those of them that are in quarantine because they crashed too many servers.
+    /// Number of these evaluations that are in quarantine because they crashed too many servers.
     pub quarantined: u64,
-    /// Copies of work in progress that were sent to another server because the first one was slow or silent.
+    /// Number of backup copies: work in progress that was also sent to another server because the first was slow or
+    /// silent.
     pub backups: u64,
-    /// Results that came for something that was not waited for any more; they were refused.
+    /// Number of results that were refused because nothing waited for them any more.
     pub late: u64,
-    /// Results for evaluations that had one already; they were refused.
+    /// Number of results that were refused because the evaluation already had one.
     pub double: u64,
-    /// Messages of an episode that named another simulation; they were refused.
+    /// Number of messages that were refused because they named another simulation than their episode.
     pub foreign: u64,
-    /// Evaluations that were repeated on another server to see whether it finds the same.
+    /// Number of evaluations that were repeated on another server to compare the results.
     pub audits: u64,
-    /// Results that count without the audit that was drawn, as no other server could repeat them.
+    /// Number of results that were accepted without the audit drawn for them because no other server could repeat them.
     pub audits_left_out: u64,
-    /// Of the audits, those in which two servers did not agree.
+    /// Number of audits in which two servers disagreed.
     pub disagreements: u64,
-    /// Evaluations that were made again because their server turned out to be wrong.
+    /// Number of evaluations that were repeated because their server had returned wrong results.
     pub recomputed: u64,
 }

@@ -1,4 +1,4 @@
-//! What the experiment needs of a server, and why one does not fit.
+//! Requirements of an experiment for its servers, and the reasons why a server does not meet them.
 
 use swarmwright_controllers::Architecture;
 use swarmwright_protocol::{Capabilities, ModuleCode, Requirements, missing_module};
@@ -6,32 +6,32 @@ use swarmwright_protocol::{Capabilities, ModuleCode, Requirements, missing_modul
 use crate::metrics::unannounced;
 use crate::mode::{Mode, Way};
 
-/// Sensors and actuators that a controller may have.
+/// Largest number of sensors or actuators of a controller.
 const MOST_NUMBERS: usize = 1_000_000;
 
-/// What the experiment needs of a server.
+/// Requirements of an experiment for its servers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Demand {
     /// Title of the simulation.
     pub simulation: String,
-    /// Dimensions and agents.
+    /// Required dimensions and number of agents.
     pub requirements: Requirements,
-    /// Numbers in a sensor message, if known.
+    /// Length of a sensor message, if known.
     pub sensors: Option<usize>,
-    /// Numbers in an actuator message, if known.
+    /// Length of an actuator message, if known.
     pub actuators: Option<usize>,
-    /// How servers are to evaluate.
+    /// Mode in which servers evaluate.
     pub mode: Mode,
-    /// Kind of the controllers, once it is known.
+    /// Kind of the controllers, once known.
     pub kind: Option<String>,
-    /// The behaviours and conditions in Python of these controllers.
+    /// Python behaviours and conditions that these controllers use.
     pub modules: Vec<ModuleCode>,
-    /// Names of the metrics that are needed of every episode.
+    /// Names of the metrics that every episode must return.
     pub metrics: Vec<String>,
 }
 
 impl Demand {
-    /// Why a server does not fit; none if it does.
+    /// Returns why a server does not fit; `None` if it fits.
     #[must_use]
     pub fn misfit(&self, simulations: &[String], capabilities: &Capabilities) -> Option<String> {
         if !simulations.contains(&self.simulation) {
@@ -78,7 +78,8 @@ impl Demand {
             })
             .or_else(|| {
                 let names = announced.map_or(&[][..], |announced| &announced.metrics);
-                // Where sensors depend on parameters metrics may, too: the server says what is wrong.
+                // If the sensors depend on parameters, the metrics may too; the server then reports missing ones
+                // itself.
                 let is_certain = announced.is_none_or(|a| a.sensors.is_some() || !names.is_empty());
                 is_certain
                     .then(|| unannounced(&self.metrics, names))
@@ -87,7 +88,7 @@ impl Demand {
             .or_else(|| self.way(capabilities).err())
     }
 
-    /// These controllers are to be evaluated.
+    /// Sets the controllers to evaluate.
     pub fn set_controllers(&mut self, kind: Option<&str>, architecture: &Architecture) {
         self.kind = kind.map(str::to_owned);
         let needed = architecture.in_python().into_iter();
@@ -106,7 +107,7 @@ impl Demand {
         if self.modules.is_empty() {
             return Way::of(self.mode, self.kind.as_deref(), capabilities);
         }
-        // They are computed where their code is: there is no way but one.
+        // Python modules run only where their code is, so the mode must be offloaded.
         let announced = capabilities.swarmwright.as_ref();
         let modules = announced.map_or(&[][..], |announced| &announced.modules);
         match missing_module(modules, &self.modules) {
@@ -115,7 +116,7 @@ impl Demand {
         }
     }
 
-    /// The demand in words.
+    /// Describes the demand for users.
     #[must_use]
     pub fn describe(&self) -> String {
         let agents = self

@@ -1,4 +1,4 @@
-//! The journal of what was done: a line per attempt.
+//! Journal of attempts, one line per attempt.
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -8,31 +8,31 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// With results.
+    /// The attempt returned results.
     #[default]
     Done,
-    /// The simulation failed in the evaluation.
+    /// The simulation failed during the evaluation.
     Failed,
-    /// The evaluation cannot be asked for, or its results cannot be used.
+    /// The evaluation cannot be requested, or its results cannot be used.
     Unusable,
-    /// The server failed while it was at this: it went down, was silent for too long, or is not used any more.
+    /// The server failed on this work: it went down, was silent for too long, or is not used any more.
     ServerFailed,
-    /// The server had this when it failed at something else, or was ended.
+    /// The server held this work when it failed on other work, or was stopped.
     Lost,
     /// The connection to the broker broke.
     Disconnected,
-    /// The server handed it back: it is for another tool, now or as a rule.
+    /// The server handed the work back: it serves another tool, for the moment or always.
     HandedBack,
-    /// Another server that had the same work was faster.
+    /// Another server with the same work was faster.
     Overtaken,
-    /// The evaluation was given up meanwhile, so that nothing depended on this any more.
+    /// The evaluation was given up in the meantime, so the result was no longer needed.
     Dropped,
 }
 
-/// A line of the journal: one attempt at one episode, or at a block of them.
+/// One line of the journal: one attempt at an episode or at a block of episodes.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Attempt {
-    /// How: stepwise, batched, offloaded.
+    /// Mode: stepwise, batched or offloaded.
     pub mode: &'static str,
     /// Index of the first candidate.
     pub candidate: usize,
@@ -40,41 +40,41 @@ pub struct Attempt {
     pub candidates: usize,
     /// Index of the first episode.
     pub episode: usize,
-    /// Number of episodes of each candidate.
+    /// Number of episodes per candidate.
     pub episodes: usize,
-    /// The server's id.
+    /// Id of the server.
     pub server: u64,
     /// 1 for the first try.
     pub attempt: u32,
-    /// Number of steps that the server took, if it is stepped.
+    /// Number of steps that the server took, in stepwise mode.
     pub steps: Option<u64>,
-    /// Start, seconds since 1970.
+    /// Start, in seconds since 1970.
     pub started: f64,
     /// Duration in seconds.
     pub seconds: f64,
-    /// How it ended.
+    /// Outcome of the attempt.
     pub outcome: Outcome,
-    /// Why it brought no results, as text; `None` if it did.
+    /// Why the attempt returned no results; `None` if it did.
     pub error: Option<String>,
-    /// Where in the simulation's code, if that is known: once for each reason.
+    /// Place in the simulation's code, if known; given once per reason.
     pub stack: Option<String>,
 }
 
-/// Worth telling the user.
+/// A warning for the user.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Warning {
-    /// For people.
+    /// Text of the warning.
     pub text: String,
-    /// When it arose, seconds since 1970.
+    /// Time of the warning, in seconds since 1970.
     pub time: f64,
-    /// The evaluation that has failed for good, if it is about one.
+    /// The evaluation that failed permanently, if the warning is about one.
     pub failed: Option<FailedEvaluation>,
-    /// Whether it is about results that count without audits.
+    /// Whether the warning is about results accepted without audits.
     pub unaudited: bool,
 }
 
 impl Warning {
-    /// It arises now.
+    /// Creates a warning with the current time.
     pub(crate) fn now(text: String) -> Self {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
         Self {
@@ -85,18 +85,18 @@ impl Warning {
     }
 }
 
-/// An evaluation that has failed for good.
+/// An evaluation that has failed permanently.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct FailedEvaluation {
     /// Index of the candidate.
     pub candidate: usize,
     /// Index of the episode.
     pub episode: usize,
-    /// Number of servers that failed with it, so that it is in quarantine; `None` if it failed by itself.
+    /// Number of servers that failed on the evaluation if it is in quarantine; `None` if the evaluation itself failed.
     pub quarantined: Option<u32>,
 }
 
-/// Attempts that have not been handed out yet, each with its start.
+/// Attempts that have not been taken yet, each with its start.
 #[derive(Debug, Default)]
 pub(crate) struct Journal {
     attempts: Vec<(Attempt, Instant)>,
@@ -111,12 +111,12 @@ impl Journal {
         self.attempts.len()
     }
 
-    /// All but the first `count` attempts.
+    /// Returns all but the first `count` attempts.
     pub fn after(&self, count: usize) -> &[(Attempt, Instant)] {
         self.attempts.get(count..).unwrap_or_default()
     }
 
-    /// The attempts since the last call.
+    /// Takes the attempts made since the last call.
     pub fn take(&mut self) -> Vec<(Attempt, Instant)> {
         std::mem::take(&mut self.attempts)
     }

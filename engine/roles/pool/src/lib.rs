@@ -1,6 +1,6 @@
 //! The optimization tool's side of the protocol: discovery, dispatch of episodes, results.
 //!
-//! Decisions are made in [`scheduler`], which uses neither sockets nor clocks; [`Pool`] is a thin shell around it.
+//! [`scheduler`] makes the decisions and uses neither sockets nor clocks; [`Pool`] is a thin shell around it.
 
 mod config;
 mod counts;

@@ -1,9 +1,9 @@
-//! Metrics: what the experiment's fitness needs of an episode beside the simulation's own.
+//! Metrics: values of an episode that the experiment's fitness needs besides the simulation's own fitness.
 
-/// The named metrics of one evaluation, in the order of the names; `value` looks one up.
+/// Returns the named metrics of one evaluation, in the order of `names`; `value` looks up one metric.
 ///
 /// # Errors
-/// One is missing, NaN or infinite: the evaluation has failed.
+/// Fails if a metric is missing, NaN or infinite; the evaluation has then failed.
 pub(crate) fn needed(
     names: &[String],
     value: impl Fn(&str) -> Option<f64>,
@@ -16,7 +16,7 @@ pub(crate) fn needed(
     names.iter().map(read).collect()
 }
 
-/// Why a server that announces these metrics cannot be used where those are needed; none if it can.
+/// Returns why a server that announces only `announced` cannot provide `needed`; `None` if it can.
 pub(crate) fn unannounced(needed: &[String], announced: &[String]) -> Option<String> {
     let missing = || needed.iter().filter(|name| !announced.contains(name));
     let plural = match missing().count() {

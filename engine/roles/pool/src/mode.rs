@@ -1,28 +1,28 @@
-//! Ways of evaluating, and which of them a server is used in.
+//! Modes of evaluation, and the mode in which each server is used.
 
 use std::fmt;
 use std::str::FromStr;
 
 use swarmwright_protocol::{Capabilities, EXTENSION_VERSION};
 
-/// How servers are to evaluate.
+/// Mode in which servers evaluate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Mode {
-    /// The fastest way that each server offers.
+    /// The fastest mode that each server offers.
     #[default]
     Auto,
-    /// Controllers stay here, each agent's step crosses the broker by itself.
+    /// Controllers stay in this process; each step of each agent is a message of its own.
     Stepwise,
-    /// Controllers stay here, one message carries a step of all agents of many episodes.
+    /// Controllers stay in this process; one message carries a step of all agents of many episodes.
     Batched,
-    /// Controllers travel to the server.
+    /// Controllers are sent to the server.
     Offloaded,
 }
 
 impl Mode {
     const ALL: [Self; 4] = [Self::Auto, Self::Stepwise, Self::Batched, Self::Offloaded];
 
-    /// The name in experiment files and announcements.
+    /// Returns the name used in experiment files and announcements.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -54,7 +54,7 @@ impl FromStr for Mode {
     }
 }
 
-/// The way in which one server is used.
+/// The mode in which one server is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Way {
     Stepwise,
@@ -64,7 +64,7 @@ pub(crate) enum Way {
 }
 
 impl Way {
-    /// The name in experiment files and announcements.
+    /// Returns the name used in experiment files and announcements.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Stepwise => Mode::Stepwise.name(),
@@ -73,10 +73,10 @@ impl Way {
         }
     }
 
-    /// The way for a server; `kind` is that of the controllers, none while it is not known.
+    /// Chooses the mode for a server; `kind` is the kind of the controllers, `None` while unknown.
     ///
     /// # Errors
-    /// Why the server cannot be used in the mode that is wanted.
+    /// Returns why the server cannot be used in the requested mode.
     pub fn of(mode: Mode, kind: Option<&str>, capabilities: &Capabilities) -> Result<Self, String> {
         let announced = capabilities
             .swarmwright

@@ -1,7 +1,7 @@
-//! Results that are compared with those of another server, before they count.
+//! Audits: results that are compared with those of another server before they count.
 //!
-//! Where two servers do not agree, a third one decides: the one that stands alone is not used any more, and what it did
-//! is done again.
+//! If two servers disagree, a third one decides: the server that is outvoted is not used any more, and its evaluations
+//! are repeated.
 
 use std::collections::BTreeMap;
 
@@ -9,11 +9,11 @@ use crate::scheduler::fleet::Fleet;
 use crate::scheduler::modes::in_flight::InFlight;
 use crate::scheduler::queue::results::ServerResult;
 
-/// Results of one evaluation that are not agreed upon yet.
+/// Results of one evaluation that no two servers agree on yet.
 #[derive(Debug, Clone)]
 struct Check {
     first: ServerResult,
-    /// Another server's that is not the same.
+    /// A different result from another server.
     second: Option<ServerResult>,
 }
 
@@ -27,7 +27,7 @@ impl Check {
     }
 }
 
-/// Whether what two servers found is the same, within a tolerance where there is one.
+/// Returns whether two results are equal, within the tolerance if there is one.
 fn agree(first: &ServerResult, second: &ServerResult, tolerance: Option<f64>) -> bool {
     let is_close = |a: f64, b: f64| match tolerance {
         None => a.to_bits() == b.to_bits(),
@@ -42,7 +42,7 @@ fn agree(first: &ServerResult, second: &ServerResult, tolerance: Option<f64>) ->
             .all(|(a, b)| is_close(*a, *b))
 }
 
-/// A share of all numbers, without a pattern that the order of the evaluations could have (`SplitMix64`).
+/// Draws a share of all evaluations without a pattern that could match the order of the evaluations (`SplitMix64`).
 fn is_drawn(share: f64, seed: u64, evaluation: usize) -> bool {
     let mut bits = seed.wrapping_add((evaluation as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -53,32 +53,32 @@ fn is_drawn(share: f64, seed: u64, evaluation: usize) -> bool {
     part < share
 }
 
-/// What another result of an audited evaluation means.
+/// Outcome of comparing a further result of an audited evaluation.
 pub(crate) enum Compared {
-    /// No result waits for it any more.
+    /// The evaluation is not under audit any more.
     Late,
-    /// Its server had its say before.
+    /// The server has already returned a result.
     Double,
-    /// Two servers found this.
+    /// Two servers found this result.
     Agreed(ServerResult),
-    /// Two servers do not agree.
+    /// Two servers disagree.
     Differ(ServerResult, ServerResult),
-    /// Two found the same, the third did not: what is right and what is wrong.
+    /// Two servers agree, the third disagrees.
     Wrong {
         right: [ServerResult; 2],
         wrong: ServerResult,
     },
-    /// No two of three agree.
+    /// All three results differ.
     AllDiffer([ServerResult; 3]),
 }
 
-/// Results that wait for a second server's, by evaluation.
+/// Results that wait for a second server's result, by evaluation.
 #[derive(Debug, Default)]
 pub(crate) struct Audits(BTreeMap<usize, Check>);
 
 impl Audits {
-    /// Whether an evaluation is to be audited that a server has done, if another one can. `seed`: another one for each piece
-    /// of work.
+    /// Returns whether to audit an evaluation done by `server`, provided that another server can. `seed` differs for
+    /// each piece of work.
     pub fn draws(
         &self,
         share: f64,
@@ -93,22 +93,22 @@ impl Audits {
             && fleet.auditors_but(&[server]).is_some()
     }
 
-    /// Whether a result of an evaluation waits for another one.
+    /// Returns whether a result of an evaluation waits for another server's.
     pub fn has(&self, evaluation: usize) -> bool {
         self.0.contains_key(&evaluation)
     }
 
-    /// Whether no result waits for another one.
+    /// Returns whether no result waits for another server's.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// A result waits for another server's, or two that differ for a third one's.
+    /// Adds a result that waits for another server's, or two differing results that wait for a third server's.
     pub fn wait(&mut self, evaluation: usize, first: ServerResult, second: Option<ServerResult>) {
         self.0.insert(evaluation, Check { first, second });
     }
 
-    /// What another server found.
+    /// Compares another server's result with the waiting ones.
     pub fn compare(&mut self, evaluation: usize, result: ServerResult, fleet: &Fleet) -> Compared {
         let Some(check) = self.0.remove(&evaluation) else {
             return Compared::Late;
@@ -138,13 +138,13 @@ impl Audits {
         }
     }
 
-    /// The results of an evaluation that wait for another one's: nothing more is awaited.
+    /// Ends the audit of an evaluation and returns its waiting results.
     pub fn end(&mut self, evaluation: usize) -> Option<(ServerResult, Option<ServerResult>)> {
         let check = self.0.remove(&evaluation)?;
         Some((check.first, check.second))
     }
 
-    /// All that wait, by evaluation: nothing more is awaited.
+    /// Ends all audits and returns their results, by evaluation.
     pub fn take_all(&mut self) -> impl Iterator<Item = (usize, Vec<ServerResult>)> + use<> {
         let checks = std::mem::take(&mut self.0).into_iter();
         checks.map(|(evaluation, check)| {
@@ -153,8 +153,9 @@ impl Audits {
         })
     }
 
-    /// Evaluations for which there is no second server any more, nor one at it; once nothing else is under way also those
-    /// for which none of the others is of use. Each with the server whose result was not compared with any.
+    /// Returns the evaluations that no further server can audit or is auditing; once nothing else is in flight, also
+    /// those for which no remaining server is likely to succeed. If an evaluation has a single result, the id of its
+    /// server is given.
     pub fn unchecked(&self, fleet: &Fleet, in_flight: &InFlight) -> Vec<(usize, Option<u64>)> {
         let is_last = in_flight.has_probes_alone();
         let alone = |check: &Check| {

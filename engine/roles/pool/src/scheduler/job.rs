@@ -1,10 +1,10 @@
-//! What a server is at.
+//! Jobs of a server.
 
-/// Work that a server has for this tool.
+/// Work that a server does for this tool.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Job {
-    /// The stepwise episode of this hash.
+    /// A stepwise episode with this hash.
     Episode(String),
-    /// The request of this number: a block or a batch.
+    /// A request with this number: a block or a batch.
     Request(u64),
 }

@@ -1,4 +1,4 @@
-//! The messages of this tool, and the hashes that tell its episodes and discoveries apart.
+//! Messages of this tool, and the hashes that identify its episodes and discoveries.
 
 use serde_json::{Map, Value};
 use swarmwright_controllers::Controller;
@@ -9,21 +9,21 @@ use swarmwright_protocol::{
 use crate::config::Config;
 use crate::work::Work;
 
-/// What messages are made of, beside the configuration.
+/// Data for messages besides the configuration.
 pub(crate) struct Messages {
-    /// The topic on which requests are answered, without prefix.
+    /// Topic on which requests are answered, without prefix.
     reply: String,
     agents: Option<u64>,
     discovery: EpisodeHasher,
-    /// The number of the next hash: no two are made of the same one.
+    /// Number for the next hash; each hash uses a new number.
     instance: u64,
-    /// Parameters and hasher of each episode seed.
+    /// Parameters and hasher for each episode seed.
     episodes: Vec<(Map<String, Value>, EpisodeHasher)>,
 }
 
-/// The number of agents that the parameters tell.
+/// Returns the number of agents, if the parameters determine it.
 fn agents(parameters: &Map<String, Value>) -> Option<u64> {
-    // Minisim's defenders are then agents, too.
+    // The defenders of Minisim are then agents, too.
     if parameters.get("defenderSteering").and_then(Value::as_str) == Some("controller") {
         return None;
     }
@@ -56,7 +56,7 @@ impl Messages {
         }
     }
 
-    /// Other work begins, with these seeds.
+    /// Prepares for new work with these seeds.
     pub fn begin(&mut self, config: &Config, seeds: &[u64]) {
         self.episodes = seeds
             .iter()
@@ -69,12 +69,12 @@ impl Messages {
             .collect();
     }
 
-    /// The number of agents, if the parameters tell.
+    /// Returns the number of agents, if the parameters determine it.
     pub fn agents(&self) -> Option<u64> {
         self.agents
     }
 
-    /// The topic on which requests are answered, without prefix.
+    /// Returns the topic on which requests are answered, without prefix.
     pub fn reply(&self) -> &str {
         &self.reply
     }
@@ -85,7 +85,7 @@ impl Messages {
         hash
     }
 
-    /// Parameters and hash of an attempt at an episode.
+    /// Returns parameters and a new hash for an attempt at an episode.
     pub fn episode(
         &mut self,
         config: &Config,
@@ -103,7 +103,7 @@ impl Messages {
         (parameters, hash)
     }
 
-    /// A request for a block of the work, without genomes and seeds, and of the largest size otherwise.
+    /// Returns a request for a block of the work without genomes and seeds; its other fields have their largest size.
     pub fn block(&self, config: &Config, work: &Work) -> Evaluate {
         Evaluate {
             version: EXTENSION_VERSION,
@@ -132,7 +132,8 @@ impl Messages {
         }
     }
 
-    /// `instance`: which start of the server is meant, if it is to run and says so.
+    /// Builds a control message. `instance`: the instance of the server, given if the server is to run and announces
+    /// it.
     pub fn control(
         &self,
         config: &Config,

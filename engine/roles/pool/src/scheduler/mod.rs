@@ -1,18 +1,18 @@
-//! What the pool decides: messages and time in, actions out, no I/O.
+//! The decisions of the pool: messages and time as input, actions as output, no I/O.
 //!
-//! The [`Scheduler`] owns parts with private fields and routes events between them. Parts do not know the scheduler, and
-//! import each other in one direction only (`tests/layers.rs`): `queue` (pieces, results, attribution of failures),
-//! `modes` (work in flight), `fleet` (servers, their offers, health and capacity), `limits` (how much the broker takes),
-//! `audit`, `messages`, `outbox`, `outlook`. Decisions that need several parts are made on a `View` of them: `share`
-//! (how much work a server gets), `speculation` (what is worth a backup copy), `probing` (which servers are to show that
-//! they are sound, and whether more are looked for).
+//! The [`Scheduler`] owns parts with private fields and routes events between them. Parts do not know the scheduler,
+//! and import each other in one direction only (`tests/layers.rs`): `queue` (pieces, results, attribution of failures),
+//! `modes` (work in flight), `fleet` (servers, their offers, health and capacity), `limits` (sizes that the broker
+//! accepts), `audit`, `messages`, `outbox`, `outlook`. Decisions that need several parts take a `View` of them: `share`
+//! (how much work a server gets), `speculation` (which work gets a backup copy), `probing` (which servers must prove
+//! that they are sound, and whether to look for more servers).
 //!
-//! The scheduler's own files are `routes`, which lead from what comes in to the parts and from part to part, and `status`
-//! (how it stands).
+//! The remaining modules belong to the scheduler itself: `routes` lead from incoming events to the parts and between
+//! parts, and `status` reports the state.
 //!
-//! Discovery goes out in rounds, each with its own hash. Every fitting server that answers gets work, in the fastest way
-//! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
-//! there is one. Results are kept by candidate and episode, so that the order of arrival leaves no trace.
+//! Discovery runs in rounds, each with its own hash. Every fitting server that answers gets work in the fastest mode
+//! that it offers, and more as soon as it has finished some (`dispatch`). Failed work is retried, on another server if
+//! there is one. Results are stored by candidate and episode, so they do not depend on the order of arrival.
 
 mod audit;
 pub(crate) mod fleet;
@@ -52,36 +52,36 @@ use crate::scheduler::recheck::Recheck;
 use crate::scheduler::view::View;
 use crate::work::Work;
 
-/// The decisions of one optimization tool.
+/// Scheduler of one optimization tool.
 pub struct Scheduler {
     config: Config,
-    /// Servers.
+    /// Known servers.
     fleet: Fleet,
     discovery: Discovery,
     processes: Processes,
     unproven: Unproven,
-    /// The work: what is queued, in flight, waits for an audit, or done.
+    /// The work: queued, in flight, waiting for an audit, or done.
     ledger: Ledger,
     in_flight: InFlight,
     audits: Audits,
-    /// How often work was submitted.
+    /// Number of times that work was submitted.
     work_number: u64,
-    /// When to look again for an idle server.
+    /// When to check idle servers again.
     recheck: Recheck,
-    /// Why the work may not end.
+    /// Reasons why the work may not finish.
     outlook: Outlook,
-    /// How much the broker takes.
+    /// Sizes that the broker accepts.
     limits: Limits,
     messages: Messages,
     outbox: Outbox,
     journal: Journal,
     counts: Counts,
-    /// The factor by which a busy machine slows down what runs on it, at least 1.
+    /// Factor by which a busy machine slows down its programs, at least 1.
     slowdown: f64,
 }
 
 impl Scheduler {
-    /// A scheduler that knows no server yet.
+    /// Creates a scheduler without servers.
     #[must_use]
     pub fn new(config: Config, now: Instant) -> Self {
         Self {
@@ -110,51 +110,51 @@ impl Scheduler {
         self.limits.set_packet(bytes);
     }
 
-    /// Sets the factor by which a busy machine slows down what runs on it: silence is strange only after as many times as long.
+    /// Sets the factor by which a busy machine slows down its programs; time limits for silence grow by it.
     pub fn set_slowdown(&mut self, slowdown: f64) {
         self.slowdown = slowdown.max(1.0);
     }
 
-    /// What is to be done now; empties the list.
+    /// Drains the actions to take now.
     pub fn actions(&mut self) -> std::vec::Drain<'_, Action> {
         self.outbox.drain()
     }
 
-    /// Number of warnings suppressed since the last call, because the same had been issued before.
+    /// Takes the warnings that were suppressed since the last call because the same had been issued before.
     pub fn take_repeated(&mut self) -> Vec<String> {
         self.outbox.take_repeated()
     }
 
-    /// Number of evaluations that have been asked for.
+    /// Returns the number of requested evaluations.
     #[must_use]
     pub fn total(&self) -> usize {
         self.ledger.work().map_or(0, Work::len)
     }
 
-    /// Number of evaluations that have ended.
+    /// Returns the number of evaluations that have ended.
     #[must_use]
     pub fn done(&self) -> usize {
         self.ledger.done()
     }
 
-    /// Whether all evaluations have ended.
+    /// Returns whether all evaluations have ended.
     #[must_use]
     pub fn finished(&self) -> bool {
         self.ledger.finished()
     }
 
-    /// The attempts made since the last call, each with its start.
+    /// Takes the attempts made since the last call, each with its start.
     pub fn take_journal(&mut self) -> Vec<(Attempt, Instant)> {
         self.journal.take()
     }
 
-    /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.
+    /// Returns why the work can never be done: a part of it is larger than the broker accepts.
     #[must_use]
     pub fn hopeless(&self) -> Option<&str> {
         self.limits.hopeless()
     }
 
-    /// What is known, to decide by.
+    /// Returns a read-only view of the parts, for decisions.
     pub(crate) fn view(&self) -> View<'_> {
         View {
             config: &self.config,
@@ -180,13 +180,13 @@ impl Scheduler {
         &self.journal
     }
 
-    /// Incidents so far.
+    /// Returns the counts of incidents so far.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// The disagreement of two servers, if it is unknown which one is wrong.
+    /// Returns the disagreement of two servers, if it is unknown which one is wrong.
     #[must_use]
     pub fn disagreement(&self) -> Option<&str> {
         self.outlook.disagreement()

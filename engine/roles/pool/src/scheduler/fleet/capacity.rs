@@ -1,9 +1,9 @@
-//! All servers that may get work, summed up once, so that a thousand of them are not looked at for each of a thousand.
+//! Combined capacity of all usable servers, computed once so that dispatch does not scan all servers for each server.
 
 use crate::scheduler::fleet::Fleet;
 use crate::scheduler::fleet::slot::Slot;
 
-/// Largest number of servers for which the sharing of the remaining work is simulated.
+/// Largest number of servers for which the distribution of the remaining work is simulated.
 const MAX_SIMULATED: usize = 256;
 /// Number of bisection steps of that simulation.
 const HALVINGS: usize = 24;
@@ -16,37 +16,37 @@ pub(crate) fn number(count: usize) -> f64 {
     count as f64
 }
 
-/// What does not change while work is given away.
+/// Totals that do not change while work is dispatched.
 #[derive(Default)]
 pub(crate) struct Capacity {
-    /// Those for which what failed elsewhere may wait.
+    /// Servers for which failed work may wait.
     pub servers: Vec<u64>,
-    /// How many may get work now.
+    /// Number of servers that may get work now.
     pub usable: usize,
-    /// Of these, those whose speed is known, and all their speeds together.
+    /// Number of usable servers whose speed is known, and the sum of their speeds in evaluations per second.
     measured: usize,
     rates: f64,
-    /// The speeds of the fastest two.
+    /// Speeds of the two fastest servers.
     fastest: f64,
     second: f64,
-    /// Those whose speed is known: speed, and seconds until what they have is done. Empty until it is needed.
+    /// Servers whose speed is known; computed when first needed.
     busy: Vec<Busy>,
 }
 
-/// A server whose speed is known.
+/// A server whose speed is known, and when it will be idle.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Busy {
     server: u64,
     pub rate: f64,
-    /// Seconds until its present work is done.
+    /// Seconds until its current work is done.
     pub until: f64,
 }
 
-/// The others, as one of the servers sees them.
+/// Speeds of all servers but one.
 pub(crate) struct Others {
-    /// All their speeds together.
+    /// Sum of the speeds.
     pub rates: f64,
-    /// The fastest one's.
+    /// Speed of the fastest one.
     pub fastest: f64,
 }
 
@@ -74,12 +74,12 @@ impl Capacity {
         }
     }
 
-    /// All speeds together, if all are known.
+    /// Returns the sum of all speeds, if all are known.
     pub fn rate(&self) -> Option<f64> {
         (self.measured == self.usable).then_some(self.rates)
     }
 
-    /// All but one; none when no other one's speed is known.
+    /// Returns the speeds of all other servers; `None` if none of them is known.
     pub fn without(&self, slot: &Slot) -> Option<Others> {
         let own = slot.rate.filter(|_| slot.usable());
         if self.measured <= usize::from(own.is_some()) {
@@ -99,15 +99,15 @@ impl Capacity {
 }
 
 impl Capacity {
-    /// Notes that a server got work that takes `seconds`.
+    /// Records that a server got work that takes `seconds`.
     pub fn gave(&mut self, server: u64, seconds: f64) {
         if let Some(busy) = self.busy.iter_mut().find(|busy| busy.server == server) {
             busy.until += seconds;
         }
     }
 
-    /// A server whose speed is known; none where that is not worked out. `busy`: seconds that what a server has will
-    /// still take it at a speed.
+    /// Returns the speed of a server and when it will be idle; `None` if there are too many servers to simulate or the
+    /// speed is unknown. `busy` returns how many seconds the current work of a server will take at a given speed.
     pub fn until(
         &mut self,
         server: u64,
@@ -133,7 +133,7 @@ impl Capacity {
         busy.find(|busy| busy.server == server).copied()
     }
 
-    /// Seconds in which all servers but one can do this many further evaluations, each on a single server.
+    /// Returns the seconds in which all other servers can do this many further evaluations, each on a single server.
     pub fn done_without(&self, server: u64, evaluations: usize) -> f64 {
         let others = || self.busy.iter().filter(|busy| busy.server != server);
         let needed = number(evaluations);

@@ -1,4 +1,4 @@
-//! What is known of servers, in words.
+//! Descriptions of servers for users.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +9,8 @@ use crate::scheduler::fleet::Fleet;
 use crate::sections::Timeouts;
 
 impl Fleet {
-    /// Numbers of sensors and of actuators, each where a fitting server announces it; those of one server if one announces
-    /// both.
+    /// Returns the numbers of sensors and actuators that fitting servers announce, preferably both from the same
+    /// server.
     pub fn sizes(&self) -> (Option<usize>, Option<usize>) {
         let announced = || {
             let slots = self.slots.values();
@@ -26,7 +26,7 @@ impl Fleet {
         }
     }
 
-    /// Whether a server that fits is there but serves another tool.
+    /// Returns a note if a fitting server is online but serves another tool.
     pub fn busy_elsewhere(&self, demand: &Demand) -> Option<String> {
         self.presences
             .values()
@@ -45,7 +45,7 @@ impl Fleet {
             })
     }
 
-    /// What was found, of all servers, in words; None where nothing was.
+    /// Describes all servers that were found; `None` if there are none.
     pub fn describe(&self, demand: &Demand, timeouts: &Timeouts) -> Option<String> {
         let mut lines: BTreeMap<u64, String> = self
             .unfit
@@ -69,11 +69,11 @@ impl Fleet {
             let misfit = self.misfit(demand, &presence.simulations, &presence.capabilities);
             if misfit.is_none() && presence.state == State::Ready && self.unmatched.contains_key(id)
             {
-                // What it answers says more.
+                // The server's answer to the discovery is more informative.
                 continue;
             }
             let state = match (presence.state, &presence.tool) {
-                // The time in a last will is that of the connection.
+                // The time in a last will is that of the connection, not of the loss.
                 (State::Lost, _) => "lost".to_owned(),
                 (State::Busy, Some(tool)) => format!("fits, but is busy for {tool}"),
                 (State::Busy, None) => "fits, but is busy".to_owned(),
@@ -98,7 +98,7 @@ impl Fleet {
         (!lines.is_empty()).then(|| lines.join("; "))
     }
 
-    /// Metrics that servers announce, sorted, for a hint at a misspelling.
+    /// Returns the metrics that servers announce, sorted, to suggest corrections of misspelt names.
     pub fn metrics(&self) -> Vec<String> {
         let mut names: Vec<String> = self.metrics.values().flatten().cloned().collect();
         names.sort();
@@ -106,7 +106,7 @@ impl Fleet {
         names
     }
 
-    /// Titles that servers offer, for a hint at a misspelling.
+    /// Returns the titles that servers offer, sorted, to suggest corrections of misspelt names.
     pub fn titles(&self) -> Vec<String> {
         let mut titles: Vec<String> = self
             .presences

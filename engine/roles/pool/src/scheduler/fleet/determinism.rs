@@ -1,4 +1,4 @@
-//! Which servers find the same again, and how far the results of two may differ.
+//! Determinism: which servers reproduce their results, and how far the results of two servers may differ.
 
 use swarmwright_protocol::Announcement;
 
@@ -9,14 +9,14 @@ impl Fleet {
         self.slots.get(&id)?.capabilities.swarmwright.as_ref()
     }
 
-    /// Whether a server declares that it finds the same again, to the bit.
+    /// Returns whether a server declares that it reproduces its results bitwise.
     pub fn repeats_itself(&self, id: u64) -> bool {
         let declared =
             |announced: &Announcement| announced.determinism.as_deref() == Some("bitwise");
         self.announcement(id).is_some_and(declared)
     }
 
-    /// Whether what a server finds can be compared with what others do.
+    /// Returns whether the results of a server can be compared with those of others.
     pub fn is_comparable(&self, id: u64) -> bool {
         let declared = |announced: &Announcement| {
             matches!(
@@ -27,7 +27,7 @@ impl Fleet {
         self.announcement(id).is_some_and(declared)
     }
 
-    /// What each server declares: how far it finds the same again, and its tolerance.
+    /// Returns the determinism and the tolerance that each server declares.
     pub fn declared(&self) -> Vec<(u64, Option<&str>, Option<f64>)> {
         let declared = |id| match self.announcement(id) {
             Some(announced) => (id, announced.determinism.as_deref(), announced.tolerance),
@@ -36,7 +36,7 @@ impl Fleet {
         self.slots.keys().copied().map(declared).collect()
     }
 
-    /// How far the results of two servers may differ; none: not at all.
+    /// Returns the tolerance between the results of two servers; `None` if they must be equal.
     pub fn tolerance(&self, first: u64, second: u64) -> Option<f64> {
         let declared = |id| {
             let announced = self.announcement(id)?;
@@ -49,7 +49,7 @@ impl Fleet {
         }
     }
 
-    /// Servers that must not audit, given those that have had their say; none if all must not.
+    /// Returns the servers that must not audit the results of `servers`; `None` if no server may.
     pub fn auditors_but(&self, servers: &[u64]) -> Option<Vec<u64>> {
         let out = |id: &u64| servers.contains(id) || !self.is_comparable(*id);
         let all = self.slots.keys().copied();
@@ -57,8 +57,8 @@ impl Fleet {
         (never.len() < self.slots.len()).then_some(never)
     }
 
-    /// Whether a server that has not been asked can be expected to audit: none that is silent, is to show first that it is
-    /// sound, or has failed more than once in a row.
+    /// Returns whether another server is likely to be able to audit: it is not silent, not in doubt, and has not failed
+    /// more than once in a row.
     pub fn has_auditor_but(&self, servers: &[u64]) -> bool {
         let fails = |id: u64| {
             let failures = self.health().failures(id);

@@ -1,23 +1,23 @@
-//! Rounds of discovery: when one is due, and which one an answer belongs to.
+//! Rounds of discovery: when the next one is due, and which one an answer belongs to.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Pause between two rounds of discovery while no server is there; it doubles up to `LATER_ROUND`.
+/// Pause between two rounds of discovery while there is no server; it doubles up to `LATER_ROUND`.
 const FIRST_ROUND: Duration = Duration::from_millis(100);
 const LATER_ROUND: Duration = Duration::from_secs(2);
-/// How long a server that is new waits for its first work, where two may have one id.
+/// How long a new server waits for its first work, where two servers may share an id.
 pub(crate) const PROBATION: Duration = Duration::from_millis(30);
-/// All servers hear each round. Where there are more than so many, not each one that comes or becomes free may cause one of
-/// its own: there is a pause for each further server between two rounds, up to `LATER_ROUND`.
+/// Number of servers up to which rounds follow each other without a pause. Every server receives every round, so with
+/// more servers, each further one adds `PAUSE_PER_SERVER` between two rounds, up to `LATER_ROUND`.
 const FEW_SERVERS: usize = 16;
 const PAUSE_PER_SERVER: Duration = Duration::from_millis(10);
-/// Rounds whose answers are still understood.
+/// Number of recent rounds whose answers are accepted.
 const ROUNDS: usize = 16;
 
 #[derive(Debug)]
 pub(crate) struct Discovery {
-    /// Hash and number of each of the last rounds.
+    /// Hash and number of each recent round.
     rounds: VecDeque<(String, u64)>,
     round: u64,
     last: Option<Instant>,
@@ -36,34 +36,34 @@ impl Discovery {
         }
     }
 
-    /// The number of the last round; 0 before the first.
+    /// Returns the number of the last round; 0 before the first.
     pub fn round(&self) -> u64 {
         self.round
     }
 
-    /// The number of the round that was asked with a hash.
+    /// Returns the number of the round with a hash.
     pub fn round_of(&self, hash: &str) -> Option<u64> {
         let mut rounds = self.rounds.iter();
         let entry = rounds.find(|(sent, _)| *sent == hash);
         entry.map(|(_, round)| *round)
     }
 
-    /// Rounds whose answers are understood.
+    /// Returns the number of rounds whose answers are accepted.
     pub fn understood(&self) -> usize {
         self.rounds.len()
     }
 
-    /// When the next round is due.
+    /// Returns when the next round is due.
     pub fn next(&self) -> Instant {
         self.next
     }
 
-    /// The next round is not to be later than the usual pause from now.
+    /// Makes sure that the next round comes within `LATER_ROUND` of now.
     pub fn work_began(&mut self, now: Instant) {
         self.next = self.next.min(now + LATER_ROUND);
     }
 
-    /// Something has changed: the next round is not to be later than the pause that so many servers need.
+    /// Brings the next round forward after a change, keeping the pause that this many servers require.
     pub fn hasten(&mut self, servers: usize, now: Instant) {
         let many = u32::try_from(servers.saturating_sub(FEW_SERVERS)).unwrap_or(u32::MAX);
         let pause = PAUSE_PER_SERVER.saturating_mul(many);
@@ -71,18 +71,19 @@ impl Discovery {
         self.next = self.next.min(at.max(now));
     }
 
-    /// No round is needed for a while.
+    /// Postpones the next round by `LATER_ROUND`.
     pub fn postpone(&mut self, now: Instant) {
         self.next = now + LATER_ROUND;
     }
 
-    /// Begins anew, at once.
+    /// Restarts discovery with a round that is due at once.
     pub fn restart(&mut self, now: Instant) {
         self.pause = FIRST_ROUND;
         self.next = now;
     }
 
-    /// A round begins. `has_server`: whether a server is there. `within`: who is there must be known within this time.
+    /// Begins a round. `has_server`: whether any server is known. `within`: time within which the servers must be
+    /// known.
     pub fn begin(
         &mut self,
         hash: String,

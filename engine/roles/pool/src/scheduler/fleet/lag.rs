@@ -1,28 +1,28 @@
-//! Servers whose answers come late again and again since the broker collects small packets.
+//! Detection of servers whose answers are delayed because the broker holds small packets back.
 //!
-//! A broker that leaves Nagle's algorithm on holds the second of two small packets back until the first has been
-//! acknowledged, and systems acknowledge late when they have nothing to send. A server waits for the messages of several
-//! agents, so that each of its steps takes as long as the acknowledgement. Simulations that really take that long look
-//! alike: the broker is asked before anything is said.
+//! If Nagle's algorithm is on in the broker, it holds the second of two small packets back until the first has been
+//! acknowledged, and operating systems delay acknowledgements when they have nothing to send. A server waits for the
+//! messages of several agents, so each of its steps takes as long as the acknowledgement. Simulations whose steps
+//! really take that long look the same, so the broker is probed before the user is warned.
 
 use std::fmt;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-/// Milliseconds by which answers are late: of Linux (measured: 42 to 48), twice that, or of macOS; of Windows.
+/// Delays of acknowledgements in milliseconds: Linux (measured: 42 to 48); twice that, or macOS; Windows.
 const LATE: [RangeInclusive<u128>; 3] = [38..=52, 76..=110, 195..=220];
-/// Time within which answers belong to the same group.
+/// Answers within this time of the previous one belong to the same group.
 const SOON: Duration = Duration::from_millis(5);
-/// Two messages were sent together, at least: one alone is never held back.
+/// Smallest number of messages sent together for a delay to count: a single message is never held back.
 const TOGETHER: u32 = 2;
-/// How many late answers raise suspicion, and which share of the time.
+/// Number of delayed answers that raises suspicion, and their smallest share of the time.
 const ENOUGH: u32 = 20;
 const MOST: f64 = 0.5;
 
-/// How the answers of one server came that is stepped one episode at a time.
+/// Timing of the answers of one server in stepwise mode.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Answers {
-    /// Number of messages sent to it since the last wait for it.
+    /// Number of messages sent to the server since it was last waited for.
     together: u32,
     late: u32,
     late_seconds: f64,
@@ -30,12 +30,12 @@ pub(crate) struct Answers {
 }
 
 impl Answers {
-    /// Messages were sent.
+    /// Records that messages were sent.
     pub fn on_sent(&mut self, messages: u32) {
         self.together = self.together.saturating_add(messages);
     }
 
-    /// It answered after such a time.
+    /// Records an answer after a wait of this length.
     pub fn on_answer(&mut self, wait: Duration) {
         self.seconds += wait.as_secs_f64();
         if wait < SOON {
@@ -53,13 +53,13 @@ impl Answers {
         self.late_seconds / self.seconds.max(1e-9)
     }
 
-    /// Whether it looks as if the broker held messages to it back.
+    /// Returns whether the broker seems to hold messages to the server back.
     fn are_late(&self) -> bool {
         self.late >= ENOUGH && self.share() >= MOST
     }
 }
 
-/// A server whose answers are suspicious.
+/// A server whose answers seem to be delayed.
 #[derive(Debug, Clone, Copy)]
 struct Suspect {
     server: u64,
@@ -79,16 +79,16 @@ impl fmt::Display for Suspect {
     }
 }
 
-/// What helps.
+/// Advice to the user.
 const REMEDY: &str = "have the broker send small packets at once (Mosquitto: `set_tcp_nodelay true`; others: \
      docs/how-to/external-broker.md)";
 
-/// The first server that looks as if the broker held messages to it back; the broker is asked then, once.
+/// The first server whose answers seem to be delayed; the broker is then probed once.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Lag(Option<Suspect>);
 
 impl Lag {
-    /// Whether a server is the first one whose answers are suspicious.
+    /// Returns whether a server is the first one whose answers seem to be delayed.
     pub fn is_news(&mut self, server: u64, answers: Answers) -> bool {
         let news = self.0.is_none() && answers.are_late();
         if news {
@@ -97,8 +97,8 @@ impl Lag {
         news
     }
 
-    /// Describe the delay to the user, when the broker at `address` has been asked whether it holds small packets back; `answer`:
-    /// the answer, or why there is none.
+    /// Describes the delay for the user after the broker at `address` was probed. `answer`: whether it holds small
+    /// packets back, or why the probe failed.
     pub fn describe(&self, answer: Result<bool, String>, address: &str) -> Option<String> {
         let suspect = self.0?;
         match answer {
@@ -121,7 +121,7 @@ impl Lag {
 mod tests {
     use super::*;
 
-    /// Whether a server whose steps of `agents` agents take these milliseconds is suspicious.
+    /// Returns whether a server with `agents` agents and steps of these durations in milliseconds is suspicious.
     fn suspicious(agents: u32, steps: impl IntoIterator<Item = f64>) -> bool {
         let mut answers = Answers::default();
         answers.on_sent(2);
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn steps_that_wait_for_acknowledgements_are_suspicious() {
-        // As measured with Mosquitto and Linux; some steps are quick as packets happened to travel together.
+        // As measured with Mosquitto on Linux; some steps are quick because their packets happened to travel together.
         let measured = [44.1, 44.0, 48.2, 43.9, 0.4, 88.3, 44.0, 47.6, 0.3, 42.5];
         assert!(suspicious(3, measured.into_iter().cycle().take(40)));
         assert!(!suspicious(3, measured), "too few");

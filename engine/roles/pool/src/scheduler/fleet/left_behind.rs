@@ -1,33 +1,33 @@
-//! Servers that may still be at an episode of this tool since its connection broke.
+//! Servers that may still be running an episode of this tool although its connection broke.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// How long after it was told first a server is told again that an episode is over: by then it has given that up itself,
-/// as no actuators came.
+/// How long after the first notification a server is told again that an episode is over; by then it has given the
+/// episode up itself because no actuators came.
 const MAX_TELLING: Duration = Duration::from_secs(120);
-/// At least so much later it is told again: what it is told may be lost, as its own connection is not back yet, or this
-/// tool's breaks again.
+/// Shortest time between two notifications. They are repeated because one may be lost while the server's own connection
+/// is down, or when this tool's breaks again.
 const MIN_PAUSE: Duration = Duration::from_secs(1);
-/// Episodes of a server that are ended, at most, the last ones.
+/// Largest number of episodes per server that are ended; the latest ones are kept.
 const MAX_HASHES: usize = 8;
 
 #[derive(Debug, Default)]
 struct AbandonedServer {
-    /// Episodes that it may be computing, the last one at the end; empty if it computes something else, or only waits.
+    /// Episodes that the server may be running, the latest last; empty if it runs something else, or only waits.
     hashes: Vec<String>,
-    /// When it was told first and last.
+    /// Time of the first and the last notification.
     told: Option<(Instant, Instant)>,
 }
 
-/// These servers, until they answer a discovery: one that is at an episode answers none.
+/// Servers left behind, until they answer a discovery: a server that is running an episode answers none.
 #[derive(Debug, Default)]
 pub(crate) struct LeftBehind {
     servers: BTreeMap<u64, AbandonedServer>,
 }
 
 impl LeftBehind {
-    /// A server may still be at this episode, or at something else.
+    /// Adds a server that may still be running the episode with this hash, or something else.
     pub fn add(&mut self, server: u64, hash: Option<String>) {
         let abandoned = self.servers.entry(server).or_default();
         let Some(hash) = hash else { return };
@@ -38,13 +38,13 @@ impl LeftBehind {
         }
     }
 
-    /// A server is not at an episode of this tool.
+    /// Removes a server that is not running an episode of this tool.
     pub fn remove(&mut self, server: u64) {
         self.servers.remove(&server);
     }
 
-    /// The servers that are to be told now that their episodes are over, each with an episode, or none. `all`: also those
-    /// that were told a moment ago.
+    /// Returns the servers to notify now that their episodes are over, each with an episode, or `None`. `all`: include
+    /// servers that were notified a moment ago.
     pub fn due(&mut self, all: bool, now: Instant) -> Vec<(u64, Option<String>)> {
         let age = |then: Instant| now.saturating_duration_since(then);
         self.servers.retain(|_, abandoned| {

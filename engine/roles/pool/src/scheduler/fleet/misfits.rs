@@ -1,4 +1,4 @@
-//! Servers that do not fit: the experiment, or the other servers of the run.
+//! Servers that do not fit the experiment or the other servers of the run.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -10,8 +10,8 @@ use crate::scheduler::fleet::Fleet;
 use crate::scheduler::fleet::sizes::{Sizes, announced};
 
 impl Fleet {
-    /// The run begins: the numbers that most servers announce are its own, of equally many those of the lowest id. Returns the
-    /// servers that announce others, with the reason; they are not used any more.
+    /// Settles the numbers of sensors and actuators when the run begins: those that most servers announce, in a tie
+    /// those of the lowest id. Excludes the servers that announce other numbers and returns them with the reason.
     pub fn settle_sizes(&mut self) -> Vec<(u64, String)> {
         self.settles_sizes = true;
         if self.sizes.is_some() {
@@ -45,7 +45,7 @@ impl Fleet {
         others
     }
 
-    /// A server fits. Its numbers are those of the run if that has begun and no other server has announced any.
+    /// Settles the numbers from a fitting server if the run has begun and no other server has announced any.
     pub(super) fn note_sizes(&mut self, id: u64, capabilities: &Capabilities) {
         if self.settles_sizes
             && self.sizes.is_none()
@@ -59,7 +59,7 @@ impl Fleet {
         }
     }
 
-    /// Why a server does not fit; none if it does.
+    /// Returns why a server does not fit; `None` if it fits.
     pub(super) fn misfit(
         &self,
         demand: &Demand,

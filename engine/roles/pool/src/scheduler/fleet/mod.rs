@@ -1,4 +1,4 @@
-//! Servers: which there are, what each offers, how they behave, how much they can do.
+//! The fleet: known servers, their offers, health, and capacity.
 
 pub(crate) mod capacity;
 pub(crate) mod describe;
@@ -28,41 +28,41 @@ use crate::scheduler::fleet::sizes::Sizes;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::job::Job;
 
-/// Servers that are told one by one that they are free.
+/// Largest number of servers that are told one by one that they are free.
 const MOST_TOLD: usize = 100;
 
-/// All that is known of servers.
+/// All known servers.
 #[derive(Debug, Default)]
 pub(crate) struct Fleet {
     slots: BTreeMap<u64, Slot>,
     presences: BTreeMap<u64, Presence>,
-    /// Servers that answered and do not fit, or cannot be told apart.
+    /// Servers that answered but do not fit or share an id, with the reason.
     unfit: BTreeMap<u64, String>,
     /// Instances that answered lately by id, each with its last round.
     seen: BTreeMap<u64, Vec<(String, u64)>>,
     /// Ids used by two servers: the last round with a second answer, and how often.
     duplicates: BTreeMap<u64, (u64, u32)>,
-    /// Servers that answered with a hash that this tool has not asked with, each with that hash.
+    /// Servers that answered with a hash that is not of this tool's discoveries, each with that hash.
     unmatched: BTreeMap<u64, String>,
-    /// Why the last answer to a discovery was refused that could not be read.
+    /// Why the last unreadable answer to a discovery was refused.
     unreadable: Option<String>,
-    /// Servers that refused this work as such, by id: which start of the server, and why.
+    /// Servers that refused the current work, by id: the instance of the server, and the reason.
     refusals: BTreeMap<u64, (Option<String>, String)>,
-    /// How ids have behaved so far.
+    /// Health of each id.
     health: Health,
-    /// Metrics that servers announced for this simulation, by id, whether they fit or not.
+    /// Metrics that servers announced for this simulation, by id, whether the servers fit or not.
     metrics: BTreeMap<u64, Vec<String>>,
-    /// Servers that may still wait for this tool since its connection broke.
+    /// Servers that may still wait for this tool although its connection broke.
     left_behind: LeftBehind,
-    /// Servers that said last that they hear control messages on their own topics; some may still wait for this tool
-    /// when nothing else is known of them any more.
+    /// Servers that last announced that they receive control messages on their own topics. They are kept after
+    /// everything else about a server is forgotten, because some may still wait for this tool.
     on_own_topic: BTreeSet<u64>,
-    /// How often a server that had been silent spoke again.
+    /// Number of times that a silent server answered again.
     woken: usize,
     lag: Lag,
-    /// Numbers of sensors and actuators that all servers of the run have, once a server has announced them.
+    /// Numbers of sensors and actuators of all servers of the run, once a server has announced them.
     sizes: Option<Sizes>,
-    /// Whether the run has begun: the first numbers that a server announces are those of the run then.
+    /// Whether the run has begun: the numbers that a server announces first then apply to the run.
     settles_sizes: bool,
 }
 
@@ -76,39 +76,39 @@ impl Fleet {
         self.slots.len()
     }
 
-    /// How many servers hear what all are told, as far as is known.
+    /// Returns the number of known servers that receive what is sent to all.
     pub fn audience(&self) -> usize {
         self.slots.len().max(self.presences.len())
     }
 
-    /// A server that may be used.
+    /// Returns a server that may be used.
     pub fn slot(&self, id: u64) -> Option<&Slot> {
         self.slots.get(&id)
     }
 
-    /// All of them by id.
+    /// Returns all servers that may be used, by id.
     pub fn slots(&self) -> impl Iterator<Item = (u64, &Slot)> {
         self.slots.iter().map(|(id, slot)| (*id, slot))
     }
 
-    /// Those that may get work now.
+    /// Returns the servers that may get work now.
     pub fn usable(&self) -> impl Iterator<Item = (u64, &Slot)> {
         self.slots().filter(|(_, slot)| slot.usable())
     }
 
-    /// How ids have behaved so far.
+    /// Returns the health of all ids.
     pub fn health(&self) -> &Health {
         &self.health
     }
 
-    /// How often a server that had been silent spoke again.
+    /// Returns the number of times that a silent server answered again.
     pub fn woken(&self) -> usize {
         self.woken
     }
 
-    /// What failed on one server waits for another one of these; not for one that has a pause after failures.
+    /// Returns the servers that failed work may wait for; servers that back off after failures are not among them.
     pub fn servers(&self) -> Vec<u64> {
-        // One that is new and has not failed is usable in a moment.
+        // A new server that has not failed becomes usable in a moment.
         let new = |id: u64, slot: &Slot| {
             !slot.silent && !slot.suspended && self.health.failures(id).is_none()
         };
@@ -118,7 +118,7 @@ impl Fleet {
         usable.map(|(id, _)| id).collect()
     }
 
-    /// The connection broke: forgets who is there, but for those that may still wait for this tool.
+    /// Forgets the servers after the connection broke, except those that may still wait for this tool.
     pub fn clear(&mut self) {
         for (id, slot) in self.slots.iter().filter(|(_, slot)| slot.held) {
             self.left_behind.add(*id, slot.last_hash.clone());
@@ -134,13 +134,13 @@ impl Fleet {
         };
     }
 
-    /// The servers that may still wait for this tool since its connection broke.
+    /// Returns the servers that may still wait for this tool although its connection broke.
     pub fn left_behind(&mut self) -> &mut LeftBehind {
         &mut self.left_behind
     }
 
-    /// Ends the use of all servers. Returns those that are to be told: of many, those are not that are free in some
-    /// seconds anyway where all servers would hear what one is told.
+    /// Stops using all servers. Returns those to notify: if there are many, servers that become free in a few seconds
+    /// anyway are left out unless they have a topic of their own.
     pub fn release(&mut self) -> Vec<(u64, Option<String>)> {
         let many = self.slots.values().filter(|slot| slot.held).count() > MOST_TOLD;
         let slots = std::mem::take(&mut self.slots).into_iter();
@@ -153,9 +153,9 @@ impl Fleet {
     }
 }
 
-/// The present work of servers.
+/// Current work of servers.
 impl Fleet {
-    /// A server has one more job.
+    /// Adds a job to a server.
     pub fn began(&mut self, id: u64, job: Job) {
         if let Some(slot) = self.slots.get_mut(&id) {
             if let Job::Episode(hash) = &job {
@@ -180,7 +180,7 @@ impl Fleet {
             .collect()
     }
 
-    /// The last hash that a server ran for this tool.
+    /// Returns the hash of the last episode that a server ran for this tool.
     pub fn last_hash(&self, id: u64) -> Option<String> {
         self.slots.get(&id)?.last_hash.clone()
     }
@@ -191,19 +191,20 @@ impl Fleet {
             .map_or_else(Vec::new, |slot| slot.jobs)
     }
 
-    /// Which start of a server is used, if it says.
+    /// Returns the instance of a server, if it announces one.
     pub fn instance(&self, id: u64) -> Option<String> {
         self.slots.get(&id)?.instance.clone()
     }
 
-    /// A server has done a job, or is not to do it any more.
+    /// Removes a job that a server has finished or should not do any more.
     pub fn finished(&mut self, id: u64, job: &Job) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.jobs.retain(|other| other != job);
         }
     }
 
-    /// A server failed: a pause that doubles with each failure in a row, also where it is gone and comes back.
+    /// Lets a server back off after a failure; the pause doubles with each failure in a row, even if the server
+    /// reconnects.
     pub fn back_off(&mut self, id: u64, reason: &str, now: Instant) {
         let until = self.health.failed(id, reason, now);
         if let Some(slot) = self.slots.get_mut(&id) {
@@ -211,22 +212,23 @@ impl Fleet {
         }
     }
 
-    /// A server was silent, refused what it should do, or answered wrongly.
+    /// Records that a server was silent, refused work, or answered wrongly.
     pub fn failed_in_vain(&mut self, id: u64) {
         self.health.failed_in_vain(id);
     }
 
-    /// A server refused a request, as another tool had it. Returns how many it has refused so since it succeeded with anything.
+    /// Records a refusal because another tool had the server. Returns the number of such refusals since its last
+    /// success.
     pub fn refused_as_taken(&mut self, id: u64) -> u32 {
         self.health.refused_as_taken(id)
     }
 
-    /// What a server was benched for last was none of its fault.
+    /// Forgives the last failure of a server, which was not its fault.
     pub fn forgive(&mut self, id: u64) {
         self.health.forgive(id);
     }
 
-    /// A server failed what had succeeded before: a pause that doubles each time.
+    /// Records that a server failed an evaluation that had succeeded elsewhere; the pause doubles each time.
     pub fn broke(&mut self, id: u64, reason: &str, now: Instant) {
         let until = self.health.broke(id, reason, now);
         if let Some(slot) = self.slots.get_mut(&id) {
@@ -234,21 +236,21 @@ impl Fleet {
         }
     }
 
-    /// Whether any server was heard in the second half of one's silence: not all are out of reach then. One that answers
-    /// questions but not this one is there itself.
+    /// Returns whether any server was heard in the second half of a silence since `since`: if so, the connection works.
+    /// This includes a silent server that answers discoveries but not its work.
     pub fn anyone_spoke(&self, since: Instant, now: Instant) -> bool {
         let half = since + now.saturating_duration_since(since) / 2;
         self.slots.values().any(|slot| slot.heard > half)
     }
 
-    /// Nothing came from a server in time: it gets no work before it says something, at least an answer to a question.
+    /// Marks a server as silent: it gets no work until it sends a message, such as an answer to a discovery.
     pub fn fell_silent(&mut self, id: u64) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.silent = true;
         }
     }
 
-    /// A server is new; its first work waits until `until`, or for longer where it has failed again and again.
+    /// Lets the first work of a new server wait until `until`, or longer if the server has failed repeatedly.
     pub fn introduce(&mut self, id: u64, until: Instant, now: Instant) {
         if let Some(slot) = self.slots.get_mut(&id) {
             let pause = self.health.pause(id, now);
@@ -256,7 +258,7 @@ impl Fleet {
         }
     }
 
-    /// A server did `episodes` in `seconds`.
+    /// Records that a server did `episodes` in `seconds`.
     pub fn did_well(&mut self, id: u64, episodes: usize, seconds: f64) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.measured(episodes, seconds);
@@ -264,14 +266,14 @@ impl Fleet {
         }
     }
 
-    /// A server's results are wrong: it is not used any more. Returns the jobs that it had.
+    /// Excludes a server whose results are wrong. Returns its jobs.
     pub fn distrust(&mut self, id: u64, reason: &str) -> Vec<Job> {
         self.health.distrust(id, reason);
         self.unfit.insert(id, reason.to_owned());
         self.remove(id)
     }
 
-    /// Benched servers whose pause is over may be used again.
+    /// Ends the back-offs that are over.
     pub fn end_back_offs(&mut self, now: Instant) {
         for slot in self.slots.values_mut() {
             if slot.backs_off_until.is_some_and(|until| until <= now) {
@@ -287,7 +289,7 @@ impl Fleet {
             .min()
     }
 
-    /// Something of use came from a server in an episode.
+    /// Records that a usable message of an episode came from a server.
     pub fn heard(&mut self, id: u64, now: Instant) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.silent = false;
@@ -298,14 +300,14 @@ impl Fleet {
         }
     }
 
-    /// A server answered a request.
+    /// Records that a server answered a request.
     pub fn answered_request(&mut self, id: u64, now: Instant) {
         let silent = self.slots.get(&id).is_some_and(|slot| slot.silent);
         self.woken += usize::from(silent);
         self.heard(id, now);
     }
 
-    /// A server says that it failed.
+    /// Records that a server reported its own failure.
     pub fn spoke(&mut self, id: u64) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.silent = false;
@@ -315,14 +317,14 @@ impl Fleet {
         }
     }
 
-    /// Time from one message of an episode or a batch to the next.
+    /// Records the time between two messages of an episode or a batch.
     pub fn measured_step(&mut self, id: u64, duration: Duration) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.steps.measured(duration);
         }
     }
 
-    /// The fitness of an episode came.
+    /// Records the duration of an episode whose fitness arrived.
     pub fn measured_episode(&mut self, id: u64, duration: Duration) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.episodes.measured(duration);
@@ -330,7 +332,7 @@ impl Fleet {
         }
     }
 
-    /// Another tool was faster on a server. How often in a row.
+    /// Records that another tool got the server first. Returns how often in a row this has happened.
     pub fn was_preempted(&mut self, id: u64) -> u32 {
         self.slots.get_mut(&id).map_or(0, |slot| {
             slot.preempted += 1;
@@ -338,32 +340,33 @@ impl Fleet {
         })
     }
 
-    /// A server that has nothing to do is passed over: since when. None if it has something to do.
+    /// Records that an idle server is passed over. Returns since when; `None` if it has work.
     pub fn pass_over(&mut self, id: u64, now: Instant) -> Option<Instant> {
         let slot = self.slots.get_mut(&id);
         let slot = slot.filter(|slot| slot.jobs.is_empty())?;
         Some(*slot.passed_over.get_or_insert(now))
     }
 
-    /// Ends the exclusion of a server. Returns false if it does not exist.
+    /// Ends the passing over of a server. Returns whether the server exists.
     pub fn consider(&mut self, id: u64) -> bool {
         let slot = self.slots.get_mut(&id);
         slot.map(|slot| slot.passed_over = None).is_some()
     }
 }
 
-/// How servers behave.
+/// Behaviour of servers.
 impl Fleet {
-    /// Whether a server may be of use.
+    /// Returns whether any server may be of use.
     pub fn has_hope(&self) -> bool {
         let health = &self.health;
         self.slots()
             .any(|(id, slot)| !health.is_broken(id) && !health.is_useless(id) && !slot.silent)
     }
 
-    /// The servers that have failed nothing; none while one of them has a pause: the others need not try again meanwhile.
+    /// Returns the servers on which no candidate has failed; `None` while one of them backs off, since the other
+    /// servers need not try again in the meantime.
     pub fn untried(&self) -> Option<Vec<u64>> {
-        // A server that is broken is given nothing, so that it cannot tell either.
+        // A suspended server gets no new work, so it cannot tell.
         let untried = self
             .slots()
             .filter(|(id, slot)| !slot.silent && !slot.suspended && !self.health.has_failed(*id));
@@ -372,24 +375,25 @@ impl Fleet {
             .collect()
     }
 
-    /// Notes that other work has begun, with other candidates.
+    /// Records that new work with other candidates has begun.
     pub fn new_work(&mut self) {
         self.health.new_work();
     }
 
-    /// A server succeeded with something.
+    /// Records that a server succeeded.
     pub fn succeeded(&mut self, id: u64) {
         self.health.succeeded(id);
     }
 
-    /// A server failed a candidate that may be to blame itself.
+    /// Records that a candidate failed on a server; the candidate itself may be to blame.
     pub fn failed_candidate(&mut self, id: u64, candidate: usize) {
         self.health.failed_candidate(id, candidate);
     }
 
-    /// Servers that have failed several candidates and succeeded with none, or have said nothing of what others have
-    /// finished, get nothing new before they have shown that they can evaluate what succeeded elsewhere; before anything
-    /// has (`has_success`), as long as others may succeed.
+    /// Suspends the servers in doubt: several candidates have failed on them without a success, or other servers have
+    /// finished their unanswered work. They get no new work until they succeed with an evaluation that succeeded
+    /// elsewhere. While nothing has succeeded yet (`has_success` is false), they are suspended only if other servers
+    /// may succeed.
     pub fn suspend(&mut self, has_success: bool) {
         if !self.health.has_doubtful() {
             return;
@@ -407,16 +411,16 @@ impl Fleet {
     }
 }
 
-/// Brokers that hold small packets back.
+/// Detection of brokers that hold small packets back.
 impl Fleet {
-    /// Messages of an episode went to its server.
+    /// Records that messages of an episode were sent to a server.
     pub fn sent_to(&mut self, id: u64, messages: u32) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.answers.on_sent(messages);
         }
     }
 
-    /// A server answered in an episode after such a time. Whether the broker is to be asked, once.
+    /// Records an answer of a server in an episode. Returns whether to probe the broker, which is done once.
     pub fn answered_after(&mut self, id: u64, wait: Duration) -> bool {
         let Some(slot) = self.slots.get_mut(&id) else {
             return false;
@@ -425,7 +429,7 @@ impl Fleet {
         self.lag.is_news(id, slot.answers)
     }
 
-    /// What to tell of it.
+    /// Returns the suspected delay, for a warning.
     pub fn lag(&self) -> &Lag {
         &self.lag
     }

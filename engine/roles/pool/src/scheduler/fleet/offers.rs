@@ -1,4 +1,4 @@
-//! Which servers there are, and what each offers.
+//! Offers of servers: discovery answers, presence, and duplicates.
 
 use std::time::Instant;
 
@@ -17,26 +17,26 @@ pub(crate) struct Ended {
     pub server: u64,
     pub jobs: Vec<Job>,
     pub reason: String,
-    /// Whether it was the server's own failure.
+    /// Whether the server itself failed.
     pub server_fault: bool,
 }
 
-/// What an answer to discovery means.
+/// Outcome of an answer to a discovery.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Answer {
     /// The server may be used.
     Welcome,
-    /// Known already.
+    /// The server is already known.
     Known,
-    /// It does not fit; with the reason, if it is new.
+    /// The server does not fit; with the reason, if it is new.
     Unfit(Option<String>),
-    /// Two servers answer to one id; the jobs to be given up, and whether that is news.
+    /// Two servers share the id; the jobs to give up, and whether this was unknown before.
     Duplicate(Vec<Job>, bool),
 }
 
-/// Servers with other hashes that are remembered.
+/// Largest number of remembered servers that answered with other hashes.
 const MOST_UNMATCHED: usize = 100;
-/// Characters of a hash that are shown, at most.
+/// Largest number of characters of a hash in messages.
 const MOST_HASH: usize = 80;
 
 const DUPLICATE: &str =
@@ -87,7 +87,8 @@ impl Fleet {
             return Answer::Unfit(None);
         }
         if let Some(slot) = self.slots.get_mut(&id) {
-            // A server answers a round once; a second answer comes from a second server, unless it says that it does not.
+            // A server answers a round once; a second answer comes from a second server unless it names the same
+            // instance.
             let same = instance.is_some() && slot.instance == instance;
             if (slot.round == round && !same) || rival {
                 let (jobs, news) = self.are_two(id, round);
@@ -100,7 +101,7 @@ impl Fleet {
                 slot.heard = now;
                 return Answer::Known;
             }
-            // Started anew under its old id.
+            // The server was restarted under its old id.
             if !slot.jobs.is_empty() {
                 return Answer::Known;
             }
@@ -137,7 +138,8 @@ impl Fleet {
         Answer::Welcome
     }
 
-    /// What a server says in its answer; presence may be retained, and of another start of it.
+    /// Records the capabilities from an answer to a discovery; presence may be retained and belong to an earlier
+    /// instance.
     fn announced(&mut self, id: u64, capabilities: &Capabilities) {
         let announced = capabilities.swarmwright.as_ref();
         if announced.is_some_and(|announced| announced.control) {
@@ -147,13 +149,14 @@ impl Fleet {
         }
     }
 
-    /// Whether a server gets control messages on its own topic. Of two with one id another one may not listen there.
+    /// Returns whether a server receives control messages on its own topic. If two servers share an id, only one of
+    /// them may listen there.
     pub fn hears_own_topic(&self, id: u64) -> bool {
         self.on_own_topic.contains(&id) && !self.duplicates.contains_key(&id)
     }
 
-    /// Two servers have an id, as was seen in a round: it is not used until one is left. Returns the jobs that they had,
-    /// and whether that is news.
+    /// Excludes an id that two servers share, as a round has shown, until only one is left. Returns their jobs, and
+    /// whether this was unknown before.
     pub fn are_two(&mut self, id: u64, round: u64) -> (Vec<Job>, bool) {
         let before = self.unfit.insert(id, DUPLICATE.to_owned());
         self.duplicates.insert(id, (round, 2));
@@ -163,8 +166,8 @@ impl Fleet {
         )
     }
 
-    /// A server answered with a hash that this tool has not asked with: another tool's, mostly. One that knows D6.1 alone
-    /// may do so always, for section 7.2.2 can be read so that its answer is fixed.
+    /// Records an answer with a hash that is not of this tool's discoveries. Most belong to another tool, but a server
+    /// that implements D6.1 only may always send one, because section 7.2.2 can be read as requiring a fixed answer.
     pub fn answered_other_discovery(&mut self, message: ServerMessage, demand: &Demand) {
         let few = self.unmatched.len() < MOST_UNMATCHED;
         if few && message.simulations.contains(&demand.simulation) {
@@ -173,12 +176,12 @@ impl Fleet {
         }
     }
 
-    /// An answer to a discovery, perhaps this tool's, could not be read.
+    /// Records that an answer to a discovery, perhaps of this tool, could not be read.
     pub fn refused_answer(&mut self, error: &DecodeError) {
         self.unreadable = Some(error.to_string());
     }
 
-    /// Whether a start of a server is known to be gone: its answer is older, or came twice.
+    /// Returns whether an instance of a server is known to be gone, so that its answer is outdated or a duplicate.
     fn is_lost(&self, id: u64, instance: Option<&str>) -> bool {
         let lost = |presence: &&Presence| presence.state == State::Lost;
         let presence = self.presences.get(&id).filter(lost);
@@ -187,8 +190,8 @@ impl Fleet {
         gone.is_some() && gone == instance
     }
 
-    /// Whether another instance answered under this id in this round or one of the two before, and did not leave since:
-    /// answers to several rounds may cross, so that the same round is not all that tells duplicates.
+    /// Returns whether another instance answered under this id in this round or the two before, and has not left since.
+    /// Two answers to the same round are not the only sign of a duplicate, since answers to several rounds may cross.
     fn has_rival(&mut self, id: u64, instance: Option<&String>, round: u64) -> bool {
         let Some(instance) = instance else {
             return false;
@@ -200,13 +203,13 @@ impl Fleet {
         rival
     }
 
-    /// Whether an id that two servers had is still in doubt: it is used again when only one answer came in a whole round.
+    /// Returns whether an id may still be shared: it is used again once only one answer came in a whole round.
     fn still_duplicate(&mut self, id: u64, round: u64) -> bool {
         let Some((last, count)) = self.duplicates.get_mut(&id) else {
             return false;
         };
         if round <= *last {
-            // Answers to an older round may come late and tell nothing.
+            // Late answers to an older round prove nothing.
             *count += u32::from(round == *last);
             return true;
         }
@@ -218,8 +221,8 @@ impl Fleet {
         !alone
     }
 
-    /// The kind of the controllers is known now, or has changed: what each server is used for. Returns those that do
-    /// not fit any more, with the reason.
+    /// Reassigns the modes of all servers after the kind of the controllers became known or changed. Returns the
+    /// servers that do not fit any more, with the reason.
     pub fn assign(&mut self, demand: &Demand) -> Vec<(u64, String)> {
         self.refusals.clear();
         let mut unfit = Vec::new();
@@ -241,7 +244,7 @@ impl Fleet {
         unfit
     }
 
-    /// A server says that this work cannot be done by it. Returns the jobs that it had.
+    /// Excludes a server that refuses the current work. Returns its jobs.
     pub fn refuse(&mut self, id: u64, reason: &str) -> Vec<Job> {
         if let Some(slot) = self.slots.get(&id) {
             let refusal = (slot.instance.clone(), reason.to_owned());
@@ -251,7 +254,7 @@ impl Fleet {
         self.remove(id)
     }
 
-    /// Why no server does the work, if there is none but those that refused it.
+    /// Returns why no server does the work, if the only servers are those that refused it.
     pub fn refused(&self) -> Option<String> {
         let lines: Vec<String> = self
             .refusals
@@ -261,7 +264,7 @@ impl Fleet {
         (self.slots.is_empty() && !lines.is_empty()).then(|| lines.join("; "))
     }
 
-    /// A server's presence changed. Returns the work that this ends, and whether a discovery is worth it.
+    /// Records a change of presence. Returns the work that it ends, and whether to start a discovery.
     pub fn present(&mut self, presence: Presence, tool: &str) -> (Option<Ended>, bool) {
         let id = presence.server;
         let announced = presence
@@ -293,7 +296,7 @@ impl Fleet {
             .get(&id)
             .filter(|slot| slot.instance.is_none() || slot.instance == announced)
         else {
-            // A server that waits for this tool, since it is its turn, is as good as a free one.
+            // A server that waits for this tool because it is its turn is as good as a free one.
             return (
                 None,
                 state == State::Ready || (state == State::Busy && !elsewhere),
@@ -309,7 +312,7 @@ impl Fleet {
             (Some(ended), false)
         };
         match state {
-            // What it says to an episode that it may not have begun is learnt from its answer to a question.
+            // Whether it has begun its episode is learnt from its answer to a discovery.
             State::Ready => {
                 let is_episode = |job: &Job| matches!(job, Job::Episode(_));
                 (None, slot.jobs.iter().all(is_episode))
@@ -319,10 +322,10 @@ impl Fleet {
                 self.slots.remove(&id);
                 (None, false)
             }
-            // Which tool has it is not said: perhaps this one, whose parameters came, and whose `control` has not yet.
+            // The busy server does not name its tool; it may be this one, if the parameters arrived before `control`.
             State::Busy if elsewhere && unnamed => (None, false),
             State::Busy if elsewhere => {
-                // Requests are answered whichever tool has the server; steps would be waited for in vain.
+                // Requests are answered whichever tool holds the server, but steps would never arrive.
                 let is_episode = |job: &Job| matches!(job, Job::Episode(_));
                 let jobs = slot.jobs.iter().filter(|job| is_episode(job));
                 let jobs = jobs.cloned().collect();
@@ -332,7 +335,7 @@ impl Fleet {
         }
     }
 
-    /// A server left in good order. Returns the jobs that it had.
+    /// Removes a server that left in an orderly way. Returns its jobs.
     pub fn on_leave(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
         self.health.process_ended(id);

@@ -1,4 +1,4 @@
-//! Servers that say nothing of work that others have finished meanwhile.
+//! Servers that do not report on work that others have finished in the meantime.
 
 use std::time::Instant;
 
@@ -8,8 +8,8 @@ use crate::scheduler::fleet::Fleet;
 use crate::scheduler::fleet::slot::Overtaken;
 
 impl Fleet {
-    /// Others have finished what a server had, of which it has said nothing `since`: until it does it gets single
-    /// evaluations that no result depends on.
+    /// Records that other servers have finished work of a server that has been silent `since`: until it answers, it
+    /// gets only single evaluations that no result depends on.
     pub fn was_overtaken(&mut self, id: u64, first: Waiting, since: Instant) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.overtaken.get_or_insert(Overtaken { first, since });
@@ -17,7 +17,7 @@ impl Fleet {
         }
     }
 
-    /// The unanswered work of overtaken servers, by server.
+    /// Returns the unanswered work of overtaken servers, by server.
     pub fn overtaken(&self, now: Instant) -> Vec<Waiting> {
         let overtaken = self.slots().filter_map(|(_, slot)| slot.overtaken.as_ref());
         overtaken

@@ -1,15 +1,15 @@
-//! Durations as they were measured, and how long the next one may be before it is worth a doubt.
+//! Measured durations, and a bound above which the next one is suspicious.
 
 use std::time::Duration;
 
-/// Durations before these are not judged by.
+/// Number of durations needed before a bound is set.
 const MIN_SAMPLES: u32 = 4;
-/// How many times as long as the longest of late the next one may be.
+/// Factor by which a duration may exceed the longest recent one.
 const TOLERANCE_FACTOR: f64 = 8.0;
-/// What the longest loses with every further one, so that one slow moment is forgotten by and by.
+/// Factor by which the longest duration decays with each further one, so that a single slow one is forgotten over time.
 pub(crate) const DECAY: f64 = 0.99;
 
-/// One kind of duration on one server.
+/// Statistics of one kind of duration on one server.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Pace {
     longest: f64,
@@ -22,7 +22,7 @@ impl Pace {
         self.known = self.known.saturating_add(1);
     }
 
-    /// Longer than this is strange; never less than `least`, none while too little is known.
+    /// Returns the duration above which one is suspicious, at least `least`; `None` while too few are known.
     pub fn bound(&self, least: Duration) -> Option<Duration> {
         (self.known >= MIN_SAMPLES)
             .then(|| {

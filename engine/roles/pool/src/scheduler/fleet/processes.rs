@@ -1,4 +1,4 @@
-//! Servers whose processes are the tool's own, and the processes that have ended.
+//! Servers whose processes this tool supervises, and the processes that have ended.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -6,7 +6,7 @@ use std::ops::Range;
 use crate::scheduler::queue::blame::Blame;
 use crate::scheduler::queue::piece::Piece;
 
-/// What a process was computing when it ended.
+/// Work that a process was computing when it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct At {
     /// The request's number.
@@ -20,7 +20,8 @@ pub struct At {
 }
 
 impl At {
-    /// The evaluations of the request's piece, of `columns` episodes for each candidate, that were computed.
+    /// Returns the evaluations that were being computed, within the request's piece of `columns` episodes per
+    /// candidate.
     pub(crate) fn evaluations(&self, columns: usize, piece: &Piece) -> Range<usize> {
         let offset = self.first * columns + self.episode.unwrap_or(0);
         let length = match self.episode {
@@ -45,12 +46,12 @@ pub struct Ending {
     pub stack: Option<String>,
     /// It was ended from outside: what it computed is not to blame before that happens again and again.
     pub outside: bool,
-    /// What it computed, if that is known.
+    /// What it was computing, if known.
     pub at: Option<At>,
 }
 
 impl Ending {
-    /// The blame for the work that the process computed.
+    /// Returns how the work that was being computed is blamed.
     pub(crate) fn blame(&self) -> Blame {
         if self.outside {
             Blame::Gone
@@ -60,7 +61,7 @@ impl Ending {
     }
 }
 
-/// Servers whose processes are watched, and of each the last process that ended.
+/// Servers whose processes are supervised, and the last process of each that ended.
 #[derive(Debug, Default)]
 pub(crate) struct Processes {
     watched: BTreeSet<u64>,
@@ -72,17 +73,17 @@ impl Processes {
         self.watched.extend(servers);
     }
 
-    /// Whether a server's process is watched.
+    /// Returns whether the process of a server is supervised.
     pub fn are_watched(&self, server: u64) -> bool {
         self.watched.contains(&server)
     }
 
-    /// A server's process has ended.
+    /// Records that the process of a server has ended.
     pub fn ended(&mut self, server: u64, pid: u64) {
         self.ended.insert(server, pid);
     }
 
-    /// Whether a process is one that has ended.
+    /// Returns whether `pid` is the last process of the server that ended.
     pub fn has_ended(&self, server: u64, pid: Option<u64>) -> bool {
         pid.is_some() && self.ended.get(&server).copied() == pid
     }

@@ -1,8 +1,8 @@
-//! Numbers of sensors and actuators that servers announce: those of one run have the same.
+//! Numbers of sensors and actuators that servers announce; they are the same for all servers of a run.
 
 use swarmwright_protocol::Capabilities;
 
-/// The numbers of a run, and one of the servers that announced them.
+/// Numbers of sensors and actuators of a run, and one of the servers that announced them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Sizes {
     pub sensors: usize,
@@ -10,14 +10,14 @@ pub(crate) struct Sizes {
     pub server: u64,
 }
 
-/// Sensors and actuators, where a server announces both.
+/// Returns the numbers of sensors and actuators, if the server announces both.
 pub(crate) fn announced(capabilities: &Capabilities) -> Option<(usize, usize)> {
     let announced = capabilities.swarmwright.as_ref()?;
     Some((announced.sensors?, announced.actuators?))
 }
 
 impl Sizes {
-    /// Why a server with these capabilities does not belong to the run; none if it does.
+    /// Returns why a server with these capabilities does not belong to the run; `None` if it does.
     pub fn misfit(&self, capabilities: &Capabilities) -> Option<String> {
         let announced = capabilities.swarmwright.as_ref()?;
         [

@@ -1,4 +1,4 @@
-//! A server that is used: what it has to do and how fast it is.
+//! A usable server: its jobs and its speed.
 
 use std::time::Instant;
 
@@ -9,17 +9,17 @@ use crate::scheduler::fleet::lag::Answers;
 use crate::scheduler::fleet::pace::{DECAY, Pace};
 use crate::scheduler::job::Job;
 
-/// Work may take this many times as long as expected before its server is a straggler.
+/// Factor by which work may exceed its expected duration before its server is a straggler.
 pub(crate) const LATENESS_FACTOR: f64 = 4.0;
-/// The same, of the longest evaluation of late: where some take much longer than others, or the machine is busy.
+/// The same factor for the longest recent evaluation, in case some take much longer than others or the machine is busy.
 const LONGEST_FACTOR: f64 = 2.0;
 
-/// Work of a server that others have finished.
+/// Unanswered work of a server that others have finished.
 #[derive(Debug, Clone)]
 pub(crate) struct Overtaken {
-    /// As it was waited for when the first of it was finished.
+    /// The work as it was waited for when the first part of it was finished.
     pub first: Waiting,
-    /// Since when the server has said nothing.
+    /// Start of the server's silence.
     pub since: Instant,
 }
 
@@ -27,56 +27,57 @@ pub(crate) struct Overtaken {
 #[derive(Debug, Clone)]
 pub(crate) struct Slot {
     pub way: Way,
-    /// What it has to do, the oldest first.
+    /// Current jobs, the oldest first.
     pub jobs: Vec<Job>,
-    /// It failed; not before this time again.
+    /// End of the pause after a failure.
     pub backs_off_until: Option<Instant>,
-    /// It may be broken: it has to succeed with what succeeded before it gets new work.
+    /// Whether the server may be broken: it must succeed with an evaluation that succeeded elsewhere before it gets new
+    /// work.
     pub suspended: bool,
-    /// When anything was heard of it last.
+    /// Time of the last message.
     pub heard: Instant,
-    /// When it last said something of work that it had.
+    /// Time of the last message about its work.
     pub answered_at: Instant,
-    /// What others have finished of its work since it was last heard of.
+    /// Work of this server that others have finished since it was last heard.
     pub overtaken: Option<Overtaken>,
     pub instance: Option<String>,
     pub capabilities: Capabilities,
-    /// Measured speed, episodes a second.
+    /// Measured speed in episodes per second.
     pub rate: Option<f64>,
-    /// Seconds of the longest evaluation of late, as a part of what it was made with.
+    /// Duration of the longest recent evaluation in seconds, averaged over the block it was part of.
     pub longest: f64,
-    /// It was silent for too long, and gets no work until it sends a message.
+    /// Whether the server was silent for too long; it gets no work until it sends a message.
     pub silent: bool,
-    /// Time from one message of an episode or a batch to the next.
+    /// Time between two messages of an episode or a batch.
     pub steps: Pace,
-    /// Episodes that are stepped one at a time.
+    /// Durations of episodes in stepwise mode.
     pub episodes: Pace,
     pub answers: Answers,
-    /// How often in a row another tool was faster.
+    /// Number of times in a row that another tool got the server first.
     pub preempted: u32,
-    /// Since when there is work for it that others should have done before it could.
+    /// Since when the server has been passed over because others should finish the work earlier.
     pub passed_over: Option<Instant>,
-    /// The last round of discovery that it answered.
+    /// Last round of discovery that the server answered.
     pub round: u64,
-    /// Last hash that it ran for this tool.
+    /// Hash of the last episode that the server ran for this tool.
     pub last_hash: Option<String>,
-    /// Whether it computed something for this tool, and so is held for it.
+    /// Whether the server has computed for this tool and so is held for it.
     pub held: bool,
 }
 
 impl Slot {
-    /// Whether it may get work.
+    /// Returns whether the server may get work.
     pub fn usable(&self) -> bool {
         self.backs_off_until.is_none() && !self.silent && !self.suspended
     }
 
-    /// Whether it makes samples of normal distributions itself.
+    /// Returns whether the server draws samples of normal distributions itself.
     pub fn makes_samples(&self) -> bool {
         let announced = self.capabilities.swarmwright.as_ref();
         announced.is_some_and(|announced| announced.distributions.iter().any(|name| name == NORMAL))
     }
 
-    /// Seconds after which this many evaluations take suspiciously long; `None` while its speed is unknown.
+    /// Returns the seconds after which this many evaluations are suspiciously late; `None` while the speed is unknown.
     pub fn doubtful_after(&self, evaluations: usize) -> Option<f64> {
         let usual = LATENESS_FACTOR / self.rate?;
         let each = usual.max(LONGEST_FACTOR * self.longest);
@@ -88,7 +89,7 @@ impl Slot {
         Some(evaluations * each)
     }
 
-    /// Learns from `episodes` that took `seconds`.
+    /// Updates the measured speed with `episodes` that took `seconds`.
     pub fn measured(&mut self, episodes: usize, seconds: f64) {
         #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 episodes")]
         let rate = episodes as f64 / seconds.max(1e-7);

@@ -1,26 +1,26 @@
-//! How large something may be that the broker takes, learnt from what went through and from connections that ended.
+//! Estimate of the largest size that the broker accepts, learnt from accepted sizes and lost connections.
 //!
-//! It is advice: it grows again after a while, since a connection may have ended for another reason, and brokers are
-//! configured anew.
+//! The limit is advisory: it grows again after a while, since a connection may have ended for another reason and the
+//! broker's configuration may change.
 
 use std::time::{Duration, Instant};
 
-/// How often in a row a connection must end on something of a size of which it is not known that it goes through, ...
+/// Number of connections in a row that must end on an untested size before the limit is lowered.
 const CONFIRMATIONS_UNKNOWN: u32 = 2;
-/// ... and of a size that once went through.
+/// The same number for a size that was once accepted.
 const CONFIRMATIONS_KNOWN: u32 = 4;
-/// How often more it must end on what cannot be made smaller before that is hopeless.
+/// Number of further connections that must end on a message that cannot be split before the work is hopeless.
 const HOPELESS: u32 = 3;
-/// After what time twice as much is tried; the time doubles whenever that is too much.
+/// Time after which twice the size is tried; it doubles whenever that is too much.
 const FIRST_PAUSE: Duration = Duration::from_secs(60);
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
-/// What is known of one kind of size.
+/// Knowledge of the limit for one kind of size.
 #[derive(Debug, Default)]
 pub(crate) struct Limit {
-    /// The largest that went through.
+    /// Largest accepted size.
     largest_accepted: usize,
-    /// Number of consecutive connections that ended on a packet size that was never accepted since, and the smallest such size.
+    /// Number of connections in a row that ended on a size not accepted since, and the smallest such size.
     ends: u32,
     ended_on: usize,
     learnt: Option<Learnt>,
@@ -28,19 +28,19 @@ pub(crate) struct Limit {
 
 #[derive(Debug)]
 struct Learnt {
-    /// The smallest size on which connections ended again and again.
+    /// Smallest size on which connections ended repeatedly.
     broke: usize,
     advice: usize,
     grow_at: Instant,
     pause: Duration,
-    /// Whether larger sizes were tried since, without reaching the limit.
+    /// Whether larger sizes have been tried since without reaching the limit.
     growing: bool,
-    /// How often a connection ended although nothing could be smaller.
+    /// Number of connections that ended on a message that cannot be split.
     in_vain: u32,
 }
 
 impl Limit {
-    /// So much went through.
+    /// Records that a size was accepted.
     pub fn took(&mut self, size: usize) {
         self.largest_accepted = self.largest_accepted.max(size);
         if size >= self.ended_on {
@@ -55,8 +55,8 @@ impl Limit {
         }
     }
 
-    /// A connection ended when so much had been sent and was not known to have gone through; `whole`: it cannot be sent
-    /// in smaller parts. Whether the advice is another one now.
+    /// Records that a connection ended while `size` was unacknowledged; `whole`: the message cannot be split. Returns
+    /// whether the advice has changed.
     pub fn on_connection_end(&mut self, size: usize, whole: bool, now: Instant) -> bool {
         if self.ends == 0 {
             self.ended_on = size;
@@ -91,7 +91,7 @@ impl Limit {
                 pause = (pause * 2).min(LONGEST_PAUSE);
             }
         }
-        // What went through is larger than half of what did not, or the half is tried.
+        // Use the largest accepted size if it is more than half of the rejected one; otherwise try the half.
         let advice = (broke / 2)
             .max(self.largest_accepted.min(broke.saturating_sub(1)))
             .max(1);
@@ -105,7 +105,7 @@ impl Limit {
         });
     }
 
-    /// Time has passed: more is tried.
+    /// Raises the advice when its pause is over.
     pub fn tick(&mut self, now: Instant) {
         if let Some(learnt) = self.learnt.as_mut().filter(|learnt| learnt.grow_at <= now) {
             learnt.advice = learnt.advice.saturating_mul(2);
@@ -114,28 +114,28 @@ impl Limit {
         }
     }
 
-    /// What is not to be exceeded where that can be avoided; none for no limit.
+    /// Returns the size to stay within if possible; `None` for no limit.
     pub fn advice(&self) -> Option<usize> {
         self.learnt.as_ref().map(|learnt| learnt.advice)
     }
 
-    /// The smallest size on which connections ended again and again, if there is one.
+    /// Returns the smallest size on which connections ended repeatedly, if any.
     pub fn broke(&self) -> Option<usize> {
         self.learnt.as_ref().map(|learnt| learnt.broke)
     }
 
-    /// The largest size that went through; 0 for none.
+    /// Returns the largest accepted size; 0 if there is none.
     pub fn largest_accepted(&self) -> usize {
         self.largest_accepted
     }
 
-    /// Whether about as much as is advised has gone through: the advice stands for a while.
+    /// Returns whether the advice is stable: more than half of it has been accepted.
     pub fn is_settled(&self) -> bool {
         self.advice()
             .is_some_and(|advice| advice / 2 < self.largest_accepted)
     }
 
-    /// Whether connections end again and again on what cannot be made smaller.
+    /// Returns whether connections end repeatedly on a message that cannot be split.
     pub fn is_hopeless(&self) -> bool {
         self.learnt
             .as_ref()
@@ -147,8 +147,8 @@ impl Limit {
 mod tests {
     use super::*;
 
-    /// A broker that takes `most`, to which as much is sent as the advice allows of `wanted`: how often connections ended
-    /// in so many seconds, a message each.
+    /// Simulates a broker that accepts sizes up to `most`, to which one message a second is sent, as large as the
+    /// advice allows up to `wanted`. Returns how many connections ended in this many seconds.
     fn losses(
         limit: &mut Limit,
         most: usize,
@@ -174,7 +174,7 @@ mod tests {
     #[test]
     fn sizes_are_halved_until_they_go_through_and_grow_again_ever_more_rarely() {
         let (start, mut limit) = (Instant::now(), Limit::default());
-        // 100,000 twice, 50,000, 25,000.
+        // Ends at 100,000 twice, 50,000, and 25,000.
         assert_eq!(losses(&mut limit, 20_000, 100_000, 20, start), 4);
         assert_eq!(
             (limit.advice(), limit.broke()),
@@ -182,7 +182,7 @@ mod tests {
         );
         assert_eq!(limit.largest_accepted(), 12_500);
         assert!(limit.is_settled());
-        // After one, two, four .. minutes, twice the size is tried.
+        // Twice the size is tried after 1, 2, 4, ... minutes.
         assert_eq!(losses(&mut limit, 20_000, 100_000, 3600, start), 5);
         assert_eq!(limit.advice(), Some(12_500));
     }
@@ -204,7 +204,7 @@ mod tests {
             limit.took(9000);
         }
         assert_eq!(limit.advice(), None);
-        // Less went through, which says nothing of more.
+        // A smaller size was accepted, which proves nothing about larger ones.
         assert!(!limit.on_connection_end(12_000, false, start));
         limit.took(10_000);
         assert!(limit.on_connection_end(11_000, false, start));
@@ -239,7 +239,7 @@ mod tests {
             (limit.broke(), limit.largest_accepted()),
             (Some(81_000), 15_000)
         );
-        // What goes through in the end was not hopeless.
+        // A size that is accepted in the end was not hopeless.
         limit.took(81_000);
         assert!(!limit.is_hopeless());
     }

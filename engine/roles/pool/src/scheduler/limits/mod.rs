@@ -1,7 +1,8 @@
-//! Messages that are too large for a broker that does not announce its limit: it ends the connection.
+//! Message sizes for brokers that do not announce their limit and end the connection on larger messages.
 //!
-//! This tool's connection knows what it had sent when it ended. Of a server, the work in progress is known, and that its
-//! process continues, as it returns as the same instance. A crashed server does not, so a crash is never mistaken for this.
+//! For this tool's connection, the sizes sent before it ended are known. For a server's, the work in progress is known,
+//! and that its process continues, because it returns as the same instance. A crashed server does not return as the
+//! same instance, so a crash is never mistaken for a limit.
 
 mod limit;
 
@@ -17,19 +18,19 @@ use crate::scheduler::modes::request::Request;
 
 /// Size in bytes of a message that every broker accepts.
 const SMALL: usize = 1024;
-/// Bytes of a packet beside its topic and payload, at most.
+/// Largest size in bytes of a packet without its topic and payload.
 const PACKET_HEADER: usize = 16;
-/// Bytes of a packet beside its payload, at most.
+/// Largest size in bytes of a packet without its payload.
 const HEADER: usize = 256;
-/// A server that was silent for longer when its connection ended had not just sent something.
+/// Silence of a server before its connection ended above which it has not just sent something.
 const RECENT: Duration = Duration::from_secs(30);
-/// How long a server may take to come back.
+/// Time within which a server may return.
 const RETURN_TIMEOUT: Duration = Duration::from_secs(60);
-/// Where brokers are told how much to take.
+/// Names of the settings of common brokers.
 const SETTINGS: &str = "Mosquitto: max_packet_size, rumqttd: max_payload_size, Moquette: netty.mqtt.message_size, EMQX: \
                         mqtt.max_packet_size";
 
-/// What servers send in one message.
+/// Kinds of messages that servers send.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// A step of episodes.
@@ -38,55 +39,55 @@ enum Kind {
     Block,
 }
 
-/// A server whose connection ended when it may just have sent something large.
+/// A server whose connection ended when it may just have sent a large message.
 #[derive(Debug)]
 struct Suspect {
     instance: String,
     kind: Kind,
-    /// Episodes of the batch, or evaluations of the block.
+    /// Number of episodes of the batch, or of evaluations of the block.
     size: usize,
-    /// Bytes of its message, where they can be told.
+    /// Size of its message in bytes, if known.
     bytes: Option<usize>,
     at: Instant,
 }
 
-/// What is known of how much the broker takes.
+/// Limits of the broker, announced or learnt.
 #[derive(Debug, Default)]
 pub(crate) struct Limits {
     /// Size in bytes of the largest packet that the broker accepts, if announced.
     announced: Option<usize>,
-    /// Bytes of a request for blocks of the work beside genomes and seeds.
+    /// Bytes of a request for a block of the work without genomes and seeds.
     beside: usize,
-    /// Bytes of this tool's packets.
+    /// Limit for this tool's packets, in bytes.
     packet: Limit,
-    /// Episodes of a batch.
+    /// Limit for the number of episodes of a batch.
     batch: Limit,
-    /// Evaluations of a block.
+    /// Limit for the number of evaluations of a block.
     block: Limit,
-    /// Bytes of the message on which a server's connection ended last.
+    /// Bytes of the message on which a server's connection last ended.
     bytes: Option<usize>,
-    /// Bytes of the largest message of the work that cannot be sent in smaller parts.
+    /// Bytes of the largest message of the work that cannot be split.
     whole: usize,
     suspects: BTreeMap<u64, Suspect>,
-    /// Whether the user knows.
+    /// Whether the user has been told.
     told: bool,
     hopeless: Option<String>,
 }
 
 impl Limits {
-    /// Notes that other work begins. `beside`: bytes of a request for one of its blocks, besides genomes and seeds.
+    /// Prepares for new work. `beside`: bytes of a request for one of its blocks without genomes and seeds.
     pub fn begin(&mut self, beside: usize) {
         self.beside = beside;
         self.whole = 0;
         self.hopeless = None;
     }
 
-    /// A message was sent that cannot be smaller.
+    /// Records that a message was sent that cannot be split.
     pub fn sent_whole(&mut self, bytes: usize) {
         self.whole = self.whole.max(bytes);
     }
 
-    /// So many evaluations of a server's are not to be exceeded where that can be avoided.
+    /// Returns the number of evaluations of a server to stay within if possible.
     pub fn at_once(&self, way: Way) -> usize {
         let limit = match way {
             Way::Stepwise => return usize::MAX,
@@ -109,14 +110,14 @@ impl Limits {
         }
     }
 
-    /// Whether what was learnt stands for a while.
+    /// Returns whether the learnt limits are stable.
     fn are_settled(&self) -> bool {
         let limits = [&self.packet, &self.batch, &self.block];
         let learnt = |limit: &&&Limit| limit.advice().is_some();
         limits.iter().filter(learnt).all(|limit| limit.is_settled())
     }
 
-    /// What the user should know, once.
+    /// Returns the warning about the learnt limits, if any.
     fn news(&self) -> Option<String> {
         let sizes = |limit: &Limit| Some((limit.broke()?, limit.advice()?));
         let (connection, now) = if let Some((broke, advice)) = sizes(&self.packet) {
@@ -146,7 +147,7 @@ impl Limits {
     }
 }
 
-/// Why there is no way on.
+/// Formats the error for work that cannot be done.
 fn hopeless(connection: &str, size: usize) -> String {
     let note = match size {
         0 => String::new(),
@@ -160,34 +161,33 @@ fn hopeless(connection: &str, size: usize) -> String {
 
 /// This tool's packets.
 impl Limits {
-    /// The broker says that it takes no larger packets.
+    /// Sets the largest packet that the broker announces, in bytes.
     pub fn set_packet(&mut self, bytes: usize) {
         self.announced = Some(bytes);
     }
 
-    /// Bytes of the largest packet that the broker takes, as far as it says so.
+    /// Returns the announced size of the largest packet in bytes; `usize::MAX` if there is none.
     pub fn packet(&self) -> usize {
         self.announced.unwrap_or(usize::MAX)
     }
 
-    /// Bytes that a packet of this tool should not exceed.
+    /// Returns the size in bytes that a packet of this tool should not exceed.
     pub fn room(&self) -> usize {
         let advice = self.packet.advice();
         advice.map_or(self.packet(), |advice| advice.min(self.packet()))
     }
 
-    /// Bytes of a request for blocks of the work beside genomes and seeds.
+    /// Returns the bytes of a request for a block of the work without genomes and seeds.
     pub fn beside(&self) -> usize {
         self.beside
     }
 
-    /// Notes that the broker has read a packet of `bytes` bytes.
+    /// Records that the broker has read a packet of `bytes` bytes.
     pub fn was_read(&mut self, bytes: usize) {
         self.packet.took(bytes);
     }
 
-    /// This tool's connection ended, with a packet of so many bytes sent of which it is not known whether the broker read
-    /// it.
+    /// Records that this tool's connection ended after a packet of `bytes` bytes that the broker may not have read.
     pub fn ended_on(&mut self, bytes: usize, now: Instant) {
         let whole = bytes <= self.whole.saturating_add(HEADER);
         self.packet.on_connection_end(bytes, whole, now);
@@ -198,7 +198,7 @@ impl Limits {
         }
     }
 
-    /// Reason why a message of `bytes` bytes cannot be sent to a server, if any.
+    /// Returns why a message of `bytes` bytes cannot be sent to a server, if it cannot.
     pub fn too_large(&self, topics: &Topics, topic: Topic, bytes: usize) -> Option<String> {
         let beside = topics.name(topic).len() + PACKET_HEADER;
         let (name, takes) = (topic.name(), self.packet().saturating_sub(beside));
@@ -215,12 +215,12 @@ impl Limits {
         }
     }
 
-    /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.
+    /// Returns why the work can never be done: a part of it is larger than the broker accepts.
     pub fn hopeless(&self) -> Option<&str> {
         self.hopeless.as_deref()
     }
 
-    /// What was learnt, once, when it stands for a while, or the work is done.
+    /// Takes the warning about the learnt limits, given once when they are stable or the work is done.
     pub fn take_news(&mut self, done: bool) -> Option<String> {
         if self.told || !(self.are_settled() || done) {
             return None;
@@ -233,8 +233,8 @@ impl Limits {
 
 /// Servers' messages.
 impl Limits {
-    /// A server's connection has ended: perhaps on what it had just sent. `at`: the request that it was at; `results`:
-    /// numbers that each evaluation has.
+    /// Records that a server's connection ended, perhaps on a message that it had just sent. `at`: its current request;
+    /// `results`: numbers per evaluation.
     pub fn suspect(
         &mut self,
         server: u64,
@@ -254,7 +254,7 @@ impl Limits {
         }
         let size = request.piece.len();
         let (kind, bytes) = due(request, results);
-        // What is not known may be large; of what cannot be smaller it must be known.
+        // An unknown size may be large; but a message that cannot be split counts only if its size is known.
         if bytes.map_or(size > 1, |bytes| bytes > SMALL) {
             let suspect = Suspect {
                 instance: instance.to_owned(),
@@ -267,7 +267,8 @@ impl Limits {
         }
     }
 
-    /// A server is there. If it is the one whose connection had ended, its process lives. Whether it was not to blame.
+    /// Records that a server is online. If it is the same instance as before, its process survived. Returns whether the
+    /// server was not to blame for the end of its connection.
     pub fn came_back(&mut self, server: u64, instance: Option<&str>, now: Instant) -> bool {
         let Some(suspect) = self.suspects.remove(&server) else {
             return false;
@@ -291,7 +292,7 @@ impl Limits {
         excused
     }
 
-    /// All of a request went through.
+    /// Records that all messages of a request were accepted.
     pub fn went_through(&mut self, request: &Request) {
         let kind = if request.batch.is_some() {
             Kind::Batch
@@ -302,7 +303,7 @@ impl Limits {
     }
 }
 
-/// Approximate size of a server's next message in bytes; `None` if unknown.
+/// Returns the approximate size of a server's next message in bytes; `None` if unknown.
 fn due(request: &Request, results: usize) -> (Kind, Option<usize>) {
     let size = request.piece.len();
     let Some(batch) = &request.batch else {
