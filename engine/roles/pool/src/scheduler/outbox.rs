@@ -1,73 +1,73 @@
-//! What is to be done next, and what the user is told.
+//! Pending actions, and rules for how often a warning is shown.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use crate::journal::FailedEvaluation;
 use swarmwright_protocol::{MOST_REASON, MOST_STACK, Topic, shortened};
 
-/// Different warnings that are remembered, so that each is made once.
+/// Largest number of different warnings that are remembered to suppress repetitions.
 const MOST_REMEMBERED: usize = 1000;
-/// Different warnings of one group that are made.
+/// Largest number of different warnings issued per group.
 const MOST_IN_GROUP: usize = 3;
-/// What is counted where there are more kinds of warnings than that.
+/// Text under which further warnings are counted once `MOST_REMEMBERED` is reached.
 const OTHERS: &str = "an evaluation failed for yet another reason";
 
-/// What the scheduler wants done.
+/// An action that the scheduler requests.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
     /// Publish with QoS 0.
     Publish(Topic, Vec<u8>),
     /// Publish a control message on a server's own topic with QoS 0.
     Control {
-        /// The server.
+        /// Id of the server.
         server: u64,
-        /// The message.
+        /// Payload of the message.
         payload: Vec<u8>,
     },
     /// Publish on a server's own topic with QoS 0.
     Request {
-        /// The server.
+        /// Id of the server.
         server: u64,
-        /// The request's number: the correlation data.
+        /// Number of the request, sent as correlation data.
         request: u64,
-        /// Payload of the question.
+        /// Payload of the request.
         payload: Vec<u8>,
     },
-    /// Tell the user.
+    /// Warn the user.
     Warn(String),
-    /// Tell the user, once for each server, that its results count without audits.
+    /// Warn the user that results of a server are accepted without audits.
     Unaudited(String),
-    /// Note that an evaluation has failed for good.
+    /// Record that an evaluation has failed permanently.
     Failed {
-        /// Which one.
+        /// The evaluation.
         evaluation: FailedEvaluation,
-        /// Why, for people.
+        /// Reason, for users.
         text: String,
-        /// Whether the user is to be told now: others have not failed for the same reason before.
+        /// Whether to tell the user now: it is the first failure with this text.
         first: bool,
     },
-    /// A watched server has not answered in time: the supervisor of its process is to look at it.
+    /// Ask the supervisor of a server that has not answered in time to check its process.
     Overdue(u64),
-    /// Find out whether the broker holds small packets back, and tell it by [`Scheduler::broker_holds_back`].
+    /// Find out whether the broker holds small packets back, and report it with [`Scheduler::broker_holds_back`].
     AskBroker,
 }
 
-/// Actions that have not been carried out yet, and which warnings have been made.
+/// Pending actions, and the warnings issued so far.
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
     actions: Vec<Action>,
-    /// Warnings that are not made again.
+    /// Warnings that are not issued again.
     once: HashSet<String>,
-    /// Groups of warnings: how many were made of each, and the last one.
+    /// For each group, the number of warnings issued and the last one.
     groups: HashMap<String, (usize, String)>,
-    /// Warnings that were made, and how often each was repeated since that was last told.
+    /// Warnings that were issued, with the number of repetitions not yet reported.
     repeated: BTreeMap<String, u64>,
-    /// Reasons why episodes failed in simulations, and whether a stack trace was reported.
+    /// Reasons why episodes failed in simulations, and whether a stack trace was reported for each.
     failures: HashMap<String, bool>,
 }
 
 impl Outbox {
-    /// What is to be done now; empties the list.
+    /// Drains the pending actions.
     pub fn drain(&mut self) -> std::vec::Drain<'_, Action> {
         self.actions.drain(..)
     }
@@ -84,14 +84,14 @@ impl Outbox {
         self.push(Action::Warn(text));
     }
 
-    /// A warning that is made only once, however often its cause comes back.
+    /// Issues a warning only once, however often its cause recurs.
     pub fn warn_once(&mut self, text: String) {
         if self.once.len() < MOST_REMEMBERED && self.once.insert(text.clone()) {
             self.warn(text);
         }
     }
 
-    /// A warning that results count without audits, made only once.
+    /// Warns, only once, that results are accepted without audits.
     pub fn warn_unaudited(&mut self, text: String) {
         let about = "results that count without audits".to_owned();
         if self.once.len() < MOST_REMEMBERED && self.once.insert(about) {
@@ -99,14 +99,14 @@ impl Outbox {
         }
     }
 
-    /// A warning of which the first one about something is made, and no other.
+    /// Issues only the first warning about `about`.
     pub fn warn_first(&mut self, about: String, text: String) {
         if self.once.len() < MOST_REMEMBERED && self.once.insert(about) {
             self.warn(text);
         }
     }
 
-    /// A warning about what may be wrong in many ways: the first few are made, the others are counted with the last of them.
+    /// Issues the first few warnings of a group; further ones are counted as repetitions of the last of them.
     pub fn warn_grouped(&mut self, group: String, text: String) {
         if self.once.contains(&text) || self.once.len() >= MOST_REMEMBERED {
             return;
@@ -119,19 +119,19 @@ impl Outbox {
         *self.repeated.entry(group.1.clone()).or_default() += 1;
     }
 
-    /// Number of different warnings issued [once](Self::warn_once).
+    /// Returns the number of different warnings issued [once](Self::warn_once).
     pub fn warned_once(&self) -> usize {
         self.once.len()
     }
 
-    /// A warning that may be repeated many times: it is made once, and then counted.
+    /// Issues a warning once and counts its repetitions.
     pub fn warn_counted(&mut self, text: String) {
         if self.is_first(&text) {
             self.warn(text);
         }
     }
 
-    /// An evaluation has failed for good. The user is told as by [`warn_counted`](Self::warn_counted).
+    /// Records that an evaluation has failed permanently. The user is told as by [`warn_counted`](Self::warn_counted).
     pub fn evaluation_failed(&mut self, evaluation: FailedEvaluation, text: String) {
         let first = self.is_first(&text);
         self.push(Action::Failed {
@@ -141,7 +141,7 @@ impl Outbox {
         });
     }
 
-    /// Whether a warning that may be repeated is to be made now; else it is counted.
+    /// Returns whether a warning is issued now; if not, it is counted.
     fn is_first(&mut self, text: &str) -> bool {
         if let Some(more) = self.repeated.get_mut(text) {
             *more += 1;
@@ -155,7 +155,7 @@ impl Outbox {
         }
     }
 
-    /// How often warnings were repeated since the last call, a line for each.
+    /// Returns the repetitions since the last call, one line per warning.
     pub fn take_repeated(&mut self) -> Vec<String> {
         let counted = self.repeated.iter_mut().filter(|(_, more)| **more > 0);
         counted
@@ -166,8 +166,8 @@ impl Outbox {
             .collect()
     }
 
-    /// An episode failed in the simulation's code: tells the user once for each reason. Returns the reason and, once,
-    /// the stack, of a length that can be kept.
+    /// Warns once per reason that an episode failed in the simulation's code. Returns the shortened reason and, once
+    /// per reason, the shortened stack.
     pub fn episode_failed(
         &mut self,
         server: u64,
@@ -185,7 +185,7 @@ impl Outbox {
         (reason, stack)
     }
 
-    /// The stack, of a length that can be kept, where none was told for this reason before.
+    /// Returns the shortened stack if none was reported for this reason before.
     pub fn stack_once(&mut self, reason: &str, stack: Option<String>) -> Option<String> {
         if !self.failures.contains_key(reason) && self.failures.len() >= MOST_REMEMBERED {
             return None;

@@ -1,9 +1,9 @@
-//! Decides which servers must show that they work, and whether to discover more.
+//! Decides which servers must prove that they are sound, and whether to discover more.
 
 use crate::scheduler::view::View;
 
 impl View<'_> {
-    /// The servers that have nothing to do and are to evaluate what succeeded before.
+    /// Returns the idle servers that must repeat an evaluation that succeeded before.
     pub fn probes_due(&self) -> Vec<u64> {
         let awaited = self.ledger.attribution().awaited();
         let supervised = awaited.iter().any(|id| self.processes.are_watched(*id));
@@ -22,14 +22,14 @@ impl View<'_> {
         idle.map(|(id, _)| id).filter(|id| is_due(*id)).collect()
     }
 
-    /// Whether more servers are of use, or one should say that it is still there. A server that others use takes a
-    /// question for a wish. `first`: no work has begun yet.
+    /// Returns whether to start a discovery, to find more servers or to check that one is still online. Discovery is
+    /// avoided otherwise because a server that another tool uses takes it as a request. `first`: no work has begun yet.
     pub fn wants_servers(&self, first: bool) -> bool {
         let looking = first || !self.ledger.finished();
         let few = self.fleet.is_empty() || self.fleet.slots().any(|(_, slot)| !slot.usable());
-        // Another tool may have been faster on its server; see `preempted`.
+        // Another tool may have got the server first; see `preempted`.
         let waiting = self.in_flight.episodes().any(|episode| !episode.begun());
-        // Whether others are silent, too, tells what to think of one that is lost.
+        // Whether other servers are silent, too, helps to find the cause of a loss.
         let suspects = self.ledger.attribution().has_suspects();
         self.ledger.queued() > 0 || waiting || suspects || (looking && few)
     }

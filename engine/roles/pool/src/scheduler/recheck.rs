@@ -1,4 +1,4 @@
-//! When to look again whether an idle server should get work that others should do first, or a copy of theirs.
+//! Timer for checking again whether an idle server should get work or a backup copy.
 
 use std::time::Instant;
 
@@ -10,12 +10,12 @@ impl Recheck {
         self.0
     }
 
-    /// Not before this time.
+    /// Sets the time of the next check.
     pub fn set(&mut self, at: Instant) {
         self.0 = Some(at);
     }
 
-    /// Not later than at this time.
+    /// Moves the next check to this time, if it is earlier.
     pub fn hasten(&mut self, at: Instant) {
         self.0 = Some(self.0.map_or(at, |before| before.min(at)));
     }
@@ -24,7 +24,7 @@ impl Recheck {
         self.0 = None;
     }
 
-    /// Whether its time has not come.
+    /// Returns whether the next check is in the future.
     pub fn is_ahead(&self, now: Instant) -> bool {
         self.0.is_some_and(|at| at > now)
     }

@@ -38,9 +38,9 @@ pub(crate) struct Fleet {
     presences: BTreeMap<u64, Presence>,
     /// Servers that answered but do not fit or share an id, with the reason.
     unfit: BTreeMap<u64, String>,
-    /// Instances that answered lately by id, each with its last round.
+    /// Instances that answered recently, by id, each with its last round.
     seen: BTreeMap<u64, Vec<(String, u64)>>,
-    /// Ids used by two servers: the last round with a second answer, and how often.
+    /// Ids used by two servers: the last round with a second answer, and the number of answers in it.
     duplicates: BTreeMap<u64, (u64, u32)>,
     /// Servers that answered with a hash that is not of this tool's discoveries, each with that hash.
     unmatched: BTreeMap<u64, String>,

@@ -9,13 +9,13 @@ use crate::scheduler::queue::piece::Piece;
 /// Work that a process was computing when it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct At {
-    /// The request's number.
+    /// Number of the request.
     pub request: u64,
-    /// The first of the candidates that were computed, as an index in the request.
+    /// First candidate that was being computed, as an index in the request.
     pub first: usize,
-    /// How many of them.
+    /// Number of candidates that were being computed.
     pub candidates: usize,
-    /// The request's episode, from 0; `None` if several are computed at once.
+    /// Episode of the request, from 0; `None` if several are computed at once.
     pub episode: Option<usize>,
 }
 
@@ -36,15 +36,15 @@ impl At {
 /// The end of a server's process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Ending {
-    /// The server's id.
+    /// Id of the server.
     pub server: u64,
-    /// The process that ended.
+    /// Id of the process that ended.
     pub pid: u64,
-    /// How it ended, for people; the same text for the same cause.
+    /// How the process ended, for users; the same text for the same cause.
     pub reason: String,
-    /// The place in its code, or its last output, if known.
+    /// Place in its code or its last output, if known.
     pub stack: Option<String>,
-    /// It was ended from outside: what it computed is not to blame before that happens again and again.
+    /// Whether the process was ended from outside; its work is blamed only if this happens repeatedly.
     pub outside: bool,
     /// What it was computing, if known.
     pub at: Option<At>,

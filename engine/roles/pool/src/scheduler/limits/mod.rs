@@ -33,7 +33,7 @@ const SETTINGS: &str = "Mosquitto: max_packet_size, rumqttd: max_payload_size, M
 /// Kinds of messages that servers send.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// A step of episodes.
+    /// A step of several episodes.
     Batch,
     /// Results of evaluations.
     Block,

@@ -1,5 +1,5 @@
-//! A batch of episodes on one server, seen from the optimization tool: a controller with its own state for every agent
-//! of every episode, all answered in one message a step.
+//! A batch of episodes on one server, from the optimization tool's side: each agent of each episode has a controller
+//! with its own state, and one message per step carries the actuators of all agents.
 
 use swarmwright_controllers::{Controller, ControllerError, SwarmControllers};
 use swarmwright_protocol::BatchSensors;
@@ -7,38 +7,38 @@ use swarmwright_protocol::BatchSensors;
 use crate::metrics::needed;
 use crate::scheduler::modes::episode::MOST_AGENTS;
 
-/// Bytes of an index in a message.
+/// Size in bytes of an index in a message.
 const INDEX: usize = size_of::<u32>();
 
-/// A batch under way.
+/// A batch in progress.
 pub(crate) struct Batch {
-    /// The step that comes next.
+    /// Next step.
     step: u64,
-    /// Number of agents of an episode, if the parameters tell.
+    /// Number of agents of an episode, if the parameters determine it.
     agents: Option<u64>,
-    /// Names of the metrics that are needed.
+    /// Names of the required metrics.
     metrics: Vec<String>,
-    /// The controllers of each episode; none once it has ended.
+    /// Controllers of each episode; `None` once the episode has ended.
     episodes: Vec<Option<SwarmControllers>>,
     actuators: usize,
     sensors: usize,
-    /// Bytes of the largest message of the server, about.
+    /// Approximate size in bytes of the server's largest message.
     largest: usize,
 }
 
-/// What a message of the server brought.
+/// Content of a message from the server.
 #[derive(Debug, Default)]
 pub(crate) struct Progress {
-    /// Fitness and the metrics that are needed, by index of the episode in the batch.
+    /// Fitness and the required metrics, by index of the episode in the batch.
     pub ended: Vec<(usize, f64, Vec<f64>)>,
     /// Reason and stack, by index of the episode in the batch.
     pub failed: Vec<(usize, String, Option<String>)>,
-    /// The step and (rows, actuators) that answer it; none once all episodes have ended.
+    /// The step and (rows, actuators) of the answer; `None` once all episodes have ended.
     pub answer: Option<(u64, Vec<f32>)>,
 }
 
 impl Batch {
-    /// `controllers`: one per episode.
+    /// Creates a batch; `controllers` has one element per episode.
     pub fn new(controllers: Vec<Controller>, agents: Option<u64>, metrics: Vec<String>) -> Self {
         let (sensors, actuators) = controllers.first().map_or((0, 0), |controller| {
             (controller.sensors(), controller.actuators())
@@ -55,18 +55,18 @@ impl Batch {
         }
     }
 
-    /// Whether controllers steer agents.
+    /// Returns whether the controllers steer agents.
     pub fn steers(&self) -> bool {
         self.actuators > 0
     }
 
-    /// Steps that have been answered.
+    /// Returns the number of answered steps.
     pub fn steps(&self) -> u64 {
         self.step
     }
 
-    /// Bytes of the server's next message, about, as far as it may be larger than those before; none where that is not
-    /// known. `results`: numbers that an episode ends with.
+    /// Returns the approximate size in bytes of the server's next message, 0 if it cannot exceed the earlier ones;
+    /// `None` if unknown. `results`: number of values that an episode ends with.
     pub fn due(&self, results: usize) -> Option<usize> {
         let open = self.episodes.iter().flatten().count();
         let ends = open * (INDEX + 8 * results);
@@ -84,15 +84,16 @@ impl Batch {
         )
     }
 
-    /// Bytes of an agent in a message.
+    /// Returns the size in bytes of one agent in a message.
     fn row(&self) -> usize {
         2 * INDEX + size_of::<f32>() * self.sensors
     }
 
-    /// Takes a message of the server; none if it is a repetition of an older one.
+    /// Processes a message from the server. Returns `None` if it repeats an older one.
     ///
     /// # Errors
-    /// A step, an episode or an agent that cannot be; arrays that do not fit each other; an end that leaves episodes open.
+    /// Fails if the step, an episode or an agent is invalid, if the arrays do not match, or if no agent acts although
+    /// episodes have not ended.
     pub fn step(&mut self, message: BatchSensors) -> Result<Option<Progress>, String> {
         if message.step < self.step {
             return Ok(None);

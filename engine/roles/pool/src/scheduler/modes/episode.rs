@@ -1,4 +1,4 @@
-//! One episode on one server, seen from the optimization tool: a controller with its own state for every agent.
+//! One episode on one server, from the optimization tool's side: each agent has a controller with its own state.
 
 use std::time::{Duration, Instant};
 
@@ -9,45 +9,45 @@ use crate::config::Config;
 use crate::scheduler::modes::REPORT_TIMEOUT;
 use crate::scheduler::queue::piece::Piece;
 
-/// How long a server that sent a message that was refused may take to send a better one.
+/// How long a server may take to send a valid message after one was refused.
 const AFTER_REFUSAL: Duration = Duration::from_secs(2);
 
-/// An episode under way.
+/// An episode in progress.
 pub(crate) struct Episode {
-    /// The one evaluation that it is.
+    /// The single evaluation of this episode.
     pub piece: Piece,
     pub server: u64,
-    /// The last round of discovery before it.
+    /// Last round of discovery before the episode was started.
     round: u64,
     pub started: Instant,
-    /// When the server last said something of use.
+    /// Time of the last usable message from the server.
     heard: Instant,
     /// When and why a message of this run was refused; the server gets little time to send a valid one.
     refused: Option<(Instant, String)>,
-    /// Its server said that it is free, though it had not begun: until when it may still begin.
+    /// Until when the server, which announced that it is free although it had not begun, may still begin.
     vacant: Option<Instant>,
-    /// Its server is busy and does not say for whom, though it had not begun: until when it may still begin.
+    /// Until when the server, which is busy for an unnamed tool although it had not begun, may still begin.
     unnamed: Option<Instant>,
-    /// The last round of discovery before its first sensors came.
+    /// Last round of discovery before the first sensors arrived.
     begun_in: Option<u64>,
-    /// Its server, which is to be at it, answered a later round: until when messages of before may still come, and which
-    /// round it was.
+    /// Set if the server answered a later round although it should be running the episode: until when earlier messages
+    /// may still arrive, and the number of that round.
     deserted: Option<(Instant, u64)>,
-    /// Whether it takes so long that another server has it, too.
+    /// Whether another server has the episode as well because this one is slow.
     backed_up: bool,
-    /// Whether the supervisor of the server was asked what became of it.
+    /// Whether the supervisor of the server has been asked about it.
     overdue: bool,
-    /// Number of agents, if the parameters tell.
+    /// Number of agents, if the parameters determine it.
     agents: Option<u64>,
     controllers: SwarmControllers,
     writer: ReadingWriter,
     actuator: Vec<f32>,
-    /// Sensor messages answered, by agent.
+    /// Number of answered sensor messages, by agent.
     answered: Vec<u64>,
     last_agent: u64,
 }
 
-/// Number of agents above which the server is at fault, if the parameters do not set their number.
+/// Number of agents above which the server is at fault, if the parameters do not determine their number.
 pub(crate) const MOST_AGENTS: u64 = 1_000_000;
 
 impl Episode {
@@ -82,10 +82,10 @@ impl Episode {
         }
     }
 
-    /// Answers one agent's sensors: the payload of the actuator message.
+    /// Answers the sensors of one agent. Returns the payload of the actuator message.
     ///
     /// # Errors
-    /// An agent that there is not, or the wrong number of sensors.
+    /// Fails if the agent does not exist or the number of sensors is wrong.
     pub fn answer(&mut self, sensor: &SensorReading, now: Instant) -> Result<Vec<u8>, String> {
         let limit = self.agents.unwrap_or(MOST_AGENTS);
         let agent = usize::try_from(sensor.agent).unwrap_or(usize::MAX);
@@ -103,7 +103,7 @@ impl Episode {
         let number = u32::try_from(agent).unwrap_or(u32::MAX);
         let controller = self.controllers.of(number);
         let controller = controller.map_err(|error| error.to_string())?;
-        // Who is sent as many numbers for all agents gets as many from all.
+        // If the server pads sensor rows, pad the actuator rows.
         let padded = sensor.sensor.len() > controller.sensors();
         let width = if padded { most } else { controller.actuators() };
         self.actuator.resize(width, 0.0);
@@ -117,73 +117,77 @@ impl Episode {
         Ok(self.writer.encode(sensor.agent, &self.actuator))
     }
 
-    /// When the server last said something of use.
+    /// Returns the time of the last usable message from the server.
     pub fn heard(&self) -> Instant {
         self.heard
     }
 
-    /// Sensors came; `round`: the last round of discovery before.
+    /// Records that sensors arrived; `round`: the last round of discovery before.
     pub fn sensors_came(&mut self, round: u64) {
         self.begun_in.get_or_insert(round);
     }
 
-    /// A message of this episode was refused.
+    /// Records that a message of this episode was refused.
     pub fn refuse(&mut self, reason: String, now: Instant) {
         self.refused = Some((now, reason));
     }
 
-    /// Why a message was refused, if no better one came since.
+    /// Returns why a message was refused, if no valid one has arrived since.
     pub fn refusal(&self) -> Option<&str> {
         self.refused.as_ref().map(|(_, reason)| &**reason)
     }
 
-    /// Its server answered a round of discovery; until then it may still begin, or messages of before may come.
+    /// Records that the server answered a round of discovery; until `until` it may still begin, or earlier messages may
+    /// arrive.
     pub fn server_answered(&mut self, round: u64, until: Instant) {
         if !self.begun() && self.round < round {
             self.vacant.get_or_insert(until);
         } else if self.begun_in.is_some_and(|begun| begun < round) {
-            // It is at that episode, or it was: the one that goes on with it is another server.
+            // A server does not answer while it runs an episode, so another server with the same id must be running
+            // this one.
             self.deserted.get_or_insert((until, round));
         }
     }
 
-    /// The round that its server answered, though it was to be at it, and messages of before can come no more.
+    /// Returns the round that the server answered although it should be running the episode, once no earlier messages
+    /// can arrive any more.
     pub fn deserted_in(&self, now: Instant) -> Option<u64> {
         let deserted = self.deserted.filter(|(until, _)| *until < now);
         deserted.map(|(_, round)| round)
     }
 
-    /// Whether it takes so long that another server has it, too.
+    /// Returns whether another server has the episode as well because this one is slow.
     pub fn has_backup(&self) -> bool {
         self.backed_up
     }
 
-    /// Another server gets it, too.
+    /// Records that another server gets the episode as well.
     pub fn back_up(&mut self) {
         self.backed_up = true;
     }
 
-    /// Its time is over: whether the server's supervisor is to be asked first, once.
+    /// Returns whether to ask the server's supervisor before the episode times out; this is done once.
     pub fn asks_supervisor(&mut self) -> bool {
         self.refused.is_none() && !std::mem::replace(&mut self.overdue, true)
     }
 
-    /// Steps that have been answered.
+    /// Returns the number of answered steps.
     pub fn steps(&self) -> u64 {
         self.answered.iter().copied().max().unwrap_or(0)
     }
 
-    /// Whether the controller steers agents; else nothing is heard of the episode before its fitness.
+    /// Returns whether the controller steers agents; if not, the fitness is the first message of the episode.
     pub fn steers(&self) -> bool {
         self.controllers.prototype().steers()
     }
 
-    /// Whether the server has begun.
+    /// Returns whether the server has begun the episode.
     pub fn begun(&self) -> bool {
         self.steps() > 0
     }
 
-    /// Its server is busy: for this tool, or until then it may show that it is.
+    /// Records that the server is busy: for this tool (`None`), or perhaps for another one, in which case it may begin
+    /// until `until`.
     pub fn server_is_busy(&mut self, until: Option<Instant>) {
         match until {
             Some(until) if !self.begun() => {
@@ -194,17 +198,17 @@ impl Episode {
         }
     }
 
-    /// Time until which its server, which is busy for an unknown tool, may still begin.
+    /// Returns until when the server, which is busy for an unnamed tool, may still begin.
     pub fn unnamed_until(&self) -> Option<Instant> {
         self.unnamed.filter(|_| !self.begun())
     }
 
-    /// Until when its server, which said that it is free, may still begin.
+    /// Returns until when the server, which announced that it is free, may still begin.
     pub fn vacant_until(&self) -> Option<Instant> {
         self.vacant.filter(|_| !self.begun())
     }
 
-    /// When its time is over.
+    /// Returns when the episode times out.
     pub fn deadline(&self, config: &Config) -> Instant {
         let silent = self.heard + config.timeouts.step;
         let silent = silent.min(self.started + config.timeouts.episode);
@@ -218,7 +222,7 @@ impl Episode {
         earlier.into_iter().flatten().fold(silent, Instant::min)
     }
 
-    /// What is waited for.
+    /// Describes the message that the episode waits for.
     pub fn waiting_for(&self, now: Instant) -> Waiting {
         let missing = if !self.steers() {
             Missing::Result
@@ -228,7 +232,7 @@ impl Episode {
             Missing::Start
         };
         let begun = missing == Missing::Sensors;
-        // An agent that was answered less often than others still owes its sensors of the step before.
+        // An agent with fewer answers than others has not sent its sensors of the previous step.
         let steps = self.steps();
         let behind = self
             .answered

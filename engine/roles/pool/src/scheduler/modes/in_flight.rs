@@ -1,4 +1,4 @@
-//! All work that servers have: stepwise episodes by their hash, blocks and batches by the request's number.
+//! All work in flight: stepwise episodes by hash, blocks and batches by request number.
 
 use std::collections::{HashMap, VecDeque};
 use std::time::Instant;
@@ -13,36 +13,36 @@ use crate::scheduler::queue::piece::{Piece, Purpose};
 
 /// Number of ended episodes that are remembered.
 const REMEMBERED: usize = 256;
-/// Number of bytes of an oversized message that are searched for the hash.
+/// Number of bytes at each end of an oversized message that are searched for the hash.
 const AROUND: usize = 4096;
 
-/// An episode that has ended for this tool, although its server may still begin it, or answer.
+/// An episode that has ended for this tool, although its server may still begin it or answer.
 struct Ended {
     hash: String,
     server: u64,
-    /// Whether its fitness came.
+    /// Whether its fitness arrived.
     answered: bool,
-    /// Whether its server may still be at it: nothing has shown that the server is not.
+    /// Whether its server may still be running it.
     open: bool,
-    /// The value of its fitness.
+    /// Its fitness, if one arrived.
     fitness: Option<f64>,
     /// Whether the same fitness arrived again.
     repeated: bool,
 }
 
-/// What a fitness means that came for an episode that is over.
+/// Meaning of a fitness that arrived for an episode that has ended.
 pub(crate) enum LateFitness {
-    /// Its server sent another value before.
+    /// The server sent another value before.
     Other(u64),
-    /// Its server sent the same value before; and for how many episodes that are remembered it did so.
+    /// The server sent the same value before; with the number of remembered episodes for which it did so.
     Same(u64, usize),
     /// The episode was given up.
     GivenUp,
-    /// The episode is not known.
+    /// The episode is unknown.
     Unknown,
 }
 
-/// What was taken back of one server.
+/// Work that was taken back from a server.
 pub(crate) enum Dropped {
     Episode(String, Box<Episode>),
     Request(u64, Box<Request>),
@@ -51,10 +51,10 @@ pub(crate) enum Dropped {
 pub(crate) struct InFlight {
     episodes: HashMap<String, Episode>,
     requests: HashMap<u64, Request>,
-    /// Numbers are never used twice, so that an answer that comes late is not taken for another.
+    /// Number of the next request. Numbers are never reused, so a late answer is not mistaken for another one.
     next_request: u64,
     first_request: u64,
-    /// The last ended episodes.
+    /// Episodes that ended recently, the latest last.
     ended: VecDeque<Ended>,
 }
 
@@ -73,18 +73,18 @@ impl InFlight {
         self.episodes.is_empty() && self.requests.is_empty()
     }
 
-    /// Numbers of episodes and of requests.
+    /// Returns the numbers of episodes and of requests.
     pub fn len(&self) -> (usize, usize) {
         (self.episodes.len(), self.requests.len())
     }
 
-    /// Forgets all that is under way. Returns the requests.
+    /// Drops all work in flight. Returns the requests.
     pub fn clear(&mut self) -> HashMap<u64, Request> {
         self.episodes.clear();
         std::mem::take(&mut self.requests)
     }
 
-    /// All jobs: episodes, then requests, each in the order of hashes and numbers.
+    /// Returns all jobs: episodes sorted by hash, then requests sorted by number.
     pub fn jobs(&self) -> Vec<Job> {
         let mut hashes: Vec<String> = self.episodes.keys().cloned().collect();
         hashes.sort();
@@ -96,7 +96,7 @@ impl InFlight {
             .collect()
     }
 
-    /// The jobs whose piece is chosen, each with its server, by server.
+    /// Returns the jobs whose pieces match `chosen`, each with its server, sorted by server.
     pub fn jobs_of(&self, chosen: impl Fn(&Piece) -> bool) -> Vec<(u64, Job)> {
         let episodes = self
             .episodes
@@ -114,7 +114,7 @@ impl InFlight {
         jobs
     }
 
-    /// Takes a job back; none if it is over.
+    /// Takes a job back; `None` if it has ended.
     pub fn drop_job(&mut self, job: Job) -> Option<Dropped> {
         match job {
             Job::Episode(hash) => {
@@ -128,7 +128,7 @@ impl InFlight {
         }
     }
 
-    /// What a job is about, and since when its server is at it.
+    /// Returns the piece of a job, and since when its server has been working on it.
     pub fn piece_of(&self, job: &Job) -> Option<(&Piece, Instant)> {
         match job {
             Job::Episode(hash) => {
@@ -137,7 +137,7 @@ impl InFlight {
             }
             Job::Request(number) => {
                 let request = self.requests.get(number)?;
-                // A batch is heard of in every step, a block when it could begin.
+                // A batch sends a message every step; a block counts from when the server could begin it.
                 let is_batch = request.batch.is_some();
                 let since = if is_batch {
                     request.started
@@ -149,7 +149,7 @@ impl InFlight {
         }
     }
 
-    /// What is waited for of a job.
+    /// Describes the message that a job waits for.
     pub fn waiting_for(&self, job: &Job, now: Instant) -> Option<Waiting> {
         match job {
             Job::Episode(hash) => Some(self.episodes.get(hash)?.waiting_for(now)),
@@ -157,21 +157,21 @@ impl InFlight {
         }
     }
 
-    /// Whether no server is at anything but a probe.
+    /// Returns whether all work in flight consists of probes.
     pub fn has_probes_alone(&self) -> bool {
         let episodes = self.episodes.values().map(|episode| &episode.piece);
         let mut all = episodes.chain(self.requests.values().map(|request| &request.piece));
         all.all(|piece| piece.purpose == Purpose::Probe)
     }
 
-    /// Whether any server is at an evaluation.
+    /// Returns whether any server is working on an evaluation.
     pub fn has(&self, evaluation: usize) -> bool {
         let episodes = self.episodes.values().map(|episode| &episode.piece);
         let mut all = episodes.chain(self.requests.values().map(|request| &request.piece));
         all.any(|piece| piece.evaluations.contains(&evaluation))
     }
 
-    /// All work, what was silent for the longest time first.
+    /// Returns all work in flight, the longest silent first.
     pub fn waiting(&self, now: Instant) -> Vec<Waiting> {
         let mut episodes: Vec<_> = self.episodes.values().collect();
         episodes.sort_by_key(|episode| (episode.heard(), episode.server));
@@ -186,7 +186,7 @@ impl InFlight {
         all
     }
 
-    /// Time of the first time-out.
+    /// Returns the time of the next time-out.
     pub fn next_deadline(&self, config: &Config) -> Option<Instant> {
         let episodes = self
             .episodes
@@ -216,20 +216,20 @@ impl InFlight {
         self.episodes.values()
     }
 
-    /// Those of a server.
+    /// Returns the episodes of a server.
     pub fn episodes_of(&mut self, server: u64) -> impl Iterator<Item = &mut Episode> {
         let episodes = self.episodes.values_mut();
         episodes.filter(move |episode| episode.server == server)
     }
 
-    /// An episode is over; `answered`: its fitness came. None if it was over before.
+    /// Ends an episode; `answered`: its fitness arrived. Returns `None` if it had already ended.
     pub fn end_episode(&mut self, hash: &str, answered: bool) -> Option<Episode> {
         let episode = self.episodes.remove(hash)?;
         self.remember(hash, episode.server, answered);
         Some(episode)
     }
 
-    /// An episode is over that has been forgotten.
+    /// Remembers an episode that has ended.
     pub fn remember(&mut self, hash: &str, server: u64, answered: bool) {
         self.ended.push_back(Ended {
             hash: hash.to_owned(),
@@ -247,7 +247,7 @@ impl InFlight {
         }
     }
 
-    /// The fitness of an episode that ended last.
+    /// Records the fitness of an episode that has just ended.
     pub fn answered_with(&mut self, hash: &str, fitness: f64) {
         let mut ended = self.ended.iter_mut().rev();
         if let Some(ended) = ended.find(|ended| ended.hash == hash) {
@@ -255,7 +255,7 @@ impl InFlight {
         }
     }
 
-    /// A fitness came for an episode that is not under way.
+    /// Classifies a fitness that arrived for an episode that is not in flight.
     pub fn came_again(&mut self, hash: &str, fitness: f64) -> LateFitness {
         let mut ended = self.ended.iter_mut();
         let Some(episode) = ended.find(|ended| ended.hash == hash) else {
@@ -275,20 +275,21 @@ impl InFlight {
         LateFitness::Same(server, repeated.count())
     }
 
-    /// The server of an episode that is over, and whether its fitness came.
+    /// Returns the server of an ended episode, and whether its fitness arrived.
     pub fn ended(&self, hash: &str) -> Option<(u64, bool)> {
         let mut ended = self.ended.iter();
         let episode = ended.find(|ended| ended.hash == hash)?;
         Some((episode.server, episode.answered))
     }
 
-    /// A server is at none of the episodes of it that are over.
+    /// Records that a server is running none of its ended episodes.
     pub fn forget_unanswered(&mut self, server: u64) {
         let ended = self.ended.iter_mut().filter(|ended| ended.server == server);
         ended.for_each(|ended| ended.open = false);
     }
 
-    /// Episodes that are over for this tool, but not yet for their servers, as far as is known; each once.
+    /// Takes the episodes that have ended for this tool but, as far as is known, not for their servers; each is
+    /// returned once.
     pub fn take_unanswered(&mut self) -> Vec<(u64, String)> {
         let ended = self.ended.iter_mut().filter(|ended| ended.open);
         ended
@@ -299,7 +300,8 @@ impl InFlight {
             .collect()
     }
 
-    /// The hash of an episode under way that stands in a payload; of a large one, near its beginning or end.
+    /// Returns the hash of an episode in flight that occurs in a payload; a large payload is searched only at both
+    /// ends.
     pub fn named_in(&self, payload: &[u8]) -> Option<String> {
         let (head, tail) = if payload.len() <= MAX_PAYLOAD {
             (payload, &payload[payload.len()..])
@@ -311,12 +313,12 @@ impl InFlight {
         self.episodes.keys().find(named).cloned()
     }
 
-    /// Those that their servers have not begun by now although they are free, each with its server.
+    /// Returns the episodes that should have begun by now on servers that are free, each with its server.
     pub fn vacant_episodes(&self, now: Instant) -> Vec<(String, u64)> {
         self.over_at(Episode::vacant_until, now)
     }
 
-    /// Those that their servers, which are busy, have not begun by now, each with its server.
+    /// Returns the episodes that should have begun by now on servers that are busy, each with its server.
     pub fn taken_episodes(&self, now: Instant) -> Vec<(String, u64)> {
         self.over_at(Episode::unnamed_until, now)
     }
@@ -331,7 +333,7 @@ impl InFlight {
         over
     }
 
-    /// Those whose time is over.
+    /// Returns the episodes that have timed out.
     pub fn late_episodes(&self, config: &Config, now: Instant) -> Vec<String> {
         let episodes = self.episodes.iter();
         let late = episodes.filter(|(_, episode)| episode.deadline(config) <= now);
@@ -343,17 +345,17 @@ impl InFlight {
 
 /// Requests.
 impl InFlight {
-    /// The number of the next one.
+    /// Returns the number of the next request.
     pub fn next_request(&self) -> u64 {
         self.next_request
     }
 
-    /// Whether a request ever had this number.
+    /// Returns whether a request with this number was ever sent.
     pub fn was_asked(&self, number: u64) -> bool {
         (self.first_request..self.next_request).contains(&number)
     }
 
-    /// Returns its number.
+    /// Adds a request. Returns its number.
     pub fn begin_request(&mut self, request: Request) -> u64 {
         let number = self.next_request;
         self.next_request += 1;
@@ -373,13 +375,13 @@ impl InFlight {
         self.requests.values()
     }
 
-    /// Those of a server.
+    /// Returns the requests of a server.
     pub fn requests_of(&mut self, server: u64) -> impl Iterator<Item = &mut Request> {
         let requests = self.requests.values_mut();
         requests.filter(move |request| request.server == server)
     }
 
-    /// A server has done what came before these: it can begin with them.
+    /// Records that a server has finished its earlier jobs and can begin these.
     pub fn may_begin(&mut self, jobs: &[Job], now: Instant) {
         for job in jobs {
             if let Job::Request(number) = job
@@ -394,12 +396,12 @@ impl InFlight {
         self.requests.remove(&number)
     }
 
-    /// A request that was taken goes on.
+    /// Puts back a request that was taken and continues.
     pub fn put_back_request(&mut self, number: u64, request: Request) {
         self.requests.insert(number, request);
     }
 
-    /// Those whose lease is over.
+    /// Returns the requests whose lease is over.
     pub fn late_requests(&self, now: Instant) -> Vec<u64> {
         let requests = self.requests.iter();
         let late = requests.filter(|(_, request)| request.deadline() <= now);

@@ -7,5 +7,5 @@ pub(crate) mod request;
 
 use std::time::Duration;
 
-/// How long the supervisor of a server may take to say what became of it, once it was asked to look.
+/// How long the supervisor of a server may take to report on it.
 pub(crate) const REPORT_TIMEOUT: Duration = Duration::from_secs(20);

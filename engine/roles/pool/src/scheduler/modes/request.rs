@@ -10,21 +10,21 @@ use crate::scheduler::modes::REPORT_TIMEOUT;
 use crate::scheduler::modes::batch::Batch;
 use crate::scheduler::queue::piece::Piece;
 
-/// What was asked of a server and is not answered yet.
+/// A request that has not been answered completely.
 pub(crate) struct Request {
     pub server: u64,
     pub piece: Piece,
-    /// Evaluations in it that failed by themselves, and are retried separately.
+    /// Evaluations of the request that failed individually and are retried separately.
     apart: Vec<usize>,
     pub started: Instant,
-    /// When the server last said something of use, or could begin with this.
+    /// When the server last sent a usable message, or could begin this request.
     heard: Instant,
     lease: Duration,
-    /// Whether it takes so long that another server has it, too.
+    /// Whether another server has the work as well because this one is slow.
     backed_up: bool,
-    /// Whether the supervisor of the server was asked what became of it.
+    /// Whether the supervisor of the server has been asked about it.
     overdue: bool,
-    /// None for a block.
+    /// State of a batch; `None` for a block.
     pub batch: Option<Batch>,
 }
 
@@ -49,25 +49,26 @@ impl Request {
         }
     }
 
-    /// When the server last said something of use, or could begin with this.
+    /// Returns when the server last sent a usable message, or could begin this request.
     pub fn heard(&self) -> Instant {
         self.heard
     }
 
-    /// The server said something of use, or can begin with this.
+    /// Records that the server sent a usable message, or can begin this request.
     pub fn hear(&mut self, now: Instant) {
         self.heard = now;
     }
 
-    /// The supervisor says that the server goes on computing.
+    /// Records that the supervisor reported that the server continues.
     pub fn is_alive(&mut self, now: Instant) {
         self.hear(now);
         self.overdue = false;
     }
 
-    /// Seconds that the server computed: its own word for it, as far as it can be true.
+    /// Returns the seconds of computation that the server claims, limited to the time since the request; without a
+    /// valid claim, the time since the last message.
     pub fn seconds(&self, claim: f64, now: Instant) -> f64 {
-        // Not since the reply before: where two are read at once, that is no time at all.
+        // The time since the last reply would be 0 for the second of two replies that are read at once.
         let most = now.saturating_duration_since(self.started);
         if claim.is_finite() && claim > 0.0 {
             claim.min(most.as_secs_f64())
@@ -76,27 +77,27 @@ impl Request {
         }
     }
 
-    /// An evaluation failed by itself, and is tried again apart from the others.
+    /// Marks an evaluation that failed individually and is retried separately.
     pub fn set_apart(&mut self, evaluation: usize) {
         self.apart.push(evaluation);
     }
 
-    /// Whether all evaluations failed by themselves.
+    /// Returns whether all evaluations failed individually.
     pub fn all_failed(&self) -> bool {
         self.apart.len() >= self.piece.len()
     }
 
-    /// Whether it takes so long that another server has it, too.
+    /// Returns whether another server has the work as well because this one is slow.
     pub fn has_backup(&self) -> bool {
         self.backed_up
     }
 
-    /// Another server gets it, too.
+    /// Records that another server gets the work as well.
     pub fn back_up(&mut self) {
         self.backed_up = true;
     }
 
-    /// Its lease is over: whether the server's supervisor is to be asked first, once.
+    /// Returns whether to ask the server's supervisor before the lease ends; this is done once.
     pub fn asks_supervisor(&mut self) -> bool {
         !std::mem::replace(&mut self.overdue, true)
     }
@@ -110,7 +111,8 @@ impl Request {
         self.heard + self.lease + word
     }
 
-    /// What is to be tried again when it fails as a whole: all but what went its own way before.
+    /// Returns the pieces to retry if the request fails as a whole: all but the evaluations that are retried
+    /// separately.
     pub fn rest(&self) -> Vec<Piece> {
         let mut rest = Vec::new();
         let mut start = self.piece.first();
@@ -139,7 +141,7 @@ impl Request {
         }
     }
 
-    /// What is waited for.
+    /// Describes the message that the request waits for.
     pub fn waiting_for(&self, now: Instant) -> Waiting {
         let (kind, missing) = match &self.batch {
             None => (PieceKind::Block, Missing::Result),

@@ -1,8 +1,8 @@
-//! Failures of evaluations: which are attributed to the evaluation, and which to servers.
+//! Attribution of failures to evaluations or to servers.
 //!
-//! A failure counts against an evaluation only if the server that had it is sound: it succeeds with another evaluation
-//! afterwards. A lost server counts only if it had succeeded with another one before, and if no other one was lost at
-//! the same time: see `docs/decisions`.
+//! A failure counts against an evaluation only if its server is sound, that is, succeeds with another evaluation
+//! afterwards. The loss of a server counts only if it had succeeded with other evaluations before, and if no other
+//! server was lost at the same time: see `docs/decisions`.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
@@ -11,46 +11,46 @@ use crate::journal::Outcome;
 use crate::scheduler::queue::piece::Piece;
 use crate::sections::Faults;
 
-/// Lost servers that count, before an evaluation is taken for the cause, at least.
+/// Smallest number of losses that count before an evaluation is taken for their cause.
 const LEAST_LOST: u32 = 3;
-/// Number of lost servers after which evaluations are tried one after another.
+/// Number of losses after which evaluations are retried one after another.
 const DUBIOUS: u32 = 2;
-/// So often a server has to succeed with something else before it gets an evaluation with which others were lost: one
-/// that is lost again and again for reasons of its own hardly comes so far.
+/// Number of other evaluations with which a server must succeed before it gets an evaluation with which servers were
+/// lost; a server that is lost repeatedly for reasons of its own rarely reaches it.
 const PROOF: u32 = 3;
-/// Servers that are lost within this time of each other have a common cause.
+/// Time within which losses of servers are assumed to have a common cause.
 const TOGETHER: Duration = Duration::from_secs(5);
-/// After so many lost servers, for each one with which an evaluation would be quarantined, nothing can be told any more,
-/// and after so long.
+/// Number of losses per loss required for quarantine, and time since the first loss, after which the cause of the
+/// losses counts as undecidable.
 const MOST_LOST: u32 = 4;
 const LONG: Duration = Duration::from_secs(60);
 
-/// The cause of work without a result.
+/// The presumed cause of a failure to return results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Blame {
     /// The server had other work.
     None,
-    /// The connection broke; perhaps it was more than the broker takes.
+    /// The connection broke; the message may have been too large for the broker.
     Broker,
-    /// The server says that it failed.
+    /// The server reported that the evaluation failed.
     Evaluation,
-    /// The server sent what cannot be used.
+    /// The server sent an unusable answer.
     Answer,
-    /// The tool's own server went down at it.
+    /// The tool's own server crashed during the evaluation.
     Crash,
-    /// The server went down while it was at it, or gave it up; the cause is unknown.
+    /// The server went offline during the evaluation, or gave it up; the cause is unknown.
     Gone,
-    /// The server went down and had not begun.
+    /// The server went offline before it began.
     Lost,
-    /// The server said nothing for too long, or is only slow. `others`: whether anyone spoke meanwhile.
+    /// The server was silent for too long. `others`: whether any other server was heard in the meantime.
     Silent { others: bool },
 }
 
 impl Blame {
-    /// The same for work that had begun; `is_rest`: it is what is left of several evaluations.
+    /// Adapts the blame to work that had begun; `is_rest`: it is the remainder of several evaluations.
     pub fn of_begun(self, is_rest: bool) -> Self {
         match self {
-            // It may have had company.
+            // Other evaluations may have been computed at the same time.
             Self::Answer | Self::Crash | Self::Gone | Self::Lost | Self::Silent { .. }
                 if is_rest =>
             {
@@ -62,13 +62,13 @@ impl Blame {
     }
 }
 
-/// Why what a server had is over without results.
+/// Why a job ended without results.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cause<'a> {
-    /// What the journal says of the attempt.
+    /// Outcome of the attempt in the journal.
     pub outcome: Outcome,
     pub blame: Blame,
-    /// For people.
+    /// Reason, for users.
     pub reason: &'a str,
 }
 
@@ -82,7 +82,7 @@ impl<'a> Cause<'a> {
         }
     }
 
-    /// It was ended for the sake of other work.
+    /// The job was ended because of other work on the server.
     pub fn lost(reason: &'a str) -> Self {
         Self {
             outcome: Outcome::Lost,
@@ -100,7 +100,7 @@ impl<'a> Cause<'a> {
         }
     }
 
-    /// The same for what only waited at the server meanwhile.
+    /// Returns the cause for the other jobs that waited at the server.
     pub fn of_others(self) -> Self {
         match self.outcome {
             Outcome::ServerFailed => Self::lost(self.reason),
@@ -109,47 +109,47 @@ impl<'a> Cause<'a> {
     }
 }
 
-/// How an evaluation failed.
+/// Kinds of failures of an evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FailureKind {
-    /// The server said so, or sent what cannot be used.
+    /// The server reported the failure, or sent an unusable answer.
     Reported,
-    /// The tool's own server went down at it.
+    /// The tool's own server crashed during the evaluation.
     Crashed,
-    /// The server was lost, or silent, while it was at it.
+    /// The server was lost or silent during the evaluation.
     Lost,
 }
 
-/// One failure of an evaluation that was alone on its server.
+/// One failure of an evaluation that was the only one on its server.
 #[derive(Debug, Clone)]
 pub(crate) struct Failure {
     pub server: u64,
-    /// Which start of it, where it says so.
+    /// Instance of the server, if it announces one.
     pub instance: Option<String>,
     pub reason: String,
     pub kind: FailureKind,
-    /// Whether the server repeats itself to the bit, and had just succeeded with something else.
+    /// Whether the server is bitwise deterministic and its previous evaluation succeeded.
     pub certain: bool,
     pub at: Instant,
 }
 
-/// What is to become of an evaluation.
+/// Final decision on an evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// All attempts have failed.
     Failed,
-    /// It crashed too many servers.
+    /// The evaluation crashed too many servers.
     Quarantined,
 }
 
 #[derive(Debug, Clone, Default)]
 struct Record {
-    /// Each with whether its server has succeeded with another evaluation since.
+    /// Failures, each with whether it is confirmed: its server has succeeded with another evaluation since.
     failures: Vec<(Failure, bool)>,
-    /// How many servers were lost with it, whatever the cause, and when the first one was.
+    /// Number of servers lost with the evaluation, whatever the cause, and the time of the first loss.
     lost: u32,
     since: Option<Instant>,
-    /// It waits for its failures to be confirmed.
+    /// The evaluation, while it waits for its failures to be confirmed.
     aside: Option<Piece>,
 }
 
@@ -171,7 +171,7 @@ impl Record {
         .map(|kind| self.count(kind));
         let quarantined =
             crashed >= faults.quarantine || crashed + lost >= faults.quarantine.max(LEAST_LOST);
-        // Where servers repeat themselves to the bit, what two of them say is said by a third one, too.
+        // If servers are bitwise deterministic, a third one would report what two of them report.
         let certain = |last: &Failure| {
             let is_report =
                 |failure: &Failure| failure.certain && failure.kind == FailureKind::Reported;
@@ -195,21 +195,21 @@ impl Record {
     }
 }
 
-/// An evaluation that waited for its servers.
+/// Decision on an evaluation that was put aside.
 pub(crate) enum Resolved {
-    /// It has failed for good, the last time for this reason.
+    /// It has failed permanently; with the number of losses and the last reason.
     Failed(Piece, Verdict, u32, String),
-    /// Some of its failures do not count: it is tried again.
+    /// Some of its failures do not count, so it is retried.
     Again(Piece),
 }
 
-/// All that is held against evaluations of one work.
+/// Failures attributed to the evaluations of the current work.
 #[derive(Debug, Default)]
 pub(crate) struct Attribution {
     by_evaluation: BTreeMap<usize, Record>,
-    /// How often servers have succeeded with something since any was lost last.
+    /// Number of successes of each server since any server was last lost.
     proven: BTreeMap<u64, u32>,
-    /// The last losses of servers: when, and with which evaluation alone.
+    /// Recent losses of servers: the time, and the evaluation if the server had only one.
     losses: VecDeque<(Instant, Option<usize>)>,
 }
 
@@ -224,18 +224,19 @@ impl Attribution {
             .any(|record| record.aside.is_some())
     }
 
-    /// Whether servers were lost with any evaluation that has not ended.
+    /// Returns whether servers were lost with any evaluation that has not ended.
     pub fn has_suspects(&self) -> bool {
         self.by_evaluation.values().any(|record| record.lost > 0)
     }
 
-    /// Whether servers were lost with an evaluation.
+    /// Returns whether servers were lost with an evaluation.
     pub fn is_suspect(&self, evaluation: usize) -> bool {
         let record = self.by_evaluation.get(&evaluation);
         record.is_some_and(|record| record.lost > 0)
     }
 
-    /// Whether another dubious evaluation must end before this one is retried, since each would otherwise excuse the other.
+    /// Returns whether another dubious evaluation must end before this one is retried, since each would excuse the
+    /// other.
     pub fn must_wait(&self, evaluation: usize) -> bool {
         let is_dubious = |record: &Record| record.lost >= DUBIOUS && record.aside.is_none();
         let record = self.by_evaluation.get(&evaluation);
@@ -253,12 +254,13 @@ impl Attribution {
             .is_some_and(|times| *times >= PROOF)
     }
 
-    /// An evaluation has ended.
+    /// Forgets an evaluation that has ended.
     pub fn forget(&mut self, evaluation: usize) {
         self.by_evaluation.remove(&evaluation);
     }
 
-    /// Attributes a failure to an evaluation. What is to become of it, once its failures are confirmed.
+    /// Attributes a failure to an evaluation. Returns the verdict on the evaluation, which applies once its failures
+    /// are confirmed.
     pub fn attribute(
         &mut self,
         evaluation: usize,
@@ -271,8 +273,8 @@ impl Attribution {
         record.verdict(faults)
     }
 
-    /// A server was lost with one evaluation alone. How many were lost with it so far, and whether that is so many that
-    /// nothing can be told any more.
+    /// Records that a server was lost with this single evaluation. Returns the number of losses with it so far, and
+    /// whether the cause counts as undecidable.
     pub fn lost_with(&mut self, evaluation: usize, faults: &Faults, now: Instant) -> (u32, bool) {
         let record = self.by_evaluation.entry(evaluation).or_default();
         record.lost += 1;
@@ -282,9 +284,9 @@ impl Attribution {
         (record.lost, record.lost >= most && long)
     }
 
-    /// A server was lost, perhaps with one evaluation alone. All have to prove themselves again, as others may be gone
-    /// for the same reason, which is not known yet. It speaks for all other evaluations with which servers were lost
-    /// at the same time. Whether others were lost at the same time without this evaluation.
+    /// Records that a server was lost, with a single evaluation if `with` is set. All servers must prove themselves
+    /// again, since others may be affected by the same unknown cause. Losses at the same time with other evaluations
+    /// stop counting against those. Returns whether other servers were lost at the same time without this evaluation.
     pub fn server_lost(&mut self, with: Option<usize>, now: Instant) -> bool {
         self.proven.clear();
         let recent = |at: Instant| now.saturating_duration_since(at) <= TOGETHER;
@@ -304,15 +306,15 @@ impl Attribution {
         others
     }
 
-    /// Whether a server was lost a moment ago, and may soon be back.
+    /// Returns whether a server was lost a moment ago and may soon be back.
     pub fn lost_lately(&self, now: Instant) -> bool {
         let last = self.losses.back();
         last.is_some_and(|(at, _)| now.saturating_duration_since(*at) <= TOGETHER)
     }
 
-    /// A server has succeeded with something: what it said before counts, once for each evaluation however often it was
-    /// tried since the last success, as the server may have been broken for a moment. `same_installation`: whether another one is
-    /// the same installation.
+    /// Records that a server has succeeded, which confirms the failures that it reported. Of several reports on one
+    /// evaluation since its last success, only one counts, since the server may have been broken for a moment.
+    /// `same_installation` returns whether another server belongs to the same installation.
     pub fn succeeded(
         &mut self,
         server: u64,
@@ -323,13 +325,13 @@ impl Attribution {
         let proven = self.proven.entry(server).or_default();
         *proven = proven.saturating_add(times);
         for record in self.by_evaluation.values_mut() {
-            // What another start said, perhaps on another machine, this one cannot confirm.
+            // This instance cannot confirm reports of another one, which may have run on another machine.
             record.failures.retain(|(failure, confirmed)| {
                 let same = failure.server != server || failure.instance.as_ref() == instance;
                 *confirmed || same || failure.kind != FailureKind::Reported
             });
             let mut servers = BTreeSet::new();
-            // The last one of each server stays.
+            // Keep the last failure of each server.
             record.failures.reverse();
             record.failures.retain(|(failure, confirmed)| {
                 *confirmed
@@ -343,7 +345,7 @@ impl Attribution {
         }
     }
 
-    /// Whether a server failed an evaluation and has succeeded with nothing since.
+    /// Returns whether a server failed an evaluation and has not succeeded since.
     pub fn is_open(&self, evaluation: usize, server: u64) -> bool {
         let record = self.by_evaluation.get(&evaluation);
         let open = |(failure, confirmed): &(Failure, bool)| {
@@ -352,7 +354,7 @@ impl Attribution {
         record.is_some_and(|record| record.failures.iter().any(open))
     }
 
-    /// What a server said since it last succeeded with something counts for nothing.
+    /// Drops the unconfirmed failures that a server reported.
     pub fn discredit(&mut self, server: u64) {
         for record in self.by_evaluation.values_mut() {
             let counts =
@@ -361,13 +363,13 @@ impl Attribution {
         }
     }
 
-    /// An evaluation waits until its failures are confirmed.
+    /// Puts an evaluation aside until its failures are confirmed.
     pub fn put_aside(&mut self, piece: Piece) {
         let record = self.by_evaluation.entry(piece.first()).or_default();
         record.aside = Some(piece);
     }
 
-    /// The servers that evaluations put aside wait for.
+    /// Returns the servers that must confirm the failures of evaluations put aside.
     pub fn awaited(&self) -> BTreeSet<u64> {
         let aside = self
             .by_evaluation
@@ -378,8 +380,8 @@ impl Attribution {
         open.map(|(failure, _)| failure.server).collect()
     }
 
-    /// Evaluations put aside that wait for no server; `all`: whichever they wait for, unless one is to be tried again, which
-    /// may yet succeed.
+    /// Resolves the evaluations put aside whose failures are confirmed; `all`: also unconfirmed ones, unless one of the
+    /// evaluations is to be retried, which may still succeed.
     pub fn resolve(&mut self, faults: &Faults, all: bool) -> Vec<Resolved> {
         let mut resolved = Vec::new();
         let is_pending =
@@ -404,7 +406,7 @@ impl Attribution {
         resolved
     }
 
-    /// Takes back one evaluation that was put aside and that a server has not failed.
+    /// Takes back one evaluation that was put aside and has not failed on a server.
     pub fn take_aside_for(&mut self, server: u64) -> Option<Piece> {
         let mut aside = self
             .by_evaluation

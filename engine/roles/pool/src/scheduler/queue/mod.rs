@@ -1,4 +1,4 @@
-//! Evaluations: which are queued, which are done, what is held against them.
+//! Evaluations: queue, results, and attribution of failures.
 
 pub(crate) mod blame;
 pub(crate) mod ledger;

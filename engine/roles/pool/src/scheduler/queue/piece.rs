@@ -1,35 +1,35 @@
-//! Pieces of work: evaluations that are given away together.
+//! Pieces of work: evaluations that are sent together.
 
 use std::ops::Range;
 
-/// Evaluations in a row that have the same past.
+/// Consecutive evaluations with the same history.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Piece {
     pub evaluations: Range<usize>,
-    /// Attempts made before.
+    /// Number of earlier attempts.
     pub tries: u32,
-    /// Of these, those that were not answered in time.
+    /// Number of these attempts that were not answered in time.
     pub late: u32,
     pub purpose: Purpose,
     /// Servers on which it failed, or that had it before where it is repeated: others are preferred.
     failed_on: Vec<u64>,
-    /// Servers that are not to have it.
+    /// Servers that must not get it.
     never_on: Vec<u64>,
-    /// How many of it may go in one request: fewer with each failure, so that in the end the one that brings servers
-    /// down is alone.
+    /// Largest number of its evaluations per request. It shrinks with each failure until the evaluation that brings
+    /// servers down is alone.
     largest: usize,
 }
 
-/// What a piece is evaluated for.
+/// Purpose of evaluating a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Purpose {
-    /// Its results.
+    /// To get its results.
     Work,
-    /// The same, while another server that is slow or silent still has it: the first result counts.
+    /// To get its results while a slow or silent server still has it; the first result counts.
     Backup,
-    /// To see whether another server finds the same.
+    /// To compare the results with those of another server.
     Audit,
-    /// To see whether a server is sound: it succeeded before.
+    /// To check whether a server is sound, with an evaluation that has succeeded.
     Probe,
 }
 
@@ -46,12 +46,12 @@ impl Piece {
         }
     }
 
-    /// One evaluation from the beginning.
+    /// Creates a piece of one evaluation without history.
     pub fn again(evaluation: usize) -> Self {
         Self::new(evaluation..evaluation + 1)
     }
 
-    /// One evaluation that a server has made before: other servers are preferred.
+    /// Creates a piece of one evaluation that was done before on a server; other servers are preferred.
     pub fn repetition(evaluation: usize, before: Option<u64>) -> Self {
         Self {
             failed_on: before.into_iter().collect(),
@@ -59,7 +59,7 @@ impl Piece {
         }
     }
 
-    /// One evaluation that has succeeded, for a server that may be broken.
+    /// Creates a probe with an evaluation that has succeeded, for a server that may be broken.
     pub fn probe(evaluation: usize) -> Self {
         Self {
             purpose: Purpose::Probe,
@@ -67,12 +67,12 @@ impl Piece {
         }
     }
 
-    /// Whether it has failed on a server.
+    /// Returns whether it has failed on a server.
     pub fn has_failed_on(&self, server: u64) -> bool {
         self.failed_on.contains(&server)
     }
 
-    /// One evaluation, to be repeated elsewhere than on some servers.
+    /// Creates an audit of an evaluation, to be repeated on a server not in `never_on`.
     pub fn audit(evaluation: usize, never_on: Vec<u64>) -> Self {
         Self {
             purpose: Purpose::Audit,
@@ -81,7 +81,7 @@ impl Piece {
         }
     }
 
-    /// The same work for a server other than the present one.
+    /// Creates a copy of the piece for any server but the current one.
     pub fn backup(&self, server: u64) -> Self {
         Self {
             purpose: Purpose::Backup,
@@ -98,7 +98,7 @@ impl Piece {
         self.evaluations.len()
     }
 
-    /// A part of it, with the same past.
+    /// Returns a part with the same history.
     pub fn part(&self, evaluations: Range<usize>) -> Self {
         Self {
             evaluations,
@@ -106,7 +106,7 @@ impl Piece {
         }
     }
 
-    /// The parts before and after some of it, with the same history.
+    /// Returns the parts before and after the given evaluations, with the same history.
     pub fn around(&self, evaluations: &Range<usize>) -> Vec<Self> {
         let before = self.first()..evaluations.start;
         let behind = evaluations.end..self.evaluations.end;
@@ -114,7 +114,7 @@ impl Piece {
         rest.map(|rest| self.part(rest)).collect()
     }
 
-    /// A part of it with the same history, for any server.
+    /// Returns a part with the same history that any server may get.
     pub fn work_again(&self, evaluations: Range<usize>) -> Self {
         Self {
             purpose: Purpose::Work,
@@ -123,17 +123,17 @@ impl Piece {
         }
     }
 
-    /// Whether a server is not to have it.
+    /// Returns whether a server must not get it.
     pub fn is_kept_from(&self, server: u64) -> bool {
         self.never_on.contains(&server)
     }
 
-    /// How many of it may go in one request.
+    /// Returns the largest number of its evaluations per request.
     pub fn largest(&self) -> usize {
         self.largest
     }
 
-    /// What it is after a failure on a server.
+    /// Returns the piece after a failure on a server.
     pub fn failed(mut self, server: u64) -> Self {
         self.largest = match self.tries {
             0 => self.len().div_ceil(8),
@@ -144,8 +144,8 @@ impl Piece {
         self
     }
 
-    /// What it is after the connection broke that it was sent over: should it have been too much for the broker, it
-    /// will not be for ever.
+    /// Returns the piece after the connection broke. It is limited to half its size, in case it was too large for the
+    /// broker.
     pub fn halved(mut self) -> Self {
         self.largest = self.largest.min(self.len().div_ceil(2));
         self

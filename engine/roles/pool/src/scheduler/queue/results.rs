@@ -1,9 +1,9 @@
-//! What comes out of evaluations, and in which shape.
+//! Results of evaluations.
 
 use std::ops::Range;
 
-/// How many of the evaluations `queued`, from the first on and at most `most`, make a rectangle: whole candidates, or
-/// some episodes of one. At least 1, unless nothing is queued.
+/// Returns how many of the evaluations `queued`, from the first one and at most `most`, form a rectangle: whole
+/// candidates, or some episodes of one candidate. At least 1, unless nothing is queued.
 #[must_use]
 pub fn rectangle(queued: &Range<usize>, episodes: usize, most: usize) -> usize {
     let length = queued.len().min(most.max(1));
@@ -15,23 +15,23 @@ pub fn rectangle(queued: &Range<usize>, episodes: usize, most: usize) -> usize {
     }
 }
 
-/// What came out of all evaluations of some work.
+/// Results of all evaluations of the work.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Results {
-    /// (candidates, episodes), row-major, NaN where all attempts failed.
+    /// (candidates, episodes), row-major; NaN if all attempts failed.
     pub fitness: Vec<f64>,
-    /// (candidates, episodes, metrics that are needed), row-major, NaN where all attempts failed.
+    /// (candidates, episodes, required metrics), row-major; NaN if all attempts failed.
     pub metrics: Vec<f64>,
 }
 
-/// Candidates of which all episodes have ended.
+/// Candidates whose episodes have all ended.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Settled {
-    /// Their numbers, in the order in which they ended.
+    /// Indices of the candidates, in the order in which they ended.
     pub candidates: Vec<usize>,
-    /// (candidates, episodes), row-major, NaN where all attempts failed.
+    /// (candidates, episodes), row-major; NaN if all attempts failed.
     pub fitness: Vec<f64>,
-    /// (candidates, episodes, metrics that are needed), row-major, NaN where all attempts failed.
+    /// (candidates, episodes, required metrics), row-major; NaN if all attempts failed.
     pub metrics: Vec<f64>,
 }
 

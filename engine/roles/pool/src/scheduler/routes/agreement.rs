@@ -1,4 +1,4 @@
-//! What becomes of evaluations that are audited, and of servers that are wrong; see [`audit`](super::audit).
+//! Routes for audits and for servers with wrong results; see [`audit`](super::audit).
 
 use std::time::Instant;
 
@@ -9,7 +9,7 @@ use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::ServerResult;
 
 impl Scheduler {
-    /// Whether an evaluation is to be repeated on another server before its result counts.
+    /// Returns whether an evaluation must be repeated on another server before its result counts.
     pub(super) fn is_to_be_audited(&mut self, evaluation: usize, server: u64) -> bool {
         if self.ledger.repeats() {
             return false;
@@ -25,7 +25,7 @@ impl Scheduler {
         drawn
     }
 
-    /// No other server is of use: a result counts without the audit that was drawn.
+    /// Accepts a result without the audit drawn for it, because no other server can repeat it.
     fn leave_audit_out(&mut self, server: u64) {
         self.counts.audits_left_out += 1;
         self.outbox.warn_unaudited(
@@ -36,7 +36,7 @@ impl Scheduler {
         );
     }
 
-    /// Has an evaluation repeated before its result counts.
+    /// Queues an audit of an evaluation; its first result waits.
     pub(super) fn audit(&mut self, evaluation: usize, first: ServerResult) {
         let Some(never) = self.fleet.auditors_but(&[first.server]) else {
             return;
@@ -46,7 +46,7 @@ impl Scheduler {
         self.audits.wait(evaluation, first, None);
     }
 
-    /// What another server found where a result waits for that.
+    /// Handles the result of an audit.
     pub(super) fn audited(&mut self, evaluation: usize, result: ServerResult, now: Instant) {
         match self.audits.compare(evaluation, result, &self.fleet) {
             Compared::Late => self.counts.late += 1,
@@ -69,7 +69,7 @@ impl Scheduler {
         self.count(evaluation, result, now);
     }
 
-    /// Two servers do not agree: a third one is asked, if there is one.
+    /// Lets a third server decide between two that disagree, if there is one.
     fn ask_third(
         &mut self,
         evaluation: usize,
@@ -84,13 +84,13 @@ impl Scheduler {
         };
         self.outbox
             .warn(format!("{description}; a third server decides"));
-        // At once: until then the one that is wrong gets more to do.
+        // Dispatch at once: until the decision, the wrong server would get more work.
         self.ledger.queue_first(Piece::audit(evaluation, never));
         self.audits.wait(evaluation, first, Some(second));
         self.dispatch(now);
     }
 
-    /// It cannot be told which server is wrong.
+    /// Records that it is unknown which server is wrong.
     fn disagree(&mut self, evaluation: usize, results: &[ServerResult]) {
         let description = self.describe_disagreement(evaluation, results);
         self.outlook.disagree(format!(
@@ -99,7 +99,8 @@ impl Scheduler {
         ));
     }
 
-    /// What else may be the cause where servers differ: mostly that the simulation does not begin anew, which it declares.
+    /// Returns another possible cause of a disagreement: a simulation that is declared deterministic but does not reset
+    /// fully.
     fn other_cause(&self, results: &[ServerResult]) -> &'static str {
         let declared = results
             .iter()
@@ -112,7 +113,7 @@ impl Scheduler {
         }
     }
 
-    /// Describes the result of each server.
+    /// Describes the results of all servers for an evaluation.
     fn describe_disagreement(&self, evaluation: usize, results: &[ServerResult]) -> String {
         let each: Vec<String> = results
             .iter()
@@ -125,7 +126,7 @@ impl Scheduler {
         )
     }
 
-    /// A server is wrong, as two others say: it is not used any more, and what it did is done again.
+    /// Excludes a server that two others have proved wrong, and repeats its evaluations.
     fn exclude(
         &mut self,
         evaluation: usize,
@@ -154,8 +155,8 @@ impl Scheduler {
         self.fail_jobs(jobs, Cause::server(&reason, Blame::None), now);
     }
 
-    /// What a server did, which is not used any more, is done again. Returns how many evaluations are, and how many
-    /// cannot be, since they have been handed out.
+    /// Repeats the evaluations of an excluded server. Returns the number of repeated evaluations, and the number that
+    /// cannot be repeated because they have been returned.
     pub(super) fn redo(&mut self, server: u64, now: Instant) -> (usize, usize) {
         let (reopened, lost) = self.ledger.reopen(server);
         self.counts.recomputed += reopened as u64;
@@ -184,7 +185,7 @@ impl Scheduler {
         (reopened, lost)
     }
 
-    /// An audit brought no result: it is tried again, or left out.
+    /// Retries a failed audit, or gives it up after the last attempt.
     pub(super) fn retry_audit(
         &mut self,
         piece: Piece,
@@ -211,7 +212,7 @@ impl Scheduler {
         self.let_pass(evaluation, now);
     }
 
-    /// Results for which there is no second server any more count without.
+    /// Accepts results without an audit if no second server is left.
     pub(super) fn settle_unchecked(&mut self, now: Instant) {
         for (evaluation, server) in self.audits.unchecked(&self.fleet, &self.in_flight) {
             if let Some(server) = server {

@@ -1,4 +1,4 @@
-//! Batched evaluation: controllers stay here, one message carries a step of all agents of many episodes.
+//! Batched evaluation: controllers stay in this process; one message carries a step of all agents of many episodes.
 
 use std::time::Instant;
 
@@ -35,7 +35,7 @@ impl Scheduler {
             tool: self.config.tool.clone(),
             reply: self.messages.reply().to_owned(),
             simulation: self.config.demand.simulation.clone(),
-            // Of a parameter set all episodes of a batch have the same values, see `most`.
+            // All episodes of a batch share one parameter set, see `most`.
             parameters: match controllers.first() {
                 Some(controller) => controller.merged(&self.config.parameters).into_owned(),
                 None => self.config.parameters.clone(),
@@ -49,7 +49,7 @@ impl Scheduler {
             instance: self.fleet.instance(server),
         });
         let metrics = self.config.demand.metrics.clone();
-        // Agents that steer themselves are not heard of before all episodes are over.
+        // If agents steer themselves, the first message comes when all episodes are over.
         let episodes = if work.architecture().steers() {
             1
         } else {
@@ -60,14 +60,14 @@ impl Scheduler {
         self.request(&message, piece, server, patience, Some(batch), now);
     }
 
-    /// A server steps a batch that is not waited for: its start came late or twice.
+    /// Ends a batch that a server steps although nobody waits for it, because its start arrived late or twice.
     pub(super) fn end_stray_batch(&mut self, message: &BatchSensors) {
         if !message.episodes.0.is_empty() {
             self.end_batch(message.server, message.request, message.step);
         }
     }
 
-    /// Ends a batch: there are no actuators for its `step`.
+    /// Ends a batch at `step` by sending no actuators.
     pub(crate) fn end_batch(&mut self, server: u64, request: u64, step: u64) {
         let end = ToServer::Actuators(BatchActuators {
             version: EXTENSION_VERSION,

@@ -1,5 +1,5 @@
-//! Gives work to servers; how much is decided in [`share`](crate::scheduler::share), what is worth a backup copy in
-//! [`speculation`](crate::scheduler::speculation).
+//! Dispatch of work to servers; [`share`](crate::scheduler::share) decides how much each gets, and
+//! [`speculation`](crate::scheduler::speculation) which work gets a backup copy.
 
 use std::time::{Duration, Instant};
 
@@ -10,11 +10,11 @@ use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::share::IN_FLIGHT;
 
-/// Interval between checks whether one has become worthwhile.
+/// Interval between checks whether a backup copy has become worthwhile.
 const RECHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 impl Scheduler {
-    /// Gives work to every server that has room for it, to those that have none first.
+    /// Gives work to every server that has room for it, idle servers first.
     pub(super) fn dispatch(&mut self, now: Instant) {
         self.fleet.suspend(self.ledger.good().is_some());
         self.resolve(now);
@@ -71,7 +71,7 @@ impl Scheduler {
         self.start(piece, server, now);
     }
 
-    /// Gives a piece to a server.
+    /// Starts a piece on a server.
     pub(super) fn start(&mut self, piece: Piece, server: u64, now: Instant) {
         match self.fleet.slot(server).map(|slot| slot.way) {
             Some(Way::Stepwise) => self.start_episode(piece, server, now),
@@ -81,8 +81,8 @@ impl Scheduler {
         }
     }
 
-    /// Whether a server that has nothing to do has been passed over for so long that it could have done the work itself:
-    /// the others are not as fast as they were.
+    /// Returns whether an idle server has been passed over for longer than it would have needed for the work itself,
+    /// which means that the other servers are slower than measured.
     fn has_waited(&mut self, server: u64, alone: f64, now: Instant) -> bool {
         let Some(since) = self.fleet.pass_over(server, now) else {
             return false;
@@ -101,7 +101,7 @@ impl Scheduler {
         false
     }
 
-    /// Gives the work of servers that have been silent for suspiciously long to other servers as well.
+    /// Gives the work of stragglers to other servers as well.
     pub(super) fn back_up_stragglers(&mut self, now: Instant) {
         for server in self.view().stragglers(now) {
             self.speculate(server, now);
@@ -145,12 +145,12 @@ impl Scheduler {
         }
     }
 
-    /// Whether there is another server than this one.
+    /// Returns whether there is any other server.
     fn has_other(&self, server: u64) -> bool {
         self.fleet.slots().any(|(id, _)| id != server)
     }
 
-    /// Where what this server failed is tried again, in words.
+    /// Describes for users where the failed work of this server is retried.
     pub(super) fn again(&self, server: u64) -> &'static str {
         if self.has_other(server) {
             " elsewhere"
@@ -159,12 +159,12 @@ impl Scheduler {
         }
     }
 
-    /// With an empty queue, gives idle servers copies of work that others would take much longer for.
+    /// While the queue is empty, gives idle servers copies of work that others would need much longer for.
     pub(super) fn start_backups(&mut self, now: Instant) {
         if !self.config.faults.backup || self.config.visual || self.ledger.queued() > 0 {
             return;
         }
-        // Not after each of a thousand servers' messages.
+        // With a thousand servers, checking after every message would be too slow.
         if self.recheck.is_ahead(now) {
             return;
         }

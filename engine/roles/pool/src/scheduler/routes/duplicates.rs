@@ -1,8 +1,8 @@
-//! Two servers with one id.
+//! Routes for two servers with one id.
 //!
-//! Servers that say which start of them answers are told apart by that, and what is meant for one is not done by the other.
-//! Of others two step one episode, and its result is wrong: so what came under the id is computed again, as far as it has
-//! not been handed out.
+//! Servers that announce their instance are told apart by it, and each ignores messages meant for the other. Two
+//! servers that do not may step the same episode, which makes its result wrong; so the results under the id are
+//! computed again, unless they have been returned.
 
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -12,13 +12,13 @@ use crate::scheduler::job::Job;
 use crate::scheduler::queue::blame::{Blame, Cause};
 
 impl Scheduler {
-    /// An episode goes on whose server has answered a discovery meanwhile, as none does that is at an episode.
+    /// Handles an id whose server answered a discovery during an episode; no server does, so there must be two.
     pub(super) fn found_two(&mut self, id: u64, round: u64, now: Instant) {
         let (jobs, news) = self.fleet.are_two(id, round);
         self.are_two(id, jobs, news, now);
     }
 
-    /// Two servers have an id: it is not used until one is left, and what came under it counts no more.
+    /// Handles two servers with one id: it is not used until only one is left, and results under it do not count.
     pub(super) fn are_two(&mut self, id: u64, jobs: Vec<Job>, news: bool, now: Instant) {
         for job in &jobs {
             if let Job::Episode(hash) = job {
@@ -45,7 +45,8 @@ impl Scheduler {
         self.fail_jobs(jobs, Cause::server(&reason, Blame::None), now);
     }
 
-    /// Results are handed out. Of servers that say which start of them answers there is no doubt.
+    /// Records that results are returned. Servers that announce their instance cannot be confused, so they are not
+    /// recorded.
     pub(super) fn hands_out(&mut self) {
         if self.ledger.is_revised() {
             return;

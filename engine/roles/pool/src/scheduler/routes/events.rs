@@ -1,4 +1,4 @@
-//! What comes in: messages, time, the state of the connection.
+//! Events from outside: messages, time, the state of the connection.
 
 use std::time::{Duration, Instant};
 
@@ -10,11 +10,11 @@ use crate::journal::Outcome;
 use crate::scheduler::Scheduler;
 use crate::scheduler::queue::blame::{Blame, Cause};
 
-/// How long it is not asked again for the next tick, for each server.
+/// Minimum interval between queries for the next tick, per server.
 const TICK_QUERY_INTERVAL: Duration = Duration::from_micros(5);
 
 impl Scheduler {
-    /// A message came in. Retained messages are leftovers of earlier runs, except presence.
+    /// Handles a message. Retained messages other than presence are remnants of earlier runs.
     pub fn receive(&mut self, topic: &str, payload: &[u8], retained: bool, now: Instant) {
         let Some(kind) = self.config.topics.parse(topic) else {
             return;
@@ -81,7 +81,7 @@ impl Scheduler {
         }
     }
 
-    /// Tells once what a server with this simulation announces that cannot be read: it counts as not announced.
+    /// Warns once about announcements that cannot be read, if the server has this simulation; they are ignored.
     fn misannounced(
         &mut self,
         server: u64,
@@ -107,26 +107,26 @@ impl Scheduler {
         }
     }
 
-    /// The answer to [`Action::AskBroker`]: whether the broker at `address` holds small packets back, or why that could
-    /// not be found out.
+    /// Handles the answer to [`Action::AskBroker`]: whether the broker at `address` holds small packets back, or why
+    /// this could not be determined.
     pub fn broker_holds_back(&mut self, answer: Result<bool, String>, address: &str) {
         if let Some(text) = self.fleet.lag().describe(answer, address) {
             self.outbox.warn(text);
         }
     }
 
-    /// Notes that the broker has read a packet of `bytes` bytes.
+    /// Records that the broker has read a packet of `bytes` bytes.
     pub fn was_read(&mut self, bytes: usize) {
         self.limits.was_read(bytes);
     }
 
-    /// This tool's connection ended, with a packet of so many bytes sent of which it is not known whether the broker read
-    /// it; see [`disconnected`](Self::disconnected) for the rest.
+    /// Records that this tool's connection ended after a packet of `bytes` bytes that the broker may not have read.
+    /// Call [`disconnected`](Self::disconnected) as well.
     pub fn ended_on(&mut self, bytes: usize, now: Instant) {
         self.limits.ended_on(bytes, now);
     }
 
-    /// The next time at which `tick` is needed, if no message comes first.
+    /// Returns the time at which to call `tick` next, if no message comes first.
     #[must_use]
     pub fn next_tick(&self) -> Instant {
         let deadline = self.in_flight.next_deadline(&self.config);
@@ -142,14 +142,14 @@ impl Scheduler {
         .fold(self.discovery.next(), Instant::min)
     }
 
-    /// How long [`next_tick`](Self::next_tick) need not be asked again: it looks at all servers, and a tick may be as late.
+    /// Returns how long the value of [`next_tick`](Self::next_tick) may be reused: computing it scans all servers.
     #[must_use]
     pub fn tick_query_interval(&self) -> Duration {
         let servers = u32::try_from(self.fleet.len()).unwrap_or(u32::MAX);
         TICK_QUERY_INTERVAL * servers
     }
 
-    /// Time has passed.
+    /// Handles everything that is due by `now`.
     pub fn tick(&mut self, now: Instant) {
         self.late_episodes(now);
         self.late_requests(now);
@@ -169,15 +169,15 @@ impl Scheduler {
         self.outlook.unserved(unserved, now);
     }
 
-    /// The connection broke: the work under way on it is lost, and it is no fault of servers or evaluations.
+    /// Handles a broken connection: work in flight is lost, and neither servers nor evaluations are to blame.
     pub fn disconnected(&mut self, now: Instant) {
         self.counts.broker_losses += 1;
-        // Whether servers have heard that these were over is not known, either.
+        // It is also unknown whether servers received the ends of these episodes.
         for (server, hash) in self.in_flight.take_unanswered() {
             self.fleet.left_behind().add(server, Some(hash));
         }
         self.fleet.clear();
-        // What kept servers silent was the connection.
+        // The servers were silent because of the connection.
         self.outlook.some_work();
         let jobs = self.in_flight.jobs();
         let cause = Cause {

@@ -1,4 +1,4 @@
-//! What failed: whose fault it is, what becomes of the work, who is told.
+//! Routes for failures: attribution, retries, and warnings.
 //!
 //! A server in doubt is probed with an evaluation that has succeeded before.
 
@@ -12,14 +12,14 @@ use crate::scheduler::queue::blame::{Blame, Cause, Resolved, Verdict};
 use crate::scheduler::queue::ledger::failures::Failed;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 
-/// How many times as long it is waited where a server may be sound, but is silent or does nothing of what it should do.
+/// Factor for the patience with silent or useless servers that may be sound.
 const SILENCE_FACTOR: u32 = 4;
-/// What servers said that have been away for so long counts for nothing: longer than another tool has one in its turn.
+/// Absence of a server after which its unconfirmed reports are dropped; longer than a turn of another tool.
 const ABSENCE_TIMEOUT: Duration = Duration::from_secs(30);
 
 impl Scheduler {
-    /// Jobs of a server are over without result; see [`retry`](Self::retry). The blame is the oldest one's: the others
-    /// only waited.
+    /// Ends jobs of a server without results; see [`retry`](Self::retry). Only the oldest job is blamed, since the
+    /// others were waiting.
     pub(super) fn fail_jobs(&mut self, jobs: Vec<Job>, cause: Cause<'_>, now: Instant) {
         self.fail_each(jobs, cause, now);
         self.dispatch(now);
@@ -35,23 +35,23 @@ impl Scheduler {
         }
     }
 
-    /// A server failed: it has a pause.
+    /// Records a failure of a server and lets it back off.
     pub(super) fn failed(&mut self, server: u64, reason: &str, now: Instant) {
         self.counts.server_failures += 1;
         self.counts.benched += 1;
         self.fleet.back_off(server, reason, now);
     }
 
-    /// The same of a server that no other tool has: what it does not do is in vain.
+    /// Like [`failed`](Self::failed), for a server that no other tool has; the failure counts towards its uselessness.
     pub(super) fn failed_in_vain(&mut self, server: u64, reason: &str, now: Instant) {
         self.fleet.failed_in_vain(server);
         self.failed(server, reason, now);
     }
 
-    /// Work that brought no result is queued again, or has failed.
+    /// Queues work that returned no result again, or ends it.
     ///
-    /// Where several evaluations were sent together it is unknown which one was to blame: smaller parts are tried until
-    /// one is alone. What counts against that one is in [`blame`](crate::scheduler::queue::blame).
+    /// If several evaluations were sent together, it is unknown which one was to blame; smaller parts are retried until
+    /// one is alone. [`blame`](crate::scheduler::queue::blame) decides what counts against an evaluation.
     pub(super) fn retry(
         &mut self,
         piece: Piece,
@@ -89,7 +89,7 @@ impl Scheduler {
         self.counts.retries += u64::from(again);
     }
 
-    /// A server was lost, or silent for too long. Whether that counts against what it was at.
+    /// Records that a server was lost or silent for too long. Returns whether that counts against its evaluation.
     fn lost(
         &mut self,
         piece: &Piece,
@@ -110,7 +110,7 @@ impl Scheduler {
         loss.counts
     }
 
-    /// Evaluations that have failed for good.
+    /// Ends evaluations that have failed permanently.
     pub(super) fn give_up(&mut self, piece: &Piece, everywhere: bool, now: Instant) {
         for evaluation in piece.evaluations.clone() {
             let failed = self.ledger.give_up(evaluation, everywhere);
@@ -126,7 +126,7 @@ impl Scheduler {
         }
     }
 
-    /// A line of the journal.
+    /// Adds a line to the journal.
     pub(super) fn record(
         &mut self,
         attempt: Attempt,
@@ -147,20 +147,20 @@ impl Scheduler {
         self.journal.push(attempt, started);
     }
 
-    /// Notes that a server has succeeded: it works, so its earlier failures with other evaluations count.
+    /// Records that a server has succeeded, which confirms its earlier failures with other evaluations.
     pub(super) fn server_succeeded(&mut self, server: u64, times: u32) {
         self.fleet.succeeded(server);
         self.outlook.some_work();
         let processes = &self.processes;
         let supervised = processes.are_watched(server);
-        // The tool's supervised servers are one installation.
+        // All supervised servers are one installation.
         let alike = |other: u64| supervised && processes.are_watched(other);
         let instance = self.fleet.instance(server);
         let attribution = self.ledger.attribution_mut();
         attribution.succeeded(server, times, instance.as_ref(), alike);
     }
 
-    /// Gives what succeeded before to servers that are to show that they are sound, and have nothing else to do.
+    /// Sends an evaluation that succeeded to idle servers that must prove that they are sound.
     pub(super) fn probe(&mut self, now: Instant) {
         let Some(good) = self.ledger.good() else {
             return;
@@ -176,7 +176,7 @@ impl Scheduler {
         }
     }
 
-    /// A server did not evaluate what had succeeded before.
+    /// Handles a server that failed an evaluation that had succeeded elsewhere.
     pub(super) fn probe_failed(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
         match blame {
             Blame::None | Blame::Broker | Blame::Lost | Blame::Gone | Blame::Silent { .. } => {}
@@ -193,7 +193,7 @@ impl Scheduler {
         }
     }
 
-    /// Evaluations that were put aside and wait for no server have failed, or are tried again.
+    /// Decides on evaluations that were put aside: they have failed permanently, or are retried.
     pub(super) fn resolve(&mut self, now: Instant) {
         if !self.ledger.attribution().any_aside() {
             return;
@@ -217,14 +217,14 @@ impl Scheduler {
         }
     }
 
-    /// What servers said that do not come back counts for nothing, where others can be asked instead.
+    /// Drops the reports of servers that do not return, if others can be asked instead.
     fn discredit_absent(&mut self, now: Instant) {
         let awaited = self.ledger.attribution().awaited();
         self.outlook.await_only(&awaited);
         for server in awaited {
             let slot = self.fleet.slot(server);
             let gone = slot.is_none_or(|slot| slot.silent && slot.jobs.is_empty());
-            // The tool's supervised servers come back, and the success of each confirms the failures on the others.
+            // Supervised servers return, and the success of any of them confirms the failures reported by the others.
             if !gone || self.processes.are_watched(server) {
                 self.outlook.present(server);
                 continue;
@@ -238,7 +238,8 @@ impl Scheduler {
         }
     }
 
-    /// Whether all has been tried on all servers and nothing has succeeded: then faults of servers cannot be told from faults of evaluations.
+    /// Returns whether every server has been tried and nothing has succeeded; faults of servers and of evaluations
+    /// cannot be told apart then.
     fn nothing_succeeds(&mut self, now: Instant) -> bool {
         let busy = !self.in_flight.is_empty();
         let lost = self.ledger.attribution().lost_lately(now);
@@ -250,7 +251,7 @@ impl Scheduler {
         };
         let mut dispatched = false;
         for server in untried {
-            // Not by way of the queue: a slow server would be passed over.
+            // Bypass the queue, which would pass over a slow server.
             if let Some(piece) = self.ledger.take_aside_for(server) {
                 dispatched = true;
                 self.start(piece, server, now);
@@ -289,7 +290,7 @@ impl Scheduler {
         self.give_up(piece, quarantined, now);
     }
 
-    /// Notes since when no server has been of use.
+    /// Records whether any server is of use.
     pub(super) fn judge(&mut self, now: Instant) {
         if self.fleet.has_hope() || self.finished() {
             self.outlook.some_work();
@@ -298,8 +299,8 @@ impl Scheduler {
         }
     }
 
-    /// Why the work cannot be done although its candidates are not known to be at fault. `patience`: how long to wait for
-    /// servers that fail work that succeeded before.
+    /// Returns why the work cannot be done although its candidates may be sound. `patience`: how long to wait for
+    /// servers that fail evaluations that succeeded elsewhere.
     #[must_use]
     pub fn undecided(&self, patience: Duration, now: Instant) -> Option<String> {
         if let Some(reason) = self.outlook.undecided() {
@@ -307,10 +308,9 @@ impl Scheduler {
         }
         let since = self.outlook.broken_since()?;
         let health = self.fleet.health();
-        // What a server is at may be its first success, also where it is silent for longer than ever before: until its
-        // time-out, which takes the work from it.
+        // A silent server may be about to return its first success until it times out.
         let at_work = |(id, slot): (u64, &Slot)| !slot.jobs.is_empty() && !health.is_broken(id);
-        // How long there has been no server at all is counted elsewhere.
+        // A lack of servers has its own time limit.
         let slots = || self.fleet.slots();
         if self.fleet.is_empty() || self.fleet.has_hope() || slots().any(at_work) {
             return None;

@@ -1,4 +1,4 @@
-//! The routes of the scheduler: what a message, a result or time leads to in its parts.
+//! Routes of the scheduler: effects of messages, results and time on its parts.
 
 mod agreement;
 mod batched;

@@ -1,4 +1,4 @@
-//! What becomes of work that brought no result, and what counts against it.
+//! Handling of work that returned no result, and what counts against it.
 
 use std::time::Instant;
 
@@ -7,33 +7,33 @@ use crate::scheduler::queue::blame::{Blame, Failure, FailureKind};
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::sections::Faults;
 
-/// How often a server may be lost with an episode that it had not begun before that counts.
+/// Number of losses before an episode has begun that do not count.
 const FREE_LOSSES: u32 = 3;
 
 /// A piece that a server did not evaluate.
 pub(crate) struct Failed<'a> {
     pub server: u64,
-    /// Which start of it, where it says so.
+    /// Instance of the server, if it announces one.
     pub instance: Option<String>,
     pub reason: &'a str,
     pub blame: Blame,
-    /// Whether the server has failed nothing of late, and repeats itself to the bit.
+    /// Whether the server has no recent failures and is bitwise deterministic.
     pub sound: bool,
     pub at: Instant,
 }
 
-/// What a loss of a server says of the evaluation that it was at.
+/// What the loss of a server says about its evaluation.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Loss {
-    /// Whether it counts against the evaluation.
+    /// Whether the loss counts against the evaluation.
     pub counts: bool,
-    /// How often servers were lost with it, where it can never be told whether it is the cause.
+    /// Number of losses with the evaluation, if it is undecidable whether the evaluation is the cause.
     pub hopeless: Option<u32>,
 }
 
 impl Ledger {
-    /// A server was lost, or silent for too long. Whether that counts against what it was at: it was at one evaluation
-    /// alone, had succeeded with others before, and the trouble is not all servers'.
+    /// Records that a server was lost or silent for too long. The loss counts against its evaluation if the server had
+    /// only one, had succeeded with others before, and no common cause affects several servers.
     pub fn lost(
         &mut self,
         piece: &Piece,
@@ -56,7 +56,7 @@ impl Ledger {
         let (times, hopeless) = self.attribution.lost_with(evaluation, faults, now);
         let apart = match blame {
             Blame::Silent { others } => others,
-            // Work that has not begun may have been refused for another tool.
+            // Work that had not begun may have been refused because of another tool.
             Blame::Lost => times > FREE_LOSSES,
             _ => true,
         };
@@ -66,8 +66,8 @@ impl Ledger {
         }
     }
 
-    /// Work that brought no result waits again, or until it is known whose fault that is. `counts`: whether it counts
-    /// against the evaluation. Returns whether another attempt is made of what failed.
+    /// Queues work that returned no result again, or puts it aside until the fault is attributed. `counts`: whether the
+    /// failure counts against the evaluation. Returns whether the failed work is retried.
     pub fn failed(
         &mut self,
         mut piece: Piece,
@@ -107,7 +107,7 @@ impl Ledger {
                 instance: failed.instance,
                 reason: failed.reason.to_owned(),
                 kind,
-                // Its previous work succeeded.
+                // The server's previous evaluation succeeded.
                 certain: failed.sound && self.attribution.is_proven(failed.server),
                 at: failed.at,
             };

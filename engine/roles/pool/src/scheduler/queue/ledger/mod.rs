@@ -1,4 +1,4 @@
-//! What of the work is queued and what is done. Evaluations are numbered candidate by candidate, episode by episode.
+//! Ledger of the evaluations of the current work, queued and done. They are numbered by candidate, then by episode.
 
 pub(crate) mod failures;
 mod queue;
@@ -11,33 +11,33 @@ use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::{Results, Settled};
 use crate::work::{Repetition, Work, WorkError};
 
-/// Fewer evaluations than these are not worth forgetting.
+/// Smallest number of evaluations that is worth forgetting.
 const MIN_FORGOTTEN: usize = 4096;
 
-/// The books of one block of work.
+/// Ledger of one block of work.
 #[derive(Debug, Default)]
 pub(crate) struct Ledger {
     work: Option<Work>,
     queue: VecDeque<Piece>,
     queued: usize,
     results: Results,
-    /// How many metrics each evaluation has.
+    /// Number of metrics of each evaluation.
     metrics: usize,
     settled: Vec<bool>,
-    /// In how many places each evaluation waits or is under way.
+    /// Number of places in which each evaluation is queued or in flight.
     holders: Vec<u8>,
-    /// The server of each result.
+    /// Server of each result.
     by: Vec<u64>,
-    /// What is attributed to evaluations.
+    /// Failures attributed to evaluations.
     attribution: Attribution,
-    /// The last evaluation that has succeeded.
+    /// The last evaluation that succeeded.
     good: Option<usize>,
     done: usize,
-    /// Evaluations before this one are forgotten; they have ended. All lists of evaluations begin here.
+    /// Evaluations before this index have ended and are forgotten; all lists of evaluations begin here.
     forgotten: usize,
-    /// Candidates, counted from the first that is not forgotten: episodes that have not ended.
+    /// Number of open episodes of each candidate, counted from the first candidate that is not forgotten.
     open: Vec<usize>,
-    /// Candidates that have ended since `take_settled`.
+    /// Candidates that have ended since the last call of `take_settled`.
     fresh: Vec<usize>,
 }
 
@@ -57,7 +57,7 @@ impl Ledger {
         ledger
     }
 
-    /// Ends all evaluations but these, before any was given away.
+    /// Ends all evaluations except these, before any was given to a server.
     fn restrict(&mut self, only: &[Repetition]) {
         let episodes = self.episodes();
         self.queue.clear();
@@ -80,18 +80,18 @@ impl Ledger {
         }
     }
 
-    /// Whether the work repeats evaluations that were made before.
+    /// Returns whether the work repeats earlier evaluations.
     pub fn repeats(&self) -> bool {
         let work = self.work.as_ref();
         work.is_some_and(|work| work.repetitions().is_some())
     }
 
-    /// Whether candidates that have been handed out may be handed out again.
+    /// Returns whether candidates that have been returned may be returned again.
     pub fn is_revised(&self) -> bool {
         self.work.as_ref().is_some_and(Work::is_revised)
     }
 
-    /// Adds candidates behind the others; see [`Work::extend`].
+    /// Adds candidates at the end; see [`Work::extend`].
     pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
         let Some(work) = &mut self.work else {
             return Ok(());
@@ -116,7 +116,7 @@ impl Ledger {
         self.by.resize(size, 0);
         self.open.resize(size / episodes, episodes);
         self.queued += count;
-        // What was never tried waits in one piece.
+        // Merge untried evaluations into one piece.
         match self.queue.back_mut() {
             Some(last)
                 if last.tries == 0
@@ -129,7 +129,7 @@ impl Ledger {
         }
     }
 
-    /// The server of each result of the candidates that have ended since `take_settled`.
+    /// Returns the server of each result of the candidates that have ended since the last call of `take_settled`.
     pub fn authors(&self) -> Vec<u64> {
         let episodes = self.episodes();
         let base = self.forgotten / episodes;
@@ -139,7 +139,8 @@ impl Ledger {
         places.map(|index| self.by[index]).collect()
     }
 
-    /// The candidates that have ended since the last call. What they need is forgotten by and by.
+    /// Takes the candidates that have ended since the last call, and from time to time frees the memory of ended
+    /// candidates.
     pub fn take_settled(&mut self) -> Settled {
         let (episodes, metrics) = (self.episodes(), self.episodes() * self.metrics);
         let base = self.forgotten / episodes;
@@ -155,7 +156,7 @@ impl Ledger {
             settled.metrics.extend_from_slice(values);
         }
         let ended = self.open.iter().take_while(|open| **open == 0).count();
-        // What succeeded last may be needed to tell which servers are sound.
+        // The last success may be needed for probes.
         let needed = self.good.map_or(usize::MAX, |good| good / episodes - base);
         let ended = ended.min(needed);
         if ended * episodes >= MIN_FORGOTTEN.max(self.settled.len() / 2) && !self.is_revised() {
@@ -177,7 +178,7 @@ impl Ledger {
         self.work.as_ref()
     }
 
-    /// What is attributed to evaluations.
+    /// Returns the failures attributed to evaluations.
     pub fn attribution(&self) -> &Attribution {
         &self.attribution
     }
@@ -190,7 +191,7 @@ impl Ledger {
         self.work.as_ref().map_or(1, Work::episodes)
     }
 
-    /// Candidates and episodes of a piece.
+    /// Returns the candidates and the episodes of a piece.
     pub fn extent(&self, piece: &Piece) -> (Range<usize>, Range<usize>) {
         let episodes = self.episodes();
         let (first, length) = (piece.first(), piece.len());
@@ -201,24 +202,24 @@ impl Ledger {
         )
     }
 
-    /// An evaluation, in words.
+    /// Describes an evaluation for users.
     pub fn name_of(&self, evaluation: usize) -> String {
         let episodes = self.episodes();
         let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
         format!("candidate {candidate} in episode {episode}")
     }
 
-    /// Evaluations that wait for a server.
+    /// Returns the number of evaluations that wait for a server.
     pub fn queued(&self) -> usize {
         self.queued
     }
 
-    /// Evaluations that have ended.
+    /// Returns the number of evaluations that have ended.
     pub fn done(&self) -> usize {
         self.done
     }
 
-    /// Whether something waits that failed before.
+    /// Returns whether any queued piece has failed before.
     pub fn has_failures(&self) -> bool {
         self.queue.iter().any(|piece| piece.tries > 0)
     }
@@ -227,18 +228,18 @@ impl Ledger {
         self.done == self.forgotten + self.settled.len()
     }
 
-    /// The last evaluation that has succeeded.
+    /// Returns the last evaluation that succeeded.
     pub fn good(&self) -> Option<usize> {
         self.good
     }
 
-    /// Whether an evaluation is in more than one place.
+    /// Returns whether an evaluation is in more than one place.
     pub fn is_shared(&self, evaluation: usize) -> bool {
         self.place(evaluation)
             .is_some_and(|index| self.holders[index] > 1)
     }
 
-    /// The first of some evaluations that have not ended, and those right behind it.
+    /// Returns the first run of consecutive evaluations in the range that have not ended.
     pub fn first_open(&self, evaluations: &Range<usize>) -> Option<Range<usize>> {
         let first = evaluations
             .clone()
@@ -247,25 +248,25 @@ impl Ledger {
         Some(first..end.unwrap_or(evaluations.end))
     }
 
-    /// Whether an evaluation has ended.
+    /// Returns whether an evaluation has ended.
     pub fn has_ended(&self, evaluation: usize) -> bool {
         self.place(evaluation).is_none()
     }
 
-    /// Whether nothing of a piece is waited for any more, since this evaluation has ended.
+    /// Returns whether no result of a piece is awaited any more now that this evaluation has ended.
     pub fn is_over(&self, piece: &Piece, evaluation: usize) -> bool {
         !matches!(piece.purpose, Purpose::Audit | Purpose::Probe)
             && piece.evaluations.contains(&evaluation)
             && piece.evaluations.clone().all(|other| self.has_ended(other))
     }
 
-    /// Index of an unfinished evaluation in the lists.
+    /// Returns the index of an unfinished evaluation in the lists.
     fn place(&self, evaluation: usize) -> Option<usize> {
         let index = evaluation.checked_sub(self.forgotten)?;
         (!self.settled[index]).then_some(index)
     }
 
-    /// An evaluation has ended with the result of a server. Whether that is news: what comes later is not heard.
+    /// Ends an evaluation with the result of a server. Returns false, and ignores the result, if it had already ended.
     pub fn settle(
         &mut self,
         evaluation: usize,
@@ -287,8 +288,8 @@ impl Ledger {
         true
     }
 
-    /// Evaluations without metrics have ended with the results of a server. False, and nothing is done, if one of them has ended
-    /// before, is in more than one place, or something is attributed to any evaluation.
+    /// Ends evaluations without metrics with the results of a server. Returns false without any effect if one of them
+    /// has already ended or is in more than one place, or if failures are attributed to any evaluation.
     pub fn settle_whole(
         &mut self,
         evaluations: &Range<usize>,
@@ -321,8 +322,8 @@ impl Ledger {
         true
     }
 
-    /// An evaluation has failed for good, its numbers stay NaN. Whether it has: unless it is to be `everywhere`, another
-    /// server that is at it may still have a result.
+    /// Ends an evaluation that has failed permanently; its values stay NaN. Returns whether it has ended: unless
+    /// `everywhere` is set, another server that is working on it may still return a result.
     pub fn give_up(&mut self, evaluation: usize, everywhere: bool) -> bool {
         self.unqueue(evaluation);
         let others = self.let_go(evaluation);
@@ -346,8 +347,8 @@ impl Ledger {
         }
     }
 
-    /// Discards a server's results: its evaluations wait for another server. Returns how many evaluations do, and how
-    /// many cannot, since their candidates have been handed out.
+    /// Discards a server's results and queues their evaluations again. Returns the number of queued evaluations, and
+    /// the number that cannot be repeated because their candidates have been returned.
     pub fn reopen(&mut self, server: u64) -> (usize, usize) {
         let episodes = self.episodes();
         let base = self.forgotten / episodes;
@@ -399,7 +400,7 @@ impl Ledger {
         (reopened, lost)
     }
 
-    /// The results of all evaluations, once all have ended, and the work that they are of.
+    /// Takes the results of all evaluations, once all have ended, and the work.
     pub fn take_results(&mut self) -> (Results, Option<Work>) {
         let ended = std::mem::take(self);
         (ended.results, ended.work)

@@ -1,24 +1,26 @@
-//! What waits for servers, and which server may have it.
+//! Queued pieces, and which server may get them.
 
 use super::Ledger;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::rectangle;
 
 impl Ledger {
-    /// Which piece is next for a server: one that it may have and has not failed, or which all of `servers` have.
+    /// Returns the position of the next piece for a server: one that it may have, and that has not failed on it or has
+    /// failed on all of `servers`.
     fn position(&self, server: u64, servers: &[u64]) -> Option<usize> {
         let position = self.queue.iter().position(|piece| {
             !self.needs_proof(piece, server) && self.may_have(piece, server, servers)
         });
-        // A server that can be proven otherwise does not get what others were lost with, nor again what it failed.
+        // A server that can prove itself otherwise does not get pieces with which servers were lost, or that it has
+        // failed.
         position.or_else(|| match self.good {
             Some(_) => None,
             None => self.barred(server, servers),
         })
     }
 
-    /// Whether a server has to succeed with something else first: after others were lost with a piece, and after it
-    /// failed it itself.
+    /// Returns whether a server must first succeed with another evaluation, because servers were lost with the piece or
+    /// the server itself has failed it.
     fn needs_proof(&self, piece: &Piece, server: u64) -> bool {
         let attribution = &self.attribution;
         let evaluation = piece.first();
@@ -26,7 +28,7 @@ impl Ledger {
             || attribution.is_open(evaluation, server)
     }
 
-    /// What a server could have if it had succeeded with something.
+    /// Returns the position of a piece that the server may have once it has proved itself.
     fn barred(&self, server: u64, servers: &[u64]) -> Option<usize> {
         if self.attribution.is_empty() {
             return None;
@@ -42,18 +44,18 @@ impl Ledger {
         free && !waits && (!failed(&server) || servers.iter().all(failed))
     }
 
-    /// Whether nothing waits for a server but what it may have only once it has succeeded with something.
+    /// Returns whether all pieces for a server wait until it has proved itself.
     pub fn waits_for_proof(&self, server: u64, servers: &[u64]) -> bool {
         self.position(server, servers).is_none() && self.barred(server, servers).is_some()
     }
 
-    /// Whether [`take`](Self::take) would give a server something.
+    /// Returns whether [`take`](Self::take) would return a piece for a server.
     pub fn has_for(&self, server: u64, servers: &[u64]) -> bool {
         self.position(server, servers).is_some()
     }
 
-    /// A rectangle of at most `most` evaluations that this server may have and has not failed, or which all of `servers`
-    /// have.
+    /// Takes a rectangle of at most `most` evaluations that the server may have, and that have not failed on it or have
+    /// failed on all of `servers`.
     pub fn take(&mut self, server: u64, servers: &[u64], most: usize) -> Option<Piece> {
         let position = self.position(server, servers)?;
         let episodes = self.episodes();
@@ -68,8 +70,8 @@ impl Ledger {
         Some(part)
     }
 
-    /// Whether a server that must not have a piece is to be left out indeed: an audit always; a copy only as long as
-    /// another server is at all of it.
+    /// Returns whether a piece must be kept from the servers that it excludes: an audit always, a copy only as long as
+    /// another server is working on all of it.
     fn is_elsewhere(&self, piece: &Piece) -> bool {
         let shared = |evaluation| {
             self.place(evaluation)
@@ -78,7 +80,7 @@ impl Ledger {
         piece.purpose == Purpose::Audit || piece.evaluations.clone().all(shared)
     }
 
-    /// What of a piece is not settled waits for a server again, before all else, unless another server has it.
+    /// Queues the unfinished evaluations of a piece again, at the front, except those that another server has.
     pub fn put_back(&mut self, piece: &Piece) {
         if piece.purpose == Purpose::Audit {
             self.queued += piece.len();
@@ -93,7 +95,7 @@ impl Ledger {
                 self.holders[index] = 1;
             }
         }
-        // From the end on, so that the first comes first.
+        // Backwards, so that the first part ends up at the front.
         let mut end = waits.len();
         while let Some(last) = waits[..end].iter().rposition(|waits| *waits) {
             let before = waits[..last].iter().rposition(|waits| !waits);
@@ -105,14 +107,14 @@ impl Ledger {
         }
     }
 
-    /// Notes that a server no longer has an evaluation. Returns in how many other places it is; `None` if it has ended.
+    /// Records that a server no longer has an evaluation. Returns the number of other places; `None` if it has ended.
     pub(super) fn let_go(&mut self, evaluation: usize) -> Option<u8> {
         let index = self.place(evaluation)?;
         self.holders[index] = self.holders[index].saturating_sub(1);
         Some(self.holders[index])
     }
 
-    /// Notes that what of a piece has not ended will be in one more place.
+    /// Records that the unfinished evaluations of a piece will be in one more place.
     pub fn hold(&mut self, piece: &Piece) {
         for evaluation in piece.evaluations.clone() {
             if let Some(index) = self.place(evaluation) {
@@ -121,7 +123,7 @@ impl Ledger {
         }
     }
 
-    /// A copy of work under way, or an audit, waits for a server: copies before all else.
+    /// Queues a copy of work in flight at the front, or an audit at the end.
     pub fn queue(&mut self, piece: Piece) {
         if piece.purpose == Purpose::Backup {
             return self.queue_first(piece);
@@ -130,10 +132,10 @@ impl Ledger {
         self.queue.push_back(piece);
     }
 
-    /// Copies of what of a server's piece has not ended wait for other servers. Returns how many.
+    /// Queues copies of the unfinished evaluations of a server's piece for other servers. Returns the number of copies.
     pub fn queue_copies(&mut self, piece: &Piece, server: u64) -> u64 {
         let mut copies = 0;
-        // Of a batch some episodes may be over.
+        // Some episodes of a batch may have ended.
         let mut rest = piece.evaluations.clone();
         while let Some(open) = self.first_open(&rest) {
             rest.start = open.end;
@@ -145,13 +147,13 @@ impl Ledger {
         copies
     }
 
-    /// As [`queue`](Self::queue), before all else.
+    /// Queues a piece at the front.
     pub fn queue_first(&mut self, piece: Piece) {
         self.queued += piece.len();
         self.queue.push_front(piece);
     }
 
-    /// What is left of an evaluation waits until its failures are confirmed, unless another one has it.
+    /// Puts an evaluation aside until its failures are confirmed, unless another server has it.
     pub fn put_aside(&mut self, piece: Piece) {
         self.unqueue(piece.first());
         if self.let_go(piece.first()) == Some(0) {
@@ -159,7 +161,7 @@ impl Ledger {
         }
     }
 
-    /// Takes an evaluation that was put aside and that a server has not failed.
+    /// Takes back one evaluation that was put aside and has not failed on a server.
     pub fn take_aside_for(&mut self, server: u64) -> Option<Piece> {
         let piece = self.attribution.take_aside_for(server)?;
         if let Some(index) = self.place(piece.first()) {
@@ -168,7 +170,7 @@ impl Ledger {
         Some(piece)
     }
 
-    /// Takes an evaluation out of the queue, where a copy of it may wait, or its audit.
+    /// Removes an evaluation, a copy of it, or its audit from the queue.
     pub fn unqueue(&mut self, evaluation: usize) {
         let holds = |piece: &Piece| piece.evaluations.contains(&evaluation);
         while let Some(position) = self.queue.iter().position(holds) {
