@@ -1,42 +1,43 @@
-//! The sections `timeouts` and `faults` of an experiment file, as they are from the file to the scheduler. Their defaults
-//! are here; Python's model of the file takes them from here, and has the limits and the descriptions for users.
+//! The sections `timeouts` and `faults` of an experiment file, used unchanged from the file to the scheduler. Their
+//! defaults are defined here; Python's model of the file reads the defaults, and adds limits and descriptions for
+//! users.
 
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// How long to wait. As text or in Python: seconds, larger than 0.
+/// Time limits. In files and in Python: seconds, greater than 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Timeouts {
-    /// How long to try to connect, which is up to the caller: a pool tries once. May be 0.
+    /// How long to try to connect; may be 0. Used by the caller only, since a pool tries once.
     #[serde(with = "seconds_or_zero")]
     pub connect: Duration,
-    /// For a fitting server, at the start.
+    /// How long to wait for a fitting server at the start.
     #[serde(with = "seconds")]
     pub discovery: Duration,
-    /// For the next message of a server in an episode; work waits for any server as long, too.
+    /// How long to wait for the next message of a server in an episode; also, how long work waits for any server.
     #[serde(with = "seconds")]
     pub step: Duration,
-    /// A server is a straggler when it is silent for much longer than ever before, and for this time at least.
+    /// Shortest silence after which a server is a straggler; the silence must also be much longer than ever before.
     #[serde(with = "seconds")]
     pub least: Duration,
-    /// For a whole stepwise episode.
+    /// How long a whole stepwise episode may take.
     #[serde(with = "seconds")]
     pub episode: Duration,
-    /// Keep-alive interval of the connection to the broker, seconds; None = that of the connection's settings. For the caller,
-    /// as `connect` is.
+    /// Keep-alive interval of the connection to the broker in seconds; `None` for that of the connection's settings.
+    /// Used by the caller only, like `connect`.
     pub keep_alive: Option<u16>,
 }
 
 impl Timeouts {
-    /// What helps where a server was silent for longer than `step`, but only slow: the end of a message.
+    /// Returns a hint for the end of a message, in case a server silent for longer than `step` is only slow.
     #[must_use]
     pub fn step_hint(&self) -> String {
         hint("step", self.step)
     }
 
-    /// The same for `episode`.
+    /// Returns the same hint for `episode`.
     #[must_use]
     pub fn episode_hint(&self) -> String {
         hint("episode", self.episode)
@@ -63,19 +64,19 @@ impl Default for Timeouts {
     }
 }
 
-/// How failing, slow and wrong servers and evaluations are treated.
+/// Treatment of failing, slow and wrong servers and evaluations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Faults {
-    /// How often an evaluation is tried, at most; tries together with other evaluations do not count.
+    /// Largest number of attempts per evaluation; attempts together with other evaluations do not count.
     #[serde(deserialize_with = "positive")]
     pub attempts: u32,
-    /// After how many servers that went down with nothing but one evaluation no other server gets it.
+    /// Number of servers that must have failed with this single evaluation before it is quarantined.
     #[serde(deserialize_with = "positive")]
     pub quarantine: u32,
-    /// Whether an idle server gets a copy of what a slow or silent one has.
+    /// Whether an idle server gets a copy of the work of a slow or silent one.
     pub backup: bool,
-    /// The share of evaluations that are repeated on another server, 0 to 1.
+    /// Share of the evaluations that are repeated on another server, from 0 to 1.
     #[serde(deserialize_with = "share")]
     pub audit: f64,
 }
@@ -91,7 +92,7 @@ impl Default for Faults {
     }
 }
 
-/// A duration in seconds.
+/// Serialization of a duration in seconds.
 mod seconds_or_zero {
     use std::time::Duration;
 
@@ -108,7 +109,7 @@ mod seconds_or_zero {
     }
 }
 
-/// A duration in seconds that is not zero.
+/// Serialization of a duration in seconds, greater than 0.
 mod seconds {
     use std::time::Duration;
 

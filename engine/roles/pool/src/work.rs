@@ -1,4 +1,4 @@
-//! What is asked of the pool.
+//! Work for the pool.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -8,93 +8,93 @@ use serde_json::{Map, Value};
 use swarmwright_controllers::{Architecture, Controller, ControllerError, SpecificationError};
 use swarmwright_protocol::Sample;
 
-/// Many controllers of one architecture, each to be run in the same episodes.
+/// Controllers of one architecture that are all run in the same episodes.
 #[derive(Debug, Clone)]
 pub struct Work {
     architecture: Arc<Architecture>,
     specification: Map<String, Value>,
-    /// Those of candidate `forgotten` and later ones.
+    /// Genomes of candidate `forgotten` and later ones.
     genomes: Vec<f32>,
     forgotten: usize,
     seeds: Vec<u64>,
-    /// The sample of all genomes, if servers can expand it.
+    /// The sample that all genomes are from, if servers can expand it.
     sample: Option<Box<Sample>>,
-    /// Makes them here, where there is only the sample.
+    /// Generates the genomes, if there is only the sample.
     make: Option<MakeGenomes>,
-    /// What is evaluated; none: every candidate in every episode.
+    /// Evaluations to do; `None` for every candidate in every episode.
     only: Option<Vec<Repetition>>,
-    /// Whether candidates whose results turn out to be worth nothing are handed out again.
+    /// Whether candidates whose results are invalidated are returned again.
     revised: bool,
 }
 
-/// One evaluation that is to be repeated.
+/// An evaluation to repeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Repetition {
     /// Index of the candidate.
     pub candidate: usize,
     /// Index of the episode.
     pub episode: usize,
-    /// The server that evaluated it before: another server gets it, if there is one.
+    /// Server that evaluated it before; another one is preferred.
     pub before: Option<u64>,
 }
 
-/// Makes the genomes of a sound sample, (candidates, weights) row-major.
+/// Generates the genomes of a valid sample, (candidates, weights) row-major.
 pub type MakeGenomes = fn(&Sample) -> Vec<f32>;
 
-/// Work that cannot be done.
+/// Errors in the definition of work.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum WorkError {
-    /// The specification of the controllers is wrong.
+    /// The specification of the controllers is invalid.
     #[error(transparent)]
     Specification(#[from] SpecificationError),
-    /// Genomes that are not whole.
+    /// The number of values is not a multiple of the number of weights.
     #[error(
         "genomes: {numbers} numbers are not a multiple of {weights}, the weights of a controller"
     )]
     Shape {
-        /// Numbers given.
+        /// Number of values given.
         numbers: usize,
-        /// Weights of a controller.
+        /// Number of weights of a controller.
         weights: usize,
     },
     /// A weight that is NaN or infinite.
     #[error("genomes[{candidate}][{weight}] is NaN or infinite")]
     NotFinite {
-        /// Which genome.
+        /// Index of the genome.
         candidate: usize,
-        /// Which of its weights.
+        /// Index of the weight.
         weight: usize,
     },
-    /// A sample that cannot be made, or that has not as many candidates and genes as the genomes.
+    /// The sample is invalid, or does not match the genomes in number or size.
     #[error("sample: {0}")]
     Sample(String),
-    /// Servers announce one of the numbers of sensors and actuators alone, of which controllers are made; which is missing.
+    /// Servers announce only one of the numbers of sensors and actuators; the name of the other one.
     #[error("the servers do not announce their number of {0}; add `{0}:` to the experiment")]
     Unannounced(&'static str),
-    /// No episode at all.
+    /// There are no episodes.
     #[error("seeds: expected at least one")]
     NoEpisode,
-    /// An evaluation of a candidate or an episode that is not part of the work.
+    /// A requested evaluation is not part of the work.
     #[error("only[{index}]: candidate {candidate} or episode {episode} does not exist")]
     NoSuchEvaluation {
-        /// Which of the evaluations.
+        /// Index of the requested evaluation.
         index: usize,
-        /// Its candidate.
+        /// Candidate of the evaluation.
         candidate: usize,
-        /// Its episode.
+        /// Episode of the evaluation.
         episode: usize,
     },
 }
 
-/// Candidates whose genomes take more room than the distribution that they are from: six rows of binary64.
+/// Smallest number of candidates whose genomes take more bytes than their distribution: six rows of binary64.
 const MIN_SAMPLE: usize = 16;
 /// Number of values that are checked together, since the compiler vectorizes only loops without an early exit.
 const TOGETHER: usize = 1024;
 
-/// Whether genomes and seeds are some work for controllers that have this in common.
+/// Checks that genomes and seeds match an architecture.
 ///
 /// # Errors
-/// As for [`Work::new`].
+/// See [`Work::new`].
 pub fn check_work(
     architecture: &Architecture,
     genomes: &[f32],
@@ -104,10 +104,10 @@ pub fn check_work(
     check_finite(architecture, genomes)
 }
 
-/// As [`check_work`], for whom sees weights that are not finite numbers without it.
+/// Like [`check_work`], without the check that all weights are finite.
 ///
 /// # Errors
-/// Genomes that are not whole, no seed.
+/// Fails if there are incomplete genomes or no seeds.
 pub fn check_shape(
     architecture: &Architecture,
     genomes: &[f32],
@@ -149,21 +149,22 @@ fn check_finite(architecture: &Architecture, genomes: &[f32]) -> Result<(), Work
 }
 
 impl Work {
-    /// `architecture`: a controller specification as JSON, its weights ignored. `genomes`: (candidates, weights),
-    /// row-major. `seeds`: one per episode.
+    /// Creates work. `architecture`: a controller specification as JSON, whose weights are ignored. `genomes`:
+    /// (candidates, weights), row-major. `seeds`: one per episode.
     ///
     /// # Errors
-    /// A specification that is wrong; numbers that are not finite or not whole genomes; no seed.
+    /// Fails if the specification is invalid, if there are incomplete genomes or values that are not finite, or if
+    /// there are no seeds.
     pub fn new(architecture: &str, genomes: Vec<f32>, seeds: Vec<u64>) -> Result<Self, WorkError> {
         let read = Architecture::from_json(architecture)?;
         let specification = serde_json::from_str(architecture).unwrap_or_default();
         Self::of(read, specification, genomes, seeds)
     }
 
-    /// As [`new`](Self::new), where the specification has been read as `architecture`.
+    /// Like [`new`](Self::new), with a specification that has already been parsed as `architecture`.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// See [`new`](Self::new).
     pub fn of(
         architecture: impl Into<Arc<Architecture>>,
         mut specification: Map<String, Value>,
@@ -189,7 +190,7 @@ impl Work {
     /// Restricts the work to these evaluations, which were made before; all others count as ended.
     ///
     /// # Errors
-    /// An evaluation of a candidate or an episode that is not part of the work.
+    /// Fails if an evaluation is not part of the work.
     pub fn only(mut self, evaluations: Vec<Repetition>) -> Result<Self, WorkError> {
         let (candidates, episodes) = (self.candidates(), self.episodes());
         for (index, repetition) in evaluations.iter().enumerate() {
@@ -205,31 +206,31 @@ impl Work {
         Ok(self)
     }
 
-    /// The evaluations to which the work is restricted, if it is.
+    /// Returns the evaluations to which the work is restricted, if it is.
     #[must_use]
     pub fn repetitions(&self) -> Option<&[Repetition]> {
         self.only.as_deref()
     }
 
-    /// Where candidates are handed out one by one: those whose results turn out to be worth nothing, as their server is wrong, are
-    /// evaluated and handed out again, until the work ends.
+    /// Marks the work as revised: if candidates are returned one by one, those whose results are invalidated because
+    /// their server is wrong are evaluated and returned again, until the work ends.
     #[must_use]
     pub fn revised(mut self) -> Self {
         self.revised = true;
         self
     }
 
-    /// Whether candidates may be handed out again.
+    /// Returns whether candidates may be returned again.
     #[must_use]
     pub fn is_revised(&self) -> bool {
         self.revised
     }
 
-    /// As [`of`](Self::of) and [`sampled`](Self::sampled), with genomes that are made when one is needed here: for servers that
-    /// cannot make them, or few candidates.
+    /// Like [`of`](Self::of) and [`sampled`](Self::sampled), with genomes that are generated only when needed here: for
+    /// servers that cannot generate them, or for few candidates.
     ///
     /// # Errors
-    /// A sample that cannot be made, or of other controllers; no seed.
+    /// Fails if the sample is invalid or does not match the controllers, or if there are no seeds.
     pub fn drawn(
         architecture: impl Into<Arc<Architecture>>,
         specification: Map<String, Value>,
@@ -242,10 +243,10 @@ impl Work {
         work.sampled(sample)
     }
 
-    /// The genomes are those of this sample: servers that can make them get it instead.
+    /// Declares that the genomes are from this sample; servers that can generate them get the sample instead.
     ///
     /// # Errors
-    /// A sample that cannot be made, or of other candidates or controllers.
+    /// Fails if the sample is invalid or does not match the candidates or the controllers.
     pub fn sampled(mut self, sample: Sample) -> Result<Self, WorkError> {
         let (candidates, weights) = (self.candidates(), self.architecture.weight_count());
         let (count, genes) = (sample.count, sample.center.0.len());
@@ -263,13 +264,14 @@ impl Work {
         Ok(self)
     }
 
-    /// Whether the genomes are those of a sample.
+    /// Returns whether the genomes are from a sample.
     #[must_use]
     pub fn is_sampled(&self) -> bool {
         self.sample.is_some()
     }
 
-    /// The part of the sample that is some candidates; none if there is no sample, or the genomes are not longer.
+    /// Returns the part of the sample for some candidates; `None` if there is no sample, or if the genomes are not
+    /// larger.
     #[must_use]
     pub fn sample_of(&self, candidates: &Range<usize>) -> Option<Box<Sample>> {
         let whole = self
@@ -279,31 +281,31 @@ impl Work {
         Some(Box::new(part(whole, candidates)))
     }
 
-    /// What all controllers have in common.
+    /// Returns the architecture of all controllers.
     #[must_use]
     pub fn architecture(&self) -> &Arc<Architecture> {
         &self.architecture
     }
 
-    /// The specification of all controllers, without weights.
+    /// Returns the specification of all controllers, without weights.
     #[must_use]
     pub fn specification(&self) -> &Map<String, Value> {
         &self.specification
     }
 
-    /// The controllers' kind.
+    /// Returns the kind of the controllers.
     #[must_use]
     pub fn kind(&self) -> Option<&str> {
         self.specification.get("kind").and_then(Value::as_str)
     }
 
-    /// The seed of each episode.
+    /// Returns the seed of each episode.
     #[must_use]
     pub fn seeds(&self) -> &[u64] {
         &self.seeds
     }
 
-    /// The genomes of some candidates that are not forgotten.
+    /// Returns the genomes of some candidates that are not forgotten.
     #[must_use]
     pub fn genomes_of(&self, candidates: Range<usize>) -> Cow<'_, [f32]> {
         if let (Some(make), Some(whole)) = (self.make, &self.sample) {
@@ -317,26 +319,26 @@ impl Work {
         Cow::Borrowed(&self.genomes[start * weights..end * weights])
     }
 
-    /// The genomes of all candidates that are not forgotten; none of [`drawn`](Self::drawn) work.
+    /// Returns the genomes of all candidates that are not forgotten; empty for [`drawn`](Self::drawn) work.
     #[must_use]
     pub fn into_genomes(self) -> Vec<f32> {
         self.genomes
     }
 
-    /// Number of candidates, forgotten ones included.
+    /// Returns the number of candidates, including forgotten ones.
     #[must_use]
     pub fn candidates(&self) -> usize {
         match (self.make, &self.sample) {
-            // It was checked that there are no more.
+            // The count has been checked.
             (Some(_), Some(sample)) => usize::try_from(sample.count).unwrap_or(usize::MAX),
             _ => self.forgotten + self.genomes.len() / self.architecture.weight_count(),
         }
     }
 
-    /// Adds candidates behind the others. `genomes`: (more candidates, weights), row-major.
+    /// Adds candidates at the end. `genomes`: (new candidates, weights), row-major.
     ///
     /// # Errors
-    /// Numbers that are not finite or not whole genomes.
+    /// Fails if there are incomplete genomes or values that are not finite.
     pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
         check_whole(&self.architecture, genomes)?;
         check_finite(&self.architecture, genomes)?;
@@ -360,35 +362,35 @@ impl Work {
         self.forgotten = candidate;
     }
 
-    /// Number of episodes of each candidate.
+    /// Returns the number of episodes of each candidate.
     #[must_use]
     pub fn episodes(&self) -> usize {
         self.seeds.len()
     }
 
-    /// Number of evaluations: a candidate in an episode.
+    /// Returns the number of evaluations, each of a candidate in an episode.
     #[must_use]
     pub fn len(&self) -> usize {
         self.candidates() * self.episodes()
     }
 
-    /// Whether there is nothing to do.
+    /// Returns whether there are no evaluations.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A candidate's controller at the start of an episode.
+    /// Returns a candidate's controller in its initial state.
     ///
     /// # Errors
-    /// None for work that was checked by [`new`](Self::new).
+    /// Never fails for work that was checked by [`new`](Self::new).
     pub fn controller(&self, candidate: usize) -> Result<Controller, ControllerError> {
         let genome = self.genomes_of(candidate..candidate + 1);
         Controller::with_weights(&self.architecture, genome.into())
     }
 }
 
-/// Some candidates of a sample.
+/// Returns the part of a sample for some candidates.
 fn part(whole: &Sample, candidates: &Range<usize>) -> Sample {
     Sample {
         first: whole.first + candidates.start as u64,

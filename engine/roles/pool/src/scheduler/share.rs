@@ -1,4 +1,4 @@
-//! How much work goes to which server at once, and which servers are of use.
+//! Shares of work: how much each server gets at once, and which servers are worth using.
 
 use std::time::Instant;
 
@@ -8,37 +8,37 @@ use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::view::View;
 
-/// Work that a block should hold, in seconds of its server: much more than a message takes, little enough to share.
+/// Duration of a block in seconds: much longer than a message takes, short enough to share the work evenly.
 const BLOCK_SECONDS: f64 = 0.020;
-/// Less than this is not worth a message of its own.
+/// Seconds of work below which a message of its own is not worthwhile.
 const MIN_BLOCK_SECONDS: f64 = 0.0003;
-/// A server's share is not divided when it takes no longer: a block that waits is there so that the server need not, and
-/// half a share may fill half of the server's lanes.
+/// Seconds up to which a server's share is not divided. The second of two blocks only keeps the server from waiting,
+/// and half a share may fill only half of the server's lanes.
 const MIN_SHARED_SECONDS: f64 = 0.004;
-/// Numbers in a message, at most: with half a MiB all who copy it on its way do so in their caches (measured: 1.6 times
-/// the speed of 4 MiB and more).
+/// Largest number of values in a message: half a MiB fits into the caches of all who copy it on its way (measured: 1.6
+/// times the speed of 4 MiB and more).
 const MAX_NUMBERS: usize = 1 << 17;
-/// Numbers that a server makes for one message, at most.
+/// Largest number of values that a server generates for one message.
 const MAX_MADE: usize = 8 * MAX_NUMBERS;
-/// Bytes of a packet beside its payload, and of a message beside what is counted, at most.
+/// Largest size in bytes of a packet without its payload, plus the uncounted parts of the payload.
 const OVERHEAD_BYTES: usize = 512;
-/// Numbers that take the room of a seed.
+/// Number of values that take as many bytes as a seed.
 const NUMBERS_PER_SEED: usize = 2;
-/// Numbers of a batch's row beside its sensors: episode and agent.
+/// Number of values in a row of a batch besides its sensors: episode and agent.
 const ROW_OVERHEAD: usize = 2;
-/// Blocks in flight to one server: one is computed, one waits.
+/// Number of blocks in flight per server: one is computed, one waits.
 pub(crate) const IN_FLIGHT: usize = 2;
-/// A server is passed over when it would be done later than all others with all that is left, by more seconds than these.
+/// Seconds by which a server may finish later than all others would with the remaining work before it is passed over.
 const GRACE_SECONDS: f64 = 0.005;
 /// Factor by which a server may be slower, if the time of all others is not computed.
 const MAX_SLOWDOWN: f64 = 2.0;
 
-/// The lease of a block: it is given to another server when it takes this many times as long as expected.
+/// Lease of a block in multiples of its expected duration; another server gets the block afterwards.
 const LEASE: f64 = 10.0;
-/// How often a block is given more time since it was not answered in time.
+/// Largest number of times that the lease of a block is extended after it expired.
 const MOST_LATE: u32 = 3;
 
-/// A number of evaluations from a measured speed.
+/// Converts a number of evaluations computed from a measured speed.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -49,12 +49,12 @@ fn count(evaluations: f64) -> usize {
 }
 
 impl View<'_> {
-    /// How many evaluations a server gets at once.
+    /// Returns the number of evaluations that a server gets at once.
     pub fn most(&self, slot: &Slot, capacity: &Capacity) -> usize {
         let most = match slot.way {
             Way::Stepwise => 1,
             Way::Batched(batch) => batch.min(count(self.share(slot, capacity))),
-            // A first one tells how fast the server is.
+            // The first request serves to measure the speed.
             Way::Offloaded => slot.rate.map_or(self.together(slot, capacity), |rate| {
                 let share = self.share(slot, capacity);
                 let part = if share <= rate * MIN_SHARED_SECONDS {
@@ -69,13 +69,13 @@ impl View<'_> {
         let Some(work) = self.ledger.work() else {
             return most;
         };
-        // A batch has one set of parameters.
+        // A batch has a single parameter set.
         let most = match slot.way {
             Way::Batched(_) if !work.architecture().steers() => most.min(work.episodes()),
             _ => most,
         };
         let numbers = self.numbers();
-        // All agents of a batch are in one message a step.
+        // One message per step holds all agents of a batch.
         let most = match (slot.way, self.agents, self.sizes()) {
             (Way::Batched(_), Some(agents), Some((sensors, actuators))) => {
                 let row = sensors.max(actuators).saturating_add(ROW_OVERHEAD);
@@ -85,7 +85,7 @@ impl View<'_> {
             _ => most,
         };
         let (weights, episodes) = (work.architecture().weight_count(), work.episodes());
-        // All of a block's candidates have the same seeds.
+        // All candidates of a block share the seeds.
         let seeds = if numbers < MAX_NUMBERS {
             NUMBERS_PER_SEED.saturating_mul(episodes)
         } else {
@@ -94,7 +94,7 @@ impl View<'_> {
         let fitting = if numbers < MAX_NUMBERS && numbers < weights.saturating_add(seeds) {
             (numbers.saturating_sub(weights) / NUMBERS_PER_SEED).max(1)
         } else {
-            // Servers that make the genomes get few numbers.
+            // A server that generates the genomes receives only few values.
             let sampled = work.is_sampled() && slot.makes_samples();
             let numbers = if sampled && self.is_wide() {
                 MAX_MADE
@@ -111,7 +111,7 @@ impl View<'_> {
             .min(self.config.largest)
     }
 
-    /// Numbers in a message, at most: what is fast, and what the broker takes.
+    /// Returns the largest number of values in a message, limited by speed and by the broker.
     fn numbers(&self) -> usize {
         let packet = self.limits.room();
         if packet >= 2 * size_of::<f32>() * MAX_NUMBERS {
@@ -121,12 +121,12 @@ impl View<'_> {
         (room / size_of::<f32>()).clamp(1, MAX_NUMBERS)
     }
 
-    /// Whether the broker takes the largest block of a sample also as genomes, as another server may get it.
+    /// Returns whether the broker also accepts the largest sampled block as genomes, since another server may get it.
     fn is_wide(&self) -> bool {
         self.limits.room() >= 2 * size_of::<f32>() * MAX_MADE
     }
 
-    /// How many of its share a server computes in about the time of one.
+    /// Returns the number of evaluations of its share that a server computes in about the time of one.
     fn together(&self, slot: &Slot, capacity: &Capacity) -> usize {
         let announced = slot.capabilities.swarmwright.as_ref();
         match announced.and_then(|announced| announced.lanes) {
@@ -135,7 +135,7 @@ impl View<'_> {
         }
     }
 
-    /// A server's part of the evaluations that are queued, by the speeds of all.
+    /// Returns a server's share of the queued evaluations, in proportion to its speed.
     fn share(&self, slot: &Slot, capacity: &Capacity) -> f64 {
         let queued = number(self.ledger.queued());
         match (capacity.rate(), slot.rate) {
@@ -144,16 +144,16 @@ impl View<'_> {
         }
     }
 
-    /// Seconds for which a server has a block.
+    /// Returns the lease of a block in seconds.
     pub fn lease(&self, piece: &Piece, server: u64) -> f64 {
         let rate = self.fleet.slot(server).and_then(|slot| slot.rate);
         let expected = rate.map_or(0.0, |rate| LEASE * number(piece.len()) / rate);
-        // A server may have become slower than it was when it was measured.
+        // The server may have become slower since it was measured.
         let more = 4f64.powi(i32::try_from(piece.late.min(MOST_LATE)).unwrap_or(0));
         self.config.timeouts.step.as_secs_f64().max(expected) * more
     }
 
-    /// Whether the work is done earlier with this server's help than without, if it gets `most` evaluations.
+    /// Returns whether the work finishes earlier if this server gets `most` evaluations.
     pub fn is_worth_while(
         &self,
         server: u64,
@@ -167,11 +167,11 @@ impl View<'_> {
         let (Some(rate), Some(others)) = (slot.rate, capacity.without(slot)) else {
             return true;
         };
-        // What failed somewhere may need just this server.
+        // Failed work may need this server.
         if self.ledger.has_failures() {
             return true;
         }
-        // However many the others are, one evaluation takes the fastest of them its time.
+        // Even with many other servers, one evaluation takes at least the time of the fastest one.
         let without = (number(self.ledger.queued()) / others.rates).max(1.0 / others.fastest);
         let all = number(IN_FLIGHT * most) / rate;
         if all <= without {
@@ -185,8 +185,8 @@ impl View<'_> {
 }
 
 impl View<'_> {
-    /// In how many seconds a server would have done so many evaluations more, and in how many the others those that are
-    /// queued; none where that is not worked out.
+    /// Returns in how many seconds a server would have done `most` further evaluations, and in how many the others
+    /// would have done the queued ones; `None` if this is not computed.
     fn ends(
         &self,
         server: u64,
@@ -200,7 +200,7 @@ impl View<'_> {
         Some((ends, capacity.done_without(server, self.ledger.queued())))
     }
 
-    /// Seconds that what a server has will still take it.
+    /// Returns the seconds that the current jobs of a server will still take.
     fn busy_for(&self, slot: &Slot, rate: f64, now: Instant) -> f64 {
         let jobs = slot
             .jobs
@@ -209,7 +209,7 @@ impl View<'_> {
         jobs.enumerate()
             .map(|(index, (piece, since))| {
                 let takes = number(piece.len()) / rate;
-                // Of the first one a part is done; those behind it wait.
+                // The first job is partly done; the others wait.
                 match index {
                     0 => (takes - now.saturating_duration_since(since).as_secs_f64()).max(0.0),
                     _ => takes,

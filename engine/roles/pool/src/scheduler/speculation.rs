@@ -1,8 +1,8 @@
-//! Speculative execution: backup copies of work that slow or silent servers have. The first result counts.
+//! Speculative execution: backup copies of work that is held by slow or silent servers. The first result counts.
 //!
-//! A server that says nothing for much longer than it ever did is a straggler long before its time-out: its work is given to
-//! another one as well (hedged requests: Dean and Barroso, The Tail at Scale, 2013). When nothing is queued any more,
-//! idle servers get copies of what others would take much longer for.
+//! A server that is silent for much longer than ever before is a straggler long before its time-out, and its work is
+//! given to another server as well (hedged requests: Dean and Barroso, The Tail at Scale, 2013). When the queue is
+//! empty, idle servers get copies of work that others would need much longer for.
 
 use std::time::{Duration, Instant};
 
@@ -22,7 +22,7 @@ const MAX_SHARE_OF_REMAINING: f64 = 0.5;
 const MIN_SAVED_SECONDS: f64 = 0.25;
 
 impl View<'_> {
-    /// When the next one of those under way takes longer than it should.
+    /// Returns when the next server becomes a straggler.
     pub fn next_straggler(&self) -> Option<Instant> {
         let runs = self
             .in_flight
@@ -33,7 +33,7 @@ impl View<'_> {
         runs.chain(requests).min()
     }
 
-    /// The servers that have been silent for strangely long.
+    /// Returns the servers that have been silent for suspiciously long.
     pub fn stragglers(&self, now: Instant) -> Vec<u64> {
         let late = |doubt: Option<Instant>| doubt.is_some_and(|at| at <= now);
         let mut servers = Vec::new();
@@ -52,8 +52,8 @@ impl View<'_> {
         servers
     }
 
-    /// How long a server may be silent at least before that is strange: longer on a busy machine, where it may only not
-    /// have had its turn.
+    /// Returns the shortest silence that is suspicious; it is longer on a busy machine, where the server may not have
+    /// been scheduled.
     fn least(&self) -> Duration {
         let timeouts = &self.config.timeouts;
         let least = timeouts.least.mul_f64(self.slowdown);
@@ -83,7 +83,7 @@ impl View<'_> {
         allowed.then_some(request.heard() + bound)
     }
 
-    /// Since when a server has said nothing of a job that it is at, where that takes much longer than the server needs.
+    /// Returns since when a server has been silent about its current job, if the job takes much longer than expected.
     pub fn ignored_since(&self, server: u64, job: &Job, now: Instant) -> Option<Instant> {
         let slot = self.fleet.slot(server)?;
         let (piece, since) = self.in_flight.piece_of(job)?;
@@ -94,7 +94,7 @@ impl View<'_> {
     }
 
     pub fn may_copy(&self, piece: &Piece) -> bool {
-        // What servers were lost with is to be alone: else its effect cannot be told.
+        // Work with which servers were lost must stay alone, or its effect cannot be observed.
         let suspect = self.ledger.attribution().is_suspect(piece.first());
         self.config.faults.backup
             && !self.config.visual
@@ -107,7 +107,7 @@ impl View<'_> {
         evaluations.any(|evaluation| self.ledger.is_shared(evaluation))
     }
 
-    /// The speeds of the servers that have nothing to do, the fastest first.
+    /// Returns the idle servers with their speeds, the fastest first.
     pub fn idle(&self) -> Vec<(f64, u64)> {
         let idle = self.fleet.usable().filter(|(_, slot)| slot.jobs.is_empty());
         let mut idle: Vec<(f64, u64)> = idle
@@ -117,7 +117,7 @@ impl View<'_> {
         idle
     }
 
-    /// What of all servers' work others may have as well, what takes longest first.
+    /// Returns the work in flight that may be copied, the longest remaining time first.
     pub fn under_way(&self, now: Instant) -> Vec<UnderWay> {
         let mut all = Vec::new();
         for (id, slot) in self.fleet.slots() {
@@ -132,12 +132,12 @@ impl View<'_> {
                 if !self.may_copy(piece) || self.is_shared(piece) {
                     continue;
                 }
-                // Of a batch some episodes may be over.
+                // Some episodes of a batch may have ended.
                 let Some(open) = self.ledger.first_open(&piece.evaluations) else {
                     continue;
                 };
                 let doubtful = slot.doubtful_after(piece.len()).unwrap_or_default();
-                // What has taken much longer than ever before may take as long again.
+                // Work that has taken much longer than ever before may take as long again.
                 let remaining = if before > elapsed {
                     before - elapsed
                 } else if elapsed > doubtful {
@@ -156,7 +156,7 @@ impl View<'_> {
         all
     }
 
-    /// The work with the longest remaining time that this server could do in much less time.
+    /// Returns the work with the longest remaining time that this server could do in much less time.
     pub fn slowest(&self, server: u64, rate: f64, under_way: &[UnderWay]) -> Option<Piece> {
         let limit = match self.fleet.slot(server)?.way {
             Way::Stepwise => 1,
@@ -168,7 +168,7 @@ impl View<'_> {
             remaining * MAX_SHARE_OF_REMAINING >= own && remaining >= own + saved
         };
         let longest = under_way.iter();
-        // Where one evaluation is not worth it, none is in what is left.
+        // Stop at the first work for which copying even one evaluation is not worthwhile.
         let mut longest = longest.take_while(|other| is_worth(1.0 / rate, other.remaining));
         longest.find_map(|other| {
             let open = &other.open.evaluations;
@@ -180,11 +180,11 @@ impl View<'_> {
     }
 }
 
-/// Work that a server has and no other one.
+/// Work that only one server has.
 pub(crate) struct UnderWay {
     server: u64,
-    /// What of it is not over.
+    /// Its unfinished evaluations.
     pub open: Piece,
-    /// Seconds that it will probably take.
+    /// Expected remaining seconds.
     remaining: f64,
 }

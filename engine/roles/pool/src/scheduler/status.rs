@@ -1,4 +1,4 @@
-//! How it stands, in words and numbers.
+//! State of the scheduler, for users and monitors.
 
 use std::time::{Duration, Instant};
 
@@ -7,40 +7,40 @@ use swarmwright_protocol::{Activity, MOST_LISTED, NoServer, Status, Used, Waitin
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
 
-/// After how long silence is worth a word.
+/// Duration of silence from which it is reported.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// Most characters of a reason in a status.
+/// Largest number of characters of a reason in a status.
 const LONGEST: usize = 200;
 
-/// How long other servers may take to answer when one refused the work.
+/// How long to wait for the answers of other servers after one refused the work.
 const OTHERS: Duration = Duration::from_millis(500);
 
-/// How much a scheduler holds.
+/// Sizes of a scheduler's collections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Holdings {
-    /// Evaluations that wait for a server.
+    /// Number of evaluations that wait for a server.
     pub queued: usize,
-    /// Stepwise episodes under way.
+    /// Number of stepwise episodes in flight.
     pub episodes: usize,
-    /// Blocks and batches under way.
+    /// Number of blocks and batches in flight.
     pub requests: usize,
-    /// Rounds of discovery whose answers are understood.
+    /// Number of rounds of discovery whose answers are accepted.
     pub rounds: usize,
-    /// Servers that may be used.
+    /// Number of servers that may be used.
     pub servers: usize,
-    /// Warnings that are not made again.
+    /// Number of warnings that are not issued again.
     pub warned_once: usize,
 }
 
 impl Scheduler {
-    /// Sensors and actuators that a fitting server announces, or that the experiment says.
+    /// Returns the numbers of sensors and actuators, as given in the experiment or announced by a fitting server.
     #[must_use]
     pub fn sizes(&self) -> Option<(usize, usize)> {
         self.view().sizes()
     }
 
-    /// The number that is not known where the other one is: `sensors` or `actuators`.
+    /// Returns the number that is unknown although the other one is known: `sensors` or `actuators`.
     #[must_use]
     pub fn unknown_size(&self) -> Option<&'static str> {
         match self.view().known_sizes() {
@@ -50,19 +50,19 @@ impl Scheduler {
         }
     }
 
-    /// Whether a fitting server is there for this tool.
+    /// Returns whether a fitting server is online for this tool.
     #[must_use]
     pub fn has_server(&self) -> bool {
         !self.fleet.is_empty()
     }
 
-    /// A server that fits and serves another tool.
+    /// Returns a note if a fitting server serves another tool.
     #[must_use]
     pub fn busy_elsewhere(&self) -> Option<String> {
         self.fleet.busy_elsewhere(&self.config.demand)
     }
 
-    /// Why the work cannot be done, when all servers that are there say so.
+    /// Returns why the work cannot be done, if all servers refuse it.
     #[must_use]
     pub fn rejected(&self, now: Instant) -> Option<String> {
         let settled = now.saturating_duration_since(self.outlook.refused_at()?) >= OTHERS;
@@ -70,7 +70,7 @@ impl Scheduler {
         alone.then(|| self.fleet.refused()).flatten()
     }
 
-    /// What was required and what was found, in words.
+    /// Describes the required and the found servers.
     #[must_use]
     pub fn describe(&self) -> String {
         format!(
@@ -80,7 +80,7 @@ impl Scheduler {
         )
     }
 
-    /// Whether no server has answered so far, not even with something that is of no use, nor is announced.
+    /// Returns whether no server has been found, not even one that does not fit.
     #[must_use]
     pub fn found_nothing(&self) -> bool {
         self.found_servers().is_none()
@@ -96,32 +96,32 @@ impl Scheduler {
             .describe(&self.config.demand, &self.config.timeouts)
     }
 
-    /// Titles that the servers offer.
+    /// Returns the titles that the servers offer.
     #[must_use]
     pub fn titles(&self) -> Vec<String> {
         self.fleet.titles()
     }
 
-    /// Metrics that servers with this simulation announce, those that do not fit too.
+    /// Returns the metrics that servers with this simulation announce, including servers that do not fit.
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
         self.fleet.metrics()
     }
 
-    /// What each server declares: how far it finds the same again, and its tolerance.
+    /// Returns the determinism and the tolerance that each server declares.
     #[must_use]
     pub fn determinism(&self) -> Vec<(u64, Option<&str>, Option<f64>)> {
         self.fleet.declared()
     }
 
-    /// How long there has been work and no server for it.
+    /// Returns how long there has been work but no server for it.
     #[must_use]
     pub fn unserved(&self, now: Instant) -> Duration {
         self.outlook.unserved_for(now)
     }
 
-    /// All work under way, what was silent for the longest time first; of servers that say nothing the first work that
-    /// others have finished meanwhile, whatever they have now.
+    /// Returns all work in flight, the longest silent first. For an overtaken server, the first unanswered work that
+    /// others have finished is returned instead of its current work.
     #[must_use]
     pub fn waiting(&self, now: Instant) -> Vec<Waiting> {
         let mut all = self.in_flight.waiting(now);
@@ -135,7 +135,7 @@ impl Scheduler {
         all
     }
 
-    /// What is waited for, in words; empty while everything moves.
+    /// Describes the message that has been awaited for longest; empty if there is no delay.
     #[must_use]
     pub fn waiting_for(&self, now: Instant) -> String {
         if self.finished() {
@@ -168,7 +168,7 @@ impl Scheduler {
         })
     }
 
-    /// What those who watch are told.
+    /// Returns the status for monitors.
     #[must_use]
     pub fn status(&self, now: Instant) -> Status {
         let count = |number: usize| number as u64;
@@ -180,7 +180,7 @@ impl Scheduler {
                 speed: slot.rate.map(rounded),
                 failures: past.map_or(0, |(failures, _)| failures.into()),
                 reason: past.map(|(_, reason)| shortened(reason)),
-                // One that is new waits a moment, too, and has not failed.
+                // A new server also has a pause, although it has not failed.
                 benched: slot
                     .backs_off_until
                     .filter(|_| past.is_some())
@@ -211,7 +211,7 @@ impl Scheduler {
         status
     }
 
-    /// How much it holds now.
+    /// Returns the sizes of the scheduler's collections.
     #[must_use]
     pub fn holdings(&self) -> Holdings {
         let (episodes, requests) = self.in_flight.len();
@@ -225,15 +225,15 @@ impl Scheduler {
         }
     }
 
-    /// Whether a server has no work of this tool.
+    /// Returns whether a server has no job of this tool.
     #[must_use]
     pub fn has_nothing_on(&self, server: u64) -> bool {
         let slot = self.fleet.slot(server);
         slot.is_none_or(|slot| slot.jobs.is_empty())
     }
 
-    /// Whether a server has no work of this tool although there is some for it: it has no pause after failures, and what
-    /// waits need not wait for another server. True of a server that is not known.
+    /// Returns whether a server is idle although there is work for it: it does not back off, and the queued work need
+    /// not wait for another server. Returns true for an unknown server.
     #[must_use]
     pub fn is_idle(&self, server: u64) -> bool {
         self.fleet.slot(server).is_none_or(|slot| {
@@ -243,12 +243,12 @@ impl Scheduler {
     }
 }
 
-/// To thousandths: what is finer than a millisecond is of no use.
+/// Rounds to thousandths, that is, milliseconds.
 fn rounded(number: f64) -> f64 {
     (number * 1e3).round() / 1e3
 }
 
-/// A text of which a thousand fit in a message.
+/// Shortens a text, so that a thousand of them fit in a message.
 fn shortened(text: &str) -> String {
     if text.chars().count() <= LONGEST {
         return text.to_owned();

@@ -1,4 +1,4 @@
-//! What is known, to decide by.
+//! Read-only view of the scheduler's parts, for decisions.
 
 use crate::config::Config;
 use crate::scheduler::fleet::Fleet;
@@ -7,7 +7,7 @@ use crate::scheduler::limits::Limits;
 use crate::scheduler::modes::in_flight::InFlight;
 use crate::scheduler::queue::ledger::Ledger;
 
-/// The parts of a scheduler, to be read only: decisions that need several of them are made on this.
+/// Read-only view of a scheduler's parts, for decisions that need several of them.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
     pub config: &'a Config,
@@ -16,20 +16,20 @@ pub(crate) struct View<'a> {
     pub ledger: &'a Ledger,
     pub in_flight: &'a InFlight,
     pub limits: &'a Limits,
-    /// The number of agents, if the parameters tell.
+    /// Number of agents, if the parameters determine it.
     pub agents: Option<u64>,
-    /// The factor by which a busy machine slows down what runs on it, at least 1.
+    /// Factor by which a busy machine slows down its programs, at least 1.
     pub slowdown: f64,
 }
 
 impl View<'_> {
-    /// Sensors and actuators that a fitting server announces, or that the experiment says.
+    /// Returns the numbers of sensors and actuators, as given in the experiment or announced by a fitting server.
     pub fn sizes(&self) -> Option<(usize, usize)> {
         let (sensors, actuators) = self.known_sizes();
         Some((sensors?, actuators?))
     }
 
-    /// The same, each for itself.
+    /// Returns each of the two numbers if it is known.
     pub fn known_sizes(&self) -> (Option<usize>, Option<usize>) {
         let demand = &self.config.demand;
         let (sensors, actuators) = self.fleet.sizes();

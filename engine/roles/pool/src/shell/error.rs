@@ -1,53 +1,53 @@
-//! Why a pool cannot do its work.
+//! Errors of a pool.
 
 use swarmwright_mqtt::{ConnectError, SettingsError};
 use swarmwright_protocol::TopicError;
 
 use crate::work::WorkError;
 
-/// Why the pool cannot do its work.
+/// The error type of a pool.
 #[derive(Debug, thiserror::Error)]
 pub enum PoolError {
-    /// No connection to the broker.
+    /// The connection to the broker could not be established.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// The URL or the credentials cannot be used.
+    /// The URL or the credentials are invalid.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// A prefix that cannot be used in a topic.
+    /// The prefix cannot be used in a topic.
     #[error(transparent)]
     Topic(#[from] TopicError),
-    /// No server fits, or all have gone.
+    /// No server fits, or all have left.
     #[error("no server fits on {url} after {seconds:.0} s{outages}; {description}")]
     NoServer {
-        /// The broker.
+        /// URL of the broker.
         url: String,
-        /// How long was waited.
+        /// Seconds waited.
         seconds: f64,
-        /// When the broker was not reachable meanwhile, in words; empty if it always was.
+        /// When the broker was not reachable, for users; empty if it always was.
         outages: String,
-        /// What was required and what was found.
+        /// The required and the found servers.
         description: String,
         /// Whether there is no server at all, not even one that does not fit.
         nothing: bool,
-        /// Titles that servers offer.
+        /// Titles that the servers offer.
         titles: Vec<String>,
     },
-    /// The broker was lost, and did not come back in time: whether a server fits is not known.
+    /// The broker was lost and did not return in time, so it is unknown whether a server fits.
     #[error(
         "the broker on {url} was not reachable {outages}, so no server could be found or used; check that it runs and that this \
          machine reaches it (a run waits for it as long as the longer of timeouts.discovery and timeouts.step)"
     )]
     BrokerLost {
-        /// The broker.
+        /// URL of the broker.
         url: String,
-        /// From when to when it was not reachable, in words.
+        /// When the broker was not reachable, for users.
         outages: String,
     },
-    /// The broker does not let this tool look for servers.
+    /// The broker denies the discovery of servers.
     #[error("{0}")]
     Denied(String),
-    /// The servers do not say how many sensors and actuators there are.
+    /// The servers do not announce their numbers of sensors and actuators.
     #[error(
         "the servers do not announce their numbers of sensors and actuators; add `sensors:` and `actuators:` to the experiment"
     )]
@@ -55,19 +55,19 @@ pub enum PoolError {
     /// Every server refuses the work.
     #[error("no server can do this work: {0}")]
     Rejected(String),
-    /// Genomes that do not fit.
+    /// The genomes do not match the controllers.
     #[error(transparent)]
     Work(#[from] WorkError),
-    /// A part of the work is larger than the broker takes.
+    /// A part of the work is larger than the broker accepts.
     #[error("{0}")]
     TooLarge(String),
-    /// Two servers do not find the same, and it cannot be told which one is wrong.
+    /// Two servers disagree, and it is unknown which one is wrong.
     #[error("servers disagree: {0}")]
     Disagreement(String),
-    /// It cannot be told whether candidates or servers are at fault, or all servers are broken.
+    /// It is undecidable whether candidates or servers are at fault, or all servers are broken.
     #[error("{0}")]
     Hopeless(String),
-    /// The caller requested to stop.
+    /// The caller requested a stop.
     #[error("interrupted")]
     Interrupted,
 }

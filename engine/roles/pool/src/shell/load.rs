@@ -1,4 +1,4 @@
-//! How busy the machine is.
+//! Load of the machine.
 
 use std::num::NonZero;
 use std::time::{Duration, Instant};
@@ -8,10 +8,10 @@ const INTERVAL: Duration = Duration::from_millis(500);
 /// Share of the slowdown that is kept from one measurement to the next, so that a quiet moment does not count as the end
 /// of the load.
 const DECAY: f64 = 0.9;
-/// More is no different.
+/// Upper limit of the slowdown.
 const MOST: f64 = 30.0;
 
-/// The load of the machine as it was seen last.
+/// The most recent measurement of the machine's load.
 pub(crate) struct Load {
     look_at: Instant,
     slowdown: f64,
@@ -25,14 +25,14 @@ impl Load {
         }
     }
 
-    /// The factor by which the machine slows down its processes; `None` if no measurement is due.
+    /// Measures the factor by which the machine slows down its processes; `None` if no measurement is due.
     pub fn look(&mut self, now: Instant) -> Option<f64> {
         if now < self.look_at {
             return None;
         }
         self.look_at = now + INTERVAL;
         let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
-        // Other systems do not have it.
+        // Only Linux has this file.
         let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
         let load = slowdown(&text, processors);
         self.slowdown = load.max(self.slowdown * DECAY).clamp(1.0, MOST);
@@ -40,7 +40,7 @@ impl Load {
     }
 }
 
-/// Threads that run or wait for a processor, for each of these; `loadavg`: as Linux writes it.
+/// Returns the number of runnable threads per processor, at least 1; `loadavg` is the text of Linux's `/proc/loadavg`.
 fn slowdown(loadavg: &str, processors: usize) -> f64 {
     let mut words = loadavg.split_ascii_whitespace();
     let minute = words.next().and_then(|word| word.parse::<f64>().ok());

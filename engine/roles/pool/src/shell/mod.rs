@@ -1,4 +1,4 @@
-//! Input and output: the connection, threads, the clock.
+//! Input and output: the connection, threads, and the clock.
 
 pub(crate) mod error;
 pub(crate) mod load;

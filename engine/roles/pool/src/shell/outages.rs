@@ -1,14 +1,14 @@
-//! When the broker was not reachable: what servers did not say then is not their fault.
+//! Outages of the broker, during which silence is not the servers' fault.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant, SystemTime};
 
-/// Outages that are kept; of more the oldest are forgotten.
+/// Largest number of outages that are kept; the oldest ones are forgotten first.
 const MAX_KEPT: usize = 100;
-/// Of these, told one by one: the last ones.
+/// Number of the latest outages that are described one by one.
 const MAX_TOLD: usize = 3;
 
-/// A time without a broker, by both clocks; `end` is `None` while it lasts.
+/// An outage, measured by both clocks; `end` is `None` while it lasts.
 #[derive(Debug)]
 struct Outage {
     start: (Instant, SystemTime),
@@ -16,14 +16,14 @@ struct Outage {
     reason: String,
 }
 
-/// When the connection to the broker was broken.
+/// Outages of the connection to the broker.
 #[derive(Debug, Default)]
 pub(crate) struct Outages {
     all: VecDeque<Outage>,
 }
 
 impl Outages {
-    /// The connection broke.
+    /// Records that the connection broke.
     pub fn lost(&mut self, reason: &str, now: Instant, wall: SystemTime) {
         if self.is_down() {
             return;
@@ -38,19 +38,19 @@ impl Outages {
         });
     }
 
-    /// The connection is back.
+    /// Records that the connection was restored.
     pub fn back(&mut self, now: Instant, wall: SystemTime) {
         if let Some(last) = self.all.back_mut() {
             last.end.get_or_insert((now, wall));
         }
     }
 
-    /// Whether the broker is not reachable.
+    /// Returns whether the broker is unreachable.
     pub fn is_down(&self) -> bool {
         self.all.back().is_some_and(|last| last.end.is_none())
     }
 
-    /// Time for which the broker has been unreachable; zero if it is reachable.
+    /// Returns how long the broker has been unreachable; zero if it is reachable.
     pub fn down_for(&self, now: Instant) -> Duration {
         let last = self.all.back().filter(|last| last.end.is_none());
         last.map_or(Duration::ZERO, |last| {
@@ -58,7 +58,7 @@ impl Outages {
         })
     }
 
-    /// How long the broker was reachable since then.
+    /// Returns how long the broker has been reachable since `since`.
     pub fn reachable(&self, since: Instant, now: Instant) -> Duration {
         let down: Duration = self
             .all
@@ -71,7 +71,7 @@ impl Outages {
         now.saturating_duration_since(since).saturating_sub(down)
     }
 
-    /// From when to when the broker was not reachable since then, in words; none if it always was.
+    /// Describes the outages since `since`; `None` if there were none.
     pub fn describe(&self, since: Instant, now: Instant, wall: SystemTime) -> Option<String> {
         let recent = |outage: &&Outage| outage.end.is_none_or(|(end, _)| end > since);
         let outages: Vec<&Outage> = self.all.iter().filter(recent).collect();

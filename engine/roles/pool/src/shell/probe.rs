@@ -5,10 +5,10 @@ use std::thread;
 
 use swarmwright_mqtt::{Settings, Waker, holds_back_small_packets};
 
-/// Whether the broker holds them back, or why that is not known.
+/// Whether the broker holds small packets back, or why the probe failed.
 type Answer = Result<bool, String>;
 
-/// Asks, and keeps the answer until it is taken.
+/// A probe that keeps its answer until it is taken.
 pub(crate) struct Probe {
     settings: Settings,
     waker: Waker,
@@ -24,7 +24,7 @@ impl Probe {
         }
     }
 
-    /// Begins to ask. The thread ends by itself, after the settings' time-outs at the latest.
+    /// Starts the probe. Its thread ends after the settings' time-outs at the latest.
     pub fn ask(&self) {
         let (settings, waker, answer) = (
             self.settings.clone(),
@@ -42,7 +42,7 @@ impl Probe {
         }
     }
 
-    /// The answer, once.
+    /// Takes the answer.
     pub fn take(&self) -> Option<Answer> {
         let mut answer = self.answer.lock().unwrap_or_else(PoisonError::into_inner);
         answer.take()

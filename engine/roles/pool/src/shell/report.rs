@@ -1,4 +1,4 @@
-//! What happens, told as it happens: to logs and to those who count.
+//! Events, reported to listeners as they happen.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -12,15 +12,15 @@ use crate::journal::Attempt;
 use crate::scheduler::Scheduler;
 use crate::shell::wall::Wall;
 
-/// Something that happened. Written as an object with its `event`, the name of the variant.
+/// An event. It is serialized as an object whose `event` is the name of the variant.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Report<'a> {
-    /// A server that offers the simulation is ready, busy or lost.
+    /// A server that offers the simulation changed its state.
     Server {
-        /// The server.
+        /// Id of the server.
         server: u64,
-        /// None, written as "left": it left in good order.
+        /// `None`, serialized as "left", if it left in an orderly way.
         #[serde(serialize_with = "state_or_left")]
         state: Option<State>,
     },
@@ -28,32 +28,32 @@ pub enum Report<'a> {
     Attempt(&'a Attempt),
     /// A server failed and gets no work for some seconds.
     Benched {
-        /// The server.
+        /// Id of the server.
         server: u64,
         /// Failures in a row.
         failures: u32,
-        /// Why it failed last.
+        /// Reason for the last failure.
         reason: &'a str,
-        /// How long it pauses.
+        /// Seconds of the pause.
         seconds: f64,
     },
-    /// Worth telling the user.
+    /// A warning for the user.
     Warning {
-        /// What is wrong.
+        /// Text of the warning.
         message: &'a str,
     },
     /// The connection to the broker broke.
     BrokerLost {
-        /// Why.
+        /// Reason for the loss.
         reason: &'a str,
     },
-    /// It is there again.
+    /// The connection to the broker was restored.
     BrokerBack,
-    /// The state of the work, once a second and at the end of each piece of work.
+    /// State of the work, once a second and when the work ends.
     Status {
-        /// As other clients of the broker see it.
+        /// Status as published to other clients of the broker.
         status: &'a Status,
-        /// What has gone through the connection.
+        /// Traffic of the connection.
         #[serde(with = "TrafficFields")]
         traffic: Traffic,
         /// Incidents so far.
@@ -61,7 +61,7 @@ pub enum Report<'a> {
     },
 }
 
-/// How [`Traffic`] is written.
+/// Serialization of [`Traffic`].
 #[derive(Serialize)]
 #[serde(remote = "Traffic")]
 struct TrafficFields {
@@ -82,11 +82,11 @@ fn state_or_left<S: Serializer>(state: &Option<State>, serializer: S) -> Result<
 /// Receiver of reports.
 pub type Listener = Box<dyn FnMut(&Report<'_>) + Send + Sync>;
 
-/// Notices what the scheduler does not say by itself.
+/// Detects events that the scheduler does not report itself.
 #[derive(Default)]
 pub(crate) struct Reporter {
     listener: Option<Listener>,
-    /// Lines of the scheduler's journal that have been told.
+    /// Number of lines of the scheduler's journal that have been reported.
     told: usize,
     states: BTreeMap<u64, State>,
     failures: BTreeMap<u64, u32>,
@@ -138,7 +138,7 @@ impl Reporter {
         }
     }
 
-    /// The scheduler has worked on: attempts that ended since, and servers that got a pause for it.
+    /// Reports the attempts that ended since the last call, and the servers benched because of them.
     pub fn look(&mut self, scheduler: &Scheduler, wall: Wall, now: Instant) {
         if self.listener.is_none() || self.told == scheduler.journal().len() {
             return;
@@ -168,7 +168,7 @@ impl Reporter {
         }
     }
 
-    /// Notes that the scheduler's journal was taken.
+    /// Records that the scheduler's journal was taken.
     pub fn taken(&mut self) {
         self.told = 0;
     }

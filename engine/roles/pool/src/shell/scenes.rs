@@ -1,4 +1,4 @@
-//! One episode on a server whose scenes are wanted: controllers here, the simulation there (docs/reference/protocol.md,
+//! An episode on a server that publishes scenes, with the controllers in this process (docs/reference/protocol.md,
 //! Scenes).
 
 mod discovery;
@@ -17,16 +17,16 @@ use swarmwright_protocol::{
     SceneMessage, Topic, TopicError, Topics,
 };
 
-/// How long the server that was chosen may take to begin, if the next step may take as long.
+/// How long the chosen server may take to begin; the step time-out applies if it is shorter.
 const BEGIN: Duration = Duration::from_secs(10);
-/// How often the caller is asked whether to go on.
+/// Interval between calls of the caller's callback.
 const TURN: Duration = Duration::from_millis(100);
 /// Time to wait for scenes that the fitness has overtaken.
 const OVERTAKEN: Duration = Duration::from_millis(250);
-/// Times the patience for a message that a step may take in which messages come, but no scene.
+/// How long a step with messages but without a scene may take, in multiples of the step time-out.
 const MOST_STEPS: u32 = 10;
 
-/// Which episode, and how long to wait.
+/// Episode and time limits.
 #[derive(Debug, Clone)]
 pub struct SceneOptions {
     /// Connection settings of the broker.
@@ -35,56 +35,56 @@ pub struct SceneOptions {
     pub prefix: String,
     /// Title of the simulation.
     pub simulation: String,
-    /// What a server must be able to do.
+    /// Requirements for servers.
     pub requirements: Requirements,
-    /// Of the episode, its seed among them.
+    /// Parameters of the episode, including its seed.
     pub parameters: Map<String, Value>,
-    /// Of every agent.
+    /// Controller of every agent.
     pub controller: Controller,
-    /// For a server that has scenes.
+    /// How long to wait for a server with scenes.
     pub discovery: Duration,
-    /// For the next message of an episode.
+    /// How long to wait for the next message of an episode.
     pub step: Duration,
 }
 
-/// Why an episode cannot be shown.
+/// The error type of a [`SceneEpisode`].
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// No connection to the broker.
+    /// The connection to the broker could not be established.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// A prefix that cannot be used in a topic.
+    /// The prefix cannot be used in a topic.
     #[error(transparent)]
     Topic(#[from] TopicError),
-    /// It would go no better another time.
+    /// A retry would fail the same way.
     #[error("{0}")]
     Impossible(String),
-    /// Messages were lost, or the server: another time it may go well.
+    /// Messages or the server were lost; a retry may succeed.
     #[error("{0}")]
     Lost(String),
-    /// The caller requested to stop.
+    /// The caller requested a stop.
     #[error("interrupted")]
     Interrupted,
 }
 
 use SceneError::{Impossible, Interrupted, Lost};
 
-/// What came for this episode.
+/// A message of the episode.
 enum News {
     Sensors { agent: usize, values: Vec<f32> },
     Scene(Box<SceneMessage>),
 }
 
-/// What an agent sensed and did last.
+/// Last sensors and actuators of an agent.
 #[derive(Default)]
 struct Acted {
     sensors: Vec<f32>,
     actuators: Vec<f32>,
-    /// Step in which it acted.
+    /// Step of the last action.
     step: Option<u64>,
 }
 
-/// An episode that a server computes, a step at a time.
+/// An episode that a server computes step by step.
 pub struct SceneEpisode {
     connection: Connection,
     topics: Topics,
@@ -92,21 +92,21 @@ pub struct SceneEpisode {
     reply: String,
     tool: String,
     server: u64,
-    /// Whether the server hears control messages on its own topic.
+    /// Whether the server receives control messages on its own topic.
     on_own_topic: bool,
     hash: String,
     writer: ReadingWriter,
     events: Vec<Event>,
-    /// What came and has not been dealt with.
+    /// Messages that have arrived but are not processed.
     waiting: VecDeque<News>,
     agents: Vec<Acted>,
     controllers: SwarmControllers,
     scene: SceneMessage,
-    /// Scenes that did not come.
+    /// Number of missing scenes.
     missing: u64,
-    /// The fitness and when it came; it may have overtaken scenes.
+    /// Fitness and the time of its arrival; it may have overtaken scenes.
     fitness: Option<(Fitness, Instant)>,
-    /// Fitness and metrics at the end.
+    /// Final fitness and metrics.
     ended: Option<(f64, BTreeMap<String, f64>)>,
     heard: Instant,
 }
@@ -114,15 +114,15 @@ pub struct SceneEpisode {
 /// A server that has scenes.
 struct SceneServer {
     server: u64,
-    /// Which start of it answered.
+    /// Instance of the server that answered.
     instance: Option<String>,
-    /// Whether it hears control messages on its own topic.
+    /// Whether it receives control messages on its own topic.
     on_own_topic: bool,
 }
 
-/// Where an agent acted: its index, sensors and actuators.
+/// Callback for each action of an agent: its index, sensors and actuators.
 pub type Observe<'a> = &'a mut dyn FnMut(u32, &[f32], &[f32]);
-/// Whether the caller wants to go on; asked every 0.1 s.
+/// Callback that returns whether to continue; called every 0.1 s.
 pub type GoOn<'a> = &'a mut dyn FnMut() -> bool;
 
 impl SceneEpisode {
@@ -200,7 +200,7 @@ impl SceneEpisode {
         ))
     }
 
-    /// Waits for messages until `until`, but at most for a tenth of a second.
+    /// Waits for messages until `until`, but at most for 0.1 s.
     fn turn(&mut self, until: Instant, go_on: GoOn<'_>) -> Result<(), SceneError> {
         let until = until.min(Instant::now() + TURN);
         self.connection.poll(until, &mut self.events);
@@ -214,7 +214,7 @@ impl SceneEpisode {
             self.topics.name(topic)
         };
         let options = PublishOptions {
-            // Of a second copy, the server would take the next step.
+            // A server would take a second copy for the next step.
             confirm: topic != Topic::Actuator,
             ..PublishOptions::default()
         };
@@ -248,7 +248,7 @@ impl SceneEpisode {
         self.heard = Instant::now();
         let limit = self.heard + self.options.step.min(BEGIN);
         loop {
-            // Sensor messages may overtake it.
+            // Sensor messages may overtake the scene.
             let first = |news: &News| matches!(news, News::Scene(_));
             if let Some(index) = self.waiting.iter().position(first)
                 && let Some(News::Scene(scene)) = self.waiting.remove(index)
@@ -270,8 +270,8 @@ impl SceneEpisode {
         }
     }
 
-    /// Waits until it is known whether the episode goes on after the scene, and for all of one that steers itself: its
-    /// server does not wait, and a broker does not keep much.
+    /// Waits until it is known whether the episode continues after the scene. An episode without controllers is
+    /// received completely, since its server does not wait and a broker buffers little.
     fn look_ahead(&mut self, go_on: GoOn<'_>) -> Result<(), SceneError> {
         let steers = self.options.controller.steers();
         let step = self.scene.step;
@@ -291,7 +291,7 @@ impl SceneEpisode {
         Ok(())
     }
 
-    /// Whether the fitness has arrived, and all messages that it may have overtaken.
+    /// Returns whether the fitness has arrived, and all messages that it may have overtaken.
     fn settled(&self) -> bool {
         let came = self.fitness.as_ref().map(|(_, came)| *came);
         came.is_some_and(|came| came.elapsed() >= OVERTAKEN)
@@ -305,10 +305,10 @@ impl SceneEpisode {
         }
     }
 
-    /// One step: agents act, until the next scene. Nothing happens once the episode has ended.
+    /// Advances by one step: agents act until the next scene arrives. Does nothing once the episode has ended.
     ///
     /// # Errors
-    /// See [`SceneError`]; the episode is given up then.
+    /// See [`SceneError`]; the episode is then given up.
     pub fn step(&mut self, observe: Observe<'_>, go_on: GoOn<'_>) -> Result<(), SceneError> {
         let stepped = self.stepped(observe, go_on);
         if stepped.is_err() {
@@ -329,7 +329,7 @@ impl SceneEpisode {
                     self.scene = *scene;
                     return self.look_ahead(go_on);
                 }
-                // One that came late, or twice.
+                // The scene is late or duplicated.
                 Some(News::Scene(_)) => {}
                 None if self.settled() => self.end(),
                 None => {
@@ -366,7 +366,7 @@ impl SceneEpisode {
             self.agents.resize_with(agent + 1, Acted::default);
         }
         let acted = &self.agents[agent];
-        // A message that came twice. Actuators have no step, so that none can be sent twice.
+        // The message is a duplicate. Actuator messages have no step number, so they must not be sent twice.
         if acted.step == Some(self.scene.step) && acted.sensors == values {
             return Ok(());
         }
@@ -391,7 +391,7 @@ impl SceneEpisode {
             .map_err(wrong)?;
         acted.step = Some(self.scene.step);
         acted.sensors = values;
-        // All rows are as long as those of the agent that has most.
+        // Pad all rows to those of the agent with the most values.
         let (mut sensors, mut actuators) = (acted.sensors.clone(), acted.actuators.clone());
         sensors.resize(prototype.sensors(), 0.0);
         actuators.resize(prototype.actuators(), 0.0);
@@ -400,7 +400,7 @@ impl SceneEpisode {
         self.send(Topic::Actuator, &payload)
     }
 
-    /// Waits for messages of the episode, for a tenth of a second at most.
+    /// Waits for messages of the episode, at most for 0.1 s.
     fn wait(&mut self, go_on: GoOn<'_>) -> Result<(), SceneError> {
         let mut limit = self.heard + self.options.step;
         if let Some((_, came)) = &self.fitness {
@@ -427,7 +427,8 @@ impl SceneEpisode {
         }
     }
 
-    /// Ends the episode on the server, or frees the server, which is held for this tool for some seconds after an episode.
+    /// Ends the episode on the server, or frees the server, which stays reserved for this tool for some seconds after
+    /// an episode.
     fn free(&mut self) {
         if self.control(false, None).is_ok() {
             self.connection.poll(Instant::now(), &mut self.events);
@@ -435,20 +436,20 @@ impl SceneEpisode {
         }
     }
 
-    /// Whether the episode has ended.
+    /// Returns whether the episode has ended.
     #[must_use]
     pub fn done(&self) -> bool {
         self.ended.is_some()
     }
 
-    /// Fitness so far; NaN where the server does not say.
+    /// Returns the fitness so far; NaN if the server does not report it.
     #[must_use]
     pub fn fitness(&self) -> f64 {
         let so_far = self.scene.fitness.unwrap_or(f64::NAN);
         self.ended.as_ref().map_or(so_far, |(fitness, _)| *fitness)
     }
 
-    /// Metrics so far, those that the server says.
+    /// Returns the metrics so far, as reported by the server.
     #[must_use]
     pub fn metrics(&self) -> &BTreeMap<String, f64> {
         self.ended
@@ -456,31 +457,31 @@ impl SceneEpisode {
             .map_or(&self.scene.metrics, |(_, metrics)| metrics)
     }
 
-    /// The present scene.
+    /// Returns the current scene.
     #[must_use]
     pub fn scene(&self) -> &SceneMessage {
         &self.scene
     }
 
-    /// The server that computes it.
+    /// Returns the id of the server.
     #[must_use]
     pub fn server(&self) -> u64 {
         self.server
     }
 
-    /// Scenes before the last one that did not come.
+    /// Returns the number of scenes before the current one that are missing.
     #[must_use]
     pub fn missing(&self) -> u64 {
         self.missing
     }
 
-    /// The state of each agent's state machine, see [`SwarmControllers::machine_states`].
+    /// Returns the state of each agent's state machine, see [`SwarmControllers::machine_states`].
     #[must_use]
     pub fn machine_states(&self) -> Option<Vec<i32>> {
         self.controllers.machine_states()
     }
 
-    /// Ends the episode on the server, if it has not ended, and leaves the broker.
+    /// Ends the episode on the server, if it has not ended, and disconnects.
     pub fn close(mut self) {
         self.give_up();
         self.connection.close(Duration::from_secs(1));

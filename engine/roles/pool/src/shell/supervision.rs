@@ -1,5 +1,5 @@
-//! Servers whose processes are the tool's own: their supervisor knows when and how one ended, and what it was at; the pool
-//! knows which one has not answered in time.
+//! Exchange between the pool and the supervisor of its servers' processes: the supervisor knows when and how a process
+//! ended and what it was computing; the pool knows which server has not answered in time.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,10 +8,10 @@ use swarmwright_mqtt::Waker;
 
 use crate::scheduler::fleet::processes::Ending;
 
-/// Requests that are remembered, for what comes late of them.
+/// Number of requests that are remembered, for late reports about them.
 const PLACES: usize = 4096;
 
-/// What the pool and the supervisor of the processes tell each other, from any thread.
+/// Channel between the pool and the supervisor, usable from any thread.
 #[derive(Clone)]
 pub struct Supervision {
     shared: Arc<Mutex<Shared>>,
@@ -24,22 +24,22 @@ struct Shared {
     alive: Vec<u64>,
     overdue: Vec<u64>,
     starting: usize,
-    /// By request.
+    /// Places of recent requests, by number.
     places: VecDeque<(u64, Place)>,
     generation: Option<u64>,
     purpose: Option<Arc<str>>,
 }
 
-/// What a request is about.
+/// Contents of a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
-    /// Its first candidate.
+    /// First candidate.
     pub candidate: usize,
-    /// Its first episode.
+    /// First episode.
     pub episode: usize,
-    /// The generation, if the pool was told.
+    /// Generation, if the pool was told.
     pub generation: Option<u64>,
-    /// What it was sent for, if the pool was told.
+    /// Purpose of the work, if the pool was told.
     pub purpose: Option<Arc<str>>,
 }
 
@@ -55,13 +55,13 @@ impl Supervision {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A process has ended. To be told before another one is started under its id.
+    /// Reports that a process has ended. Must be called before another one is started with the same id.
     pub fn ended(&self, ending: Ending) {
         self.shared().endings.push(ending);
         self.waker.wake();
     }
 
-    /// A server of which it was asked goes on computing.
+    /// Reports that an overdue server is still computing.
     pub fn is_alive(&self, server: u64) {
         self.shared().alive.push(server);
         self.waker.wake();
@@ -72,12 +72,13 @@ impl Supervision {
         self.shared().starting = servers;
     }
 
-    /// Servers that have not answered in time since the last call; the supervisor must check whether each is alive.
+    /// Takes the servers that have not answered in time since the last call; the supervisor must check whether each is
+    /// alive.
     pub fn take_overdue(&self) -> Vec<u64> {
         std::mem::take(&mut self.shared().overdue)
     }
 
-    /// What a request was about.
+    /// Returns the contents of a request.
     #[must_use]
     pub fn place(&self, request: u64) -> Option<Place> {
         let shared = self.shared();

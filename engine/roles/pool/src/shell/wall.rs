@@ -1,10 +1,10 @@
-//! The time of day of moments that the scheduler knows.
+//! Conversion of instants to the time of day.
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use crate::journal::Attempt;
 
-/// A moment, and what time it was.
+/// An instant and its time of day.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wall {
     zero: Instant,
@@ -12,7 +12,7 @@ pub(crate) struct Wall {
 }
 
 impl Wall {
-    /// It is now.
+    /// Creates a clock at the current time.
     pub fn new(now: Instant) -> Self {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
         Self {
@@ -21,7 +21,7 @@ impl Wall {
         }
     }
 
-    /// An attempt with its start.
+    /// Returns an attempt with its start in seconds since 1970.
     pub fn dated(self, attempt: Attempt, started: Instant) -> Attempt {
         let since = started.saturating_duration_since(self.zero);
         Attempt {

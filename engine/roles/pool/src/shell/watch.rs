@@ -1,4 +1,4 @@
-//! Looking on: who is on the broker, and what they say of themselves.
+//! Monitoring: servers and tools on the broker.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -8,23 +8,23 @@ use swarmwright_protocol::{Message, Presence, Status, Topic, Topics};
 
 use crate::shell::error::PoolError;
 
-/// Something that a watcher heard.
+/// A message that a watcher received.
 #[derive(Debug, Clone, PartialEq)]
 pub enum News {
-    /// What a server does now.
+    /// State of a server.
     Presence(Box<Presence>),
-    /// A server left cleanly.
+    /// A server left in an orderly way.
     Left(u64),
-    /// How a tool stands; its token tells it from others.
+    /// Status of a tool, with the token that identifies the tool.
     Status(String, Box<Status>),
-    /// The broker is back, or lost with this reason.
+    /// The connection to the broker was restored, or lost for this reason.
     Broker(Result<(), String>),
 }
 
 /// Longest wait for messages on one of the two connections before the other one is read.
 const TURN: Duration = Duration::from_millis(20);
 
-/// A connection that publishes nothing.
+/// A connection that only receives.
 pub struct Watcher {
     connection: Connection,
     topics: Topics,
@@ -32,10 +32,10 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// Connects; `tools`: whether tools are listened to, or servers alone.
+    /// Connects; `tools`: whether to receive the statuses of tools as well as the presence of servers.
     ///
     /// # Errors
-    /// No broker, refused credentials, or an invalid prefix.
+    /// Fails if the broker is unreachable or refuses the credentials, or if the prefix is invalid.
     pub fn connect(settings: Settings, prefix: &str, tools: bool) -> Result<Self, PoolError> {
         let topics = Topics::new(prefix)?;
         let at = |filter, qos| Subscription { filter, qos };
@@ -61,7 +61,7 @@ impl Watcher {
         news
     }
 
-    /// What an event means; what is no message of ours is passed over.
+    /// Converts an event; other messages are ignored.
     fn read(&self, event: &Event) -> Option<News> {
         let message = match event {
             Event::Connected => return Some(News::Broker(Ok(()))),
@@ -76,7 +76,7 @@ impl Watcher {
         }
         match Message::decode(topic, message.payload()).ok()? {
             Message::Presence(presence) => Some(News::Presence(Box::new(presence))),
-            // One that is retained is a leftover of an earlier run.
+            // A retained status is left over from an earlier run.
             Message::Status(status) if !message.retained() => {
                 Some(News::Status(last().to_owned(), status))
             }
@@ -84,16 +84,16 @@ impl Watcher {
         }
     }
 
-    /// Leaves.
+    /// Disconnects.
     pub fn close(self) {
         self.connection.close(Duration::from_secs(1));
     }
 }
 
-/// The presence of all servers on the broker, by id: what is retained, and what comes within `wait`.
+/// Returns the presence of all servers on the broker, by id: retained messages, and those that arrive within `wait`.
 ///
 /// # Errors
-/// No broker, refused credentials, or an invalid prefix.
+/// Fails if the broker is unreachable or refuses the credentials, or if the prefix is invalid.
 pub fn list_servers(
     settings: Settings,
     prefix: &str,
@@ -119,18 +119,19 @@ pub fn list_servers(
     Ok(presences.into_values().collect())
 }
 
-/// Removes the presence of servers, which brokers retain. Returns those of which the broker has let it be known within
-/// `wait`; others are kept, for example since it closes the connection of an account that may not publish presence.
+/// Removes the retained presence of servers. Returns the servers whose removal the broker has published within `wait`;
+/// others are kept, for example because the broker disconnects an account that may not publish presence.
 ///
 /// # Errors
-/// No broker, credentials refused, a prefix that cannot be; or the broker denies it, and says so.
+/// Fails if the broker is unreachable, refuses the credentials or reports that it denies the removal, or if the prefix
+/// is invalid.
 pub fn forget_servers(
     settings: Settings,
     prefix: &str,
     servers: &[u64],
     wait: Duration,
 ) -> Result<Vec<u64>, PoolError> {
-    // What a connection publishes itself is not sent back to it.
+    // A connection does not receive its own messages.
     let mut watcher = Watcher::connect(settings.clone(), prefix, false)?;
     let mut publisher = Connection::open(settings, Vec::new())?;
     for server in servers {

@@ -11,7 +11,7 @@ pub(crate) struct Piece {
     /// Number of these attempts that were not answered in time.
     pub late: u32,
     pub purpose: Purpose,
-    /// Servers on which it failed, or that had it before where it is repeated: others are preferred.
+    /// Servers on which it failed, or that evaluated it before if it is repeated; other servers are preferred.
     failed_on: Vec<u64>,
     /// Servers that must not get it.
     never_on: Vec<u64>,

@@ -1,4 +1,4 @@
-//! Offloaded evaluation: a block of controllers goes to a server, their results come back.
+//! Offloaded evaluation: a block of controllers is sent to a server, which returns their results.
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +14,7 @@ use crate::scheduler::queue::results::ServerResult;
 use crate::work::Work;
 
 impl Scheduler {
-    /// Bytes of a request for a block of the work without genomes and seeds.
+    /// Returns the bytes of a request for a block of the work without genomes and seeds.
     pub(crate) fn beside(&self, work: &Work) -> usize {
         let nothing = self.messages.block(&self.config, work);
         ToServer::Evaluate(nothing).encode().len()
@@ -38,7 +38,8 @@ impl Scheduler {
             sample,
             seeds: U64s(work.seeds()[episodes].to_vec()),
             attempt: piece.tries + 1,
-            // What was sent before this one is computed first. Who is watched is ended where it takes too long.
+            // The server computes earlier requests first, so the lease is doubled. A supervised server has none; its
+            // process is ended instead.
             lease: if self.processes.are_watched(server) {
                 0.0
             } else {
@@ -65,7 +66,7 @@ impl Scheduler {
         self.fleet.finished(request.server, &Job::Request(number));
         let count = request.piece.len();
         if !message.seconds.is_finite() || message.seconds < 0.0 {
-            // Once for each server, whatever the number.
+            // The text has no value in it, so that the warning is issued once per server.
             let defect = if message.seconds.is_finite() {
                 "negative"
             } else {
@@ -77,7 +78,7 @@ impl Scheduler {
             ));
         }
         let seconds = request.seconds(message.seconds, now);
-        // How fast a server fails tells nothing of how fast it is.
+        // The speed of failures says nothing about the speed of evaluations.
         let failed = message.failed.len();
         if failed < count {
             self.fleet.did_well(request.server, count, seconds);
@@ -87,7 +88,7 @@ impl Scheduler {
         }
         self.record_request(&request, Outcome::Done, None, now);
         self.limits.went_through(&request);
-        // Successes come last, because they show that the server works.
+        // Successes come last, because they confirm earlier failures.
         let columns = self.ledger.extent(&request.piece).1.len();
         for failure in message.failed {
             let offset = usize::try_from(failure.candidate * columns as u64 + failure.episode);
@@ -97,7 +98,7 @@ impl Scheduler {
         let finite = message.fitness.0.iter().enumerate();
         let finite = finite.filter(|(_, fitness)| fitness.is_finite());
         if metrics.is_empty() {
-            // Thousands of evaluations: what all have in common is noted once.
+            // A block may hold thousands of evaluations, so the success of the server is recorded once.
             let times = u32::try_from(count - failed).unwrap_or(u32::MAX);
             if times > 0 {
                 self.server_succeeded(request.server, times);
@@ -127,7 +128,7 @@ impl Scheduler {
     }
 }
 
-/// Describes a required metric that is missing in a result.
+/// Returns an error if a required metric is missing in a result.
 fn without(message: &Evaluated, metrics: &[String]) -> Option<String> {
     let missing = metrics
         .iter()
@@ -135,7 +136,7 @@ fn without(message: &Evaluated, metrics: &[String]) -> Option<String> {
     Some(format!("the metric {missing} is missing from the result"))
 }
 
-/// Why a result is none of this piece.
+/// Returns why a result does not match this piece; `None` if it does.
 fn misfit(message: &Evaluated, piece: &Piece, episodes: usize) -> Option<String> {
     let (actual, expected) = (message.fitness.0.len(), piece.len());
     if actual != expected {
@@ -154,7 +155,7 @@ fn misfit(message: &Evaluated, piece: &Piece, episodes: usize) -> Option<String>
         .iter()
         .map(|failure| is_failed(failure.candidate, failure.episode))
         .collect();
-    // As many failures as fitness values that are none: that was seen to when the message was read.
+    // The decoder has already checked that there are as many failures as missing fitness values.
     match failed {
         Some(failed) if failed.len() == message.failed.len() => None,
         _ => Some("the failed evaluations must be those without fitness".to_owned()),

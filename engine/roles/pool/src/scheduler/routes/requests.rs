@@ -1,4 +1,4 @@
-//! Work that goes to a server in one piece: blocks for offloaded evaluation, batches of episodes (docs/reference/protocol.md).
+//! Requests to servers: blocks for offloaded evaluation, and batches of episodes (docs/reference/protocol.md).
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ use crate::scheduler::queue::blame::{Blame, Cause};
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::{Action, Scheduler};
 
-/// Number of refused requests in a row after which a server is not merely shared with other tools.
+/// Number of refused requests in a row above which a server is reported, as it is not merely shared with other tools.
 const OFTEN: u32 = 5;
 
 impl Scheduler {
@@ -31,7 +31,7 @@ impl Scheduler {
         self.fleet.began(server, Job::Request(number));
     }
 
-    /// A request was not sent: a broker that takes so little takes it from no server.
+    /// Handles a request that is too large to send; the broker would refuse it for any server.
     pub(crate) fn unsent(&mut self, number: u64, reason: &str, now: Instant) {
         let cause = Cause {
             outcome: Outcome::Unusable,
@@ -55,18 +55,19 @@ impl Scheduler {
         });
     }
 
-    /// A message for this tool came in. What is not waited for any more is passed over.
+    /// Handles an answer to a request; answers that nothing waits for are ignored.
     pub(crate) fn answered(&mut self, message: ToTool, now: Instant) {
         let before = self.changes();
         self.answer(message, now);
-        // Most steps end no episode, and thousands of them arrive each second.
+        // Skip dispatch for steps that change nothing: most steps end no episode, and thousands of them arrive each
+        // second.
         if self.changes() != before {
             self.tell_of_limits();
             self.dispatch(now);
         }
     }
 
-    /// An answer that cannot be read. A server that says which request it is for has failed at that at once.
+    /// Handles an answer that cannot be read. If it names its request, the server has failed on it.
     pub(crate) fn unreadable_answer(
         &mut self,
         topic: &str,
@@ -90,7 +91,7 @@ impl Scheduler {
         }
     }
 
-    /// What is different where there is something to give away, or a server to give it to.
+    /// Returns counters that change when there is new work to dispatch, or a server for it.
     fn changes(&self) -> (usize, usize, usize) {
         (self.journal.len(), self.ledger.queued(), self.fleet.woken())
     }
@@ -121,12 +122,13 @@ impl Scheduler {
                 }
             }
             ToTool::Failed(message) => self.episode_failed(message, now),
-            // It asks for none.
+            // The pool requests no scenes.
             ToTool::Scene(_) => {}
         }
     }
 
-    /// Whether a request is for a batch; `None` if it was not sent to this server or has ended, so that its `results` are late.
+    /// Returns whether a request is a batch; `None` if it was not sent to this server or has ended, so that its
+    /// `results` are late.
     fn is_batch(&mut self, number: u64, server: u64, results: usize, now: Instant) -> Option<bool> {
         let Some(request) = self.in_flight.request(number) else {
             self.counts.late += u64::from(results > 0);
@@ -153,7 +155,7 @@ impl Scheduler {
         Some(is_batch)
     }
 
-    /// One evaluation of a request failed on a server that goes on.
+    /// Handles a failed evaluation of a request on a server that continues.
     pub(super) fn fail_one(
         &mut self,
         request: &Request,
@@ -173,11 +175,11 @@ impl Scheduler {
         self.retry(piece, request.server, &reason, Blame::Evaluation, now);
     }
 
-    /// A server does not do what it was asked for.
+    /// Handles a refusal of a server.
     pub(super) fn refused(&mut self, number: u64, server: u64, refusal: &Refusal, now: Instant) {
         let reason = &refusal.reason;
         let (jobs, cause) = match refusal.kind {
-            // It waited in vain for this tool, or cannot do just this: nothing that the simulation said.
+            // The server waited in vain for this tool or cannot do this request; the simulation is not at fault.
             RefusalKind::Failed => {
                 let reason = format!("server {server}: {reason}");
                 let blame = Blame::Silent { others: false };
@@ -203,12 +205,12 @@ impl Scheduler {
                 (jobs, Cause::server(reason, Blame::None))
             }
         };
-        // Also where the server was given up meanwhile.
+        // Even if the server was given up in the meantime.
         self.fail_request(number, cause, now);
         self.fail_jobs(jobs, cause.of_others(), now);
     }
 
-    /// A request is over without a result; see [`retry`](Self::retry).
+    /// Ends a request without a result; see [`retry`](Self::retry).
     pub(crate) fn fail_request(&mut self, number: u64, cause: Cause<'_>, now: Instant) {
         let Some(request) = self.in_flight.take_request(number) else {
             return;
@@ -237,7 +239,7 @@ impl Scheduler {
         self.record(attempt, &request.piece, request.started, now);
     }
 
-    /// Requests that have not been answered within their lease.
+    /// Handles requests that were not answered within their lease.
     pub(crate) fn late_requests(&mut self, now: Instant) {
         for number in self.in_flight.late_requests(now) {
             if let Some(request) = self.in_flight.request_mut(number) {
@@ -259,13 +261,13 @@ impl Scheduler {
         }
     }
 
-    /// A server sent what cannot be used.
+    /// Handles an unusable message of a server.
     pub(super) fn misbehaved(&mut self, server: u64, reason: &str, now: Instant) {
         let reason = format!("server {server}: {reason}");
         self.fail_server(server, &reason, Blame::Answer, now);
     }
 
-    /// A server failed: the oldest of its jobs is held against it, all are tried elsewhere, and it has a pause.
+    /// Handles a failure of a server: its oldest job is blamed, all its jobs are retried elsewhere, and it backs off.
     fn fail_server(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
         let again = self.again(server);
         self.outbox

@@ -1,4 +1,4 @@
-//! Results that come in: which count, and what ends with them.
+//! Routes for results: which of them count, and what they end.
 
 use std::time::Instant;
 
@@ -9,11 +9,12 @@ use crate::scheduler::queue::blame::Cause;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::ServerResult;
 
-/// How many episodes have to have their fitness twice before it is told: a single one may have come twice on its way.
+/// Number of episodes with a repeated fitness before the user is warned; a single message may have been duplicated on
+/// its way.
 const MOST_REPEATED: usize = 3;
 
 impl Scheduler {
-    /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
+    /// Handles a result. It counts unless the evaluation already has one, or must be audited first.
     pub(super) fn settle(
         &mut self,
         piece: &Piece,
@@ -25,7 +26,7 @@ impl Scheduler {
         self.settle_proven(piece, evaluation, result, now);
     }
 
-    /// As [`settle`](Self::settle), where it is known that the server succeeded.
+    /// Like [`settle`](Self::settle), if the success of the server has been recorded already.
     pub(super) fn settle_proven(
         &mut self,
         piece: &Piece,
@@ -49,8 +50,8 @@ impl Scheduler {
         self.count(evaluation, &result, now);
     }
 
-    /// As [`settle_proven`](Self::settle_proven) for a whole piece without metrics. False, and nothing is done, where its
-    /// evaluations have to be looked at one by one.
+    /// Like [`settle_proven`](Self::settle_proven), for a whole piece without metrics. Returns false without any effect
+    /// if its evaluations must be handled one by one.
     pub(super) fn settle_whole(&mut self, piece: &Piece, server: u64, fitness: &[f64]) -> bool {
         let audits = self.config.faults.audit > 0.0 || !self.audits.is_empty();
         piece.purpose == Purpose::Work
@@ -60,7 +61,7 @@ impl Scheduler {
                 .settle_whole(&piece.evaluations, server, fitness)
     }
 
-    /// A result counts: copies of its evaluation are not needed any more.
+    /// Accepts a result and ends the copies of its evaluation.
     pub(super) fn count(&mut self, evaluation: usize, result: &ServerResult, now: Instant) {
         let shared = self.ledger.is_shared(evaluation);
         self.ledger
@@ -72,7 +73,7 @@ impl Scheduler {
         }
     }
 
-    /// An evaluation has ended: other servers that had it, and have said nothing for long, are to show that they are sound.
+    /// Marks the other servers of an ended evaluation as doubtful if they have been silent for long.
     fn doubt_overtaken(&mut self, evaluation: usize, now: Instant) {
         for (server, job) in self
             .in_flight
@@ -86,7 +87,7 @@ impl Scheduler {
         }
     }
 
-    /// Ends what is under way for an evaluation that has ended, where nothing else depends on it.
+    /// Ends all work in flight for an evaluation that has ended, unless other evaluations depend on it.
     pub(super) fn drop_copies(
         &mut self,
         evaluation: usize,
@@ -102,7 +103,7 @@ impl Scheduler {
         );
     }
 
-    /// Ends the probes that are under way: there is nothing more to tell, nor to record.
+    /// Ends the probes in flight without recording them.
     pub(super) fn drop_probes(&mut self, now: Instant) {
         let reason = "all work is done";
         self.drop_all(
@@ -134,12 +135,12 @@ impl Scheduler {
                         self.record_request(&request, outcome, Some(reason.to_owned()), now);
                     }
                     if let Some(batch) = &request.batch {
-                        // On its own topic: what is said of control, all servers hear.
+                        // The message goes to the server's own topic, since every server receives control messages.
                         let step = batch.steps().saturating_sub(1);
                         self.end_batch(server, number, step);
                         continue;
                     }
-                    // There is no way to end one of two requests.
+                    // A single one of two requests cannot be ended.
                     let others = self.fleet.take_jobs(server);
                     self.let_go(server);
                     self.fail_each(others, Cause::lost(reason), now);
@@ -149,12 +150,12 @@ impl Scheduler {
         }
     }
 
-    /// A fitness for no episode under way.
+    /// Handles a fitness for an episode that is not in flight.
     pub(super) fn unexpected_fitness(&mut self, hash: &str, fitness: f64) {
         match self.in_flight.came_again(hash, fitness) {
             LateFitness::Other(server) => {
                 self.counts.double += 1;
-                // A single server may be at fault: results are kept, so that the run can end.
+                // A single server may be at fault; results are kept so that the run can finish.
                 self.outbox.warn_once(format!(
                     "server {server} has sent two different fitness values for one episode, of which the first counts: \
                      two servers may have this id, or it evaluates an episode twice; results of this run may be wrong"

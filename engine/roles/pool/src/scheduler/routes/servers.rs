@@ -1,4 +1,4 @@
-//! What servers say of themselves: answers to discovery, presence.
+//! Routes for announcements of servers: answers to discovery, and presence.
 
 use std::time::Instant;
 
@@ -18,7 +18,7 @@ impl Scheduler {
                 .answered_other_discovery(message, &self.config.demand);
         };
         let id = message.server;
-        // A server that is at an episode answers no discovery.
+        // A server that is running an episode does not answer discoveries.
         self.fleet.left_behind().remove(id);
         self.in_flight.forget_unanswered(id);
         let announced = message.capabilities.swarmwright.as_ref();
@@ -34,7 +34,7 @@ impl Scheduler {
             .fleet
             .answered(message, round, &self.config.demand, now)
         {
-            // Were there another server with this id, its answer would come now: two that step one episode spoil it.
+            // Another server with this id would answer now; two servers that step one episode spoil its result.
             Answer::Welcome => self.fleet.introduce(id, now + self.config.probation, now),
             Answer::Known => {
                 self.unproven.proven(id);
@@ -52,7 +52,7 @@ impl Scheduler {
         if presence.state == State::Lost && self.processes.are_watched(presence.server) {
             let announced = presence.capabilities.swarmwright.as_ref();
             let pid = announced.and_then(|announced| announced.pid);
-            // The supervisor reports more in a moment, or has done so.
+            // The supervisor will report details in a moment, or has done so.
             if !self.processes.has_ended(presence.server, pid) {
                 self.fleet.fell_silent(presence.server);
             }
@@ -76,7 +76,7 @@ impl Scheduler {
         }
         if let Some(mut ended) = ended {
             if !ended.server_fault {
-                // A run that has begun is ours; the presence is older.
+                // An episode that has begun belongs to this tool; the presence is outdated.
                 ended.jobs.retain(|job| {
                     matches!(job, Job::Episode(hash) if !self.in_flight.episode(hash).is_some_and(Episode::begun))
                 });
@@ -102,21 +102,21 @@ impl Scheduler {
         let hash = self.messages.new_hash();
         let message = self.messages.discovery(&self.config, hash.clone());
         self.publish(Topic::Discovery, message.encode());
-        // Where servers were lost with evaluations it must be known before the next time-out who is there.
+        // If servers were lost with evaluations, the remaining servers must be known before the next time-out.
         let suspects = self.ledger.attribution().has_suspects();
         let within = suspects.then_some(self.config.timeouts.step);
         self.discovery.begin(hash, self.has_server(), within, now);
     }
 
-    /// The connection is back.
+    /// Handles a restored connection.
     pub fn connected(&mut self, now: Instant) {
-        // Servers whose own connection held know nothing of it, and wait for the next step.
+        // Servers whose own connection held did not notice the loss and wait for the next step.
         self.end_left_behind(true, now);
         self.discovery.restart(now);
     }
 
-    /// Ends what servers may still be at for this tool since its connection broke; `all`: also where they were told so a
-    /// moment ago.
+    /// Ends what servers may still be running for this tool although its connection broke; `all`: include servers that
+    /// were notified a moment ago.
     pub(super) fn end_left_behind(&mut self, all: bool, now: Instant) {
         for (server, hash) in self.fleet.left_behind().due(all, now) {
             let hash = hash.unwrap_or_else(|| self.messages.new_hash());
@@ -124,14 +124,14 @@ impl Scheduler {
         }
     }
 
-    /// A server is there.
+    /// Handles a server that is online.
     fn came_back(&mut self, server: u64, instance: Option<&str>, now: Instant) {
         if self.limits.came_back(server, instance, now) {
             self.fleet.forgive(server);
         }
     }
 
-    /// A server's connection has ended: perhaps on what it had just sent.
+    /// Records that a server's connection ended, perhaps on a message that it had just sent.
     fn suspect(&mut self, server: u64, instance: Option<&str>, now: Instant) {
         let slot = self.fleet.slot(server);
         let at = slot.and_then(|slot| match slot.jobs.first()? {

@@ -1,4 +1,4 @@
-//! Episodes whose every step crosses the broker (docs/reference/protocol.md).
+//! Stepwise episodes: each step is a message through the broker (docs/reference/protocol.md).
 
 use std::time::{Duration, Instant};
 
@@ -17,14 +17,14 @@ use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::ServerResult;
 use crate::scheduler::{Action, Scheduler};
 
-/// By how much a message may come later than one that was published after it, on another topic.
+/// Longest delay of a message behind one that was published after it on another topic.
 const OVERTAKEN: Duration = Duration::from_millis(250);
-/// How long a server may be busy for nobody knows whom before it is another tool's. It says for whom once it has this
-/// tool's control message.
+/// How long a server may be busy for an unnamed tool before another tool is assumed. It names the tool once it has
+/// received this tool's control message.
 const UNNAMED: Duration = Duration::from_secs(2);
-/// Characters of a foreign title that are told, at most.
+/// Largest number of characters of a foreign title in messages.
 const MOST_TITLE: usize = 200;
-/// How often in a row another tool may be faster on a server before the server is the one to blame.
+/// Number of times in a row that another tool may get a server first before the server itself is blamed.
 const MOST_PREEMPTIONS: u32 = 5;
 
 impl Scheduler {
@@ -116,15 +116,15 @@ impl Scheduler {
         }
     }
 
-    /// A server answered in an episode after such a time.
+    /// Records an answer of a server in an episode after a wait of this length.
     fn answered_after(&mut self, server: u64, wait: Duration) {
         if self.fleet.answered_after(server, wait) {
             self.outbox.push(Action::AskBroker);
         }
     }
 
-    /// Whether a message for an episode under way is of another simulation, and so not of the server that was asked:
-    /// another one with its id takes part. What the right one says counts all the same.
+    /// Returns whether a message for an episode in flight names another simulation. Such a message comes from another
+    /// server with the same id; messages of the right server still count.
     fn is_of_another(&mut self, topic: Topic, title: Option<&str>, hash: &str) -> bool {
         let expected = &self.config.demand.simulation;
         let Some(title) = title.filter(|title| title != expected) else {
@@ -143,15 +143,15 @@ impl Scheduler {
         true
     }
 
-    /// Sensors came of an episode that is none under way: if it is over, its server began it late, or a second time, and
-    /// waits for nothing.
+    /// Ends an episode that is not in flight although its sensors arrived: its server began it late or a second time,
+    /// and would wait in vain.
     fn end_late_run(&mut self, hash: &str) {
         if let Some((server, _)) = self.in_flight.ended(hash) {
             self.end_run(server, hash);
         }
     }
 
-    /// The work cannot be done by a server, however often it is tried; others may be able to.
+    /// Excludes a server that can never do the work; others may be able to.
     pub(crate) fn not_for(&mut self, server: u64, reason: &str, now: Instant) {
         self.outlook.refused(now);
         self.outbox
@@ -160,7 +160,7 @@ impl Scheduler {
         self.fail_jobs(jobs, Cause::server(reason, Blame::None), now);
     }
 
-    /// `payload`: the message as it came, for the reason why a metric is not in it.
+    /// Handles a fitness. `payload` is the raw message, used to explain why a metric is missing.
     pub(crate) fn fitness(&mut self, message: &Fitness, payload: &[u8], now: Instant) {
         let title = message.simulation.as_deref();
         if self.is_of_another(Topic::Fitness, title, &message.simulation_hash) {
@@ -202,8 +202,8 @@ impl Scheduler {
         self.dispatch(now);
     }
 
-    /// A message that is none of the protocol's: if it names a run of ours, its server gets little time for a better one.
-    /// One that is too large will not be smaller another time.
+    /// Handles a message that violates the protocol. If it names an episode of this tool, the server gets little time
+    /// to send a valid one; a message that is too large is final.
     pub(crate) fn undecodable(
         &mut self,
         topic: &str,
@@ -212,7 +212,7 @@ impl Scheduler {
         now: Instant,
     ) {
         let reason = format!("message on {topic}: {error}");
-        // Of what one peer gets wrong, no two messages may be the same.
+        // Group by error, since no two invalid messages of a peer may be equal.
         self.outbox.warn_grouped(
             format!("{topic} {}", error.key()),
             format!("refusing a {reason}"),
@@ -230,7 +230,7 @@ impl Scheduler {
         }
     }
 
-    /// An episode is over without fitness; see [`retry`](Self::retry).
+    /// Ends an episode without fitness; see [`retry`](Self::retry).
     pub(crate) fn fail_episode(&mut self, hash: &str, cause: Cause<'_>, now: Instant) {
         let Some(run) = self.in_flight.end_episode(hash, false) else {
             return;
@@ -247,7 +247,7 @@ impl Scheduler {
         self.retry(run.piece, run.server, reason, blame, now);
     }
 
-    /// A server says that an episode failed in the simulation's code. The server goes on, the episode is tried again.
+    /// Handles an episode that failed in the simulation's code. The server continues, and the episode is retried.
     pub(crate) fn episode_failed(&mut self, message: Failed, now: Instant) {
         let hash = message.simulation_hash;
         let Some(run) = self.in_flight.episode(&hash) else {
@@ -272,16 +272,16 @@ impl Scheduler {
         self.retry(run.piece, run.server, &reason, Blame::Evaluation, now);
     }
 
-    /// A server that answers a discovery sent after an episode's control message is not at that episode: another
-    /// tool's control came first, and its episode is over by now. Or the broker delivered one before the other: what
-    /// shows that it has begun then comes in a moment.
+    /// Handles a server that answers a discovery sent after an episode's control message, and so is not running that
+    /// episode. Either another tool's control message came first and its episode is already over, or the broker
+    /// delivered the two messages in reverse order and signs that the episode has begun arrive in a moment.
     pub(crate) fn vacant(&mut self, id: u64, round: u64, now: Instant) {
         for run in self.in_flight.episodes_of(id) {
             run.server_answered(round, now + OVERTAKEN);
         }
     }
 
-    /// A server is busy for this tool, or does not say for whom.
+    /// Handles a server that is busy for this tool or does not name the tool.
     pub(crate) fn busy(&mut self, id: u64, tool: Option<&str>, now: Instant) {
         let until = match tool {
             None => Some(now + UNNAMED),
@@ -293,7 +293,7 @@ impl Scheduler {
         }
     }
 
-    /// Episodes whose servers are busy for an unknown tool and have not begun them: another tool has these servers.
+    /// Hands back the episodes that have not begun on servers busy for an unnamed tool, which must be another one.
     fn taken_episodes(&mut self, now: Instant) {
         for (hash, server) in self.in_flight.taken_episodes(now) {
             self.fleet.remove(server);
@@ -303,7 +303,7 @@ impl Scheduler {
         }
     }
 
-    /// Episodes that their servers have not begun although they are free.
+    /// Hands back the episodes that have not begun on servers that are free.
     fn vacant_episodes(&mut self, now: Instant) {
         for (hash, server) in self.in_flight.vacant_episodes(now) {
             self.preempted(server, &hash, now);
@@ -323,7 +323,7 @@ impl Scheduler {
         self.dispatch(now);
     }
 
-    /// Episodes whose servers have been silent for too long, or sent nothing better after a refusal.
+    /// Handles the episodes whose servers have been silent for too long, or sent no valid message after a refusal.
     pub(crate) fn late_episodes(&mut self, now: Instant) {
         self.taken_episodes(now);
         self.vacant_episodes(now);
@@ -384,7 +384,7 @@ impl Scheduler {
         self.record(attempt, &run.piece, run.started, now);
     }
 
-    /// Ends an episode on a server.
+    /// Tells a server to end an episode.
     pub(crate) fn end_run(&mut self, server: u64, hash: &str) {
         self.control(server, hash.to_owned(), false);
     }

@@ -1,4 +1,4 @@
-//! Ends of processes that are the tool's own: what they were at is known.
+//! Routes for the ends of supervised processes, whose work at that moment is known.
 
 use std::time::Instant;
 
@@ -10,12 +10,12 @@ use crate::scheduler::job::Job;
 use crate::scheduler::queue::blame::{Blame, Cause};
 
 impl Scheduler {
-    /// The processes of these servers are watched: [`ended`](Self::ended) tells when one ends.
+    /// Declares the processes of these servers supervised; [`ended`](Self::ended) must be called when one ends.
     pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) {
         self.processes.watch(servers);
     }
 
-    /// The first candidate and the first episode of a request to a server that is watched.
+    /// Returns the first candidate and the first episode of a request to a supervised server.
     pub(crate) fn place(&self, request: u64) -> Option<(usize, usize)> {
         let request = self.in_flight.request(request)?;
         if !self.processes.are_watched(request.server) {
@@ -25,15 +25,15 @@ impl Scheduler {
         Some((candidates.start, episodes.start))
     }
 
-    /// A watched server goes on computing: it may take longer.
+    /// Records that a supervised server is still computing, which extends its lease.
     pub fn is_alive(&mut self, server: u64, now: Instant) {
         for request in self.in_flight.requests_of(server) {
             request.is_alive(now);
         }
     }
 
-    /// The process of a watched server has ended. What it computed is tried again, and held against it, if that is known;
-    /// all else that it had goes to others as if nothing had happened.
+    /// Handles the end of a supervised process. The evaluations that it was computing are retried and blamed, if known;
+    /// all its other work is queued again without blame.
     pub fn ended(&mut self, ending: &Ending, now: Instant) {
         let server = ending.server;
         self.processes.ended(server, ending.pid);
@@ -43,10 +43,10 @@ impl Scheduler {
         let jobs = self.fleet.on_leave(server);
         let blame = ending.blame();
         let at = |job: &Job| matches!(job, Job::Request(number) if ending.at.is_some_and(|at| at.request == *number));
-        // Where it is known at which it was, the first of them was not that one.
+        // If the request that was being computed is known, the first one is not blamed unless it is that request.
         let is_known = jobs.iter().any(at);
         for (index, job) in jobs.into_iter().enumerate() {
-            // What waited only is not to blame.
+            // Waiting requests are not to blame.
             let mut cause = Cause::server(&ending.reason, blame);
             if index > 0 || is_known {
                 cause = cause.of_others();
@@ -72,7 +72,7 @@ impl Scheduler {
         request.is_some_and(|request| request.batch.is_none())
     }
 
-    /// A server's process ended at a part of a block.
+    /// Handles the end of a process while it was computing a part of a block.
     fn fail_at(&mut self, number: u64, at: At, ending: &Ending, now: Instant) {
         let Some(request) = self.in_flight.take_request(number) else {
             return;

@@ -1,4 +1,4 @@
-//! Work begins and ends, and servers are told.
+//! Routes for the start and the end of work.
 
 use std::time::Instant;
 
@@ -14,7 +14,7 @@ use crate::scheduler::queue::results::Settled;
 use crate::work::{Work, WorkError};
 
 impl Scheduler {
-    /// Begins a block of work.
+    /// Starts a block of work.
     pub fn submit(&mut self, work: Work, now: Instant) {
         self.cancel();
         self.messages.begin(&self.config, work.seeds());
@@ -35,8 +35,8 @@ impl Scheduler {
         self.dispatch(now);
     }
 
-    /// The run begins with the servers that are there: those that announce other numbers of sensors or actuators than most
-    /// of them are not used.
+    /// Settles the numbers of sensors and actuators when the run begins, and excludes servers that announce other
+    /// numbers than most.
     pub(crate) fn settle_sizes(&mut self) {
         for (server, reason) in self.fleet.settle_sizes() {
             self.outbox
@@ -44,7 +44,7 @@ impl Scheduler {
         }
     }
 
-    /// Adds candidates to the work that is under way; see [`Work::extend`].
+    /// Adds candidates to the work in progress; see [`Work::extend`].
     ///
     /// # Errors
     /// As [`Work::extend`].
@@ -54,24 +54,24 @@ impl Scheduler {
         Ok(())
     }
 
-    /// The candidates of which all episodes have ended since the last call.
+    /// Takes the candidates whose episodes have all ended since the last call.
     pub fn take_settled(&mut self) -> Settled {
         self.hands_out();
         self.ledger.take_settled()
     }
 
-    /// Results of every candidate in every episode, once all have ended.
+    /// Takes the results of all candidates in all episodes, once all have ended.
     pub fn take_results(&mut self) -> Results {
         self.take_all().0
     }
 
-    /// As [`take_results`](Self::take_results), and the work that was submitted last.
+    /// Like [`take_results`](Self::take_results), together with the submitted work.
     pub fn take_all(&mut self) -> (Results, Option<Work>) {
         self.hands_out();
         self.ledger.take_results()
     }
 
-    /// Gives up all work: ends what the servers have to do.
+    /// Gives up all work, and ends the jobs of all servers.
     pub fn cancel(&mut self) {
         let requests = self.in_flight.clear();
         for (server, jobs) in self.fleet.take_all_jobs() {
@@ -110,7 +110,7 @@ impl Scheduler {
         }
     }
 
-    /// Frees a server, and ends what it still has to do for this tool.
+    /// Frees a server, and ends its remaining jobs for this tool.
     pub(crate) fn let_go(&mut self, server: u64) {
         let last = self.fleet.last_hash(server);
         let hash = last.unwrap_or_else(|| self.messages.new_hash());
@@ -124,9 +124,9 @@ impl Scheduler {
         self.outbox.publish(topic, payload);
     }
 
-    /// Starts or ends an episode; a server that listens on its own topic hears it there, and no other one.
+    /// Starts or ends an episode. The message goes to the server's own topic if the server listens there.
     pub(crate) fn control(&mut self, server: u64, hash: String, run: bool) {
-        // Of two servers with one id it is this one that is meant.
+        // The instance selects one of two servers that share an id.
         let instance = run.then(|| self.fleet.instance(server)).flatten();
         let control = self
             .messages
@@ -139,7 +139,7 @@ impl Scheduler {
         }
     }
 
-    /// Tells the user once what was learnt of how much the broker takes.
+    /// Warns the user once about the learnt limits of the broker.
     pub(crate) fn tell_of_limits(&mut self) {
         if let Some(text) = self.limits.take_news(self.finished()) {
             self.outbox.warn(text);

@@ -1,4 +1,4 @@
-//! Evaluates work, until all has ended or there is no way on.
+//! Evaluation of work until it has ended or cannot continue.
 
 use std::time::{Duration, Instant, SystemTime};
 
@@ -10,13 +10,13 @@ use crate::shell::report::Report;
 use crate::work::Work;
 
 impl Pool {
-    /// Whether it is time to give up, as there has been no server since then: time without broker does not count, unless it
-    /// is as long itself.
+    /// Returns whether to give up, as there has been no server since `since`. Outages do not count, unless one outage
+    /// alone lasts for `patience`.
     pub(super) fn is_hopeless(&self, since: Instant, patience: Duration, now: Instant) -> bool {
         self.outages.reachable(since, now) >= patience || self.outages.down_for(now) >= patience
     }
 
-    /// Why there was no server since then.
+    /// Returns the error for the lack of a server since `since`.
     pub(super) fn no_server(&self, since: Instant, now: Instant) -> PoolError {
         let url = self.connection.url();
         let outages = self.outages.describe(since, now, SystemTime::now());
@@ -36,7 +36,7 @@ impl Pool {
         }
     }
 
-    /// What is waited for, in words, as long as the broker is not reachable.
+    /// Describes the wait for the broker while it is unreachable.
     pub(super) fn waiting_for_broker(&self, now: Instant) -> Option<String> {
         self.outages.is_down().then(|| {
             let seconds = self.outages.down_for(now).as_secs_f64();
@@ -45,12 +45,12 @@ impl Pool {
         })
     }
 
-    /// Evaluates every candidate in every episode. `meanwhile` is called once, when servers have got their
-    /// first work, and `on_progress(done, waiting_for)` ten times a second and at the end; both may stop the work.
+    /// Evaluates all candidates in all episodes. `meanwhile` is called once, after servers have got their first work,
+    /// and `on_progress(done, waiting_for)` ten times a second and at the end; both return false to stop the work.
     ///
     /// # Errors
-    /// No server for longer than the time-outs allow; all servers refuse the work; stopped. What is under way is ended
-    /// then.
+    /// Fails if no server is found within the time-outs, if all servers refuse the work, or if a callback stops it. The
+    /// work in flight is then ended.
     pub fn evaluate(
         &mut self,
         work: Work,
@@ -66,11 +66,11 @@ impl Pool {
         Ok(self.scheduler.take_results())
     }
 
-    /// As [`evaluate`](Self::evaluate), for a thread of its own: `go_on` is asked whenever something may have come, which a
-    /// [`waker`](Self::waker) brings about. Also returns the genomes.
+    /// Like [`evaluate`](Self::evaluate), for use in a separate thread: `go_on` is asked whenever a message may have
+    /// arrived, which a [`waker`](Self::waker) can trigger. Also returns the genomes.
     ///
     /// # Errors
-    /// As [`evaluate`](Self::evaluate).
+    /// See [`evaluate`](Self::evaluate).
     pub fn evaluate_while(
         &mut self,
         work: Work,
@@ -90,12 +90,13 @@ impl Pool {
         Ok((results, work.map(Work::into_genomes).unwrap_or_default()))
     }
 
-    /// Evaluates candidates as they come. `feed` gets those of which all episodes have ended (none when there is only
-    /// something to warn of) and how that went, and returns the genomes of further ones, (candidates, weights) row-major, or none to stop. The end is reached when all
-    /// have ended and `feed` had no more. `on_progress(done, total, waiting_for)` as for [`evaluate`](Self::evaluate).
+    /// Evaluates candidates as they arrive. `feed` receives the candidates whose episodes have all ended (none if there
+    /// are only warnings), their attempts and the warnings. It returns the genomes of further candidates, (candidates,
+    /// weights) row-major, or `None` to stop. The call returns when all candidates have ended and `feed` returned no
+    /// more. `on_progress(done, total, waiting_for)` is called as in [`evaluate`](Self::evaluate).
     ///
     /// # Errors
-    /// As [`evaluate`](Self::evaluate); genomes that do not fit.
+    /// Also fails if the genomes do not match; see [`evaluate`](Self::evaluate).
     pub fn stream(
         &mut self,
         work: Work,
@@ -120,8 +121,8 @@ impl Pool {
         })
     }
 
-    /// Works until everything has ended, or a callback returns false: `step`, called whenever a message may have arrived, or
-    /// `meanwhile`, called once when servers have got their first work.
+    /// Runs until everything has ended or a callback returns false: `step` is called whenever a message may have
+    /// arrived, `meanwhile` once after servers have got their first work.
     fn drive(
         &mut self,
         work: Work,
@@ -140,7 +141,7 @@ impl Pool {
                 break Err(PoolError::Interrupted);
             }
             self.poll(asked_at + PROGRESS_INTERVAL);
-            // What ends during the step is taken by the next one.
+            // Candidates that end during this step are taken by the next one.
             let all = self.scheduler.finished();
             match step(self) {
                 Ok(true) => {}

@@ -1,4 +1,4 @@
-//! What goes out and what comes in: the scheduler's actions carried out, messages and time handed to it.
+//! Exchange with the broker: carries out the scheduler's actions, and passes messages and time to it.
 
 use std::time::{Duration, Instant, SystemTime};
 
@@ -11,14 +11,15 @@ use crate::journal::Warning;
 use crate::scheduler::Action;
 use crate::shell::report::Report;
 
-/// After such a time without a look, what came meanwhile is read before any server is taken to be late.
+/// Time without polling after which messages are read before any server is considered late.
 const SUSPENDED: Duration = Duration::from_millis(300);
 
 impl Pool {
-    /// Sends what is to be sent and handles what came, until `until` at the latest.
+    /// Sends and receives messages until `until` at the latest.
     pub(super) fn poll(&mut self, until: Instant) {
         let now = Instant::now();
-        // This process was stopped, or the machine slept: the others were not silent, their words are still unread.
+        // This process was stopped or the machine was suspended; the servers were not silent, but their messages are
+        // unread.
         let suspended = now.duration_since(self.looked) >= SUSPENDED;
         let deadline = now + SUSPENDED;
         while suspended && self.hear(now) && self.looked < deadline {}
@@ -49,7 +50,7 @@ impl Pool {
         self.reporter.look(&self.scheduler, self.wall, self.looked);
     }
 
-    /// Takes reports of the supervisor, and the answer of the broker if it was asked.
+    /// Takes the reports of the supervisor, and the result of a probe of the broker.
     fn take_reports(&mut self, now: Instant) {
         let (endings, alive) = self.supervision.take();
         for server in alive {
@@ -69,7 +70,7 @@ impl Pool {
         self.ask_at = now + self.scheduler.tick_query_interval();
     }
 
-    /// Handles what comes until `until`, or a part of it. Whether anything came.
+    /// Receives messages until `until`, or until some arrive. Returns whether any arrived.
     fn hear(&mut self, until: Instant) -> bool {
         self.connection.poll(until, &mut self.events);
         let now = Instant::now();

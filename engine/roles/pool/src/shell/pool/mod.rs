@@ -1,4 +1,4 @@
-//! The pool's shell: connection, clock, the scheduler's actions carried out.
+//! The pool: connection, clock, and execution of the scheduler's actions.
 
 mod evaluate;
 mod exchange;
@@ -26,13 +26,13 @@ use crate::shell::supervision::Supervision;
 use crate::shell::wall::Wall;
 use crate::work::WorkError;
 
-/// How often the caller is asked whether to go on.
+/// Interval between calls of the caller's callback.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How long the broker keeps the last will for a watcher that is away, seconds.
+/// Seconds for which the broker keeps the last will for an absent monitor.
 const WILL_EXPIRY: u32 = 60;
 
-/// How often it is told how many warnings were like those before.
+/// Interval between reports of repeated warnings.
 const REPEATS_INTERVAL: Duration = Duration::from_secs(10);
 
 /// The optimization tool's connection to its servers.
@@ -40,25 +40,25 @@ pub struct Pool {
     scheduler: Scheduler,
     connection: Connection,
     topics: Topics,
-    /// The topic on which requests are answered.
+    /// Topic on which requests are answered.
     reply: String,
-    /// The topic on which those who watch are told how it stands.
+    /// Topic of the status for monitors.
     status: String,
     about: About,
     tell_at: Instant,
-    /// When they were told last, and how often in a row the connection ended right after it.
+    /// When the status was last published since the connection began, if it was.
     told_at: Option<Instant>,
-    /// Bytes of the largest packet that the broker has read of this connection.
+    /// Size in bytes of the largest packet on this connection that the broker has read.
     read: usize,
     ended_at_once: u32,
-    /// Why the broker does not let this tool look for servers, in words.
+    /// Why the broker denies the discovery of servers, for users.
     denied: Option<String>,
-    /// When the scheduler needs a tick, as it said when it was asked last, and when to ask again.
+    /// When the scheduler needs a tick, as of the last query, and when to query it again.
     tick_at: Instant,
     ask_at: Instant,
-    /// When to tell how many warnings were like those before.
+    /// When to report repeated warnings.
     count_at: Instant,
-    /// When it was last looked what came.
+    /// Time of the last poll of the connection.
     looked: Instant,
     timeouts: Timeouts,
     probation: Duration,
@@ -73,10 +73,10 @@ pub struct Pool {
 }
 
 impl Pool {
-    /// Connects to the broker; discovery of servers begins with the first `poll`.
+    /// Connects to the broker; the discovery of servers begins with the first `poll`.
     ///
     /// # Errors
-    /// No broker, refused credentials, or an invalid prefix.
+    /// Fails if the broker is unreachable or refuses the credentials, or if the prefix is invalid.
     pub fn connect(options: Options) -> Result<Self, PoolError> {
         let topics = Topics::new(&options.prefix)?;
         let token = format!("{:016x}", fastrand::u64(..));
@@ -134,7 +134,7 @@ impl Pool {
             faults: options.faults,
             largest: options.largest.max(1),
             probation,
-            // Leaves room for 2^52 episodes below the 2^53 at which JSON's integers end.
+            // Leaves room for 2^52 episodes below 2^53, the limit of exact integers in JSON.
             first_instance: fastrand::u64(..1 << 52),
         };
         let now = Instant::now();
@@ -169,19 +169,20 @@ impl Pool {
         })
     }
 
-    /// Waits until a fitting server is there and returns its numbers of sensors and actuators, 0 where no server announces them and
-    /// none are `needed`. As long as one that fits serves another tool, waits on; `on_wait`, called ten times a second,
-    /// hears of it and may stop the wait.
+    /// Waits for a fitting server and returns its numbers of sensors and actuators, 0 if no server announces them and
+    /// they are not `needed`. Keeps waiting while a fitting server serves another tool. `on_wait` is called ten times a
+    /// second with the reason for the wait, and returns false to stop.
     ///
     /// # Errors
-    /// No server fits within the discovery time-out; the broker denies the search; the servers do not announce sizes; stopped.
+    /// Fails if no server fits within the discovery time-out, if the broker denies discovery, if the servers do not
+    /// announce their sizes, or if `on_wait` stops the wait.
     pub fn wait_for_server(
         &mut self,
         needed: bool,
         mut on_wait: impl FnMut(&str) -> bool,
     ) -> Result<(usize, usize), PoolError> {
         let start = Instant::now();
-        // A server that was busy and has just become free still has to answer.
+        // A server that has just become free still has to answer.
         let mut free_since = start;
         let mut warned = false;
         loop {
@@ -190,7 +191,7 @@ impl Pool {
                 return Err(PoolError::Denied(reason));
             }
             if self.scheduler.has_server() {
-                // Another server with the same id would answer now, and then neither is used.
+                // Another server with the same id would answer now, and neither would be used.
                 let settled = Instant::now() + self.probation;
                 while Instant::now() < settled {
                     self.poll(settled);
@@ -232,55 +233,55 @@ impl Pool {
         }
     }
 
-    /// What the work that follows is for.
+    /// Sets the purpose of the work that follows.
     pub fn set_about(&mut self, about: About) {
         self.supervision
             .set_work(about.generation, about.purpose.as_deref());
         self.about = about;
     }
 
-    /// The processes of these servers are the tool's own. What is returned is for their supervisor.
+    /// Declares the processes of these servers supervised. Returns the handle for their supervisor.
     #[must_use]
     pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) -> Supervision {
         self.scheduler.watch(servers);
         self.supervision.clone()
     }
 
-    /// A handle by which another thread has the work that is under way ask whether to go on.
+    /// Returns a handle with which another thread interrupts the wait for messages.
     #[must_use]
     pub fn waker(&self) -> Waker {
         self.connection.waker()
     }
 
-    /// Sets the listener that is told what happens, as it happens.
+    /// Sets the listener for events.
     pub fn listen(&mut self, listener: Listener) {
         self.reporter = Reporter::new(listener);
     }
 
-    /// Metrics that servers with this simulation announce, sorted.
+    /// Returns the metrics that servers with this simulation announce, sorted.
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
         self.scheduler.metrics()
     }
 
-    /// What each server declares: how far it finds the same again, and its tolerance.
+    /// Returns the determinism and the tolerance that each server declares.
     #[must_use]
     pub fn determinism(&self) -> Vec<(u64, Option<&str>, Option<f64>)> {
         self.scheduler.determinism()
     }
 
-    /// Incidents so far.
+    /// Returns the counts of incidents so far.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         self.scheduler.counts()
     }
 
-    /// Returns the warnings for the user since the last call.
+    /// Takes the warnings for the user since the last call.
     pub fn take_warnings(&mut self) -> Vec<Warning> {
         std::mem::take(&mut self.warnings)
     }
 
-    /// The attempts made since the last call.
+    /// Takes the attempts made since the last call.
     pub fn take_journal(&mut self) -> Vec<Attempt> {
         let wall = self.wall;
         let journal = self.scheduler.take_journal().into_iter();
@@ -290,7 +291,7 @@ impl Pool {
             .collect()
     }
 
-    /// Frees the servers and leaves the broker.
+    /// Frees the servers and disconnects.
     pub fn close(mut self) {
         self.scheduler.release();
         self.act();

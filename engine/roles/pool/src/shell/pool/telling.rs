@@ -1,4 +1,4 @@
-//! What users and those who watch are told.
+//! Reports to users and monitors.
 
 use std::time::{Duration, Instant};
 
@@ -9,16 +9,16 @@ use super::{Pool, REPEATS_INTERVAL};
 use crate::journal::Warning;
 use crate::shell::report::Report;
 
-/// A connection that ends so soon after a status ended because of it, if it does so again and again: some brokers end
-/// that of a client that publishes where the access rules deny it (Mosquitto 2.0.11).
+/// A connection that repeatedly ends within this time of a status ends because of the status: some brokers disconnect a
+/// client that publishes where the access rules deny it (Mosquitto 2.0.11).
 const IMMEDIATELY: Duration = Duration::from_millis(100);
 const CONFIRMATIONS: u32 = 2;
 
-/// How often those who watch are told how it stands.
+/// Interval between two statuses for monitors.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 
 impl Pool {
-    /// How it stands, and with what.
+    /// Returns the current status, including the purpose of the work.
     pub(super) fn current_status(&self, now: Instant) -> Status {
         let mut status = self.scheduler.status(now);
         status.run = self.about.run.clone();
@@ -29,7 +29,7 @@ impl Pool {
         status
     }
 
-    /// Tells those who watch how it stands.
+    /// Publishes the status for monitors.
     pub(super) fn tell(&mut self, left: bool, now: Instant) {
         self.tell_at = now + STATUS_INTERVAL;
         let mut status = self.current_status(now);
@@ -51,13 +51,13 @@ impl Pool {
         }
     }
 
-    /// Tells what the user should know.
+    /// Issues a warning.
     pub(super) fn warn(&mut self, text: String) {
         self.reporter.tell(&Report::Warning { message: &text });
         self.warnings.push(Warning::now(text));
     }
 
-    /// Tells of the warnings that were like those before.
+    /// Reports the repeated warnings.
     pub(super) fn count_alike(&mut self, now: Instant) {
         self.count_at = now + REPEATS_INTERVAL;
         for text in self.scheduler.take_repeated() {
@@ -65,7 +65,7 @@ impl Pool {
         }
     }
 
-    /// The broker does not distribute what this tool publishes on a topic.
+    /// Handles a topic on which the broker denies publishing.
     pub(super) fn is_denied(&mut self, topic: &str, message: String) {
         if topic == self.topics.name(Topic::Discovery) {
             self.denied = Some(message);
@@ -79,18 +79,18 @@ impl Pool {
         }
     }
 
-    /// The connection ended: perhaps on the large packet that the broker has not read, or for how this tool stands.
+    /// Finds the cause of a lost connection: a large packet that the broker has not read, or the status.
     pub(super) fn suspect(&mut self, unread: usize, now: Instant) {
         let at_once = |published: Instant| now.saturating_duration_since(published) < IMMEDIATELY;
         if unread == 0 {
             self.suspect_status(now);
         } else if !self.told_at.take().is_some_and(at_once) || self.ended_at_once >= CONFIRMATIONS {
-            // Otherwise it may be either.
+            // Otherwise, either may be the cause.
             self.scheduler.ended_on(unread, now);
         }
     }
 
-    /// The connection ended: perhaps since the broker does not let this tool say how it stands.
+    /// Checks whether a lost connection is due to a denied status.
     fn suspect_status(&mut self, now: Instant) {
         let at_once = |published: Instant| now.saturating_duration_since(published) < IMMEDIATELY;
         if !self.told_at.take().is_some_and(at_once) {

@@ -1,4 +1,4 @@
-//! Looking for a server that has scenes.
+//! Discovery of a server with scenes.
 
 use std::time::{Duration, Instant};
 
@@ -9,13 +9,13 @@ use super::SceneError;
 use super::SceneError::Impossible;
 use super::{GoOn, SceneEpisode, SceneServer};
 
-/// How often discovery is repeated.
+/// Interval between discoveries.
 const ASK: Duration = Duration::from_millis(500);
-/// How long is waited for a server with scenes, once one without them has answered.
+/// How long to wait for a server with scenes after one without has answered.
 const BETTER: Duration = Duration::from_secs(2);
 
 impl SceneEpisode {
-    /// Looks for a free server that has scenes.
+    /// Returns a free server that has scenes.
     pub(super) fn find(&mut self, hash: &str, go_on: GoOn<'_>) -> Result<SceneServer, SceneError> {
         let begin = Instant::now();
         let mut limit = begin + self.options.discovery;
@@ -66,7 +66,7 @@ impl SceneEpisode {
         )
     }
 
-    /// The answers to a discovery that have come, after a turn at most.
+    /// Returns the answers to a discovery that arrive within one turn.
     fn answers(
         &mut self,
         hash: &str,

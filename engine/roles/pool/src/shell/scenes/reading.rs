@@ -1,4 +1,4 @@
-//! What a server sends in an episode.
+//! Messages of a server during an episode.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -10,13 +10,13 @@ use super::SceneError;
 use super::SceneError::Impossible;
 use super::{GoOn, News, SceneEpisode};
 
-/// More agents than this are a mistake of the server.
+/// Number of agents above which the server is at fault.
 const MOST_AGENTS: usize = 1_000_000;
 /// Number of bytes of an unreadable message that are searched for the hash.
 const AROUND: usize = 4096;
 
 impl SceneEpisode {
-    /// Reads what has come by then, after a tenth of a second at most.
+    /// Reads the messages that arrive until `until`, but at most for 0.1 s.
     pub(super) fn receive(&mut self, until: Instant, go_on: GoOn<'_>) -> Result<(), SceneError> {
         self.turn(until, go_on)?;
         for event in std::mem::take(&mut self.events) {
@@ -34,7 +34,7 @@ impl SceneEpisode {
         Ok(())
     }
 
-    /// A message: what is not of this episode, or cannot be read, is passed over.
+    /// Reads a message; messages that are unreadable or belong to another episode are ignored.
     fn read(&mut self, topic: Topic, payload: &[u8]) -> Result<(), SceneError> {
         match topic {
             Topic::Sensor => match SensorReading::decode(payload) {
@@ -75,7 +75,7 @@ impl SceneEpisode {
                     self.ended = Some((f64::NAN, BTreeMap::new()));
                     return Err(Impossible(reason));
                 }
-                // The topic is this tool's own.
+                // Only this tool's messages arrive on this topic.
                 Err(error) => return Err(self.unread(topic, &error)),
                 Ok(_) => {}
             },
