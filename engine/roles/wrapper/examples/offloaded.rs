@@ -1,4 +1,4 @@
-//! What an evaluation costs there and back through the embedded broker, beside a bare message there and back.
+//! Measures the round trip of an evaluation through the embedded broker, compared to that of a bare message.
 //!
 //! `cargo run --release -p swarmwright-wrapper --example offloaded`
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // a measurement, for people to read
@@ -31,7 +31,7 @@ fn open(url: &str, filters: &[&str]) -> Connection {
     Connection::open(Settings::new(url.parse().unwrap()), subscriptions).unwrap()
 }
 
-/// Waits for `count` messages; the last one.
+/// Waits for `count` messages and returns the last one.
 fn wait(connection: &mut Connection, count: usize) -> Vec<u8> {
     let (mut received, mut last) = (0, Vec::new());
     let mut events = Vec::new();
@@ -77,7 +77,7 @@ fn genomes(candidates: usize) -> F32s {
     )
 }
 
-/// Median seconds there and back.
+/// Returns the median round-trip time in seconds.
 fn there_and_back(connection: &mut Connection, topic: &str, payload: &[u8], rounds: usize) -> f64 {
     let options = PublishOptions {
         content_type: Some(MEDIA_TYPE),

@@ -1,5 +1,5 @@
-//! Where a job is computed: in this thread if it takes microseconds, else in another one, so that the MQTT
-//! thread goes on answering.
+//! Evaluator of jobs: jobs of some microseconds run in the calling thread, longer ones in another thread, so that the
+//! MQTT thread keeps answering.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -13,10 +13,10 @@ use swarmwright_worlds::Means;
 use crate::job::{Done, Job, Setup};
 use crate::progress::Progress;
 
-/// Longer jobs go to the other thread: there and back costs about 20 us.
+/// Longest expected duration of a job in the MQTT thread; handing a job over and back costs about 20 us.
 pub(crate) const SHORT: Duration = Duration::from_millis(1);
 
-/// Episodes that are computed in the time of one.
+/// Returns the number of groups of episodes that are computed one after another; each takes the time of one episode.
 fn groups(episodes: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53")]
     {
@@ -24,18 +24,18 @@ fn groups(episodes: usize) -> f64 {
     }
 }
 
-/// Computes jobs, one at a time.
+/// Evaluator that computes one job at a time.
 pub(crate) struct Evaluator {
     means: Means,
     progress: Option<Arc<Progress>>,
     waker: Waker,
     worker: Option<(Sender<Job>, Receiver<Done>)>,
-    /// Seconds of a group of episodes in the last job, and the job's setup.
+    /// Setup of the last job, and the seconds per group of episodes.
     pace: Option<(Arc<Setup>, f64)>,
 }
 
 impl Evaluator {
-    /// `waker` ends the wait of the MQTT thread when a result is there.
+    /// Creates an evaluator. `waker` ends the wait of the MQTT thread when a result is available.
     pub fn new(threads: usize, progress: Option<Arc<Progress>>, waker: Waker) -> Self {
         let means = Means {
             threads,
@@ -50,7 +50,7 @@ impl Evaluator {
         }
     }
 
-    /// The result, if the job was computed at once.
+    /// Starts a job. Returns the result if it was computed at once.
     pub fn run(&mut self, job: Job) -> Option<Done> {
         let short = self.pace.as_ref().is_some_and(|(setup, seconds)| {
             Arc::ptr_eq(setup, &job.request.setup)
@@ -66,7 +66,7 @@ impl Evaluator {
         Some(done)
     }
 
-    /// A result of the other thread.
+    /// Returns a result of the other thread, if there is one.
     pub fn finished(&mut self) -> Option<Done> {
         let done = self.worker.as_ref()?.1.try_recv().ok()?;
         self.learn(&done);
@@ -81,7 +81,7 @@ impl Evaluator {
         }
     }
 
-    /// Gives the job to the other thread, or back where the system has no thread left.
+    /// Hands the job to the other thread; returns it if no thread could be started.
     fn hand_over(&mut self, job: Job) -> Option<Job> {
         if self.worker.is_none() {
             self.worker = start(self.means, self.progress.clone(), self.waker.clone());
@@ -93,7 +93,7 @@ impl Evaluator {
     }
 }
 
-/// The thread ends when the sender of jobs is dropped.
+/// Starts the thread, which ends when the sender of jobs is dropped.
 fn start(
     means: Means,
     progress: Option<Arc<Progress>>,

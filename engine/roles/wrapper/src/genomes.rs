@@ -1,4 +1,4 @@
-//! The genomes of a request: sent as they are, or made here from what was sent.
+//! Genomes of a request, either sent or generated from a sample.
 
 use std::ops::Range;
 
@@ -10,15 +10,15 @@ use swarmwright_protocol::{NORMAL, Sample};
 pub(crate) enum Genomes {
     /// (candidates, weights), row-major.
     Sent(Vec<f32>),
-    /// Made when they are needed.
+    /// Generated when needed.
     Sample(Box<Sample>),
 }
 
 impl Genomes {
-    /// Genomes of a valid message for a controller with `weights` weights.
+    /// Reads the genomes of a valid message for a controller with `weights` weights.
     ///
     /// # Errors
-    /// Why it is not for this controller or this server.
+    /// Returns why the genomes do not match the controller, or why this server cannot generate them.
     pub fn new(
         sent: Vec<f32>,
         sample: Option<Box<Sample>>,
@@ -42,7 +42,7 @@ impl Genomes {
         }
     }
 
-    /// Number of candidates.
+    /// Returns the number of candidates.
     pub fn candidates(&self, weights: usize) -> usize {
         match self {
             Self::Sent(numbers) => numbers.len() / weights,
@@ -50,7 +50,7 @@ impl Genomes {
         }
     }
 
-    /// Bytes held.
+    /// Returns the number of bytes held.
     pub fn bytes(&self) -> usize {
         match self {
             Self::Sent(numbers) => size_of_val(&numbers[..]),
@@ -58,7 +58,8 @@ impl Genomes {
         }
     }
 
-    /// The genomes of some of the candidates, in `buffer` where they have to be made: in this thread alone if `threads` is 1.
+    /// Returns the genomes of some candidates. Generated ones are written to `buffer`, in the current thread if
+    /// `threads` is 1.
     pub fn of<'a>(
         &'a self,
         candidates: Range<usize>,
@@ -84,7 +85,7 @@ impl Genomes {
     }
 }
 
-/// What the genomes of a sound sample are made from.
+/// Returns the distribution of a valid sample.
 #[must_use]
 pub fn gaussian(sample: &Sample) -> GaussianSample<'_> {
     GaussianSample {

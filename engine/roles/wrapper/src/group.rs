@@ -1,21 +1,21 @@
-//! Episodes of a batch whose simulation steps them together; and how they go on one by one when its code fails.
+//! Episodes of a batch that one simulation steps together, and their separate continuation if its code fails.
 
 use swarmwright_worlds::{Failure as Cause, ParameterError, Parameters, Simulation, Together};
 
 use crate::guard::guarded;
 
-/// A simulation, what its episodes began with, and what was done in them since.
+/// A simulation, the initial values of its episodes, and all actuators since.
 pub(crate) struct Group {
     simulation: Box<dyn Simulation>,
     parameters: Parameters,
     seeds: Vec<u64>,
-    /// By episode, one row of actuators behind the other: what it takes to repeat the episode alone.
+    /// Concatenated rows of actuators for each episode, used to repeat the episode alone.
     log: Vec<Vec<f32>>,
     steps: usize,
     actuators: usize,
 }
 
-/// An episode that goes on alone, or why it does not.
+/// An episode that continues alone, or the reason why it does not.
 pub(crate) type Alone = Result<Box<dyn Simulation>, Cause>;
 
 impl Group {
@@ -35,10 +35,10 @@ impl Group {
         }
     }
 
-    /// Resets all episodes; whether the parameters are taken. `metrics`: their indices.
+    /// Resets all episodes. Returns whether the parameters are accepted. `metrics`: indices of the requested metrics.
     ///
     /// # Errors
-    /// The error of the code if it fails; then call [`apart`](Self::apart).
+    /// Returns the failure of the simulation's code; then call [`apart`](Self::apart).
     pub fn start(&mut self, metrics: &[usize]) -> Result<Result<(), ParameterError>, Cause> {
         guarded(|| match self.simulation.together() {
             Some(episodes) => episodes.start(&self.parameters, &self.seeds, metrics),
@@ -46,12 +46,12 @@ impl Group {
         })
     }
 
-    /// The episodes.
+    /// Returns the episodes.
     pub fn episodes(&mut self) -> Option<&mut dyn Together> {
         self.simulation.together()
     }
 
-    /// Whether some episode has not ended, and no agent acts in any of these.
+    /// Returns whether some episode has not ended, and no agent acts in any running episode.
     pub fn goes_on(&mut self, running: &[bool]) -> bool {
         let Some(episodes) = self.simulation.together() else {
             return false;
@@ -65,10 +65,10 @@ impl Group {
             && first.is_some()
     }
 
-    /// Makes a step of all episodes, a row of actuators for each agent that acts in one that runs.
+    /// Steps all episodes. `actuators` has one row for each acting agent of each running episode.
     ///
     /// # Errors
-    /// The error of the code if it fails; then call [`apart`](Self::apart).
+    /// Returns the failure of the simulation's code; then call [`apart`](Self::apart).
     pub fn step(&mut self, actuators: &[f32], running: &[bool]) -> Result<(), Cause> {
         self.steps += 1;
         let Some(episodes) = self.simulation.together() else {
@@ -84,7 +84,7 @@ impl Group {
                 log.extend_from_slice(own);
                 all.extend_from_slice(own);
             } else {
-                // Whether it has ended or failed, it is not asked for again.
+                // The episode has ended or failed, so it is never repeated.
                 log.clear();
                 all.resize(all.len() + count, 0.0);
             }
@@ -92,8 +92,8 @@ impl Group {
         guarded(|| episodes.step(&all))
     }
 
-    /// Repeats the episodes that run, each in a simulation of its own, up to where they were when the code failed: one of
-    /// them fails again, the others go on. Gives the group's simulation back as well.
+    /// Repeats the running episodes, each in its own simulation, up to the step at which the code failed: the faulty
+    /// one fails again, the others continue. Also returns the group's simulation.
     pub fn apart(self, running: &[bool]) -> (Box<dyn Simulation>, Vec<Option<Alone>>) {
         let episodes = running
             .iter()
@@ -129,7 +129,7 @@ impl Group {
         .and_then(|alone| alone)
     }
 
-    /// The simulation, for the next batch.
+    /// Returns the simulation, for the next batch.
     pub fn into_simulation(self) -> Box<dyn Simulation> {
         self.simulation
     }

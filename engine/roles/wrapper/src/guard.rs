@@ -1,14 +1,14 @@
-//! The simulation's code, called so that it cannot end the server.
+//! Guards against failures of the simulation's code.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use swarmwright_protocol::{MOST_REASON, MOST_STACK, shortened};
 use swarmwright_worlds::Failure;
 
-/// Runs the simulation's code; its panics become an error, so that one candidate cannot end the server.
+/// Runs the simulation's code and converts its panics into errors, so that one candidate cannot end the server.
 ///
 /// # Errors
-/// What the simulation said by [`fail`](swarmwright_worlds::fail), or that it panicked; short enough to be sent.
+/// Returns the reason given by [`fail`](swarmwright_worlds::fail) or the panic message, shortened for a message.
 pub fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, Failure> {
     catch_unwind(AssertUnwindSafe(call)).map_err(|cause| {
         let Failure { reason, stack } = match cause.downcast::<Failure>() {
@@ -29,10 +29,10 @@ pub fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, Failure> {
     })
 }
 
-/// The fitness of an episode and the metrics of these names that follow it, if they can be sent.
+/// Checks the fitness of an episode, followed by the metrics with these names.
 ///
 /// # Errors
-/// One of them is NaN or infinite.
+/// Fails if a value is NaN or infinite, or if there is no fitness.
 pub(crate) fn all_finite<'a>(results: &'a [f64], metrics: &[String]) -> Result<&'a [f64], Failure> {
     let Some((&fitness, values)) = results.split_first() else {
         return Err("the simulation gives no fitness".to_owned().into());
@@ -46,10 +46,10 @@ pub(crate) fn all_finite<'a>(results: &'a [f64], metrics: &[String]) -> Result<&
     }
 }
 
-/// A fitness that can be sent.
+/// Checks a fitness.
 ///
 /// # Errors
-/// NaN or infinite.
+/// Fails if it is NaN or infinite.
 pub(crate) fn finite(fitness: f64) -> Result<f64, Failure> {
     if fitness.is_finite() {
         Ok(fitness)

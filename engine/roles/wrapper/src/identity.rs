@@ -4,23 +4,23 @@ use swarmwright_controllers::{KINDS, PYTHON_MODULES, TEAM};
 use swarmwright_protocol::{Announcement, Capabilities, ModuleCode, NORMAL};
 use swarmwright_worlds::Description;
 
-/// A server's id and the process behind it.
+/// Id of a server, and its process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Identity {
-    /// The id in the protocol.
+    /// Id in the protocol.
     pub id: u64,
-    /// Random for each start.
+    /// Random text that is new for each process.
     pub instance: String,
     /// Name of the machine.
     pub host: String,
-    /// Process id there.
+    /// Process id on that machine.
     pub pid: u64,
-    /// Behaviours and conditions in Python that it has.
+    /// Python behaviours and conditions that the server has.
     pub modules: Vec<ModuleCode>,
 }
 
 impl Identity {
-    /// This process, under the given id.
+    /// Creates an identity for this process with the given id.
     #[must_use]
     pub fn new(id: u64) -> Self {
         Self {
@@ -32,8 +32,9 @@ impl Identity {
         }
     }
 
-    /// What this server says of its ability to run a simulation: in batches of at most `batch` episodes, and offloaded
-    /// `lanes` episodes in about the time of one; with scenes or without.
+    /// Returns the capabilities announced for a simulation. `varies`: its description depends on parameters; `batch`:
+    /// largest number of episodes per batch; `lanes`: number of episodes computed in about the time of one; `scenes`:
+    /// whether it has scenes.
     #[must_use]
     pub fn capabilities(
         &self,
@@ -58,7 +59,7 @@ impl Identity {
                 batch: Some(batch),
                 lanes: Some(lanes).filter(|lanes| *lanes > 1),
                 distributions: texts(&[NORMAL]),
-                // What depends on parameters is not known before them.
+                // Values that depend on parameters cannot be announced.
                 sensors: Some(simulation.sensors).filter(|_| !varies),
                 actuators: Some(simulation.actuators).filter(|_| !varies),
                 metrics: simulation
@@ -83,8 +84,8 @@ fn host() -> String {
     gethostname::gethostname().to_string_lossy().into_owned()
 }
 
-/// Whether a process is known to be dead, as one on this machine is that is not there: a broker that was killed keeps the
-/// presence of servers that died with it.
+/// Returns whether a process is known to be dead: it was on this machine and does not exist. A broker that was killed
+/// keeps the presence of servers that ended with it.
 pub fn is_dead(other: Option<&str>, pid: Option<u64>) -> bool {
     let process = |pid: u64| std::path::PathBuf::from(format!("/proc/{pid}"));
     other == Some(&*host()) && !pid.is_some_and(|pid| process(pid).exists())

@@ -1,4 +1,4 @@
-//! One request for offloaded evaluation at work: every candidate in every episode, on whatever thread runs it.
+//! Jobs: requests for offloaded evaluation, computed on any thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,29 +16,28 @@ use crate::genomes::Genomes;
 use crate::guard::{all_finite, guarded};
 use crate::progress::Progress;
 
-/// Candidates that are evaluated at once, at first; then as many as keep the time between two looks at the abort flag
-/// within these bounds.
+/// Number of candidates in the first part; later parts are sized so that the abort flag is checked within these bounds.
 const FIRST_PART: usize = 256;
 const SHORT: Duration = Duration::from_millis(10);
 const LONG: Duration = Duration::from_millis(50);
 
-/// What requests that follow each other usually have in common.
+/// Data that consecutive requests usually share.
 #[derive(Debug)]
 pub(crate) struct Setup {
     /// Index of the simulation among those that the server offers.
     pub simulation: usize,
-    /// The specification as it came.
+    /// Specification of the controllers, as received.
     pub controller: Value,
     pub architecture: Architecture,
     pub parameters: Parameters,
-    /// Names of the metrics that are wanted.
+    /// Names of the requested metrics.
     pub metrics: Vec<String>,
     /// Their indices in the simulation's description.
     pub wanted: Vec<usize>,
 }
 
 impl Setup {
-    /// Bytes held, about.
+    /// Returns the approximate number of bytes held.
     pub fn bytes(&self) -> usize {
         let controller = self.controller.as_object().map_or(0, bytes_of);
         controller + bytes_of(&self.parameters)
@@ -53,26 +52,26 @@ pub(crate) struct Request {
     pub setup: Arc<Setup>,
     pub genomes: Genomes,
     pub seeds: Vec<u64>,
-    /// Bytes that its setup takes, where no request before shares it.
+    /// Bytes of its setup, unless an earlier request shares it.
     pub held: usize,
     /// When the tool gives the work to another server.
     pub expires: Option<Instant>,
 }
 
 impl Request {
-    /// Number of candidates.
+    /// Returns the number of candidates.
     pub fn candidates(&self) -> usize {
         self.genomes
             .candidates(self.setup.architecture.weight_count())
     }
 
-    /// Bytes held.
+    /// Returns the number of bytes held.
     pub fn size(&self) -> usize {
         self.genomes.bytes() + self.seeds.len() * 8 + self.held
     }
 }
 
-/// A request at work, with the simulation that it needs. Give what [`run`](Self::run) returns to
+/// A request that is being computed, with its simulation. Pass the result of [`run`](Self::run) to
 /// [`Machine::finished`](crate::Machine::finished).
 pub struct Job {
     pub(crate) request: Request,
@@ -80,7 +79,7 @@ pub struct Job {
     pub(crate) abort: Arc<AtomicBool>,
 }
 
-/// A request that was worked on.
+/// A request that has been computed.
 pub struct Done {
     pub(crate) request: Request,
     pub(crate) simulation: Box<dyn Simulation>,
@@ -89,7 +88,7 @@ pub struct Done {
 }
 
 impl Done {
-    /// Says that it took so long: where the time is not this computer's, as in a simulation of many servers.
+    /// Sets the duration, for simulated time in tests with many servers.
     #[must_use]
     pub fn took(self, time: Duration) -> Self {
         Self {
@@ -99,11 +98,11 @@ impl Done {
     }
 }
 
-/// Fitness of candidates x episodes, row-major, NaN where `failed` says why.
+/// Fitness of candidates x episodes, row-major; NaN for the evaluations in `failed`.
 #[derive(Debug, Default)]
 pub(crate) struct Evaluation {
     pub fitness: Vec<f64>,
-    /// The metrics that are wanted, each like the fitness.
+    /// Requested metrics, each in the layout of the fitness.
     pub metrics: Vec<Vec<f64>>,
     pub failed: Vec<Failure>,
 }
@@ -118,19 +117,19 @@ impl std::fmt::Debug for Job {
 }
 
 impl Job {
-    /// Number of episodes to compute.
+    /// Returns the number of episodes to compute.
     #[must_use]
     pub fn episodes(&self) -> usize {
         self.request.candidates() * self.request.seeds.len()
     }
 
-    /// Computes. The fitness does not depend on `means`.
+    /// Computes the request. The fitness does not depend on `means`.
     #[must_use]
     pub fn run(self, means: Means) -> Done {
         self.run_watched(means, None)
     }
 
-    /// As [`run`](Self::run), and says what it is at.
+    /// Like [`run`](Self::run), and reports the progress.
     pub(crate) fn run_watched(mut self, means: Means, progress: Option<&Progress>) -> Done {
         let start = Instant::now();
         let scope = self.simulation.scope();
@@ -156,7 +155,7 @@ impl Job {
     }
 }
 
-/// The whole block in parts, until it is done or not wanted any more.
+/// Evaluates the block in parts, until it is done or aborted.
 fn evaluate(
     simulation: &mut dyn Simulation,
     request: &Request,
@@ -172,7 +171,7 @@ fn evaluate(
     };
     let all = request.candidates();
     let mut buffer = Vec::new();
-    // Fewer would take as long.
+    // Fewer candidates would take as long.
     let least = simulation
         .lanes()
         .div_ceil(request.seeds.len().max(1))
@@ -215,7 +214,7 @@ fn evaluate(
     Ok(evaluation)
 }
 
-/// Some candidates of a request.
+/// Consecutive candidates of a request.
 struct Part<'a> {
     block: &'a Block<'a>,
     /// Names of the metrics.
@@ -250,7 +249,7 @@ fn evaluate_part(
             for (index, results) in results.chunks_exact(numbers).enumerate() {
                 let results = all_finite(results, part.names);
                 if results.is_err() && part.block.architecture.in_python().is_some() {
-                    // What fails among others says why when it is alone.
+                    // Evaluate the failed one alone to find the reason.
                     let episodes = part.block.seeds.len();
                     let architecture = Arc::new(part.block.architecture.clone());
                     let controller = part.controller(&architecture, index / episodes)?;
@@ -266,7 +265,7 @@ fn evaluate_part(
             Ok(())
         }
         Ok(Some(Err(error))) if is_refusal(&error) => Err(invalid(error.to_string())),
-        // It leaves that to us; or something failed, and one by one it can be seen what.
+        // The simulation does not evaluate blocks, or an evaluation failed and is found by running them one by one.
         _ => one_by_one(simulation, part, abort, evaluation),
     }
 }
@@ -300,7 +299,7 @@ fn one_by_one(
     Ok(())
 }
 
-/// One evaluation of a part, its controller and its parameters.
+/// Runs one evaluation of a part with its controller and its parameters.
 fn evaluate_alone(
     simulation: &mut dyn Simulation,
     part: &Part<'_>,
@@ -334,7 +333,7 @@ fn evaluate_alone(
 }
 
 impl Part<'_> {
-    /// The controller of a candidate.
+    /// Returns the controller of a candidate.
     fn controller(
         &self,
         architecture: &Arc<Architecture>,
@@ -351,7 +350,7 @@ impl Part<'_> {
 }
 
 impl Evaluation {
-    /// `index`: of the evaluation within the part.
+    /// Adds a result; `index` is that of the evaluation within the part.
     fn push(&mut self, part: &Part<'_>, index: usize, result: Result<&[f64], Cause>) {
         let number = |column: usize| result.as_ref().map_or(f64::NAN, |results| results[column]);
         self.fitness.push(number(0));
@@ -370,8 +369,8 @@ impl Evaluation {
 /// Largest number of stack traces in a message.
 const STACKS: usize = 16;
 
-/// Adds a failure to those of a message. Its stack is left out where one with the same reason has it: many candidates
-/// often fail in one line.
+/// Adds a failure to a message. Its stack trace is omitted if an earlier failure with the same reason has one, since
+/// many candidates often fail in the same line.
 pub(crate) fn add_failure(failed: &mut Vec<Failure>, candidate: u64, episode: u64, cause: Cause) {
     let is_news = |_: &String| {
         let others = failed.iter().filter(|other| other.stack.is_some());
@@ -387,7 +386,7 @@ pub(crate) fn add_failure(failed: &mut Vec<Failure>, candidate: u64, episode: u6
     });
 }
 
-/// Whether a whole request is at fault, not one of its evaluations.
+/// Returns whether an error concerns the whole request instead of a single evaluation.
 fn is_refusal(error: &RolloutError) -> bool {
     matches!(
         error,
@@ -398,10 +397,10 @@ fn is_refusal(error: &RolloutError) -> bool {
     )
 }
 
-/// The indices of the metrics that a request names.
+/// Returns the indices of the metrics with these names.
 ///
 /// # Errors
-/// A name that the simulation does not have, or that is given twice.
+/// Fails if the simulation does not have a metric, or if a name is repeated.
 pub(crate) fn metrics_wanted(
     description: &Description,
     names: &[String],
@@ -414,7 +413,7 @@ pub(crate) fn metrics_wanted(
     indices.map_err(|error| invalid(error.to_string()))
 }
 
-/// A request that this server cannot serve.
+/// Builds a refusal of a request that this server cannot serve.
 pub(crate) fn invalid(reason: String) -> Refusal {
     Refusal {
         kind: RefusalKind::Invalid,

@@ -1,4 +1,4 @@
-//! Simulation wrapper (D6.1 5.2.2): a [`Simulation`] becomes a simulation server on the broker.
+//! Simulation wrapper (D6.1 5.2.2): serves a [`Simulation`] as a simulation server on the broker.
 //!
 //! ```no_run
 //! # fn my_simulation() -> Box<dyn swarmwright_wrapper::Simulation> { unimplemented!() }
@@ -8,7 +8,7 @@
 //! server.run(|event| println!("{event}"), || true);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
-//! What the server does with each message is decided in [`machine`], which knows neither sockets nor clocks.
+//! [`machine`] decides how the server reacts to each message; it uses neither sockets nor clocks.
 
 mod batch;
 mod evaluator;

@@ -1,4 +1,4 @@
-//! What a server's machine wants done, and what it tells its operator.
+//! Actions that a server's machine requests, and notices for its operator.
 
 use std::fmt;
 
@@ -16,30 +16,30 @@ pub enum Action {
     Reply {
         /// Topic without prefix.
         topic: String,
-        /// The request's number: correlation data, 8 bytes big-endian; `None` if no request is answered.
+        /// Number of the request, sent as correlation data in 8 bytes, big-endian; `None` if no request is answered.
         request: Option<u64>,
-        /// The message.
+        /// Payload of the message.
         payload: Vec<u8>,
     },
-    /// Compute, here or on another thread, and give the result to [`Machine::finished`](crate::Machine::finished).
+    /// Compute a job on any thread, and pass the result to [`Machine::finished`](crate::Machine::finished).
     Evaluate(Job),
-    /// Leave the broker for good, and do not say that this id left: another server has it. Unless that one is known to
-    /// be dead: a broker that was killed keeps the presence of servers that died with it.
+    /// Leave the broker for good without publishing that this id left, because another server has it. Ignored if that
+    /// server is known to be dead: a broker that was killed keeps the presence of servers that ended with it.
     GiveWay(Rival),
-    /// Tell the operator.
+    /// Notify the operator.
     Notice(Notice),
-    /// Show the run.
+    /// Show a frame of the run.
     Frame(Scene),
 }
 
-/// Another server with the same id, where that is known.
+/// Another server with the same id, as far as it is known.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rival {
     /// The id.
     pub id: u64,
     /// Name of its machine.
     pub host: Option<String>,
-    /// Its process id there.
+    /// Process id on that machine.
     pub pid: Option<u64>,
 }
 
@@ -60,7 +60,7 @@ pub enum Notice {
     Ready,
     /// The server is taken, by the named tool if it gave a name.
     Busy(Option<String>),
-    /// Something is not as it should be.
+    /// A warning.
     Warning(String),
     /// The connection to the broker was lost; the server reconnects.
     Lost(String),

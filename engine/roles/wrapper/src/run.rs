@@ -1,4 +1,4 @@
-//! One run of a simulation: who has to act, whose actuators are there, what is missing.
+//! Stepwise runs: the acting agents, and the actuators that have arrived.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -16,25 +16,25 @@ use crate::scenes::{sending, to_message};
 /// An episode that is being stepped.
 pub(crate) struct Run {
     pub hash: String,
-    /// Finds the hash in a message that was not read.
+    /// Finder of the hash in a message that has not been parsed.
     finder: Finder<'static>,
     writer: ReadingWriter,
     pub title: String,
     pub tool: Option<String>,
-    /// Topic, without prefix, on which the tool wants to hear that the episode failed.
+    /// Topic, without prefix, on which the tool receives failures of the episode.
     pub reply: Option<String>,
     pub visual: bool,
-    /// What the tool wants of the scene of every step beside bodies; none for no scenes.
+    /// Parts of the scene that the tool wants with every step besides the bodies; `None` for no scenes.
     pub scenes: Option<Vec<String>>,
     /// Index of the simulation among those that the server offers.
     pub simulation: usize,
-    /// Steps completed.
+    /// Number of completed steps.
     pub steps: u64,
-    /// Time at which the present step began to wait for actuators.
+    /// When the current step began to wait for actuators.
     pub waiting_since: Instant,
-    /// Whether the waiting was warned of.
+    /// Whether a warning about the wait has been issued.
     pub told: bool,
-    /// When the run goes on, if it does not wait for actuators: it is being shown, or the simulation steers itself.
+    /// When the run continues, if it does not wait for actuators: it is being shown, or the simulation steers itself.
     pub resume_at: Option<Instant>,
     acting: Vec<u32>,
     arrived: Vec<bool>,
@@ -42,25 +42,25 @@ pub(crate) struct Run {
     actuators: Vec<f32>,
     per_agent: usize,
     sensors: Vec<f32>,
-    /// Kinds of agents with sensors and actuators of their own; empty where all agents have the same.
+    /// Kinds of agents with their own sensors and actuators; empty if all agents have the same.
     groups: Vec<Group>,
     metrics: Cow<'static, [MetricInfo]>,
 }
 
-/// What to do after an event of a run.
+/// Result of an event in a run.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Outcome {
-    /// Nothing yet: other actuators are missing.
+    /// Other actuators are still missing.
     Wait,
-    /// The simulation has moved on and waits for new actuators.
+    /// The simulation has been stepped and waits for new actuators.
     Stepped,
-    /// The simulation has moved on by itself and will again.
+    /// The simulation has been stepped without actuators and will be again.
     WentOn,
-    /// The episode has ended; and why its metrics are missing, if they are.
+    /// The episode has ended; with the reason why its metrics are missing, if they are.
     Finished(Fitness, Option<Failure>),
     /// The simulation failed.
     Failed(Failure),
-    /// What an agent senses does not fit into a message.
+    /// The sensors of an agent do not fit into a message.
     TooLarge { agent: u32, bytes: usize },
 }
 
@@ -68,7 +68,7 @@ pub(crate) enum Outcome {
 pub(crate) enum NoStart {
     /// The simulation refuses a parameter.
     Refused(ParameterError),
-    /// It failed.
+    /// The simulation failed.
     Failed(Failure),
 }
 
@@ -110,7 +110,7 @@ impl Run {
             scenes,
             ..
         } = control;
-        // Without a topic there is nowhere to send them.
+        // Scenes cannot be sent without a reply topic.
         let scenes = scenes.filter(|_| reply.is_some());
         Self {
             finder: Finder::new(&hash).into_owned(),
@@ -137,7 +137,7 @@ impl Run {
         }
     }
 
-    /// The group of an agent, where there are groups.
+    /// Returns the group of an agent, if there are groups.
     fn group_of(&self, agent: u32) -> Option<&Group> {
         let mut first = 0_u32;
         self.groups.iter().find(|group| {
@@ -146,7 +146,7 @@ impl Run {
         })
     }
 
-    /// Numbers in the sensor message of an agent.
+    /// Returns the length of the sensor message of an agent.
     fn sensors_of(&self, agent: u32) -> usize {
         let own = self.group_of(agent).filter(|group| !group.padded);
         own.map_or(self.sensors.len(), |group| {
@@ -154,7 +154,7 @@ impl Run {
         })
     }
 
-    /// Whether an actuator message of an agent has as many numbers as it may have; if not, how many it may have.
+    /// Checks the number of actuators for an agent; returns the expected number if it is wrong.
     fn check_actuators(&self, agent: u32, count: usize) -> Result<(), usize> {
         let Some(group) = self.group_of(agent) else {
             return (count == self.per_agent)
@@ -167,8 +167,8 @@ impl Run {
             .ok_or(group.actuators)
     }
 
-    /// Sends the sensors of all acting agents, or ends the episode when it is done. A simulation that goes on by itself
-    /// makes a step, and one more when the run is resumed: in between the server looks at its messages.
+    /// Sends the sensors of all acting agents, or ends the episode if it is done. A simulation that needs no actuators
+    /// is stepped once, and again whenever the run is resumed; in between the server reads its messages.
     pub fn sense(
         &mut self,
         simulation: &mut dyn Simulation,
@@ -219,7 +219,8 @@ impl Run {
         Outcome::Stepped
     }
 
-    /// A tool that hears of failures hears of those of the metrics, too; another one would wait for the fitness in vain.
+    /// Returns the fitness message. A failure of the metrics is an error only if the tool receives failures; another
+    /// tool would wait for the fitness in vain.
     fn outcome(&self, simulation: &dyn Simulation) -> Result<(Fitness, Option<Failure>), Failure> {
         let fitness = guarded(|| simulation.fitness()).and_then(finite)?;
         let (metrics, unmeasured) = match self.measured(simulation) {
@@ -236,7 +237,8 @@ impl Run {
         Ok((message, unmeasured))
     }
 
-    /// The scene of this moment as a message, if the simulation has one. What cannot be measured yet is left out.
+    /// Returns the current scene as a message, if the simulation has one. Metrics that cannot be measured yet are
+    /// omitted.
     pub fn scene(
         &self,
         simulation: &dyn Simulation,
@@ -260,7 +262,7 @@ impl Run {
         Ok(Some(ToTool::Scene(Box::new(message)).encode()))
     }
 
-    /// All metrics by name, but for those that no message can carry: the tool may not need them.
+    /// Returns all metrics by name, except values that are not finite, which the tool may not need.
     fn measured(&self, simulation: &dyn Simulation) -> Result<BTreeMap<String, f64>, Failure> {
         if self.metrics.is_empty() {
             return Ok(BTreeMap::new());
@@ -282,15 +284,16 @@ impl Run {
         }
     }
 
-    /// Whether a payload has the run's hash somewhere.
+    /// Returns whether a payload contains the run's hash.
     pub fn is_named_in(&self, payload: &[u8]) -> bool {
         self.finder.find(payload).is_some()
     }
 
-    /// Takes one agent's actuators.
+    /// Applies the actuators of one agent.
     ///
     /// # Errors
-    /// An agent that is not asked, or the wrong number of actuators: the message is refused, the run goes on waiting.
+    /// Fails if the agent was not asked or the number of actuators is wrong; the message is refused, and the run
+    /// continues to wait.
     pub fn actuate(
         &mut self,
         simulation: &mut dyn Simulation,
@@ -331,7 +334,7 @@ impl Run {
         })
     }
 
-    /// Describes the missing agents, and for how long they have been awaited.
+    /// Describes the missing actuators and the duration of the wait.
     pub fn waiting_for(&self, now: Instant) -> String {
         let missing: Vec<u32> = self
             .acting

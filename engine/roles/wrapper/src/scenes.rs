@@ -1,4 +1,4 @@
-//! Scenes as messages, for tools that show episodes of simulations that they do not have.
+//! Conversion between scenes and messages, for tools that show episodes of simulations that they do not have.
 
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -14,14 +14,14 @@ thread_local! {
     static SENT: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Whether the scene that the simulation is asked for in this thread goes to a tool, rather than to people here: for
-/// simulations that show themselves.
+/// Returns whether a scene requested in this thread is sent to a tool instead of being shown here; used by simulations
+/// that display themselves.
 #[must_use]
 pub fn is_sent() -> bool {
     SENT.get()
 }
 
-/// Runs a call in which scenes are asked for that go to a tool.
+/// Runs a call whose scenes are sent to a tool.
 pub(crate) fn sending<T>(call: impl FnOnce() -> T) -> T {
     SENT.set(true);
     let done = call();
@@ -29,8 +29,8 @@ pub(crate) fn sending<T>(call: impl FnOnce() -> T) -> T {
     done
 }
 
-/// A message with what a scene has; of rays and links only those that are among `parts`. What tells the episode and what
-/// is measured in it is left out.
+/// Converts a scene to a message; rays and links are included only if they are among `parts`. The fields that identify
+/// the episode and hold its measurements are left empty.
 #[must_use]
 pub fn to_message(scene: &Scene, parts: &[String]) -> SceneMessage {
     let is_wanted = |part: &str| parts.iter().any(|name| name == part);
@@ -155,7 +155,7 @@ fn scale(scale: &Scale) -> SceneScale {
     }
 }
 
-/// The scene that a message has, whose arrays fit each other, as all do that were read.
+/// Converts a message to a scene; its arrays must match, which the decoder checks.
 #[must_use]
 pub fn from_message(message: SceneMessage) -> Scene {
     Scene {
@@ -190,7 +190,7 @@ pub fn from_message(message: SceneMessage) -> Scene {
 /// Largest number of characters of a peer's text that are shown.
 const MOST_CHARACTERS: usize = 200;
 
-/// A text of a peer, which goes to terminals and pages: short, without control characters.
+/// Limits the length of a peer's text and removes control characters, since it is shown in terminals and on pages.
 fn plain(text: String) -> String {
     if text.len() <= MOST_CHARACTERS && !text.chars().any(char::is_control) {
         return text;

@@ -1,4 +1,4 @@
-//! Episodes stepped side by side: all agents that act next, of all episodes, in one message.
+//! Batched episodes: one message carries all acting agents of all episodes.
 
 mod view;
 
@@ -17,9 +17,9 @@ use crate::job::{add_failure, invalid, metrics_wanted};
 use view::View;
 
 struct Episode {
-    /// Its own simulation; `None` if it has ended, or is stepped by a group.
+    /// The episode's own simulation; `None` if it has ended, or is stepped by a group.
     simulation: Option<Box<dyn Simulation>>,
-    /// How many of the rows are its agents; none once it has ended.
+    /// Number of rows for its agents; `None` once it has ended.
     rows: Option<usize>,
 }
 
@@ -30,35 +30,35 @@ pub(crate) struct Batch {
     pub reply: String,
     /// Index of the simulation among those that the server offers.
     pub simulation: usize,
-    /// Time at which the present step began to wait for actuators.
+    /// When the current step began to wait for actuators.
     pub waiting_since: Instant,
-    /// Whether the waiting was warned of.
+    /// Whether a warning about the wait has been issued.
     pub told: bool,
-    /// Whether an episode goes on by itself, so that the batch does not wait for actuators.
+    /// Whether an episode steers itself, so that the batch does not wait for actuators.
     pub goes_on: bool,
     step: u64,
     sensors: usize,
     actuators: usize,
-    /// Names of the metrics that are wanted, and their indices in the simulation's description.
+    /// Names of the requested metrics, and their indices in the simulation's description.
     metrics: Vec<String>,
     wanted: Vec<usize>,
     episodes: Vec<Episode>,
-    /// What steps them, where one simulation steps all.
+    /// Group that steps the episodes, if one simulation steps all of them.
     group: Option<Group>,
-    /// Simulations that are not needed in this batch any more.
+    /// Simulations that this batch does not need any more.
     spare: Vec<Box<dyn Simulation>>,
     rows: usize,
-    /// Episodes that failed since the last message.
+    /// Episodes that have failed since the last message.
     failed: Vec<Failure>,
 }
 
-/// Notes a failure; the stack once for each reason in a message.
+/// Records a failure, with one stack trace per reason in a message.
 fn note(failed: &mut Vec<Failure>, episode: usize, cause: Cause) {
     add_failure(failed, 0, episode as u64, cause);
 }
 
 impl Batch {
-    /// Resets a simulation for each seed, or the only one for all of them. The simulations come back when it cannot be.
+    /// Resets one simulation per seed, or a single one for all seeds. Returns the simulations in case of an error.
     pub fn start(
         message: BatchStart,
         simulation: usize,
@@ -118,7 +118,7 @@ impl Batch {
         Ok(batch)
     }
 
-    /// One simulation for all seeds.
+    /// Starts one simulation for all seeds.
     fn start_together(
         mut self,
         mut simulations: Vec<Box<dyn Simulation>>,
@@ -147,7 +147,7 @@ impl Batch {
         Ok(self)
     }
 
-    /// Which episodes have not ended.
+    /// Returns which episodes have not ended.
     fn running(&self) -> Vec<bool> {
         self.episodes.iter().map(|e| e.rows.is_some()).collect()
     }
@@ -171,19 +171,19 @@ impl Batch {
         }
     }
 
-    /// The simulations, for the next batch.
+    /// Returns the simulations, for the next batch.
     pub fn into_simulations(self) -> Vec<Box<dyn Simulation>> {
         let own = self.episodes.into_iter().filter_map(|e| e.simulation);
         let group = self.group.map(Group::into_simulation);
         group.into_iter().chain(self.spare).chain(own).collect()
     }
 
-    /// Whether all episodes have ended, or failed.
+    /// Returns whether all episodes have ended or failed.
     pub fn is_over(&self) -> bool {
         self.episodes.iter().all(|episode| episode.rows.is_none())
     }
 
-    /// Makes a step of every episode whose simulation goes on by itself. Whether there is one.
+    /// Steps all episodes that need no actuators now. Returns whether there were any.
     pub fn go_on(&mut self, now: Instant) -> bool {
         self.waiting_since = now;
         self.goes_on = false;
@@ -210,10 +210,10 @@ impl Batch {
         self.goes_on
     }
 
-    /// The message of the step that begins.
+    /// Builds the message for the step that begins.
     ///
     /// # Errors
-    /// More agents than one message can hold.
+    /// Fails if there are more agents than one message can hold.
     pub fn sense(&mut self, server: u64, now: Instant) -> Result<BatchSensors, Refusal> {
         self.waiting_since = now;
         self.told = false;
@@ -269,10 +269,10 @@ impl Batch {
         Ok(message)
     }
 
-    /// Takes the actuators of a step and makes it.
+    /// Applies the actuators of a step.
     ///
     /// # Errors
-    /// Another step, or the wrong number of actuators: the message is refused, the batch goes on waiting.
+    /// Fails if the step or the number of actuators is wrong; the message is refused, and the batch continues to wait.
     pub fn actuate(&mut self, message: &BatchActuators) -> Result<(), String> {
         if self.goes_on {
             return Err("no actuators are expected now".to_owned());
@@ -320,7 +320,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Describes the missing agents, and for how long they have been awaited.
+    /// Describes the wait for actuators.
     pub fn waiting_for(&self, now: Instant) -> String {
         let seconds = now
             .saturating_duration_since(self.waiting_since)
@@ -331,7 +331,7 @@ impl Batch {
         )
     }
 
-    /// The message that says why the batch is not served any more.
+    /// Builds the message with the reason for ending the batch.
     pub fn refusal(&self, server: u64, refusal: Refusal) -> BatchSensors {
         BatchSensors {
             error: Some(refusal),
@@ -341,7 +341,7 @@ impl Batch {
 }
 
 impl Episode {
-    /// Steps a simulation that has not ended and asks for no actuators.
+    /// Steps a simulation that needs no actuators and has not ended. Returns whether it did.
     fn step_by_itself(&mut self) -> bool {
         let Some(simulation) = &mut self.simulation else {
             return false;
@@ -354,7 +354,7 @@ impl Episode {
     }
 }
 
-/// A message without rows.
+/// Builds a message without rows.
 pub(crate) fn answer(request: u64, server: u64, step: u64) -> BatchSensors {
     BatchSensors {
         version: EXTENSION_VERSION,
@@ -372,7 +372,7 @@ pub(crate) fn answer(request: u64, server: u64, step: u64) -> BatchSensors {
     }
 }
 
-/// Index of an episode; there are never more than [`MAX_BATCH`](crate::machine::MAX_BATCH).
+/// Converts the index of an episode, which is always below [`MAX_BATCH`](crate::machine::MAX_BATCH).
 fn number(index: usize) -> u32 {
     u32::try_from(index).unwrap_or(u32::MAX)
 }

@@ -1,4 +1,4 @@
-//! An episode of a batch, read alone or as a member of a group.
+//! Access to one episode of a batch, in its own simulation or in a group.
 
 use swarmwright_protocol::BatchSensors;
 use swarmwright_worlds::{Failure as Cause, Simulation, Together, measure};
@@ -6,7 +6,7 @@ use swarmwright_worlds::{Failure as Cause, Simulation, Together, measure};
 use crate::group::Group;
 use crate::guard::{all_finite, guarded};
 
-/// An episode: alone, or one of a group.
+/// An episode in its own simulation, or a member of a group.
 pub(super) enum View<'a> {
     Alone(&'a dyn Simulation),
     Member(&'a dyn Together, usize),
@@ -24,7 +24,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The fitness and the metrics that are wanted.
+    /// Returns the fitness and the requested metrics.
     pub(super) fn end(&self, metrics: &[usize], names: &[String]) -> Result<Vec<f64>, Cause> {
         let results = guarded(|| match self {
             Self::Alone(simulation) => {
@@ -45,7 +45,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Appends agents and sensors; how many rows, none when the episode has ended.
+    /// Appends agents and sensors. Returns the number of rows; `None` if the episode has ended.
     pub(super) fn sense(
         &self,
         sensors: usize,

@@ -1,4 +1,4 @@
-//! Batched stepwise: one message a step for all agents of all running episodes of a batch.
+//! Batched evaluation: one message per step for all agents of all running episodes of a batch.
 
 use std::time::Instant;
 
@@ -32,7 +32,7 @@ impl Machine {
         if let State::Stepping(batch) = &self.state
             && (&batch.tool, batch.request) == (&tool, request)
         {
-            // It came twice.
+            // The message is a duplicate.
             return;
         }
         let started = match self.computing().or_else(|| self.taken(&tool)) {
@@ -56,7 +56,7 @@ impl Machine {
         }
     }
 
-    /// Why a batch cannot begin while a request is being computed.
+    /// Returns why a batch cannot begin, if a request is being computed.
     fn computing(&self) -> Option<Refusal> {
         let State::Working(work) = &self.state else {
             return None;
@@ -117,8 +117,8 @@ impl Machine {
         }
     }
 
-    /// Sends the message of the step that begins, which is the last one when all episodes have ended. Where simulations go
-    /// on by themselves, they make a step first, and one more when the batch is resumed.
+    /// Sends the message for the step that begins; it is the last one if all episodes have ended. Simulations that need
+    /// no actuators are stepped first, and again whenever the batch is resumed.
     pub(super) fn sense_batch(&mut self, now: Instant) {
         let server = self.identity.id;
         let State::Stepping(batch) = &mut self.state else {
@@ -185,7 +185,7 @@ impl Machine {
 }
 
 impl Offer {
-    /// As many simulations as wanted: the one that is there, spares, new duplicates.
+    /// Collects `count` simulations: the offered one, spare ones, and new duplicates.
     fn gather(&mut self, count: usize) -> Result<Vec<Box<dyn Simulation>>, Refusal> {
         let mut simulations: Vec<_> = self.simulation.take().into_iter().collect();
         while simulations.len() < count {

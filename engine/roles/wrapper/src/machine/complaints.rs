@@ -1,30 +1,30 @@
-//! Warnings about what others send: each is made once, and few of a kind in a time, whatever they send.
+//! Warnings about messages of others: each is issued once, and the number per kind and time is limited.
 
 use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant};
 
-/// Different warnings that are remembered, so that each is made once.
+/// Largest number of different warnings that are remembered to suppress repetitions.
 const REMEMBERED: usize = 1000;
-/// Different warnings of a kind that are made within [`WINDOW`].
+/// Largest number of different warnings per kind within [`WINDOW`].
 const MOST: usize = 10;
-/// Kinds that are told apart within it: some have words of other peers.
+/// Largest number of kinds per window; some kinds contain text of other clients.
 const KINDS: usize = 20;
-/// After this time those that were left out are counted in one more, and others are made again.
+/// Period after which the suppressed warnings are reported as a count and the limits start anew.
 const WINDOW: Duration = Duration::from_secs(10);
 
-/// What was warned of.
+/// Warnings issued so far, and their counts.
 #[derive(Debug, Default)]
 pub(super) struct Complaints {
     made: HashSet<String>,
-    /// When the window ends.
+    /// End of the window.
     until: Option<Instant>,
-    /// Warnings within it by their kind, which is what stands before the first colon.
+    /// Number of warnings in the window by kind, which is the text before the first colon.
     kinds: HashMap<String, usize>,
     left_out: usize,
 }
 
 impl Complaints {
-    /// Whether a warning is to be made.
+    /// Returns whether to issue a warning.
     pub fn make(&mut self, text: &str, now: Instant) -> bool {
         if self.made.contains(text) {
             return false;
@@ -50,12 +50,12 @@ impl Complaints {
         self.made.insert(text.to_owned())
     }
 
-    /// When it is to be said how many were left out.
+    /// Returns when to report the number of suppressed warnings.
     pub fn due(&self) -> Option<Instant> {
         self.until.filter(|_| self.left_out > 0)
     }
 
-    /// Says how many were left out, if that is due.
+    /// Returns the report of suppressed warnings, if it is due.
     pub fn left_out(&mut self, now: Instant) -> Option<String> {
         self.due().filter(|due| *due <= now)?;
         let count = std::mem::take(&mut self.left_out);
@@ -70,7 +70,7 @@ impl Complaints {
 mod tests {
     use super::*;
 
-    /// How many of 500 different warnings are made.
+    /// Returns how many of 500 different warnings are issued.
     fn made(complaints: &mut Complaints, kinds: usize, window: usize, now: Instant) -> usize {
         (0..500)
             .filter(|text| complaints.make(&format!("{}: {window} {text}", text % kinds), now))

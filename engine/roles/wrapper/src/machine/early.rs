@@ -1,7 +1,7 @@
-//! Control messages that come before their parameters.
+//! Control messages that arrive before their parameters.
 //!
-//! MQTT keeps the order of messages within a topic. Across topics many brokers keep it too, but not all: Artemis and rumqttd
-//! deliver some control messages before the parameters that were published ahead of them.
+//! MQTT preserves the order of messages within a topic. Many brokers also preserve it across topics, but not all do:
+//! Artemis and rumqttd deliver some control messages before parameters that were published earlier.
 
 use std::time::{Duration, Instant};
 
@@ -12,11 +12,11 @@ use super::{KEPT, Machine, asker};
 /// How long a control message waits for its parameters.
 const OVERTAKEN: Duration = Duration::from_secs(1);
 
-/// A control message that waits, and until when.
+/// A waiting control message, and the time until which it waits.
 pub(super) type Early = (Control, Instant);
 
 impl Machine {
-    /// Keeps a control message for the parameters that are still to come.
+    /// Keeps a control message until its parameters arrive.
     pub(super) fn keep_early(&mut self, control: Control, now: Instant) {
         self.forget_early(&control.simulation_hash, &control.tool);
         if self.early.len() >= KEPT {
@@ -25,14 +25,14 @@ impl Machine {
         self.early.push_back((control, now + OVERTAKEN));
     }
 
-    /// Forgets what a tool has sent for an episode; what another one has sent for it waits on.
+    /// Forgets the control message of a tool for an episode; messages of other tools for it stay.
     pub(super) fn forget_early(&mut self, hash: &str, tool: &Option<String>) {
         self.early.retain(|(control, _)| {
             (control.simulation_hash.as_str(), &control.tool) != (hash, tool)
         });
     }
 
-    /// Parameters came: starts the run that waits for them, if there is one.
+    /// Starts the run that waits for these parameters, if there is one.
     pub(super) fn start_early(&mut self, hash: &str, now: Instant) {
         let position = self
             .early
@@ -47,7 +47,7 @@ impl Machine {
         self.early.front().map(|(_, until)| *until)
     }
 
-    /// Refuses what has waited for long enough.
+    /// Refuses the control messages that have waited for too long.
     pub(super) fn refuse_early(&mut self, now: Instant) {
         while self.next_early().is_some_and(|until| until <= now) {
             if let Some((control, _)) = self.early.pop_front() {

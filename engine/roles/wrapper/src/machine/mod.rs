@@ -1,8 +1,8 @@
-//! What a server decides: messages and time in, actions out, no I/O (docs/reference/protocol.md).
+//! The decisions of a server: messages and time as input, actions as output, no I/O (docs/reference/protocol.md).
 //!
-//! A server is free, configured (parameters came, it waits for control), running an episode, stepping a batch, working
-//! on requests for offloaded evaluation, or held: between two episodes of one tool that gave its name it stays reserved
-//! for that tool for a moment. It answers discovery when it is free, or held and asked by its holder.
+//! A server is free, configured (it has parameters and waits for control), running an episode, stepping a batch,
+//! working on requests for offloaded evaluation, or held: between two episodes of a tool that gave its name, it stays
+//! reserved for that tool for a moment. It answers discovery if it is free, or if it is held and its holder asks.
 
 mod batched;
 mod complaints;
@@ -38,16 +38,16 @@ use offloaded::Work;
 use rival::{Leaving, Listening};
 use turns::{Tool, Turns};
 
-/// Time for which parameters without control, or a holder without a new episode, reserve the server.
+/// How long parameters without control, or a holder without a new episode, reserve the server.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// A change of presence is published when it has lasted this long: runs of a few milliseconds are not published.
+/// How long a change of presence must last before it is published; runs of a few milliseconds are not.
 const SETTLE: Duration = Duration::from_millis(150);
-/// Parameters messages kept for a control to come: of the tools that share the broker, few ask at once.
+/// Largest number of parameters messages kept for their control; few of the tools on a broker ask at the same time.
 const KEPT: usize = 8;
-/// Hashes of runs that are remembered, so that each begins once.
+/// Number of recent runs whose hashes are remembered, so that none is started twice.
 const BEGUN: usize = 64;
 
-/// Most episodes of a batch, where the simulation can be duplicated.
+/// Largest number of episodes of a batch, if the simulation can be duplicated.
 pub(crate) const MAX_BATCH: usize = 256;
 
 enum State {
@@ -59,54 +59,54 @@ enum State {
     Held { tool: Tool, until: Instant },
 }
 
-/// The decisions of one server.
+/// The state machine of one server.
 pub struct Machine {
     identity: Identity,
     offers: Vec<Offer>,
-    /// Where requests for this server come in.
+    /// Topic of requests to this server.
     inbox: String,
-    /// What the last sound request for offloaded evaluation was about.
+    /// Setup of the last valid request for offloaded evaluation.
     setup: Option<Arc<Setup>>,
     topics: Topics,
     step_timeout: Duration,
     state: State,
-    /// When it entered this state, as far as it knew: at the turn's beginning.
+    /// Start of the turn in which it entered this state.
     entered_at: Option<Instant>,
-    /// The last parameters messages by hash, the newest at the back.
+    /// Recent parameters by hash, the newest last.
     parameters: VecDeque<(String, Parameters)>,
-    /// Control messages whose parameters have not come yet, the oldest first.
+    /// Control messages that wait for their parameters, the oldest first.
     early: VecDeque<Early>,
     /// Titles by the hash of the discovery that named them.
     discovered: VecDeque<(String, String)>,
-    /// The last runs of tools that say where to reply, which give every run its own hash.
+    /// Hashes of recent runs of tools with a reply topic; such tools give every run its own hash.
     begun: VecDeque<String>,
-    /// The run before, whose hash a control{run: false} may still name.
+    /// Hash and tool of the previous run, which a control{run: false} may still name.
     last: Option<(String, Option<String>)>,
     complaints: Complaints,
-    /// Complaints about another server with this id, counted separately so that no others suppress them.
+    /// Warnings about other servers with this id, counted separately so that other warnings do not suppress them.
     rivals: Complaints,
-    /// The time of the turn.
+    /// Time of the current turn.
     clock: Option<Instant>,
     published: Option<(PresenceState, Option<String>)>,
-    /// What was published last, known or not, and since when it is so.
+    /// The last published presence, whether or not it is still known, and since when it has applied.
     since: Option<((PresenceState, Option<String>), String)>,
     changed_at: Option<Instant>,
-    /// The connection is broken: what would be published now is lost.
+    /// Whether the connection is broken, so that nothing can be published.
     offline: bool,
-    /// The connection has come back: another server may have this one's id by now.
+    /// Set after a reconnection, while another server may have this id.
     listening: Option<Listening>,
     /// Set if another server has this id, so that this one must leave.
     leaving: Option<Leaving>,
     /// Whether no other server can have this id.
     alone: bool,
     turns: Turns,
-    /// Episodes and batches that were stepped to their end since this was asked.
+    /// Number of episodes and batches stepped to their end since the last call of `take_stepped`.
     stepped: usize,
     actions: Vec<Action>,
 }
 
 impl Machine {
-    /// A free server. `step_timeout`: how long a step may wait for actuators before the run is given up.
+    /// Creates a free server. `step_timeout`: how long a step may wait for actuators before the run is given up.
     #[must_use]
     pub fn new(
         identity: Identity,
@@ -144,7 +144,7 @@ impl Machine {
         }
     }
 
-    /// What is to be done now; empties the list.
+    /// Drains the actions to take now.
     pub fn actions(&mut self) -> std::vec::Drain<'_, Action> {
         self.actions.drain(..)
     }
@@ -163,7 +163,7 @@ impl Machine {
             return;
         }
         if topic == Topic::Presence && payload.is_empty() {
-            // The presence of this server was cleared: by one that had its id, or by an operator.
+            // The presence of this server was cleared by a server that had its id, or by an operator.
             if name == self.topics.presence(self.identity.id) {
                 self.published = None;
                 self.changed_at.get_or_insert(now);
@@ -249,7 +249,7 @@ impl Machine {
         remember(&mut self.discovered, simulation_hash, simulation);
     }
 
-    /// Whether a tool may have the server. One that may not is remembered, and has its turn later.
+    /// Returns whether a tool may have the server. If not, the tool is remembered and gets its turn later.
     fn is_free_for(&mut self, discovery: &Discovery, now: Instant) -> bool {
         match &self.state {
             State::Free => return true,
@@ -318,7 +318,7 @@ impl Machine {
         }
     }
 
-    /// The connection broke: messages of the run are lost, so the run is.
+    /// Handles a broken connection: messages of the current run are lost, so the run is given up.
     pub fn disconnected(&mut self, reason: &str, now: Instant) {
         if let State::Running(_) | State::Stepping(_) | State::Working(_) = self.state {
             self.warn("the run under way is given up with the connection".to_owned());
@@ -333,7 +333,7 @@ impl Machine {
         self.leaving = None;
     }
 
-    /// Gives up whatever is under way; what is being computed, as soon as it can be stopped.
+    /// Gives up all current work; a computation is stopped as soon as possible.
     pub fn free(&mut self, now: Instant) {
         if let State::Working(work) = &mut self.state {
             work.release();
@@ -357,7 +357,7 @@ impl Machine {
         }
         let active = !matches!(self.state, State::Held { .. } | State::Free);
         self.turns.held_by(self.occupant(), active, now);
-        // A change back before it was published needs no message; they are compared when it is due.
+        // If the change is reversed before it is published, no message is needed; both are compared when it is due.
         self.changed_at.get_or_insert(now);
     }
 
@@ -366,7 +366,7 @@ impl Machine {
         self.changed_at = Some(now.checked_sub(SETTLE).unwrap_or(now));
     }
 
-    /// Why a request of a tool is not served now: the server is taken for something else.
+    /// Returns why a request of a tool cannot be served now, if the server is taken.
     fn taken(&self, tool: &str) -> Option<Refusal> {
         let reason = match &self.state {
             State::Free | State::Configured { .. } => return None,
@@ -387,8 +387,8 @@ impl Machine {
         })
     }
 
-    /// Whether an answer can be sent to a topic: only to those of tools, so that no client can make a server publish
-    /// elsewhere.
+    /// Returns whether answers may be sent to a topic. Only topics of tools are allowed, so that no client can make a
+    /// server publish elsewhere.
     fn can_reply(&mut self, reply: &str) -> bool {
         let fits = reply_fits(reply);
         if !fits {
@@ -404,7 +404,7 @@ impl Machine {
         self.actions.push(Action::Notice(Notice::Warning(text)));
     }
 
-    /// A warning that is made only once, however often its cause comes back.
+    /// Issues a warning only once, however often its cause recurs.
     fn complain(&mut self, text: String) {
         let now = self.clock.unwrap_or_else(Instant::now);
         if self.complaints.make(&text, now) {
@@ -413,7 +413,7 @@ impl Machine {
     }
 }
 
-/// Whether a topic is one of a tool.
+/// Returns whether a topic is that of a tool.
 fn reply_fits(reply: &str) -> bool {
     let token = reply
         .strip_prefix(Topic::ToTool.name())
@@ -428,7 +428,7 @@ fn asker(control: &Control) -> &str {
     name(control.tool.as_deref())
 }
 
-/// A tool in words.
+/// Returns the name of a tool for users.
 fn name(tool: Option<&str>) -> &str {
     tool.unwrap_or("an optimization tool without a name")
 }

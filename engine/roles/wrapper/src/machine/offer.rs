@@ -1,26 +1,26 @@
-//! A simulation that the server offers.
+//! Simulations that the server offers.
 
 use swarmwright_worlds::{Describer, Description, ParameterError, Parameters, Simulation};
 
 use super::MAX_BATCH;
 use crate::guard::guarded;
 
-/// A simulation that is offered.
+/// An offered simulation.
 pub(super) struct Offer {
     pub(super) description: Description,
     /// Function that returns the description, if it depends on parameters.
     pub(super) describer: Option<Describer>,
-    /// Most episodes of a batch.
+    /// Largest number of episodes of a batch.
     pub(super) batch: usize,
-    /// Whether the simulation steps the episodes of a batch by itself.
+    /// Whether the simulation steps the episodes of a batch together.
     pub(super) together: bool,
-    /// Episodes that are computed in about the time of one.
+    /// Number of episodes that are computed in about the time of one.
     pub(super) lanes: usize,
     /// Whether it has scenes.
     pub(super) scenes: bool,
-    /// None while it is at work elsewhere: in a job, or in a batch.
+    /// The simulation; `None` while a job or a batch uses it.
     pub(super) simulation: Option<Box<dyn Simulation>>,
-    /// Duplicates from batches before, for the next one of the same tool.
+    /// Duplicates from earlier batches, for the next batch of the same tool.
     pub(super) spares: Vec<Box<dyn Simulation>>,
 }
 
@@ -46,7 +46,7 @@ impl Offer {
         }
     }
 
-    /// The description with these parameters.
+    /// Returns the description for these parameters.
     pub(super) fn described(&self, parameters: &Parameters) -> Result<Description, ParameterError> {
         match &self.describer {
             Some(describe) => describe(parameters),

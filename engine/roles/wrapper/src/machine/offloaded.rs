@@ -1,4 +1,4 @@
-//! Offloaded evaluation: requests of one tool, computed one after another.
+//! Offloaded evaluation: the requests of one tool are computed one after another.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -17,24 +17,24 @@ use crate::batch::answer;
 use crate::genomes::Genomes;
 use crate::job::{Done, Evaluation, Job, Request, Setup, invalid, metrics_wanted};
 
-/// Requests that may wait, and the bytes that they may hold.
+/// Largest number of waiting requests, and of the bytes that they hold.
 const MOST_WAITING: usize = 4096;
 const MOST_BYTES: usize = 4 * MAX_BLOCK;
-/// Largest number of values in an answer: fitness and metrics of every episode, and the same again for reasons.
+/// Largest number of values in an answer: fitness and metrics of every episode, and as many again for reasons.
 const MOST_NUMBERS: usize = MAX_BLOCK / 8;
-/// A lease that ends later than this need not be watched.
+/// Longest lease in seconds that is enforced.
 const LONGEST_LEASE: f64 = 1e6;
 
-/// The requests of the tool that has the server.
+/// Requests of the tool that has the server.
 pub(crate) struct Work {
     /// The tool; `None` after the work was given up, until the next request.
     tool: Option<String>,
-    /// The request that is being computed.
+    /// Number of the request that is being computed.
     request: u64,
     abort: Arc<AtomicBool>,
     waiting: VecDeque<Request>,
     bytes: usize,
-    /// No tool waits for what is being computed: it is being stopped.
+    /// Whether the current computation is being stopped because no tool waits for it.
     given_up: bool,
 }
 
@@ -43,7 +43,7 @@ impl Work {
         self.tool.clone()
     }
 
-    /// Whether a request is being computed, or waits.
+    /// Returns whether a request is being computed, or waits.
     fn has(&self, tool: &str, request: u64) -> bool {
         let mut waiting = self.waiting.iter();
         let computed = !self.given_up && self.request == request;
@@ -59,7 +59,7 @@ impl Work {
         self.bytes = 0;
     }
 
-    /// Takes out what waits.
+    /// Takes the waiting requests.
     pub fn drain(&mut self) -> VecDeque<Request> {
         self.bytes = 0;
         std::mem::take(&mut self.waiting)
@@ -97,7 +97,7 @@ impl Machine {
         if let State::Working(work) = &self.state
             && work.has(&tool, number)
         {
-            // It came twice.
+            // The message is a duplicate.
             return;
         }
         let accepted = match self.taken(&tool) {
@@ -114,7 +114,7 @@ impl Machine {
                 work.bytes += request.size();
                 work.waiting.push_back(request);
                 if work.tool.is_none() {
-                    // What was given up stops in a moment; this one follows.
+                    // The computation that was given up stops in a moment; this request follows.
                     work.tool = Some(tool);
                     self.turns.held_by(self.occupant(), true, now);
                     self.changed_at.get_or_insert(now);
@@ -136,7 +136,7 @@ impl Machine {
         }
     }
 
-    /// Answers what could not be read as a whole, if it says where to.
+    /// Answers a message that cannot be decoded completely, if its reply topic can.
     pub(super) fn refuse_unread(&mut self, payload: &[u8], error: &DecodeError) {
         let Some(Envelope {
             kind,
@@ -159,7 +159,7 @@ impl Machine {
         }
     }
 
-    /// Index of a simulation by its title.
+    /// Returns the index of a simulation by its title.
     pub(super) fn offered(&self, title: &str) -> Result<usize, Refusal> {
         let position = self
             .offers
@@ -173,7 +173,7 @@ impl Machine {
         })
     }
 
-    /// What can be said of a request before it is computed.
+    /// Checks a request before it is computed.
     fn check(&mut self, mut message: Evaluate, now: Instant) -> Result<Request, Refusal> {
         let before = self.setup.clone();
         let setup = self.setup(&mut message)?;
@@ -199,7 +199,7 @@ impl Machine {
         })
     }
 
-    /// What the request is about; the same object as for the one before, if it is the same.
+    /// Returns the setup of a request; the same object as for the previous request, if they are equal.
     fn setup(&mut self, message: &mut Evaluate) -> Result<Arc<Setup>, Refusal> {
         let index = self.offered(&message.simulation)?;
         if let Some(setup) = &self.setup
@@ -247,10 +247,10 @@ impl Machine {
         Ok(setup)
     }
 
-    /// Gives a request and the simulation away to be computed.
+    /// Passes a request and its simulation to the evaluator.
     fn compute(&mut self, request: Request) -> Arc<AtomicBool> {
         let abort = Arc::new(AtomicBool::new(false));
-        // It is there: no other job, batch or run is under way.
+        // The simulation is available, since no other job, batch or run is in progress.
         if let Some(simulation) = self.offers[request.setup.simulation].simulation.take() {
             self.actions.push(Action::Evaluate(Job {
                 request,
@@ -261,7 +261,7 @@ impl Machine {
         abort
     }
 
-    /// A job has been computed; the next one follows.
+    /// Handles a job that has been computed, and starts the next one.
     pub fn finished(&mut self, done: Done, now: Instant) {
         let Done {
             request,

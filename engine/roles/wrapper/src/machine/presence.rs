@@ -1,4 +1,4 @@
-//! What a server says of itself: capabilities, presence.
+//! Announcements of a server: capabilities and presence.
 
 use swarmwright_protocol::{Capabilities, Presence, State as PresenceState, Topic};
 
@@ -6,7 +6,7 @@ use super::{Machine, Offer, State};
 use crate::notice::{Action, Notice};
 
 impl Machine {
-    /// Titles of the simulations offered.
+    /// Returns the titles of the offered simulations.
     #[must_use]
     pub fn titles(&self) -> Vec<String> {
         self.offers
@@ -15,7 +15,7 @@ impl Machine {
             .collect()
     }
 
-    /// The presence message for a state.
+    /// Returns the presence message for a state.
     #[must_use]
     pub fn presence(&self, state: PresenceState, since: String) -> Presence {
         Presence {
@@ -41,13 +41,13 @@ impl Machine {
             .capabilities(description, describer.is_some(), *batch, *lanes, *scenes)
     }
 
-    /// Whether no tool holds the server.
+    /// Returns whether no tool holds the server.
     #[must_use]
     pub fn is_free(&self) -> bool {
         matches!(self.state, State::Free)
     }
 
-    /// Whether episodes are stepped.
+    /// Returns whether episodes are being stepped, or are about to be.
     #[must_use]
     pub fn is_stepping(&self) -> bool {
         matches!(
@@ -56,12 +56,12 @@ impl Machine {
         )
     }
 
-    /// How many episodes and batches were stepped to their end since the last call.
+    /// Takes the number of episodes and batches that have been stepped to their end since the last call.
     pub fn take_stepped(&mut self) -> usize {
         std::mem::take(&mut self.stepped)
     }
 
-    /// Whether a message on a topic may have an episode begun.
+    /// Returns whether a message on a topic may start an episode.
     #[must_use]
     pub fn may_begin(&self, topic: &str) -> bool {
         !matches!(self.state, State::Working(_))
@@ -71,7 +71,7 @@ impl Machine {
             )
     }
 
-    /// The optimization tool that has the server, if it gave its name.
+    /// Returns the optimization tool that has the server, if it gave its name.
     #[must_use]
     pub fn holder(&self) -> Option<String> {
         match &self.state {
@@ -83,7 +83,7 @@ impl Machine {
         }
     }
 
-    /// Publishes the present state of the server, unless it was published already.
+    /// Publishes the current state of the server, unless it has already been published.
     pub fn publish_presence(&mut self, since: String) {
         self.changed_at = None;
         let state = if matches!(self.state, State::Free) {
@@ -95,7 +95,7 @@ impl Machine {
         if self.published.as_ref() == Some(&current) {
             return;
         }
-        // Said again, it is so since it was said first.
+        // A repeated presence keeps its original time.
         let since = match self.since.take() {
             Some((published, before)) if published == current => before,
             _ => since,

@@ -1,11 +1,11 @@
-//! Another server with the same id: one of the two goes.
+//! Conflicts with another server that has the same id; one of the two leaves.
 //!
-//! A server that was away, since its machine slept or its connection was cut, may find that another one has its id by now.
-//! So it does nothing for a moment when the connection is there again; where it hears the presence of another start of
-//! the id, it goes. Where only the broker remembers that presence, it says that it is lost itself, which another one that
-//! lives contradicts. Two that come back at once, as after a restart of the broker, hear of each other when
-//! both are at work again: the one whose instance is the greater text goes, and the other one says that it is there.
-//! Decided here: [docs/decisions/004](../../../../../docs/decisions/004-presence-and-reservation.md).
+//! While a server is offline because its machine is suspended or its connection is cut, another one may take its id.
+//! After a reconnection, it therefore does nothing for a moment, and leaves if it receives the presence of another
+//! instance with the id. If that presence is only retained by the broker, it publishes that it is lost itself, which a
+//! living rival contradicts. Two servers that reconnect at the same time, as after a restart of the broker, notice each
+//! other once both are at work: the one whose instance is the greater text leaves, and the other one repeats its
+//! presence. For the decision see [docs/decisions/004](../../../../../docs/decisions/004-presence-and-reservation.md).
 
 use std::time::{Duration, Instant};
 
@@ -14,34 +14,34 @@ use swarmwright_protocol::{Presence, Refusal, RefusalKind, State as PresenceStat
 use super::{Machine, SETTLE};
 use crate::notice::{Action, Rival};
 
-/// For how long a server whose connection has come back listens for another one with its id.
+/// How long a reconnected server listens for another one with its id.
 const LISTEN: Duration = Duration::from_millis(100);
-/// For how long it waits for another one of which only the broker has said something to speak up itself: a broker that
-/// was restarted may have presence of servers that are long gone.
+/// How long it waits for another server whose presence is only retained to contradict; a restarted broker may retain
+/// the presence of servers that are long gone.
 const SPEAK_UP: Duration = Duration::from_secs(1);
-/// Messages that are kept meanwhile.
+/// Largest number of messages kept in the meantime.
 const KEPT: usize = 1000;
 
-/// A message that is heard later: topic, payload.
+/// A message that is handled later: topic and payload.
 type Unheard = (String, Vec<u8>);
 
-/// What a server keeps for later while it does not know whether the id is still its own.
+/// State of a server that does not know whether its id is still its own.
 #[derive(Debug)]
 pub(super) struct Listening {
     until: Instant,
-    /// When it was connected, in RFC 3339.
+    /// Time of the connection, in RFC 3339.
     since: String,
-    /// Whether another one was asked to speak up.
+    /// Whether another server has been asked to contradict.
     asked: bool,
     unheard: Vec<Unheard>,
 }
 
-/// Another server has the id, and is to keep it.
+/// Another server that has the id and keeps it.
 #[derive(Debug)]
 pub(super) struct Leaving {
     rival: Rival,
     instance: Option<String>,
-    /// Time until which it may prove to have ended.
+    /// Until when the other server may prove to have ended.
     until: Instant,
 }
 
@@ -52,13 +52,13 @@ impl Listening {
 }
 
 impl Machine {
-    /// No other server can have this id: it need not listen for one.
+    /// Declares that no other server can have this id, so that there is no need to listen for one.
     pub fn set_alone(&mut self) {
         self.alone = true;
     }
 
-    /// The connection is there again. Presence, in whose place the last will stands, is said when it is known that no
-    /// other server has the id. `stamp` is now in RFC 3339.
+    /// Handles a restored connection. The last will has replaced the presence, which is published again once it is
+    /// known that no other server has the id. `stamp` is the current time in RFC 3339.
     pub fn connected(&mut self, stamp: String, now: Instant) {
         self.offline = false;
         if self.alone {
@@ -72,7 +72,8 @@ impl Machine {
         });
     }
 
-    /// Keeps a message for later while it is not known whether this server still has its id. Whether that is so.
+    /// Keeps a message for later while it is unknown whether this server still has its id. Returns whether the message
+    /// is not to be handled now.
     pub(super) fn hears_later(
         &mut self,
         topic: Topic,
@@ -83,7 +84,7 @@ impl Machine {
         let Some(listening) = &mut self.listening else {
             return false;
         };
-        // Of presence nothing is missed; steps belong to nothing that is under way; what is retained is a leftover.
+        // Presence is handled at once; actuators belong to no current run; retained messages are remnants.
         let now = topic == Topic::Presence && !payload.is_empty();
         if matches!(topic, Topic::Presence | Topic::Actuator) || retained {
             return !now;
@@ -94,14 +95,14 @@ impl Machine {
         true
     }
 
-    /// Whether it is known now that no other server has the id.
+    /// Returns whether the listening period has ended without another server.
     pub(super) fn has_listened(&self, now: Instant) -> bool {
         self.listening
             .as_ref()
             .is_some_and(|period| period.until <= now)
     }
 
-    /// Handles the messages that arrived meanwhile.
+    /// Handles the messages that were kept.
     pub(super) fn catch_up(&mut self, now: Instant) {
         let Some(Listening { unheard, .. }) = self.listening.take() else {
             return;
@@ -111,13 +112,13 @@ impl Machine {
         }
     }
 
-    /// Whether a message for a start of this id is for this one. Most tools of others do not say which one they mean.
+    /// Returns whether a message is meant for this instance. Most third-party tools name no instance.
     pub(super) fn is_meant(&self, instance: Option<&String>) -> bool {
         instance.is_none_or(|instance| *instance == self.identity.instance)
     }
 
-    /// What is said to a request for another start of a server with this id: nothing, unless that one may be gone and
-    /// this one could be asked in its place.
+    /// Returns the refusal of a request for another instance with this id; `None` to ignore the request, unless that
+    /// instance may be gone and this one can serve the tool instead.
     pub(super) fn refuse_for_another(&self, simulation: &str) -> Option<Refusal> {
         (self.is_free() && self.offered(simulation).is_ok()).then(|| Refusal {
             kind: RefusalKind::Taken,
@@ -125,7 +126,7 @@ impl Machine {
         })
     }
 
-    /// Presence of a server with this id, as it was said or (`retained`) as the broker remembers it.
+    /// Handles the presence of a server with this id, published now or retained by the broker (`retained`).
     pub(super) fn other_presence(&mut self, presence: &Presence, retained: bool, now: Instant) {
         let other = presence.capabilities.swarmwright.as_ref();
         let instance = other.and_then(|other| other.instance.as_ref());
@@ -133,8 +134,8 @@ impl Machine {
             return;
         }
         if instance == Some(&self.identity.instance) {
-            // The last will of an earlier connection, which came late: no tool would use this server any more. What it says
-            // while it listens is its own word.
+            // The last will of an earlier connection arrived late, and tools would not use this server any more. While
+            // listening, the server publishes this state itself.
             if presence.state == PresenceState::Lost && self.listening.is_none() {
                 self.say_again(now);
             }
@@ -145,7 +146,7 @@ impl Machine {
                 .leaving
                 .take()
                 .filter(|leaving| leaving.instance != instance.cloned());
-            // Another server with this id is gone, and its last will has replaced the presence of this one.
+            // Another server with this id has ended, and its last will has replaced the presence of this one.
             return self.say_again(now);
         }
         let rival = Rival {
@@ -160,7 +161,7 @@ impl Machine {
             if !retained {
                 return self.actions.push(Action::GiveWay(rival));
             }
-            // One that is there answers to this that it is.
+            // A living server contradicts this message.
             if !std::mem::replace(&mut listening.asked, true) {
                 listening.until = now + SPEAK_UP;
                 let since = listening.since.clone();
@@ -171,7 +172,7 @@ impl Machine {
         }
         self.leaving = None;
         if instance.is_some_and(|instance| *instance < self.identity.instance) {
-            // What comes late may be of one that is gone by now: that would come right behind it.
+            // A late message may come from a server that has ended; its last will would follow immediately.
             self.leaving = Some(Leaving {
                 rival,
                 instance: instance.cloned(),
@@ -193,14 +194,14 @@ impl Machine {
         self.leaving.as_ref().map(|leaving| leaving.until)
     }
 
-    /// Leaves when it is time to.
+    /// Leaves when the time has come.
     pub(super) fn leave_to_rival(&mut self, now: Instant) {
         if let Some(leaving) = self.leaving.take_if(|leaving| leaving.until <= now) {
             self.actions.push(Action::GiveWay(leaving.rival));
         }
     }
 
-    /// What is known of this server may be another one's word: says its presence again, now.
+    /// Repeats the presence at once, since another server's may have replaced it.
     fn say_again(&mut self, now: Instant) {
         self.published = None;
         self.changed_at = Some(now.checked_sub(SETTLE).unwrap_or(now));

@@ -1,4 +1,4 @@
-//! Stepwise: an episode whose controllers stay with the tool, a message for each agent and step.
+//! Stepwise evaluation: the controllers stay with the tool, and each agent's step is a message.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use swarmwright_worlds::Failure;
 use super::{Action, BEGUN, Machine, Offer, PATIENCE, State, asker, name, reply_fits};
 use crate::run::{NoStart, Outcome, Run};
 
-/// Characters of a foreign title that are quoted, at most.
+/// Largest number of characters of a foreign title in messages.
 const MOST_TITLE: usize = 200;
 
 impl Machine {
@@ -43,7 +43,7 @@ impl Machine {
         }
         let hash = control.simulation_hash.clone();
         if control.reply.is_some() && self.begun.contains(&hash) {
-            // The message came twice: the tool, which may not know yet that the run is over, would go on with it.
+            // The message is a duplicate; a tool that does not know yet that the run has ended would continue it.
             return self
                 .complain("ignoring a control message that starts a run a second time".to_owned());
         }
@@ -102,8 +102,8 @@ impl Machine {
         }
     }
 
-    /// Another tool has the server. The one that came too late waits for its first step, and would not hear of it if the
-    /// other one was here for a moment only: presence is said again, also when it has not changed.
+    /// Turns a tool away while another one has the server. The late tool waits for its first step and would not notice
+    /// that the server was taken only for a moment, so the presence is published again even if it has not changed.
     fn turn_away(&mut self, control: &Control, reason: &str, now: Instant) {
         self.complain(format!(
             "refusing to start a run for {}: {reason}",
@@ -113,7 +113,7 @@ impl Machine {
         self.changed_at.get_or_insert(now);
     }
 
-    /// A tool wants an episode of what is not offered here: it takes this server for another one.
+    /// Refuses an episode of a simulation that is not offered; the tool mistakes this server for another one.
     fn refuse_title(&mut self, control: &Control) {
         let title = shortened(control.simulation.clone().unwrap_or_default(), MOST_TITLE);
         let reason = format!(
@@ -128,7 +128,7 @@ impl Machine {
         self.report(control.reply.clone(), hash, reason.into(), true);
     }
 
-    /// Handles control for another instance with this id. If that one has ended, its tool learns of this one.
+    /// Handles control for another instance with this id. If that instance has ended, its tool learns of this one.
     pub(super) fn turn_away_from_another(&mut self, control: &Control, now: Instant) {
         let offered = control
             .simulation
@@ -165,8 +165,8 @@ impl Machine {
         });
     }
 
-    /// Which simulation a control message means, which names none but those offered: the one it names, the one its
-    /// discovery named, or the only one.
+    /// Returns the simulation that a control message means: the one that it names, the one that its discovery named, or
+    /// the only one. The name in the message has already been checked.
     fn wanted(&self, control: &Control) -> Option<usize> {
         if self.offers.len() == 1 {
             return Some(0);
@@ -182,14 +182,14 @@ impl Machine {
             .position(|offer| offer.description.title == *title)
     }
 
-    /// Whether an actuator message belongs to another server's run, seen without reading it as JSON: all servers get
-    /// all actuator messages, so with many servers nearly every one is foreign.
+    /// Returns whether an actuator message belongs to another server's run, without parsing it as JSON. All servers
+    /// receive all actuator messages, so most of them are foreign if there are many servers.
     pub(super) fn is_foreign(&self, payload: &[u8]) -> bool {
         let State::Running(run) = &self.state else {
             return false;
         };
         let object = payload.first() == Some(&b'{') && payload.last() == Some(&b'}');
-        // A hash may be spelt with escapes.
+        // A hash may be written with escapes.
         object
             && payload.len() <= MAX_PAYLOAD
             && !run.is_named_in(payload)
@@ -229,7 +229,8 @@ impl Machine {
         }
     }
 
-    /// The broker does not accept a message of `bytes` bytes. The run cannot continue, and a repetition would fail, too.
+    /// Handles a message of `bytes` bytes that the broker does not accept. The run cannot continue, and a retry would
+    /// fail, too.
     pub fn unsent(&mut self, topic: Topic, bytes: usize, most: usize, now: Instant) {
         let reason = format!(
             "a {} message of {bytes} bytes is larger than the {most} that the broker accepts",
@@ -273,7 +274,7 @@ impl Machine {
         }
     }
 
-    /// The run ends without fitness. `invalid`: so it would another time.
+    /// Ends the run without fitness. `invalid`: a retry would fail the same way.
     fn fail(&mut self, failure: Failure, invalid: bool, now: Instant) {
         self.warn(failure.reason.clone());
         if let State::Running(run) = &self.state {
@@ -283,7 +284,7 @@ impl Machine {
         self.leave(now);
     }
 
-    /// Sends the scene to the tool, if it wants that. Shows a frame and slows the run down to the pace at which people watch.
+    /// Sends the scene to the tool, if requested. In visual mode, shows a frame and slows the run down to real time.
     fn show(&mut self, now: Instant) {
         let State::Running(run) = &mut self.state else {
             return;
@@ -296,7 +297,7 @@ impl Machine {
         else {
             return;
         };
-        // Where agents act in turn there is a frame a step, not one for every agent.
+        // If agents act in turn, show one frame per step instead of one per agent.
         if simulation.mid_step() {
             return;
         }

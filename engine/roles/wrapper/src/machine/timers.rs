@@ -1,15 +1,15 @@
-//! What happens when time passes.
+//! Timers of a server.
 
 use std::time::{Duration, Instant};
 
 use super::rival::Listening;
 use super::{Machine, SETTLE, State};
 
-/// After how long a missing actuator is warned of.
+/// How long actuators may be missing before a warning is issued.
 const TELL_AFTER: Duration = Duration::from_secs(5);
 
 impl Machine {
-    /// The next time at which `tick` is needed, if no message comes first.
+    /// Returns when to call `tick` next, if no message comes first.
     #[must_use]
     pub fn next_tick(&self) -> Option<Instant> {
         let own = match &self.state {
@@ -40,8 +40,8 @@ impl Machine {
         .min()
     }
 
-    /// What came in at `turn` has been computed and sent only `now`: no other party could act on it before, however long the
-    /// simulation took.
+    /// Restarts the waiting times of the turn that began at `turn`. Its messages were sent only `now`, and the other
+    /// side could not react earlier, however long the simulation took.
     pub fn computed(&mut self, turn: Instant, now: Instant) {
         match &mut self.state {
             State::Running(run) if run.waiting_since == turn => run.waiting_since = now,
@@ -55,7 +55,7 @@ impl Machine {
         }
     }
 
-    /// Time at which to warn of missing actuators, or to give up the run.
+    /// Returns when to warn about missing actuators, or to give up the run.
     fn deadline(&self, waiting_since: Instant, warned: bool) -> Instant {
         let patience = if warned {
             self.step_timeout
@@ -65,7 +65,7 @@ impl Machine {
         waiting_since + patience
     }
 
-    /// Time has passed. `stamp` is now in RFC 3339, for presence.
+    /// Handles everything that is due by `now`. `stamp` returns the current time in RFC 3339, for presence.
     pub fn tick(&mut self, now: Instant, stamp: impl FnOnce() -> String) {
         self.clock = Some(now);
         let left_out = [self.complaints.left_out(now), self.rivals.left_out(now)];

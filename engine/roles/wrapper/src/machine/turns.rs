@@ -1,9 +1,9 @@
-//! Turns: several optimization tools that want one server have it one after another.
+//! Turns: optimization tools that want the same server get it one after another.
 //!
 //! A tool that asks for a server while another one has it is remembered. Between two episodes, batches or requests of a
-//! tool whose turn is over, the server goes to the one that has waited longest. Tools that know D6.1 alone have no name,
-//! and are one tool here: they get their turn as others do. Since such a tool may ask only once, its question is good
-//! for longer, and is answered when its turn comes.
+//! tool whose turn is over, the server goes to the tool that has waited longest. Tools that implement only D6.1 have no
+//! name and count as one tool, which gets its turn like the others. Since such a tool may ask only once, its discovery
+//! stays valid for longer, and is answered when its turn comes.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -12,26 +12,26 @@ use swarmwright_protocol::{Discovery, Refusal, RefusalKind};
 
 use super::{Machine, PATIENCE, State, name};
 
-/// How long a tool has a server for itself before another one gets it.
+/// How long a tool has a server before another one gets it.
 const TURN: Duration = Duration::from_secs(5);
-/// For how long a question is still good: tools with a name ask every two seconds.
+/// How long a discovery stays valid; tools with a name repeat it every two seconds.
 const ASKED: Duration = Duration::from_secs(3);
-/// For how long that of a tool without a name is.
+/// How long the discovery of a tool without a name stays valid.
 const ASKED_ONCE: Duration = Duration::from_secs(30);
 /// How long a server waits for the tool whose turn it is.
 const RESERVED: Duration = Duration::from_secs(3);
-/// How long it waits for one without a name, at first and between two of its episodes.
+/// How long it waits for a tool without a name, at first and between two of its episodes.
 const RESERVED_NAMELESS: Duration = Duration::from_secs(1);
-/// Tools that are remembered.
+/// Largest number of remembered tools.
 const MOST: usize = 256;
 
-/// A tool by its name; those without one cannot be told apart.
+/// Name of a tool; tools without one cannot be told apart.
 pub(super) type Tool = Option<String>;
 
-/// A tool that asked in vain.
+/// An unanswered discovery of a tool.
 #[derive(Debug)]
 pub(super) struct Question {
-    /// When it asked last.
+    /// When the tool last asked.
     asked: Instant,
     discovery: Discovery,
 }
@@ -44,21 +44,21 @@ impl Question {
     }
 }
 
-/// The tool whose turn it is, and the waiting ones.
+/// The tool whose turn it is, and the waiting tools.
 #[derive(Debug, Default)]
 pub(super) struct Turns {
     holder: Option<Tool>,
     since: Option<Instant>,
-    /// The holder has not begun yet: waiting for it does not count as its turn.
+    /// Whether the holder has not begun yet; waiting for it does not count as its turn.
     reserved: bool,
-    /// Tools that asked, the one that has waited longest first.
+    /// Waiting tools, the one that has waited longest first.
     waiting: VecDeque<Question>,
-    /// The hash of the discovery of a tool without a name that was answered when its turn came.
+    /// Hash of the discovery of a tool without a name that was answered when its turn came.
     invited: Option<String>,
 }
 
 impl Turns {
-    /// A tool asked in vain.
+    /// Remembers a tool that asked in vain.
     pub fn ask(&mut self, discovery: &Discovery, now: Instant) {
         let question = Question {
             asked: now,
@@ -72,7 +72,7 @@ impl Turns {
         }
     }
 
-    /// The holder of the server from now on, if any, and whether something is being computed.
+    /// Sets the holder of the server, if any, and whether it is computing.
     pub fn held_by(&mut self, holder: Option<Tool>, active: bool, now: Instant) {
         if self.holder != holder || (active && self.reserved) {
             self.since = Some(now);
@@ -87,7 +87,7 @@ impl Turns {
         }
     }
 
-    /// Notes that a tool was answered.
+    /// Removes a tool that has been answered.
     pub fn has_asked_enough(&mut self, tool: &Tool) {
         self.waiting
             .retain(|question| question.discovery.tool != *tool);
@@ -98,7 +98,7 @@ impl Turns {
             .is_some_and(|since| now.saturating_duration_since(since) >= TURN)
     }
 
-    /// The tool that gets the server next, once the turn is over.
+    /// Takes the tool that gets the server next, once the turn is over.
     fn next(&mut self, now: Instant) -> Option<Discovery> {
         self.waiting.retain(|question| question.is_good(now));
         if !self.is_over(now) {
@@ -109,7 +109,7 @@ impl Turns {
 }
 
 impl Machine {
-    /// The holder of the server; none if there is none, or it is not known yet.
+    /// Returns the holder of the server; `None` if there is none, or it is not known yet.
     pub(super) fn occupant(&self) -> Option<Tool> {
         match &self.state {
             State::Free | State::Configured { .. } => None,
@@ -118,8 +118,8 @@ impl Machine {
         }
     }
 
-    /// A run is over: its tool, if it gave its name, keeps the server for the next one, unless it is another one's turn.
-    /// A tool without a name keeps it for as long as its turn lasts, where it had to wait for that.
+    /// Ends a run. A tool that gave its name keeps the server for its next run, unless it is another tool's turn. A
+    /// tool without a name keeps it until the end of its turn, provided it had to wait for that turn.
     pub(super) fn leave(&mut self, now: Instant) {
         self.stepped += usize::from(self.is_stepping());
         if let Some(next) = self.turns.next(now) {
@@ -134,8 +134,8 @@ impl Machine {
         self.enter(State::Held { tool, until }, now);
     }
 
-    /// The server waits for a tool, which hears of it at once: one with a name by presence, one without by the answer to
-    /// its question.
+    /// Reserves the server for a tool and tells it at once: a tool with a name by presence, one without a name by an
+    /// answer to its discovery.
     pub(super) fn hand_over(&mut self, next: Discovery, now: Instant) {
         let tool = next.tool.clone();
         let patience = match tool {
@@ -151,7 +151,8 @@ impl Machine {
         self.tell_at_once(now);
     }
 
-    /// A tool configured another server. If it is the one without a name that this one waits for, it need not.
+    /// Handles a tool that configured another server. If this server is reserved for that tool without a name, it
+    /// becomes free.
     pub(super) fn other_configured(&mut self, hash: &str, now: Instant) {
         let is_answered = |question: &Question| {
             question.discovery.tool.is_none() && question.discovery.simulation_hash == hash
@@ -164,7 +165,7 @@ impl Machine {
         }
     }
 
-    /// Answers the requests that wait when it is another tool's turn. Whether it is.
+    /// Refuses the waiting requests if it is another tool's turn. Returns whether it is.
     pub(super) fn turn_ends(&mut self, now: Instant) -> bool {
         let Some(next) = self.turns.next(now) else {
             return false;

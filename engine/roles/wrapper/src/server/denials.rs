@@ -1,27 +1,27 @@
-//! What the broker does not let a server publish.
+//! Topics on which the broker denies publishing.
 
 use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
-/// Where a broker denies presence and closes the connection within this time, the server leaves; later, access may come
-/// back.
+/// Period after the start in which a server leaves if the broker denies its presence and closes the connection; later,
+/// access may be restored.
 const BEGINNING: Duration = Duration::from_secs(10);
-/// Within this time after a denial a broker closes the connection because of it.
+/// Time after a denial within which the end of the connection is attributed to it.
 const AT_ONCE: Duration = Duration::from_secs(2);
-/// Different denials that are warned of: some topics have words of tools.
+/// Largest number of different denials that are reported; some topics contain text of tools.
 const MOST: usize = 100;
 
-/// The denials that a server has met.
+/// Denials that a server has received.
 #[derive(Debug)]
 pub(super) struct Denials {
     began: Instant,
     told: HashSet<String>,
-    /// When presence was denied last, and with which words.
+    /// When presence was last denied, and the message.
     presence: Option<(Instant, String)>,
 }
 
 impl Denials {
-    /// Of a server that begins.
+    /// Creates the state of a server that starts.
     pub fn new(now: Instant) -> Self {
         Self {
             began: now,
@@ -30,7 +30,7 @@ impl Denials {
         }
     }
 
-    /// Notes a denial. Whether to warn of it: it comes again whenever the connection is back.
+    /// Records a denial. Returns whether to warn about it; it recurs with every reconnection.
     pub fn note(&mut self, message: &str, is_presence: bool, now: Instant) -> bool {
         if is_presence {
             self.presence = Some((now, message.to_owned()));
@@ -38,7 +38,8 @@ impl Denials {
         self.told.len() < MOST && self.told.insert(message.to_owned())
     }
 
-    /// Handles the loss of the connection. Returns the denial for which this server must leave, as no tool would use it.
+    /// Handles the end of the connection. Returns the denial because of which this server must leave, as no tool would
+    /// use it.
     pub fn reason_to_leave(&self, now: Instant) -> Option<String> {
         let (at, message) = self.presence.as_ref()?;
         (now < self.began + BEGINNING && now < *at + AT_ONCE).then(|| message.clone())

@@ -8,23 +8,23 @@ use std::time::{Duration, Instant};
 
 use swarmwright_mqtt::{Connection, Event};
 
-/// How often in a keep-alive interval the thread polls. The session pings after half of the interval at the latest, and
-/// expects the answer within the other half.
+/// Number of polls per keep-alive interval. The session pings after half of the interval at the latest, and expects the
+/// answer within the other half.
 const POLLS: u32 = 8;
-/// Further messages stay in the socket's buffers.
+/// Largest number of buffered events; further messages stay in the socket's buffers.
 const MOST_BUFFERED: usize = 10_000;
 const STACK: usize = 512 * 1024;
 
-/// A connection, and the events that came while the server did not poll it.
+/// A connection, and the events that arrived while the server did not poll it.
 pub(super) struct BufferedConnection {
     connection: Connection,
     buffer: Vec<Event>,
-    /// Whether the thread has polled since the server did, and may have used up a wake-up.
+    /// Whether the thread has polled since the server did, and may have consumed a wake-up.
     polled: bool,
 }
 
 impl BufferedConnection {
-    /// As the connection's `poll`; what was buffered comes first.
+    /// Like the connection's `poll`; buffered events come first.
     pub(super) fn poll(&mut self, until: Instant, events: &mut Vec<Event>) {
         events.append(&mut self.buffer);
         let until = if std::mem::take(&mut self.polled) {
@@ -35,13 +35,13 @@ impl BufferedConnection {
         self.connection.poll(until, events);
     }
 
-    /// Exchanges pings with the broker, and buffers what comes. A connection that broke is not made again here: what the
-    /// server computes meanwhile is lost with it.
+    /// Exchanges pings with the broker, and buffers incoming events. Does not restore a broken connection, since the
+    /// current computation is lost with it.
     fn keep(&mut self) {
         let broke = |event: &Event| matches!(event, Event::Disconnected { .. });
         if self.buffer.len() < MOST_BUFFERED && !self.buffer.iter().any(broke) {
             self.polled = true;
-            // A poll that is given events only waits.
+            // `poll` only waits if `events` is not empty.
             let mut events = Vec::new();
             self.connection.poll(Instant::now(), &mut events);
             self.buffer.append(&mut events);
@@ -63,17 +63,17 @@ impl DerefMut for BufferedConnection {
     }
 }
 
-/// A connection that a thread polls while its owner has not locked it: a step of a simulation may take longer than the
-/// keep-alive interval.
+/// A connection that a thread polls while its owner has not locked it, because a step of a simulation may take longer
+/// than the keep-alive interval.
 pub(super) struct KeepAlive {
     connection: Arc<Mutex<BufferedConnection>>,
-    /// Ends the thread when it is dropped.
+    /// Ends the thread when dropped.
     stop: Sender<()>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl KeepAlive {
-    /// `interval`: in seconds, as in the settings.
+    /// Creates the thread; `interval` is the keep-alive interval in seconds, as in the settings.
     pub(super) fn new(connection: Connection, interval: u16) -> Self {
         let connection = Arc::new(Mutex::new(BufferedConnection {
             connection,

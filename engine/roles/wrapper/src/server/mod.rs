@@ -1,4 +1,4 @@
-//! The server's shell: connection, clock, the machine's actions carried out.
+//! The server: connection, clock, and execution of the machine's actions.
 
 mod denials;
 mod keep_alive;
@@ -27,17 +27,17 @@ use keep_alive::KeepAlive;
 use rival::find_rival;
 use words::{is_scene, lost, refusal};
 
-/// For how long the broker keeps the news that a server was lost.
+/// Seconds for which the broker keeps the last will of a lost server.
 const LOST_EXPIRY: u32 = 3600;
 /// Interval at which a running server asks whether to continue.
 const ASKED_EVERY: Duration = Duration::from_millis(100);
 
-/// Shows a frame of a run.
+/// Callback that shows a frame of a run.
 pub type FrameHandler = Box<dyn FnMut(&Scene) + Send>;
 
-/// How a server is to be run.
+/// Options of a server.
 pub struct Options {
-    /// The server's id.
+    /// Id of the server.
     pub id: u64,
     /// Connection settings of the broker.
     pub settings: Settings,
@@ -45,25 +45,25 @@ pub struct Options {
     pub prefix: String,
     /// How long a step may wait for actuators before the run is given up.
     pub step_timeout: Duration,
-    /// Threads of an offloaded evaluation; 0 for one per processor. One by default: several servers on a machine are
-    /// the unit of parallelism.
+    /// Number of threads of an offloaded evaluation; 0 for one per processor. The default is 1, since several servers
+    /// per machine are the unit of parallelism.
     pub threads: usize,
-    /// Whether no other server can have this id, so that it need not listen for one before it begins: on a broker of
-    /// the optimization tool's own.
+    /// Whether no other server can have this id, as on an optimization tool's own broker, so that there is no need to
+    /// listen for one at the start.
     pub alone: bool,
-    /// Called with every frame of a run that is to be shown.
+    /// Called with every frame of a visual run.
     pub on_frame: Option<FrameHandler>,
-    /// Where progress is written, for a process that supervises this one.
+    /// Progress file, for a process that supervises this one.
     pub progress: Option<Arc<Progress>>,
-    /// Behaviours and conditions in Python of which the simulation computes machines.
+    /// Python behaviours and conditions that the simulation can compute.
     pub modules: Vec<ModuleCode>,
 }
 
 impl Options {
-    /// The defaults, with the credentials of the environment.
+    /// Creates default options, with credentials from the environment.
     ///
     /// # Errors
-    /// The URL is invalid, or the credentials cannot be used.
+    /// Fails if the URL or the credentials are invalid.
     pub fn new(id: u64, url: &str) -> Result<Self, SettingsError> {
         Ok(Self {
             id,
@@ -79,13 +79,13 @@ impl Options {
     }
 }
 
-/// Why a server cannot be offered.
+/// The error type of a server.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// No connection to the broker.
+    /// The connection to the broker could not be established.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// An invalid topic prefix.
+    /// The topic prefix is invalid.
     #[error(transparent)]
     Topic(#[from] TopicError),
     /// Another server uses the id.
@@ -101,7 +101,7 @@ pub enum ServeError {
         /// Its presence topic.
         topic: String,
     },
-    /// Another server got the id while this one was away.
+    /// Another server took the id while this one was offline.
     #[error(
         "another server has the id {} too ({rival}): this one, which was away, leaves; start it again with another --id",
         rival.id
@@ -110,12 +110,12 @@ pub enum ServeError {
         /// The other server.
         rival: Rival,
     },
-    /// The broker does not distribute the presence of a server that begins, and closes the connection.
+    /// The broker denies the presence of a starting server, and closes the connection.
     #[error(
         "the broker closed the connection, since it denies this server's presence message: {0}"
     )]
     Unannounced(String),
-    /// There is nothing to offer.
+    /// There are no simulations.
     #[error("a server needs at least one simulation")]
     NoSimulation,
 }
@@ -129,27 +129,27 @@ pub struct SimulationServer {
     on_frame: Option<FrameHandler>,
     events: Vec<Event>,
     evaluator: Evaluator,
-    /// A job whose turn has not come.
+    /// A job that has not been started.
     pending: Option<Job>,
-    /// Where progress is written.
+    /// Progress file.
     progress: Option<Arc<Progress>>,
-    /// Whether it says that episodes are stepped.
+    /// Whether the progress says that episodes are being stepped.
     is_marked: bool,
     /// Whether the server was reported as ready.
     ready: bool,
     /// Set after this server has left because another one has its id.
     rival: Option<Rival>,
     denials: Denials,
-    /// The denial for which this one has left.
+    /// Denial because of which this server has left.
     unannounced: Option<String>,
-    /// What the operator is to know besides, once.
+    /// A further warning for the operator, issued once.
     warning: Option<String>,
 }
 
-/// Of many servers of a process one tells that the password travels unencrypted.
+/// Whether a server of this process has warned that the password travels unencrypted.
 static WARNED: AtomicBool = AtomicBool::new(false);
 
-/// What the broker says when the server is lost: a will has 64 KiB at most, which names of many metrics exceed.
+/// Returns the last will. A will is limited to 64 KiB, so the names of many metrics are omitted.
 fn last_words(mut presence: Presence) -> Vec<u8> {
     let whole = presence.encode();
     if whole.len() <= usize::from(u16::MAX) {
@@ -165,7 +165,8 @@ impl SimulationServer {
     /// Connects and offers the simulations.
     ///
     /// # Errors
-    /// No broker, credentials refused, the id taken, no simulation.
+    /// Fails if the broker is unreachable or refuses the credentials, if the id is taken, or if there are no
+    /// simulations.
     pub fn connect(
         simulations: Vec<Box<dyn Simulation>>,
         options: Options,
@@ -219,7 +220,7 @@ impl SimulationServer {
             early = match find_rival(&mut connection, &topics, &identity) {
                 Ok(early) => early,
                 Err(error) => {
-                    // A good-bye, or the last will would declare the rightful owner of the id lost.
+                    // Close the connection properly, or the last will would declare the rightful owner of the id lost.
                     connection.close(Duration::from_secs(1));
                     return Err(error);
                 }
@@ -254,11 +255,11 @@ impl SimulationServer {
         Ok(server)
     }
 
-    /// Serves until `keep_going`, asked at least every 0.1 s, says no; then leaves the broker in good order.
+    /// Serves until `keep_going`, called at least every 0.1 s, returns false; then leaves the broker in an orderly way.
     ///
     /// # Errors
-    /// Another server got the id while this one was away: this one has left. Or the broker denies its presence from the
-    /// beginning, and closes the connection.
+    /// Fails if another server took the id while this one was offline, or if the broker denies the presence from the
+    /// start and closes the connection.
     pub fn run(
         mut self,
         mut on_notice: impl FnMut(&Notice),
@@ -280,11 +281,12 @@ impl SimulationServer {
         served
     }
 
-    /// One turn, for a caller with an event loop: waits at most `patience` for something to happen, and does what
-    /// is due. A server that is not polled does not answer.
+    /// Runs one turn, for a caller with an event loop: waits at most `patience` for an event, and does what is due. A
+    /// server that is not polled does not answer.
     ///
     /// # Errors
-    /// Another server got the id while this one was away: this one is of no use any more, and is to be closed.
+    /// Fails if another server took the id while this one was offline, or if the broker denies the presence from the
+    /// start; this server must then be closed.
     pub fn poll(
         &mut self,
         patience: Duration,
@@ -293,7 +295,7 @@ impl SimulationServer {
         self.poll_until(Instant::now() + patience, &mut on_notice)
     }
 
-    /// Gives up what is under way and leaves the broker in good order.
+    /// Gives up all current work and leaves the broker in an orderly way.
     pub fn close(mut self) {
         self.machine.free(Instant::now());
         // This server must not remove the presence of another server with its id.
@@ -380,7 +382,7 @@ impl SimulationServer {
         self.compute(on_notice);
     }
 
-    /// What was stepped has ended.
+    /// Updates the progress once stepped episodes have ended.
     fn unmark(&mut self) {
         if let Some(progress) = &self.progress
             && self.is_marked
@@ -392,7 +394,7 @@ impl SimulationServer {
         }
     }
 
-    /// Computes jobs, short ones for a short time: then answers go out and others are heard.
+    /// Computes pending jobs, and returns after a short time so that answers are sent and messages are read.
     fn compute(&mut self, on_notice: &mut impl FnMut(&Notice)) {
         let start = Instant::now();
         while let Some(job) = self.pending.take() {
@@ -412,7 +414,7 @@ impl SimulationServer {
         let mut connection = self.connection.lock();
         for action in self.machine.actions() {
             if self.rival.is_some() {
-                // Publishing is up to the other server with this id.
+                // Only the other server with this id may publish.
                 continue;
             }
             match action {
@@ -433,7 +435,7 @@ impl SimulationServer {
                 Action::Publish(topic, payload) => {
                     let name = self.topics.name(topic);
                     let options = PublishOptions {
-                        // A second copy would be taken for the next step's.
+                        // A tool would take a second copy for the next step.
                         confirm: topic != Topic::Sensor,
                         ..PublishOptions::default()
                     };

@@ -1,4 +1,4 @@
-//! Another server with the same id.
+//! Detection of another server with the same id at the start.
 
 use std::time::{Duration, Instant};
 
@@ -9,10 +9,10 @@ use super::ServeError;
 use crate::notice::Rival;
 use crate::{Identity, identity};
 
-/// For how long a server that starts listens for another with its id.
+/// How long a starting server listens for another one with its id.
 const LISTEN: Duration = Duration::from_millis(100);
 
-/// Listens for a moment for the presence of a living server with the same id; returns what else came meanwhile.
+/// Listens for the presence of a living server with the same id. Returns the other events that arrived in the meantime.
 pub(super) fn find_rival(
     connection: &mut Connection,
     topics: &Topics,

@@ -1,4 +1,4 @@
-//! What is said in place of what cannot be: reasons of lost connections, refusals for answers that are too large.
+//! Replacement texts: reasons of lost connections, and refusals in place of oversized answers.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use swarmwright_protocol::{
     BatchSensors, Evaluated, F32s, F64s, Refusal, RefusalKind, ToTool, U32s,
 };
 
-/// Why the connection ended, with what was sent last where that may be the cause.
+/// Returns why the connection ended, with the size of the last packet if it may be the cause.
 pub(super) fn lost(reason: String, unread: usize) -> String {
     match unread {
         0 => reason,
@@ -16,7 +16,7 @@ pub(super) fn lost(reason: String, unread: usize) -> String {
     }
 }
 
-/// What is said in the place of an answer that the broker does not take.
+/// Returns the refusal that replaces an answer too large for the broker.
 pub(super) fn refusal(answer: &[u8], reason: String) -> Vec<u8> {
     let error = Some(Refusal {
         kind: RefusalKind::Failed,
@@ -48,7 +48,7 @@ pub(super) fn refusal(answer: &[u8], reason: String) -> Vec<u8> {
     }
 }
 
-/// Whether an answer is a scene: its episode ends where it cannot be sent.
+/// Returns whether an answer is a scene; the episode ends if a scene cannot be sent.
 pub(super) fn is_scene(answer: &[u8]) -> bool {
     matches!(ToTool::decode(answer), Ok(ToTool::Scene(_)))
 }
