@@ -1,8 +1,8 @@
-//! Accounts of the brokers that run on this machine for this user, so that the user's other programs are admitted by them.
+//! Accounts of brokers that run on this machine for this user, so that the user's other programs can log in.
 //!
-//! The broker's program publishes its account: for this process in memory, and for others in a file that only the user can
-//! read, `~/.local/state/swarmwright/brokers/HOST/ADDRESS-PORT.env`. The program holds a lock on the file while it runs; files
-//! without a lock were left behind and do not count.
+//! The broker's program publishes its account: for this process in memory, and for others in a file that only the user
+//! can read, `~/.local/state/swarmwright/brokers/HOST/ADDRESS-PORT.env`. The program holds a lock on the file while it
+//! runs; files without a lock are stale and ignored.
 
 use crate::settings::{BrokerUrl, Scheme};
 use std::collections::HashMap;
@@ -17,9 +17,9 @@ use std::{env, process, thread};
 /// User name and password.
 pub type UserAndPassword = (String, String);
 
-/// Limit of the bytes to read: an account's file has a few lines.
+/// Largest number of bytes to read; the file of an account has a few lines.
 const LARGEST_FILE: u64 = 1 << 16;
-/// How often the lock of the folder is tried, and the pause between.
+/// Number of attempts to lock the folder, and the pause between them.
 const TRIES: usize = 50;
 const PAUSE: Duration = Duration::from_millis(20);
 
@@ -31,14 +31,14 @@ fn of_this_process() -> MutexGuard<'static, Option<HashMap<SocketAddr, UserAndPa
         .unwrap_or_else(PoisonError::into_inner)
 }
 
-/// An account that clients of this user find; dropping it ends that.
+/// A published account that clients of this user find; dropping it withdraws the account.
 pub struct Published {
     addresses: Vec<SocketAddr>,
     files: Vec<(PathBuf, File)>,
 }
 
 impl Published {
-    /// Publishes the account of a broker that listens at these addresses of this machine, for this process only.
+    /// Publishes the account of a broker that listens at these addresses of this machine, within this process only.
     #[must_use]
     pub fn in_memory(addresses: Vec<SocketAddr>, account: &UserAndPassword) -> Self {
         let mut accounts = of_this_process();
@@ -52,16 +52,16 @@ impl Published {
         }
     }
 
-    /// Publishes it for other programs of the user, too.
+    /// Publishes the account to other programs of the user as well.
     ///
     /// # Errors
-    /// The user has no folder for it, or it cannot be written.
+    /// Fails if the user has no folder for it, or if the file cannot be written.
     pub fn write(&mut self, (user, password): &UserAndPassword) -> io::Result<()> {
         let folder = folder().ok_or_else(|| {
             io::Error::other("neither XDG_STATE_HOME nor HOME names a folder of this user")
         })?;
         create_private(&folder)?;
-        // Of two programs that start at once, one must not remove the other's file.
+        // If two programs start at the same time, neither may remove the other's file.
         let _lock = lock(&folder);
         remove_stale(&folder);
         for &address in &self.addresses {
@@ -83,7 +83,7 @@ impl Published {
         Ok(())
     }
 
-    /// The files, one for each address.
+    /// Returns the paths of the files, one per address.
     pub fn paths(&self) -> impl Iterator<Item = &Path> {
         self.files.iter().map(|(path, _)| path.as_path())
     }
@@ -101,7 +101,7 @@ impl Drop for Published {
             .first()
             .and_then(|(path, _)| lock(path.parent()?));
         for (path, file) in self.files.drain(..) {
-            // Another broker may have put its own in this place.
+            // Another broker may have replaced the file.
             if is_same(&path, &file)
                 && let Err(error) = fs::remove_file(&path)
             {
@@ -111,7 +111,7 @@ impl Drop for Published {
     }
 }
 
-/// The account of a broker of this user on this machine, where it is one.
+/// Returns the account of a broker of this user on this machine, if the URL belongs to one.
 pub(crate) fn find(url: &BrokerUrl) -> Option<UserAndPassword> {
     if url.scheme == Scheme::Unix {
         return None;
@@ -141,7 +141,7 @@ fn known(address: SocketAddr) -> Option<UserAndPassword> {
     account.or_else(|| read(&folder()?.join(name(address))))
 }
 
-/// The account in a file, unless the program that wrote it has ended.
+/// Reads the account in a file; `None` if the program that wrote it has ended.
 fn read(path: &Path) -> Option<UserAndPassword> {
     let file = File::open(path).ok()?;
     if file.try_lock_shared().is_ok() {
@@ -160,7 +160,8 @@ fn read(path: &Path) -> Option<UserAndPassword> {
     ))
 }
 
-/// The folder of the accounts: `XDG_STATE_HOME` or `~/.local/state`, by machine, since several may share a home.
+/// Returns the folder of the accounts: `XDG_STATE_HOME` or `~/.local/state`, with the host name, since machines may
+/// share a home directory.
 fn folder() -> Option<PathBuf> {
     let absolute = |name: &str| {
         env::var_os(name)
@@ -177,7 +178,7 @@ fn name(address: SocketAddr) -> String {
     format!("{}-{}.env", address.ip(), address.port())
 }
 
-/// A lock on the folder, where one can be had soon.
+/// Locks the folder; `None` if this takes too long.
 fn lock(folder: &Path) -> Option<File> {
     let folder = File::open(folder).ok()?;
     for _ in 0..TRIES {
@@ -193,7 +194,7 @@ fn lock(folder: &Path) -> Option<File> {
 fn remove_stale(folder: &Path) {
     for path in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = path.path();
-        // A program holds the lock of the folder until its file is locked.
+        // A program holds the lock on the folder until its own file is locked.
         let is_stale = File::open(&path).is_ok_and(|file| file.try_lock_shared().is_ok());
         if is_stale && let Err(error) = fs::remove_file(&path) {
             log::warn!("{} could not be removed: {error}", path.display());
@@ -212,7 +213,7 @@ fn create_private(folder: &Path) -> io::Result<()> {
     DirBuilder::new().recursive(true).create(folder)
 }
 
-/// A new file that only this user can read.
+/// Creates a file that only this user can read.
 fn private_file(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);

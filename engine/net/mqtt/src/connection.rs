@@ -1,4 +1,4 @@
-//! The event loop: one socket, one thread, reconnection.
+//! Event loop: one socket, one thread, and reconnection.
 
 mod socket;
 
@@ -22,25 +22,25 @@ const FIRST_PAUSE: Duration = Duration::from_millis(100);
 /// An event of the connection.
 #[derive(Debug)]
 pub enum Event {
-    /// Connected again and subscribed again; what was published meanwhile is lost.
+    /// The connection and its subscriptions were restored; messages published in the meantime are lost.
     Connected,
     /// The connection broke; attempts to reconnect follow.
     Disconnected {
-        /// Why.
+        /// Reason for the end of the connection.
         reason: String,
-        /// Bytes of the largest packet that was sent and that the broker is not known to have read, where it is larger
-        /// than all that it read, and than 1024: the broker may not accept packets of that size. 0 for none, and where the
-        /// broker announces a limit.
+        /// Size in bytes of the largest packet sent that the broker may not have read, if it is larger than 1024 and
+        /// than all packets known to be read: the broker may not accept packets of that size. 0 if there is none, or if
+        /// the broker announces a limit.
         unread: usize,
     },
     /// A message was received.
     Message(Incoming),
-    /// The broker does not distribute what is published on a topic. Brokers of MQTT 5 say so of each message at
-    /// [`QoS::AtLeastOnce`], as the first one on a topic is.
+    /// The broker denies messages on a topic. Brokers with MQTT 5 report this for each message with
+    /// [`QoS::AtLeastOnce`], which the first one on a topic has.
     Denied {
-        /// The topic.
+        /// Topic of the message.
         topic: String,
-        /// What is wrong and how to fix it.
+        /// The problem, and how to fix it.
         message: String,
     },
 }
@@ -50,11 +50,11 @@ pub enum Event {
 pub struct TooLarge {
     /// Size of its packet in bytes.
     pub bytes: usize,
-    /// What the broker accepts.
+    /// Size in bytes of the largest packet that the broker accepts.
     pub most: usize,
 }
 
-/// What a connection has sent and received since it was first opened.
+/// Traffic of a connection since it was first opened.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Traffic {
     /// Bytes sent, without those of TLS.
@@ -67,12 +67,12 @@ pub struct Traffic {
     pub received_messages: u64,
 }
 
-/// Ends a `poll` of another thread.
+/// A handle that ends a `poll` of another thread.
 #[derive(Clone)]
 pub struct Waker(Arc<mio::Waker>);
 
 impl Waker {
-    /// Makes the poll that waits, or the next one, return.
+    /// Makes the current poll, or the next one, return.
     pub fn wake(&self) {
         if let Err(error) = self.0.wake() {
             log::error!("cannot wake the MQTT thread: {error}");
@@ -83,11 +83,11 @@ impl Waker {
 struct Link {
     transport: Transport,
     session: Session,
-    /// The socket may have more to read; cleared when a read says otherwise.
+    /// Whether the socket may have more to read; cleared by a read that would block.
     readable: bool,
-    /// Bytes were read since the last were sent, so they have not been acknowledged.
+    /// Whether bytes were read since the last write, so that they have not been acknowledged.
     unacknowledged: bool,
-    /// The broker has closed its side: the end follows the last bytes, without a further event.
+    /// Whether the broker has closed its side: the end follows the last bytes, without a further event.
     closing: bool,
 }
 
@@ -100,27 +100,28 @@ pub struct Connection {
     waker: Waker,
     mio_events: Events,
     link: Option<Link>,
-    /// When the connection was made that is used, or was used last.
+    /// When the current or most recent connection was established.
     opened: Instant,
-    /// Connections in a row that broke soon.
+    /// Number of short-lived connections in a row.
     short_lived: u32,
     out: Vec<u8>,
     retry_at: Instant,
     pause: Duration,
-    /// Brokers that could not be reached, one after the other.
+    /// Number of brokers in a row that could not be reached.
     failures: usize,
     chunk: Box<[u8]>,
-    /// Events from while the connection was being established: retained messages follow the subscription at once.
+    /// Events that arrived while the connection was established: retained messages follow the subscription at once.
     early: Vec<Event>,
     traffic: Traffic,
 }
 
 impl Connection {
-    /// Connects and subscribes; MQTT 5, or 3.1.1 where the broker does not support it. Where the settings name several
-    /// brokers of a cluster, the first that can be reached is used, and the next one when it is lost.
+    /// Connects and subscribes with MQTT 5, or with 3.1.1 if the broker does not support it. If the settings name
+    /// several brokers of a cluster, the first reachable one is used, and the next one when it is lost.
     ///
     /// # Errors
-    /// Of all brokers: none at the address, no MQTT, credentials refused, a subscription denied, certificates that are not valid for it.
+    /// Fails if no broker can be used: it is unreachable, does not speak MQTT, refuses the credentials, denies a
+    /// subscription, or has no valid certificate.
     pub fn open(
         settings: Settings,
         subscriptions: Vec<Subscription>,
@@ -155,31 +156,32 @@ impl Connection {
         Ok(connection)
     }
 
-    /// A handle by which other threads end a `poll`.
+    /// Returns a handle with which other threads end a `poll`.
     #[must_use]
     pub fn waker(&self) -> Waker {
         self.waker.clone()
     }
 
-    /// The version of MQTT spoken; none while the connection is broken.
+    /// Returns the version of MQTT in use; `None` while the connection is broken.
     #[must_use]
     pub fn version(&self) -> Option<Version> {
         self.link.as_ref().map(|link| link.session.version())
     }
 
-    /// The broker's address, for messages.
+    /// Returns the broker's URL, for messages.
     #[must_use]
     pub fn url(&self) -> String {
         self.settings.url.to_string()
     }
 
-    /// What it has sent and received.
+    /// Returns the traffic so far.
     #[must_use]
     pub fn traffic(&self) -> Traffic {
         self.traffic
     }
 
-    /// Bytes of the largest packet that the broker accepts; `usize::MAX` if it announces no limit (MQTT 3.1.1), or is disconnected.
+    /// Returns the size in bytes of the largest packet that the broker accepts; `usize::MAX` if it announces no limit,
+    /// as with MQTT 3.1.1, or if the connection is broken.
     #[must_use]
     pub fn largest_packet(&self) -> usize {
         self.link
@@ -187,20 +189,20 @@ impl Connection {
             .map_or(usize::MAX, |link| link.session.largest())
     }
 
-    /// Bytes of the largest packet that this connection has sent since it was opened last and the broker has read,
-    /// where that is more than 1024 and the broker announces no limit; otherwise 0.
+    /// Returns the size in bytes of the largest packet on the current connection that the broker is known to have read,
+    /// if it is larger than 1024 and the broker announces no limit; otherwise 0.
     #[must_use]
     pub fn largest_read(&self) -> usize {
         self.link.as_ref().map_or(0, |link| link.session.read().0)
     }
 
-    /// Replaces the last will, from the next connection on.
+    /// Replaces the last will, effective with the next connection.
     pub fn set_will(&mut self, will: crate::Will) {
         self.settings.will = Some(will);
     }
 
-    /// Queues a message; `poll` sends it. While the connection is broken it is dropped: the peers of a broken
-    /// connection start over (see the pool and the wrapper).
+    /// Queues a message, which `poll` sends. It is dropped while the connection is broken, since peers start over after
+    /// a broken connection (see the pool and the wrapper).
     pub fn publish(
         &mut self,
         topic: &str,
@@ -218,7 +220,7 @@ impl Connection {
         self.publish_logged(topic, payload, &options);
     }
 
-    /// As [`publish_with`](Self::publish_with); a message that is too large is logged.
+    /// Like [`publish_with`](Self::publish_with); logs an error if the message is too large.
     pub fn publish_logged(&mut self, topic: &str, payload: &[u8], options: &PublishOptions<'_>) {
         if let Err(TooLarge { bytes, most }) = self.publish_with(topic, payload, options) {
             log::error!(
@@ -227,10 +229,10 @@ impl Connection {
         }
     }
 
-    /// As [`publish`](Self::publish), with the properties of MQTT 5.
+    /// Like [`publish`](Self::publish), with the properties of MQTT 5.
     ///
     /// # Errors
-    /// It is larger than the broker accepts; it is not sent.
+    /// Fails if the message is larger than the broker accepts; it is not sent.
     pub fn publish_with(
         &mut self,
         topic: &str,
@@ -254,7 +256,7 @@ impl Connection {
         Ok(())
     }
 
-    /// Sends what is queued and waits for messages until `until` or a wake-up, whichever comes first.
+    /// Sends queued messages and waits for incoming ones until `until` or a wake-up, whichever comes first.
     pub fn poll(&mut self, until: Instant, events: &mut Vec<Event>) {
         self.reconnect(events);
         events.append(&mut self.early);
@@ -293,7 +295,7 @@ impl Connection {
         }
     }
 
-    /// Disconnects (without last will) and closes, once the broker has read what was queued, or after `timeout`.
+    /// Disconnects without the last will, and closes once the broker has read the queued messages, or after `timeout`.
     pub fn close(mut self, timeout: Duration) {
         let deadline = Instant::now() + timeout;
         let mut events = Vec::new();
@@ -309,8 +311,8 @@ impl Connection {
                 );
             }
         }
-        // The broker closes once it has read the DISCONNECT. To close before, with bytes unread here, would reset the
-        // connection, and what the broker has not read yet would be lost.
+        // The broker closes after it has read the DISCONNECT. Closing earlier with unread bytes here would reset the
+        // connection, and the broker would lose what it has not read yet.
         while let Some(link) = &mut self.link
             && Instant::now() < deadline
         {

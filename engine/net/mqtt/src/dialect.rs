@@ -1,4 +1,5 @@
-//! The protocol version and options that a broker accepts, learnt from its refusals and kept by address for the life of the process.
+//! Protocol versions and options that brokers accept, learnt from refusals and kept by address for the life of the
+//! process.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -13,27 +14,27 @@ pub(crate) struct Dialect {
     pub version: Version,
     /// Quality of service of the last will.
     pub will_qos: QoS,
-    /// Whether the broker is to keep the last will's message.
+    /// Whether the broker should retain the last will.
     pub will_retained: bool,
 }
 
-/// What may help after an attempt that failed.
+/// Change that may help after a failed attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Remedy {
-    /// Nothing.
+    /// Nothing helps.
     None,
-    /// MQTT 3.1.1.
+    /// Use MQTT 3.1.1.
     Older,
-    /// The same once more: the broker accepted the connection and then closed it, or is busy.
+    /// Repeat the attempt: the broker accepted the connection and then closed it, or is busy.
     Retry,
-    /// A last will with QoS 0.
+    /// Send the last will with QoS 0.
     WillAtMostOnce,
-    /// A last will that is not retained.
+    /// Do not retain the last will.
     WillNotRetained,
 }
 
 impl Dialect {
-    /// The first attempt with an unknown broker; only one version is tried if it is `forced`.
+    /// Returns the options for an unknown broker; a `forced` version is the only one tried.
     pub fn first(forced: Option<Version>) -> Self {
         Self {
             version: forced.unwrap_or(Version::Five),
@@ -42,7 +43,7 @@ impl Dialect {
         }
     }
 
-    /// What to try after a failure; None if that would be the same, except for [`Remedy::Retry`].
+    /// Returns what to try after a failure; `None` if nothing would change, except for [`Remedy::Retry`].
     pub fn after(self, remedy: Remedy, forced: Option<Version>) -> Option<Self> {
         let next = match remedy {
             Remedy::None => return None,
@@ -63,7 +64,7 @@ impl Dialect {
         (next != self).then_some(next)
     }
 
-    /// What the broker at this address accepted.
+    /// Returns what the broker at this address accepted.
     pub fn learnt(address: &str) -> Option<Self> {
         all().get(address).copied()
     }
@@ -73,7 +74,7 @@ impl Dialect {
         all().insert(address.to_owned(), self);
     }
 
-    /// Forgets what was learnt: there may be another broker at this address.
+    /// Forgets what was learnt, since another broker may be at this address.
     pub fn forget(address: &str) {
         all().remove(address);
     }

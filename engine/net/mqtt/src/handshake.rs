@@ -1,4 +1,5 @@
-//! Connecting: handshakes, CONNECT, SUBSCRIBE, all acknowledged; repeated with other options where the broker requires that.
+//! Handshakes, CONNECT and SUBSCRIBE with their acknowledgements, repeated with other options if the broker requires
+//! it.
 
 use std::io::{self, ErrorKind};
 use std::thread;
@@ -11,27 +12,26 @@ use crate::settings::Settings;
 use crate::transport::Transport;
 use crate::{ConnectError, MOST_TRIES, tls};
 
-/// The part of the time-out after which 3.1.1 is tried with a broker that does not answer MQTT 5.
+/// Share of the time-out after which 3.1.1 is tried if the broker does not answer MQTT 5.
 const SILENCE: f64 = 0.6;
-/// The pause after a connection that was accepted and then closed; it grows with each.
+/// Pause after a connection that was accepted and then closed; it grows with each.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Time that a broker may take to restart after it closed a connection and became unreachable.
+/// How long a broker may take to restart after it closed a connection and became unreachable.
 const RESTART: Duration = Duration::from_secs(5);
 
-/// An attempt that failed, and what may help.
+/// A failed attempt, and a change that may help.
 struct Failure(ConnectError, Remedy);
 
-/// The client that connects, and its subscriptions.
+/// Client that connects, and its subscriptions.
 pub(crate) struct Caller<'a> {
     pub settings: &'a Settings,
     pub client_id: &'a str,
     pub subscriptions: &'a [Subscription],
-    /// Whether to wait for a broker that restarts at this moment.
+    /// Whether to wait for a broker that is restarting.
     pub waits: bool,
 }
 
-/// Connects and subscribes. Messages that come with the subscription, and bytes that wait to be sent, are left in `early`
-/// and `out`.
+/// Connects and subscribes. Messages that arrive with the subscription are left in `early`, and unsent bytes in `out`.
 pub(crate) fn connect(
     caller: &Caller<'_>,
     chunk: &mut [u8],
@@ -44,7 +44,7 @@ pub(crate) fn connect(
         .filter(|learnt| forced.is_none_or(|version| version == learnt.version));
     let mut dialect = learnt.unwrap_or_else(|| Dialect::first(forced));
     let mut broken = 0;
-    // Time limit for a broker that was reachable before.
+    // Time limit for the restart of a broker that was reachable before.
     let mut restarts_until: Option<Instant> = None;
     loop {
         early.clear();
@@ -60,7 +60,7 @@ pub(crate) fn connect(
             if restarts_until.is_some_and(|until| Instant::now() < until) {
                 log::debug!("{error}");
                 thread::sleep(PAUSE);
-                // Whatever was tried, it was not the cause.
+                // The earlier failures were due to the restart, so start over.
                 dialect = learnt.unwrap_or_else(|| Dialect::first(forced));
                 broken = 0;
                 continue;
@@ -96,7 +96,7 @@ fn attempt(
     let settings = caller.settings;
     let url = settings.url.to_string();
     let mut accepted = false;
-    // Once it has accepted the connection, it is certainly a broker.
+    // A server that has accepted the connection is certainly a broker.
     let broken = |accepted: bool, reason: String| {
         let url = url.clone();
         if accepted {
@@ -131,7 +131,7 @@ fn attempt(
     let mut ready = false;
     loop {
         if let Err(error) = send(&mut transport, out) {
-            // What the broker said before it closed the connection is still to be read.
+            // The broker may have sent a reason before it closed the connection.
             let reply_error = transport.read(chunk).err();
             return Err(unusable(accepted, &reply_error.unwrap_or(error)));
         }
@@ -176,13 +176,13 @@ fn attempt(
                 Received::Publish(message) => early.push(Event::Message(message)),
                 Received::Denied(..) => {}
                 Received::Closed(reason) => {
-                    // The broker may want to know why.
+                    // Send the reason to the broker.
                     let _ = send(&mut transport, out);
                     return Err(broken(accepted, reason));
                 }
             }
         }
-        // Not earlier, because retained messages arrive together with the last answer.
+        // Return only after all answers are handled, because retained messages arrive together with the last one.
         if ready {
             return Ok((transport, session));
         }

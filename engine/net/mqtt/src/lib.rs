@@ -1,9 +1,9 @@
-//! The MQTT connection of the optimization tool and of the simulation wrapper.
+//! The MQTT connection of the optimization tool and the simulation wrapper.
 //!
-//! The packets are those of the crate `swarmwright-packets`, which the embedded broker reads and writes too. This crate adds the
-//! state of a connection (`session`), the socket (TCP, TLS,
-//! websocket, Unix socket), the event loop on one thread without locks, and reconnection. One `poll` sends everything that was
-//! published since the last in one write, since a step of many agents is many small messages.
+//! The crate `swarmwright-packets`, which the embedded broker uses as well, encodes and decodes the packets. This crate
+//! adds the state of a connection (`session`), the socket (TCP, TLS, WebSocket, Unix socket), an event loop on one
+//! thread without locks, and reconnection. One `poll` sends all messages published since the last one in a single
+//! write, since a step of many agents consists of many small messages.
 
 #[cfg(test)]
 #[global_allocator]
@@ -30,10 +30,10 @@ pub use publication::PublishOptions;
 pub use session::{Incoming, QoS, Subscription, Version};
 pub use settings::{BrokerUrl, ClientCertificate, Scheme, Settings, SettingsError, Will};
 
-/// Attempts for a connection that the broker accepts and then closes.
+/// Number of attempts if the broker accepts a connection and then closes it.
 const MOST_TRIES: u32 = 5;
 
-/// Why no connection to the broker could be established.
+/// Reasons why no connection to the broker could be established.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
     /// No process listens at the address.
@@ -41,9 +41,9 @@ pub enum ConnectError {
         "no broker answers at {url} ({reason}); start one with `swarmwright broker`, or name another with --broker URL"
     )]
     NoBroker {
-        /// Where.
+        /// URL of the broker.
         url: String,
-        /// What the system says.
+        /// Error of the operating system.
         reason: String,
     },
     /// A process listens at the address, but it is not an MQTT broker.
@@ -51,9 +51,9 @@ pub enum ConnectError {
         "the server at {url} is not an MQTT broker ({reason}); check scheme and port of the URL"
     )]
     NoMqtt {
-        /// Where.
+        /// URL of the server.
         url: String,
-        /// What happened.
+        /// Description of the problem.
         reason: String,
     },
     /// The broker closes connections that it has just accepted.
@@ -62,9 +62,9 @@ pub enum ConnectError {
          times in a row; its log may contain the cause"
     )]
     Broken {
-        /// Where.
+        /// URL of the broker.
         url: String,
-        /// What happened.
+        /// Description of the problem.
         reason: String,
     },
     /// The broker refuses the credentials.
@@ -73,31 +73,31 @@ pub enum ConnectError {
          (or SWARMWRIGHT_PASSWORD_FILE) to an account of that broker, such as `swarmwright broker --account FILE` writes"
     )]
     Refused {
-        /// Where.
+        /// URL of the broker.
         url: String,
         /// The user, or "a client without a user name".
         user: String,
         /// The broker's reason.
         reason: String,
     },
-    /// The broker accepts no further connections at present.
+    /// The broker currently accepts no further connections.
     #[error(
         "the broker at {url} is busy ({reason}), {MOST_TRIES} times in a row; the account is not the cause. Try again in a \
          minute, as --wait SECONDS does"
     )]
     Busy {
-        /// Where.
+        /// URL of the broker.
         url: String,
         /// The broker's reason.
         reason: String,
     },
-    /// The system does not let this user open the broker's Unix socket.
+    /// The operating system does not let this user open the broker's Unix socket.
     #[error(
         "this user may not open the broker's socket {url} (permission denied); its file must be writable and the folders of \
          its path accessible for this user: the built-in broker has --socket-mode, others a umask or a group"
     )]
     Forbidden {
-        /// Where.
+        /// URL of the socket.
         url: String,
     },
     /// The broker denies this client a subscription.
@@ -106,7 +106,7 @@ pub enum ConnectError {
          topic prefix that this account belongs to (--prefix, SWARMWRIGHT_PREFIX)"
     )]
     Denied {
-        /// Where.
+        /// URL of the broker.
         url: String,
         /// The user, or "a client without a user name".
         user: String,
@@ -121,7 +121,7 @@ pub enum ConnectError {
          prefix that this account belongs to (--prefix, SWARMWRIGHT_PREFIX)"
     )]
     Unpublishable {
-        /// Where.
+        /// URL of the broker.
         url: String,
         /// The user, or "a client without a user name".
         user: String,
@@ -130,7 +130,7 @@ pub enum ConnectError {
         /// The broker's reason.
         reason: String,
     },
-    /// The certificates do not fit.
+    /// The TLS handshake failed, for example because of the certificates.
     #[error("no secure connection to {url}: {reason}")]
     Tls {
         /// Where.
@@ -141,7 +141,8 @@ pub enum ConnectError {
 }
 
 impl ConnectError {
-    /// The error of several brokers of which none can be used: the first that is there and refuses, if there is one.
+    /// Returns the error for several brokers of which none can be used: that of the first reachable one that refuses,
+    /// if there is one.
     fn all(mut errors: Vec<Self>) -> Self {
         if let Some(index) = errors
             .iter()

@@ -1,4 +1,4 @@
-//! What a broker does with small packets, determined on a separate connection.
+//! Probe of how a broker handles small packets, on a separate connection.
 
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
@@ -8,21 +8,24 @@ use crate::session::Session;
 use crate::settings::Settings;
 use crate::transport::Transport;
 
-/// PINGREQ and PINGRESP, the smallest packets that a client can ask for and a broker answers by itself.
+/// PINGREQ, the smallest packet that a broker answers on its own; PINGRESP has the same size.
 const QUESTION: [u8; 2] = [0xc0, 0];
 const QUESTIONS: usize = 3;
-/// Attempts: a busy machine may delay some answers, but hardly all.
+/// Number of attempts; a busy machine may delay some answers, but hardly all.
 const TRIES: usize = 4;
-/// Systems acknowledge late after 40 ms or more. Answers that are further apart than this waited for that.
+/// Time between answers above which they waited for an acknowledgement; systems delay acknowledgements by 40 ms or
+/// more.
 const HELD_BACK: Duration = Duration::from_millis(25);
 
-/// Whether the broker holds small packets back until those before have been acknowledged (Nagle's algorithm). Connects,
-/// asks several things at once and looks whether the answers come together; blocks for some 200 ms then.
+/// Returns whether the broker holds small packets back until earlier ones have been acknowledged (Nagle's algorithm).
+/// Connects, sends several pings at once, and checks whether the answers arrive together; if not, this blocks for some
+/// 200 ms.
 ///
-/// On systems other than Linux a late acknowledgement cannot be requested, so that the result may be false although the broker does.
+/// Delayed acknowledgements can only be requested on Linux, so on other systems the result may be false although the
+/// broker holds packets back.
 ///
 /// # Errors
-/// No connection, or it broke.
+/// Fails if the connection cannot be established, or breaks.
 pub fn holds_back_small_packets(settings: &Settings) -> io::Result<bool> {
     let settings = Settings {
         will: None,
@@ -46,13 +49,13 @@ pub fn holds_back_small_packets(settings: &Settings) -> io::Result<bool> {
             break;
         }
     }
-    // The broker notices the end of the connection by itself if this does not reach it.
+    // If this does not reach the broker, it notices the end of the connection itself.
     Session::disconnect(&mut out);
     send(&mut transport, &out).unwrap_or_default();
     Ok(shortest >= HELD_BACK)
 }
 
-/// The time from the first to the last of the broker's answers to pings that were sent at once.
+/// Returns the time between the first and the last answer to pings that were sent at once.
 fn spread(transport: &mut Transport, chunk: &mut [u8]) -> io::Result<Duration> {
     transport.acknowledge_late();
     send(transport, &QUESTION.repeat(QUESTIONS))?;

@@ -1,11 +1,11 @@
-//! How a message is published.
+//! Options of a publication.
 
 use swarmwright_packets::client::Properties;
 
 use crate::session::QoS;
 
-/// How a message is published. What MQTT 3.1.1 does not support (all but `qos` and `retain`) is omitted there, so a body
-/// has to repeat it if it is needed.
+/// Options of a publication. MQTT 3.1.1 supports only `qos` and `retain`; the others are then omitted, so the payload
+/// must repeat what is needed.
 ///
 /// ```
 /// use swarmwright_mqtt::PublishOptions;
@@ -16,23 +16,23 @@ use crate::session::QoS;
 pub struct PublishOptions<'a> {
     /// Quality of service; at most once by default.
     pub qos: QoS,
-    /// Whether the first message on a topic has [`QoS::AtLeastOnce`], so that a broker that denies it says so
-    /// ([`Event::Denied`](crate::Event::Denied)). Not for messages of which a second copy does harm.
+    /// Whether the first message on a topic has [`QoS::AtLeastOnce`], so that a broker that denies it reports this
+    /// ([`Event::Denied`](crate::Event::Denied)). Not suitable for messages whose second copy does harm.
     pub confirm: bool,
     /// Whether the broker keeps the message for clients that subscribe later.
     pub retain: bool,
-    /// Seconds after which the broker may discard it.
+    /// Seconds after which the broker may discard the message.
     pub expiry: Option<u32>,
     /// Media type of the payload.
     pub content_type: Option<&'a str>,
     /// Full topic on which an answer is expected.
     pub response_topic: Option<&'a str>,
-    /// Identifies the answer; at most 65,535 bytes.
+    /// Data that identifies the answer; at most 65,535 bytes.
     pub correlation: Option<&'a [u8]>,
 }
 
 impl<'a> PublishOptions<'a> {
-    /// The default, but for `confirm`.
+    /// Default options with `confirm`.
     pub const CONFIRMED: Self = Self {
         confirm: true,
         ..Self::PLAIN
@@ -57,7 +57,7 @@ impl<'a> PublishOptions<'a> {
         }
     }
 
-    /// Bytes of a packet beside the payload, at most: headers, topic and properties.
+    /// Returns the largest size in bytes of a packet without the payload: headers, topic and properties.
     pub(crate) fn room(&self, topic: &str) -> usize {
         let texts = [self.content_type, self.response_topic];
         let texts: usize = texts.iter().flatten().map(|text| text.len() + 3).sum();

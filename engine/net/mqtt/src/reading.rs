@@ -1,48 +1,48 @@
-//! What the broker is known to have read: a ping follows a large packet, and its answer proves that the broker has
-//! read the packet.
+//! Tracking of the packets that the broker has read: a ping follows each large packet, and its answer proves that the
+//! packet was read.
 //!
-//! Some brokers close the connection on a packet that is larger than they accept, without having announced a limit
-//! (MQTT 3.1.1 cannot). A packet that was sent and not read when the connection broke may be the cause.
+//! Some brokers close the connection on a packet larger than they accept, without having announced a limit (MQTT 3.1.1
+//! has no way to). A packet that was sent but not read when the connection broke may be the cause.
 
 use std::collections::VecDeque;
 
-/// Every broker accepts packets of this size, bytes.
+/// Size in bytes of a packet that every broker accepts.
 const SMALL: usize = 1024;
 
-/// A connection's packets and pings, in the order in which they were sent.
+/// Large packets and pings of a connection, in the order of sending.
 #[derive(Debug, Default)]
 pub(crate) struct Reading {
-    /// The largest packet that was read.
+    /// Size of the largest packet that was read.
     read: usize,
-    /// For each ping that is not answered, the packet before it: 0 for one that is of no interest.
+    /// Size of the packet before each unanswered ping; 0 if it is irrelevant.
     asked: VecDeque<usize>,
 }
 
 impl Reading {
-    /// Notes a message sent in a packet of `bytes` bytes. Returns whether a ping must follow: only if it is larger than all
-    /// before, so pings are few.
+    /// Records a message sent in a packet of `bytes` bytes. Returns whether a ping must follow, which is rare: only if
+    /// the packet is larger than all earlier ones.
     pub fn sent(&mut self, bytes: usize) -> bool {
         bytes > SMALL && bytes > self.read && bytes > self.unread()
     }
 
-    /// Notes a ping sent after a packet of `bytes` bytes.
+    /// Records a ping sent after a packet of `bytes` bytes.
     pub fn asked(&mut self, bytes: usize) {
         self.asked.push_back(bytes);
     }
 
-    /// A ping was answered.
+    /// Records the answer to a ping.
     pub fn answered(&mut self) {
         let bytes = self.asked.pop_front().unwrap_or_default();
         self.read = self.read.max(bytes);
     }
 
-    /// Bytes of the largest packet that the broker has read, of those above [`SMALL`]; 0 for none.
+    /// Returns the size of the largest packet above [`SMALL`] that the broker has read; 0 if there is none.
     pub fn read(&self) -> usize {
         self.read
     }
 
-    /// Bytes of the largest packet that was sent and is not known to have been read; 0 where none is larger than those
-    /// that were.
+    /// Returns the size of the largest packet that was sent and may not have been read; 0 if none is larger than those
+    /// that were read.
     pub fn unread(&self) -> usize {
         self.asked.iter().copied().max().unwrap_or_default()
     }

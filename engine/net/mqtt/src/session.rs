@@ -1,4 +1,5 @@
-//! MQTT 5 or 3.1.1 without I/O: bytes in, bytes and what they say out. The packets themselves are those of `swarmwright-packets`.
+//! MQTT 5 or 3.1.1 without I/O: converts received bytes to events, and requests to bytes, with packets of
+//! `swarmwright-packets`.
 
 mod answers;
 mod messages;
@@ -19,82 +20,82 @@ use swarmwright_packets::{Answer, Outgoing, Publish, Refusal, acknowledge, frame
 use crate::publication::PublishOptions;
 use crate::reading::Reading;
 
-/// The largest packet that a broker may send here (MQTT 5), bytes: the protocol's largest message, its topic and properties.
+/// Largest packet in bytes that a broker may send to this client (MQTT 5): the largest message of the protocol, its
+/// topic and properties.
 const LARGEST_PACKET: u32 = (64 << 20) + (1 << 20);
 
-/// How many topics are remembered.
+/// Largest number of topics that are remembered.
 const MOST_TOPICS: usize = 1000;
 
-/// How many answers are waited for at the same time, at most, for messages that need none.
+/// Largest number of answers awaited at the same time for messages that need none.
 const MOST_AWAITED: usize = 16;
 
-/// How many messages may be unacknowledged at the same time, even where the broker accepts more.
+/// Largest number of unacknowledged messages, even if the broker accepts more.
 const MOST_UNACKNOWLEDGED: usize = 1 << 14;
 
-/// Parts of the keep-alive interval after which silence is noticed. Up to two of them before a ping and half of the interval for its
-/// answer make the whole interval.
+/// Number of checks per keep-alive interval. Up to two of them before a ping and half of the interval for its answer
+/// add up to the whole interval.
 const CHECKS: u32 = 4;
 
-/// How far a connection has come.
+/// Stage of a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stage {
-    /// CONNECT is not answered yet.
+    /// CONNECT has not been answered yet.
     Connecting,
     /// The broker has accepted the connection.
     Accepted,
-    /// Further bytes are ignored.
+    /// The connection has ended; further bytes are ignored.
     Over,
 }
 
-/// What the broker accepts.
+/// Limits of the broker.
 #[derive(Debug)]
 struct Limits {
-    /// The largest packet, bytes.
+    /// Size in bytes of the largest packet.
     largest: usize,
-    /// How many messages may be unacknowledged.
+    /// Largest number of unacknowledged messages.
     unacknowledged: usize,
-    /// Largest number of them for messages that need no answer.
+    /// Largest number of these that need no answer.
     awaited: usize,
-    /// The highest quality of service.
+    /// Highest quality of service.
     qos: QoS,
-    /// Whether it supports retained messages.
+    /// Whether the broker supports retained messages.
     retains: bool,
 }
 
-/// One MQTT connection's state.
+/// State of one MQTT connection.
 pub(crate) struct Session {
     version: Version,
     stage: Stage,
-    /// After how long a broker that hears nothing gives this client up; none if never.
+    /// Silence after which the broker gives this client up; `None` if it never does.
     patience: Option<Duration>,
     ping_at: Option<Instant>,
     keep_alive: Duration,
-    /// When it is next checked whether the broker is silent.
+    /// When to check next whether the broker is silent.
     check_at: Instant,
-    /// Bytes came since the last check.
+    /// Whether bytes have arrived since the last check.
     heard: bool,
-    /// The broker was silent at the last check, and was asked for an answer.
+    /// Whether the broker was silent at the last check and was pinged.
     asked: bool,
-    /// The part of an incomplete packet received so far.
+    /// Received part of an incomplete packet.
     partial: Vec<u8>,
     limits: Limits,
-    /// What the broker has read; used where it announces no limit.
+    /// Packets that the broker has read; used if it announces no limit.
     reading: Reading,
-    /// Topics on which was published: the first message on each is acknowledged, since a broker that denies it says so
-    /// there only.
+    /// Topics used so far: the first message on each is acknowledged, since that is where a broker reports a denial.
     topics: HashSet<Box<str>>,
-    /// Identifiers and topics of what the broker has not acknowledged yet.
+    /// Identifiers and topics of unacknowledged messages.
     unacknowledged: BTreeMap<u16, Box<str>>,
-    /// Identifier of a subscription that is not answered, and its number of filters.
+    /// Identifier and number of filters of an unanswered subscription.
     subscribing: Option<(u16, usize)>,
-    /// The packet identifier used last.
+    /// Last packet identifier used.
     last_id: u16,
-    /// The topic of the last message received: most have the same one, which is then neither checked nor copied.
+    /// Topic of the last received message: most messages repeat it, so that it is neither checked nor copied again.
     last_topic: Arc<str>,
 }
 
 impl Session {
-    /// `keep_alive`: seconds, as in the settings.
+    /// Creates the state before CONNECT. `keep_alive`: interval in seconds, as in the settings.
     pub fn new(version: Version, keep_alive: u16) -> Self {
         let keep_alive = Duration::from_secs(keep_alive.into());
         Self {
@@ -123,7 +124,7 @@ impl Session {
         }
     }
 
-    /// Bytes of the largest packet that the broker accepts; `usize::MAX` if it announces no limit.
+    /// Returns the size in bytes of the largest packet that the broker accepts; `usize::MAX` if it announces no limit.
     pub fn largest(&self) -> usize {
         self.limits.largest
     }
@@ -132,7 +133,7 @@ impl Session {
         self.version
     }
 
-    /// Appends a message to `out`, at QoS 0 where the broker takes no further messages that have to be acknowledged.
+    /// Appends a message to `out`, with QoS 0 if the broker accepts no further unacknowledged messages.
     pub fn publish(
         &mut self,
         topic: &str,
@@ -140,7 +141,7 @@ impl Session {
         options: &PublishOptions<'_>,
         out: &mut Vec<u8>,
     ) -> Result<(), Invalid> {
-        // The identifier of a message that is acknowledged must have room too.
+        // A message that is acknowledged also needs room for its identifier.
         let fits = options.room(topic) + payload.len() <= self.limits.largest;
         let qos = if options.confirm && fits && self.is_first(topic) {
             QoS::AtLeastOnce
@@ -179,14 +180,14 @@ impl Session {
         Ok(())
     }
 
-    /// Bytes of the largest packet that the broker has read and that was not small, 0 for none; and of the largest one
-    /// that it may not have read, 0 where none is larger. Both 0 where it announces a limit.
+    /// Returns the size in bytes of the largest large packet that the broker has read, and of the largest one that it
+    /// may not have read if that is larger; each 0 if there is none. Both are 0 if the broker announces a limit.
     pub fn read(&self) -> (usize, usize) {
         (self.reading.read(), self.reading.unread())
     }
 
-    /// Whether nothing was published on a topic yet, and the answer can be waited for. Where there are very many topics,
-    /// also now and then for one of them.
+    /// Returns whether this is the first message on a topic and its answer can be awaited. If there are very many
+    /// topics, some are occasionally treated as new.
     fn is_first(&mut self, topic: &str) -> bool {
         if self.topics.contains(topic) || self.unacknowledged.len() >= self.limits.awaited {
             return false;
@@ -197,7 +198,7 @@ impl Session {
         self.topics.insert(topic.into())
     }
 
-    /// The packet identifier of a message; None if the broker takes no further messages that have to be acknowledged.
+    /// Returns a packet identifier for a message; `None` if the broker accepts no further unacknowledged messages.
     fn next_id(&mut self) -> Option<u16> {
         if self.unacknowledged.len() >= self.limits.unacknowledged {
             return None;
@@ -205,7 +206,7 @@ impl Session {
         Some(self.fresh_id())
     }
 
-    /// A packet identifier that is not in use: most of them never are.
+    /// Returns a packet identifier that is not in use.
     fn fresh_id(&mut self) -> u16 {
         loop {
             self.last_id = self.last_id.wrapping_add(1);
@@ -217,7 +218,7 @@ impl Session {
         }
     }
 
-    /// Takes bytes from the broker; answers go to `out`, events for the connection to `received`.
+    /// Processes bytes from the broker; answers are appended to `out`, and events passed to `received`.
     pub fn receive(
         &mut self,
         bytes: &[u8],
@@ -237,7 +238,7 @@ impl Session {
         }
     }
 
-    /// Takes all complete packets; returns how many bytes they have.
+    /// Processes all complete packets and returns their total size in bytes.
     fn receive_packets(
         &mut self,
         bytes: &[u8],
@@ -252,7 +253,7 @@ impl Session {
         let mut start = 0;
         while start < bytes.len() && self.stage != Stage::Over {
             let outcome = match frame(&bytes[start..], most) {
-                // What is no broker at all may promise more bytes than it sends.
+                // A server that is not an MQTT broker may announce more bytes than it sends.
                 _ if self.stage == Stage::Connecting && !matches!(bytes[start], 0x20 | 0xe0) => {
                     Err(answers::NO_CONNACK)
                 }
@@ -288,14 +289,14 @@ impl Session {
         bytes.len()
     }
 
-    /// Bytes of the payload, if the packet is a plain message on the same topic as the one before.
+    /// Returns the length of the payload if the packet is a plain message on the same topic as the last one.
     fn repeated(&self, first: u8, body: &[u8]) -> Option<usize> {
         let (topic, payload) = client::bare(first, body, self.version)?;
         let is_same = !topic.is_empty() && topic == self.last_topic.as_bytes();
         is_same.then_some(payload.len())
     }
 
-    /// Acknowledges a message, whose topic is the last one from here on.
+    /// Acknowledges a message and remembers its topic as the last one.
     fn take(&mut self, message: &Publish<'_>, out: &mut Vec<u8>) -> Result<(), Refusal> {
         if !topic::is_name(message.topic) {
             let explanation = "a message on a topic that cannot be published to";
@@ -320,13 +321,13 @@ impl Session {
         })
     }
 
-    /// The next time at which `tick` is needed.
+    /// Returns when to call `tick` next.
     pub fn next_timer(&self) -> Instant {
         self.ping_at
             .map_or(self.check_at, |at| at.min(self.check_at))
     }
 
-    /// Fires the timers that are due.
+    /// Handles the timers that are due.
     pub fn tick(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
         if self.ping_at.is_some_and(|at| at <= now) {
             self.ping(now, out);
@@ -342,7 +343,7 @@ impl Session {
         self.ping_at = self.patience.map(|patience| now + patience);
     }
 
-    /// Pings a silent broker, and gives up a broker that does not answer.
+    /// Pings a silent broker, and gives up one that does not answer.
     fn check(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
         let was_asked = std::mem::replace(&mut self.asked, false);
         if std::mem::take(&mut self.heard) {

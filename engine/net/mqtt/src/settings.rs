@@ -10,7 +10,7 @@ use std::{env, fmt, fs};
 use crate::accounts;
 use crate::session::Version;
 
-/// Seconds.
+/// Default keep-alive interval, and its upper limit, in seconds.
 const KEEP_ALIVE: u16 = 30;
 const LONGEST_KEEP_ALIVE: u16 = 3600;
 
@@ -29,23 +29,23 @@ pub enum Scheme {
     Unix,
 }
 
-/// Address of a broker: `mqtt://`, `mqtts://`, `ws://` or `wss://`, host, optional port and path, or `unix://` and the
-/// absolute path of a Unix socket; `?mqtt=3` or `?mqtt=5` after it restricts the connection to one version of MQTT.
+/// URL of a broker: `mqtt://`, `mqtts://`, `ws://` or `wss://` with host, optional port and path, or `unix://` with the
+/// absolute path of a Unix socket. A suffix `?mqtt=3` or `?mqtt=5` restricts the connection to one version of MQTT.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokerUrl {
     /// Transport to the broker.
     pub scheme: Scheme,
-    /// Name or address, without brackets; empty for a Unix socket.
+    /// Host name or address, without brackets; empty for a Unix socket.
     pub host: String,
     /// TCP port; 0 for a Unix socket.
     pub port: u16,
-    /// Path of a websocket, or of the file of a Unix socket.
+    /// Path of a WebSocket, or of the file of a Unix socket.
     pub path: String,
-    /// The only version of MQTT to use; None = negotiate.
+    /// The only version of MQTT to use; `None` to negotiate.
     pub version: Option<Version>,
 }
 
-/// Settings that cannot be used; says what would be right.
+/// Invalid settings; the text says what is expected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct SettingsError(String);
@@ -150,12 +150,12 @@ impl FromStr for BrokerUrl {
     }
 }
 
-/// An environment variable; `None` if it is missing or empty.
+/// Returns an environment variable; `None` if it is missing or empty.
 fn variable(name: &str) -> Option<String> {
     env::var(name).ok().filter(|value| !value.is_empty())
 }
 
-/// User name and password of the environment.
+/// Returns user name and password from the environment.
 fn environment_account() -> Result<(Option<String>, Option<String>), SettingsError> {
     let username = variable("SWARMWRIGHT_USERNAME");
     let password = match (
@@ -183,7 +183,7 @@ fn environment_account() -> Result<(Option<String>, Option<String>), SettingsErr
     Ok((username, password))
 }
 
-/// A keep-alive interval.
+/// Parses a keep-alive interval in seconds.
 fn seconds(text: &str) -> Result<u16, SettingsError> {
     text.parse()
         .ok()
@@ -195,7 +195,7 @@ fn seconds(text: &str) -> Result<u16, SettingsError> {
         })
 }
 
-/// What is wrong with the path of a Unix socket.
+/// Checks the path of a Unix socket.
 fn check_socket(path: &str) -> Result<(), String> {
     #[cfg(unix)]
     {
@@ -220,7 +220,7 @@ fn check_socket(path: &str) -> Result<(), String> {
     }
 }
 
-/// The version of MQTT that the options behind a URL ask for, and the others of them.
+/// Returns the version of MQTT in the query of a URL, and the other options.
 fn options(query: &str) -> Result<(Option<Version>, String), String> {
     let mut version = None;
     let mut others = Vec::new();
@@ -257,68 +257,68 @@ impl fmt::Display for BrokerUrl {
     }
 }
 
-/// A retained message that the broker publishes when the connection breaks.
+/// A message that the broker publishes when the connection breaks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Will {
     /// Topic name.
     pub topic: String,
     /// Payload.
     pub payload: Vec<u8>,
-    /// After how many seconds the broker forgets it (MQTT 5).
+    /// Seconds after which the broker discards it (MQTT 5).
     pub expiry: u32,
-    /// Whether the broker retains it for later subscribers, if it can.
+    /// Whether the broker should retain it for later subscribers, if it can.
     pub retain: bool,
 }
 
-/// Everything that a connection needs to know.
+/// Settings of a connection.
 #[derive(Clone)]
 pub struct Settings {
-    /// Address of the broker, of a cluster's the one that is used at present.
+    /// URL of the broker; in a cluster, of the broker in use.
     pub url: BrokerUrl,
-    /// The other brokers of a cluster, in the order in which they are tried when that one cannot be reached.
+    /// Other brokers of the cluster, in the order in which they are tried if that one cannot be reached.
     pub others: VecDeque<BrokerUrl>,
-    /// Account at the broker.
+    /// User name at the broker.
     pub username: Option<String>,
-    /// Its password.
+    /// Password of the user.
     pub password: Option<String>,
-    /// Certificate authority, PEM; the system's when absent.
+    /// Certificates of trusted authorities (PEM); `None` for those of the system.
     pub ca_file: Option<PathBuf>,
-    /// What proves to the broker who this client is, in addition to an account or instead of it.
+    /// Client certificate, in addition to an account or instead of it.
     pub certificate: Option<ClientCertificate>,
-    /// Published by the broker when this connection breaks.
+    /// Message that the broker publishes when this connection breaks.
     pub will: Option<Will>,
-    /// Keep-alive interval, seconds: within it a silent broker is asked and, when it does not answer, given up; the broker gives
-    /// this client up after one and a half.
+    /// Keep-alive interval in seconds. A silent broker is pinged and, if it does not answer, given up within the
+    /// interval; the broker gives this client up after one and a half intervals.
     pub keep_alive: u16,
-    /// How long one attempt to connect may take.
+    /// Time limit of one attempt to connect.
     pub timeout: Duration,
-    /// Whether the caller warns of an unencrypted password.
+    /// Whether the caller itself warns about an unencrypted password.
     pub clear_text_is_known: bool,
 }
 
-/// The files of a client certificate, PEM.
+/// Files of a client certificate (PEM).
 #[derive(Debug, Clone)]
 pub struct ClientCertificate {
     /// The certificate, followed by those of intermediate authorities.
     pub chain: PathBuf,
-    /// Its private key, not encrypted.
+    /// Its private key, unencrypted.
     pub key: PathBuf,
 }
 
 impl Settings {
-    /// Settings with the account of a broker that this user runs on this machine (see [`crate::Published`]), else with the
-    /// credentials of the environment: `SWARMWRIGHT_USERNAME`, `SWARMWRIGHT_PASSWORD` or
+    /// Creates settings with the account of a broker that this user runs on this machine (see [`crate::Published`]), or
+    /// else with credentials from the environment: `SWARMWRIGHT_USERNAME`, `SWARMWRIGHT_PASSWORD` or
     /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`, `SWARMWRIGHT_CERTIFICATE_FILE` with
-    /// `SWARMWRIGHT_KEY_FILE`; and with its keep-alive interval, `SWARMWRIGHT_KEEP_ALIVE`.
+    /// `SWARMWRIGHT_KEY_FILE`. The keep-alive interval is `SWARMWRIGHT_KEEP_ALIVE`.
     ///
-    /// `url`: of a broker, or those of the brokers of a cluster, separated by commas.
+    /// `url` is that of a broker, or of the brokers of a cluster, separated by commas.
     ///
     /// # Errors
-    /// A URL is not valid, the password file cannot be read, a password is set without a user name, a client certificate without
-    /// its key or the reverse, or the keep-alive interval is not a number of seconds.
+    /// Fails if a URL is invalid, if the password file cannot be read, if a password is set without a user name, if
+    /// only one of client certificate and key is set, or if the keep-alive interval is not a number of seconds.
     pub fn from_environment(url: &str) -> Result<Self, SettingsError> {
         let mut settings = Self::at(url)?;
-        // What a broker of this user says of itself is right, whatever the environment says of others.
+        // The account that a broker of this user publishes is right, whatever the environment says about other brokers.
         (settings.username, settings.password) = match settings.account() {
             Some((username, password)) => (Some(username), Some(password)),
             None => environment_account()?,
@@ -347,12 +347,12 @@ impl Settings {
         Ok(settings)
     }
 
-    /// Settings without credentials, with the keep-alive interval of the environment, `SWARMWRIGHT_KEEP_ALIVE`.
+    /// Creates settings without credentials, with the keep-alive interval `SWARMWRIGHT_KEEP_ALIVE` of the environment.
     ///
-    /// `url`: of a broker, or those of the brokers of a cluster, separated by commas.
+    /// `url` is that of a broker, or of the brokers of a cluster, separated by commas.
     ///
     /// # Errors
-    /// A URL is not valid, or the keep-alive interval is not a number of seconds.
+    /// Fails if a URL is invalid, or if the keep-alive interval is not a number of seconds.
     pub fn at(url: &str) -> Result<Self, SettingsError> {
         let mut urls = url
             .split(',')
@@ -369,7 +369,7 @@ impl Settings {
         Ok(settings)
     }
 
-    /// Settings without credentials.
+    /// Creates settings without credentials.
     #[must_use]
     pub fn new(url: BrokerUrl) -> Self {
         Self {
@@ -386,7 +386,8 @@ impl Settings {
         }
     }
 
-    /// The account of a broker that this user runs on this machine. `None` if other brokers would get the password, too.
+    /// Returns the account of a broker that this user runs on this machine; `None` if remote brokers would get the
+    /// password, too.
     fn account(&self) -> Option<(String, String)> {
         let is_elsewhere = |url: &BrokerUrl| url.scheme != Scheme::Unix && !is_loopback(&url.host);
         let mut urls = std::iter::once(&self.url).chain(&self.others);
@@ -396,7 +397,7 @@ impl Settings {
         urls.find_map(accounts::find)
     }
 
-    /// Goes on to the next broker of the cluster; the present one is then the last to be tried again.
+    /// Switches to the next broker of the cluster; the current one becomes the last to be tried.
     pub(crate) fn next_broker(&mut self) {
         if let Some(next) = self.others.pop_front() {
             self.others
@@ -404,7 +405,7 @@ impl Settings {
         }
     }
 
-    /// A warning for the operator if the password leaves this machine unencrypted.
+    /// Returns a warning for the operator if the password leaves this machine unencrypted.
     #[must_use]
     pub fn clear_text_warning(&self) -> Option<String> {
         let url = std::iter::once(&self.url).chain(&self.others).find(|url| {
@@ -434,7 +435,7 @@ fn is_loopback(host: &str) -> bool {
 }
 
 impl fmt::Debug for Settings {
-    /// Leaves the password out.
+    /// Omits the password.
     fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
         formatter
             .debug_struct("Settings")

@@ -1,5 +1,5 @@
-//! TLS to the broker: its certificate must come from a trusted authority, be for its name, and be valid now. Some brokers
-//! require a certificate of the client, too.
+//! TLS to the broker, whose certificate must be signed by a trusted authority, match its host name, and be valid now.
+//! Some brokers require a client certificate, too.
 
 use std::io;
 use std::path::Path;
@@ -18,7 +18,7 @@ use swarmwright_sockets::Socket;
 use crate::ConnectError;
 use crate::settings::{ClientCertificate, Settings};
 
-/// The TLS handshake over a connected socket.
+/// Performs the TLS handshake over a connected socket.
 pub(crate) fn connect(
     settings: &Settings,
     stream: Socket,
@@ -54,7 +54,7 @@ pub(crate) fn connect(
     Ok(stream)
 }
 
-/// The authorities of `SWARMWRIGHT_CA_FILE`, or the system's.
+/// Returns the authorities in `SWARMWRIGHT_CA_FILE`, or those of the system.
 fn authorities(settings: &Settings) -> Result<RootCertStore, String> {
     let mut roots = RootCertStore::empty();
     let Some(file) = &settings.ca_file else {
@@ -82,7 +82,7 @@ fn authorities(settings: &Settings) -> Result<RootCertStore, String> {
     Ok(roots)
 }
 
-/// The client's certificate with those of intermediate authorities, and its key.
+/// Returns the client's certificate chain and its key.
 fn identity(files: &ClientCertificate) -> Result<CertifiedKey, String> {
     let unusable = |variable: &str, file: &Path, error: pem::Error, expected: &str| {
         let problem = match error {
@@ -124,7 +124,7 @@ fn identity(files: &ClientCertificate) -> Result<CertifiedKey, String> {
         )
     })?;
     let certified = CertifiedKey::new(chain, key);
-    // Other errors are the broker's business: it may accept certificates that `rustls` does not read, of X.509 version 1.
+    // Ignore other errors: the broker may accept certificates that `rustls` cannot read, such as X.509 version 1.
     if let Err(rustls::Error::InconsistentKeys(InconsistentKeys::KeyMismatch)) =
         certified.keys_match()
     {
@@ -137,9 +137,9 @@ fn identity(files: &ClientCertificate) -> Result<CertifiedKey, String> {
     Ok(certified)
 }
 
-/// The error where the broker refuses this client's certificate, or that there is none; None for others.
+/// Returns the error if the broker refuses the client certificate or requires one; `None` for other errors.
 ///
-/// In TLS 1.3 a broker says so only once the client takes the handshake as done.
+/// In TLS 1.3, a broker reports this only after the client considers the handshake complete.
 pub(crate) fn refused(error: &io::Error, settings: &Settings) -> Option<ConnectError> {
     let alert = match error.get_ref()?.downcast_ref::<rustls::Error>()? {
         rustls::Error::AlertReceived(alert) => *alert,
@@ -151,11 +151,12 @@ pub(crate) fn refused(error: &io::Error, settings: &Settings) -> Option<ConnectE
     })
 }
 
-/// What an alert of the broker means, and how to fix it.
+/// Explains an alert of the broker, and how to fix the cause.
 fn describe_alert(alert: AlertDescription, settings: &Settings) -> String {
     use AlertDescription as A;
     match (alert, &settings.certificate) {
-        // It is sent if a certificate is missing in TLS 1.2, and if both sides do not agree on something else.
+        // This alert is sent if a certificate is missing in TLS 1.2, or if the two sides do not agree on something
+        // else.
         (A::HandshakeFailure, certificate) => format!(
             "the broker ends the handshake ({alert:?}): {}, or it shares no version of TLS (this client speaks 1.2 and 1.3) or \
              no cipher with this client; see the broker's log",
@@ -189,7 +190,7 @@ fn describe_alert(alert: AlertDescription, settings: &Settings) -> String {
     }
 }
 
-/// What is wrong with the certificate, and how to fix it.
+/// Explains what is wrong with the certificate, and how to fix it.
 fn explain(error: &io::Error, settings: &Settings) -> String {
     let Some(error) = error
         .get_ref()
@@ -200,7 +201,7 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
     let host = &settings.url.host;
     match error {
         rustls::Error::InvalidCertificate(wrong) => match wrong {
-            // A bad signature: an authority of the same name with another key.
+            // A bad signature means that an authority of the same name has another key.
             CertificateError::UnknownIssuer | CertificateError::BadSignature => match &settings.ca_file {
                 Some(file) => format!(
                     "the broker's certificate is signed by an authority that is not in {}; name the right file with \
@@ -241,7 +242,7 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
     }
 }
 
-/// `DnsName("localhost")` and `IpAddress(127.0.0.1)` as people write them.
+/// Converts `DnsName("localhost")` and `IpAddress(127.0.0.1)` to plain names.
 fn hosts(presented: &[String]) -> String {
     if presented.is_empty() {
         return "no host".to_owned();

@@ -1,7 +1,8 @@
-//! The byte stream to the broker: TCP, TLS or websocket, all with `TCP_NODELAY`, or a Unix socket.
+//! Byte stream to the broker: TCP, TLS or WebSocket, all with `TCP_NODELAY`, or a Unix socket.
 //!
-//! Several small messages a step would otherwise meet Nagle's algorithm and delayed acknowledgements: 40 ms each. In the
-//! other direction that is the broker's choice; acknowledging at once (`acknowledge`) makes up for it.
+//! Without `TCP_NODELAY`, the several small messages of a step would suffer from Nagle's algorithm and delayed
+//! acknowledgements, 40 ms each. In the other direction this is up to the broker; immediate acknowledgements
+//! (`acknowledge`) compensate for it.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream as StdStream, ToSocketAddrs};
@@ -17,7 +18,7 @@ use crate::settings::{Scheme, Settings};
 use crate::unix;
 use crate::{ConnectError, tls};
 
-/// With or without TLS.
+/// A socket with or without TLS.
 enum Channel {
     Plain(Socket),
     Tls(Box<StreamOwned<ClientConnection, Socket>>),
@@ -57,10 +58,10 @@ impl Write for Channel {
     }
 }
 
-/// MQTT as binary WebSocket messages; their boundaries have no meaning (MQTT 5, section 6).
+/// MQTT in binary WebSocket messages, whose boundaries have no meaning (MQTT 5, section 6).
 struct WebSocketStream {
     socket: WebSocket<Channel>,
-    /// The part of the last message that did not fit the reader's buffer.
+    /// Part of the last message that did not fit into the reader's buffer.
     rest: tungstenite::Bytes,
 }
 
@@ -79,7 +80,7 @@ impl WebSocketStream {
     }
 
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // The WebSocket buffers what the socket does not accept now; wait only if the buffer is full.
+        // The WebSocket buffers bytes that the socket does not accept now; wait only if the buffer is full.
         match self
             .socket
             .write(tungstenite::Message::binary(bytes.to_vec()))
@@ -112,7 +113,7 @@ enum Stream {
 pub(crate) struct Transport(Stream);
 
 impl Transport {
-    /// Connects, with every handshake below MQTT done; the socket blocks, with the settings' time-out.
+    /// Connects and completes all handshakes below MQTT. The socket blocks, with the settings' time-out.
     pub fn connect(settings: &Settings) -> Result<Self, ConnectError> {
         let url = settings.url.to_string();
         #[cfg(unix)]
@@ -153,7 +154,7 @@ impl Transport {
         }))))
     }
 
-    /// The socket, to be registered with the event loop.
+    /// Returns the socket, for registration with the event loop.
     pub fn socket(&mut self) -> &mut Socket {
         match &mut self.0 {
             Stream::Raw(channel) => channel.socket(),
@@ -161,33 +162,33 @@ impl Transport {
         }
     }
 
-    /// How long a read waits from here on.
+    /// Sets how long further reads wait.
     pub fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
         self.socket().options().set_read_timeout(Some(timeout))
     }
 
-    /// From here on reads and writes return at once.
+    /// Makes further reads and writes return at once.
     pub fn set_nonblocking(&mut self) -> io::Result<()> {
         self.socket().options().set_nonblocking(true)
     }
 
-    /// Has the system acknowledge now what has come in, rather than with what is sent next or after 40 ms.
+    /// Makes the system acknowledge received bytes now, instead of with the next bytes sent or after 40 ms.
     ///
-    /// A broker that leaves Nagle's algorithm on sends nothing more until then. Only Linux can do it.
+    /// A broker with Nagle's algorithm sends nothing more until then. Supported on Linux only.
     pub fn acknowledge(&mut self) {
         if let Err(error) = self.socket().acknowledge(true) {
             log::debug!("the system does not acknowledge at once: {error}");
         }
     }
 
-    /// Has the system acknowledge what comes next with what is sent after it, or after 40 ms. Only Linux can be asked.
+    /// Makes the system delay acknowledgements until the next bytes are sent, or for 40 ms. Supported on Linux only.
     pub fn acknowledge_late(&mut self) {
         if let Err(error) = self.socket().acknowledge(false) {
             log::debug!("the system does not acknowledge late: {error}");
         }
     }
 
-    /// Whether a read that does not fill the buffer has emptied the socket.
+    /// Returns whether a read that does not fill the buffer has emptied the socket.
     pub fn short_read_is_all(&self) -> bool {
         matches!(self.0, Stream::Raw(Channel::Plain(_)))
     }
@@ -200,7 +201,7 @@ impl Transport {
         }
     }
 
-    /// Writes what the socket takes.
+    /// Writes as many bytes as the socket accepts.
     pub fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.0 {
             Stream::Raw(channel) => channel.write(bytes),
@@ -208,7 +209,7 @@ impl Transport {
         }
     }
 
-    /// Sends what lower layers hold back; `WouldBlock` when it has to be called again.
+    /// Sends bytes buffered by lower layers; `WouldBlock` if it must be called again.
     pub fn flush(&mut self) -> io::Result<()> {
         match &mut self.0 {
             Stream::Raw(channel) => channel.flush(),

@@ -1,4 +1,4 @@
-//! Connecting to the Unix socket of a broker.
+//! Connection to a broker's Unix socket.
 
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::FileTypeExt;
@@ -11,7 +11,7 @@ use swarmwright_sockets::Socket;
 use crate::ConnectError;
 use crate::settings::Settings;
 
-/// A connected Unix socket, which blocks, with the settings' time-out.
+/// Returns a connected Unix socket, which blocks, with the settings' time-out.
 pub fn connect(settings: &Settings) -> Result<Socket, ConnectError> {
     let url = settings.url.to_string();
     open(settings).map_err(|error| {
@@ -31,7 +31,7 @@ pub fn connect(settings: &Settings) -> Result<Socket, ConnectError> {
             ErrorKind::ConnectionRefused => {
                 "no process listens at this socket; the one that created it has ended".to_owned()
             }
-            // Linux says so when connections have waited for so long to be accepted.
+            // Linux reports this if the queue of unaccepted connections has been full for too long.
             ErrorKind::WouldBlock => "it did not accept the connection in time".to_owned(),
             _ => error.to_string(),
         };
@@ -42,7 +42,7 @@ pub fn connect(settings: &Settings) -> Result<Socket, ConnectError> {
 fn open(settings: &Settings) -> io::Result<Socket> {
     let address = SockAddr::unix(&settings.url.path)?;
     let socket = socket2::Socket::new(Domain::UNIX, Type::STREAM, None)?;
-    // Before it connects: the time-out to write is the one to connect, too.
+    // Set before connecting, since the write time-out also applies to that.
     socket.set_write_timeout(Some(settings.timeout))?;
     socket.set_read_timeout(Some(settings.timeout))?;
     socket.connect(&address)?;

@@ -1,4 +1,4 @@
-//! The socket of a connection: it is opened, waited for, read and written, and opened again when it breaks.
+//! Socket of a connection: opening, waiting, reading, writing, and reopening.
 
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ use crate::handshake::{self, Caller};
 use crate::session::Received;
 
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
-/// A connection that was open for less is no sign that the next one lasts.
+/// Duration below which a connection counts as short-lived; the pause before the next one then grows.
 const SHORT_LIVED: Duration = Duration::from_secs(2);
 const MOST_DOUBLINGS: u32 = 7;
 
@@ -27,7 +27,7 @@ impl Connection {
                 self.settings.next_broker();
                 self.failures += 1;
                 if self.failures <= self.settings.others.len() {
-                    self.retry_at = Instant::now(); // another broker of the cluster may be there
+                    self.retry_at = Instant::now(); // Another broker of the cluster may be available.
                     return;
                 }
                 self.failures = 0;
@@ -38,9 +38,9 @@ impl Connection {
         }
     }
 
-    /// Connects to the first broker that can be reached.
+    /// Connects to the first reachable broker.
     pub(super) fn establish_any(&mut self) -> Result<(), ConnectError> {
-        // In a cluster another one is used meanwhile.
+        // With several brokers, try the next one instead of waiting.
         let mut errors = match self.establish(self.settings.others.is_empty()) {
             Err(error) if !self.settings.others.is_empty() => vec![error],
             result => return result,
@@ -61,7 +61,7 @@ impl Connection {
         Err(ConnectError::all(errors))
     }
 
-    /// Connects to the present broker; `waits`: also where it restarts at this moment.
+    /// Connects to the current broker; `waits`: also waits for it if it is restarting.
     fn establish(&mut self, waits: bool) -> Result<(), ConnectError> {
         let caller = Caller {
             settings: &self.settings,
@@ -97,13 +97,13 @@ impl Connection {
     }
 
     pub(super) fn wait(&mut self, until: Instant, events: &mut Vec<Event>) {
-        // What is sent in answer carries the acknowledgement; so it costs a system call only where nothing was.
+        // An answer carries the acknowledgement, so this system call is only needed if nothing was sent.
         if let Some(link) = &mut self.link
             && std::mem::take(&mut link.unacknowledged)
         {
             link.transport.acknowledge();
         }
-        // Rounded up to the clock of epoll, so that a wait never ends just before its time and spins.
+        // Round up to the resolution of epoll, so that a wait never ends just before its time and spins.
         let timeout = until.saturating_duration_since(Instant::now());
         let timeout = if timeout.is_zero() {
             timeout
@@ -142,7 +142,7 @@ impl Connection {
         link.unacknowledged &= sent == 0;
         self.traffic.sent_bytes += sent as u64;
         match result {
-            // Full: the socket's becoming writable ends the next wait.
+            // If the socket is full, its becoming writable ends the next wait.
             Err(error)
                 if !matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
             {
@@ -196,7 +196,7 @@ impl Connection {
             },
         );
         if let Some(reason) = closed {
-            // The broker may want to know why, but is not waited for.
+            // Send the reason to the broker without waiting for it.
             let _ = link.transport.write(&self.out);
             let _ = link.transport.flush();
             self.broke(reason, events);
@@ -207,7 +207,7 @@ impl Connection {
         if let Some(mut link) = self.link.take() {
             let _ = self.poll.registry().deregister(link.transport.socket());
             self.out.clear();
-            // A broker that closes each new connection at once, as some do where they deny a message, is not asked all the time.
+            // Back off from a broker that closes each new connection at once, as some do if they deny a message.
             self.short_lived = if self.opened.elapsed() < SHORT_LIVED {
                 (self.short_lived + 1).min(MOST_DOUBLINGS)
             } else {

@@ -1,4 +1,4 @@
-//! What the broker answers, and the limits that it announces.
+//! Answers of the broker, and the limits that it announces.
 
 use std::time::{Duration, Instant};
 
@@ -8,13 +8,13 @@ use swarmwright_packets::{Refusal, disconnect, reason};
 use super::{Granted, Limits, MOST_AWAITED, MOST_UNACKNOWLEDGED, QoS, Received, Session, Stage};
 use crate::dialect::Remedy;
 
-/// Characters of a broker's own words that are repeated.
+/// Largest number of characters repeated from a broker's reason.
 const LONGEST_TEXT: usize = 200;
 
 pub(super) const NO_CONNACK: Refusal = Refusal::protocol("the answer to CONNECT is not a CONNACK");
 
 impl Session {
-    /// Takes a packet that is not a message.
+    /// Handles a packet other than a message.
     pub(super) fn handle(
         &mut self,
         packet: &Packet<'_>,
@@ -23,7 +23,7 @@ impl Session {
         match (packet, self.stage) {
             (Packet::Connack(connack), Stage::Connecting) => received(self.answered(connack)),
             (Packet::Connack(_), _) => return Err(Refusal::protocol("a second CONNACK")),
-            // Brokers may not send it before CONNACK, but it says more than their closing the connection.
+            // Brokers may not send it before CONNACK, but it is more informative than the closed connection.
             (Packet::Disconnect { code, text }, _) => {
                 self.stage = Stage::Over;
                 let reason = match code {
@@ -40,7 +40,7 @@ impl Session {
                 if *code == reason::NOT_AUTHORIZED {
                     received(Received::Denied(topic.into(), describe(*code, *text)));
                 } else if *code >= reason::UNSPECIFIED {
-                    // A quota that is used up, for instance: another time it may go well.
+                    // The cause may be temporary, such as an exhausted quota.
                     let reason = describe(*code, *text);
                     log::warn!("{topic:?}: the broker did not distribute a message ({reason})");
                 }
@@ -61,13 +61,13 @@ impl Session {
                 received(Received::Subscribed(granted.collect()));
             }
             (Packet::Pong, _) => self.reading.answered(),
-            // Taken elsewhere.
+            // Messages are handled in `receive_packets`.
             (Packet::Publish(_), _) => {}
         }
         Ok(())
     }
 
-    /// The broker accepts the connection, or refuses it.
+    /// Handles the broker's answer to CONNECT.
     fn answered(&mut self, connack: &Connack<'_>) -> Received {
         if connack.code != reason::SUCCESS {
             self.stage = Stage::Over;
@@ -92,7 +92,7 @@ impl Session {
                 bytes => usize::try_from(bytes).unwrap_or(usize::MAX),
             },
             unacknowledged: unacknowledged.min(MOST_UNACKNOWLEDGED),
-            // Half of it is left for messages that have to be acknowledged.
+            // The other half is left for messages that must be acknowledged.
             awaited: MOST_AWAITED.min(unacknowledged / 2),
             qos: if connack.maximum_qos == 0 {
                 QoS::AtMostOnce
@@ -104,7 +104,7 @@ impl Session {
         Received::Accepted
     }
 
-    /// Ends the connection, and says so where that is possible.
+    /// Ends the connection, and tells the broker why if possible.
     pub(super) fn refuse(
         &mut self,
         refusal: Refusal,
@@ -125,7 +125,7 @@ impl Session {
     }
 }
 
-/// A reason code in words, and the broker's own.
+/// Describes a reason code, followed by the broker's own text.
 fn describe(code: u8, text: Option<&str>) -> String {
     let mut words = reason::name(code).map_or_else(
         || format!("reason code 0x{code:02x}"),
@@ -136,7 +136,7 @@ fn describe(code: u8, text: Option<&str>) -> String {
         for character in text.chars().take(LONGEST_TEXT) {
             match character {
                 '"' | '\'' => words.push(character),
-                // Nothing that a terminal would obey.
+                // Escape what a terminal would interpret.
                 _ => words.extend(character.escape_debug()),
             }
         }

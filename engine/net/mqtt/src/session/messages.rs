@@ -14,19 +14,19 @@ pub enum QoS {
     AtLeastOnce,
 }
 
-/// A topic filter to be subscribed at every connection.
+/// A topic filter to which every connection subscribes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Subscription {
     /// Topic filter, wildcards allowed.
     pub filter: String,
-    /// Highest quality of service wanted.
+    /// Highest quality of service requested.
     pub qos: QoS,
 }
 
 /// A received message.
 #[derive(Debug, Clone)]
 pub struct Incoming {
-    /// All that was received at once; shared by the messages in it.
+    /// All bytes of one read, shared by the messages in it.
     pub(super) bytes: Arc<[u8]>,
     pub(super) topic: Arc<str>,
     pub(super) payload: Range<usize>,
@@ -46,25 +46,25 @@ impl Incoming {
         &self.bytes[self.payload.clone()]
     }
 
-    /// Whether the broker kept the message from before the subscription.
+    /// Returns whether the broker had retained the message before the subscription.
     #[must_use]
     pub fn retained(&self) -> bool {
         self.retained
     }
 }
 
-/// What the broker sent, as far as the connection needs it.
+/// An event from the broker for the connection.
 #[derive(Debug)]
 pub(crate) enum Received {
     Accepted,
-    /// Refused with this reason, and what may help.
+    /// Refused for this reason; with a change that may help.
     Refused(String, Remedy),
-    /// Subscribed, or not: one answer per filter.
+    /// Answers to the subscription, one per filter.
     Subscribed(Vec<Granted>),
     Publish(Incoming),
-    /// It does not distribute messages on this topic, for this reason.
+    /// The broker denies messages on this topic, for this reason.
     Denied(String, String),
-    /// The connection is over.
+    /// The connection has ended, for this reason.
     Closed(String),
 }
 

@@ -1,4 +1,4 @@
-//! The packets by which a session begins and ends.
+//! Requests that begin and end a session.
 
 use swarmwright_packets::client::{self, DISCONNECT, Invalid, Properties};
 use swarmwright_packets::{Connect, Filter, Version, Will};
@@ -8,7 +8,7 @@ use crate::dialect::Dialect;
 use crate::settings::Settings;
 
 impl Session {
-    /// Puts the CONNECT packet into `out`.
+    /// Appends the CONNECT packet to `out`.
     pub fn connect(
         &mut self,
         settings: &Settings,
@@ -47,7 +47,7 @@ impl Session {
         client::connect(out, &packet)
     }
 
-    /// Puts a SUBSCRIBE packet into `out`; it is the only one until it is answered.
+    /// Appends a SUBSCRIBE packet to `out`; the next one must wait for the answer.
     pub fn subscribe(
         &mut self,
         subscriptions: &[Subscription],
@@ -70,7 +70,7 @@ impl Session {
         Ok(())
     }
 
-    /// Appends the DISCONNECT packet of a normal end to `out`.
+    /// Appends the DISCONNECT packet of an orderly end to `out`.
     pub fn disconnect(out: &mut Vec<u8>) {
         out.extend_from_slice(&DISCONNECT);
     }
