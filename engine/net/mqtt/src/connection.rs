@@ -57,13 +57,13 @@ pub struct TooLarge {
 /// Traffic of a connection since it was first opened.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Bytes sent, without those of TLS.
+    /// Number of bytes sent, without TLS overhead.
     pub sent_bytes: u64,
-    /// Bytes received, without those of TLS.
+    /// Number of bytes received, without TLS overhead.
     pub received_bytes: u64,
-    /// Messages published.
+    /// Number of messages published.
     pub sent_messages: u64,
-    /// Messages received.
+    /// Number of messages received.
     pub received_messages: u64,
 }
 

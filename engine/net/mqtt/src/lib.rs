@@ -133,9 +133,9 @@ pub enum ConnectError {
     /// The TLS handshake failed, for example because of the certificates.
     #[error("no secure connection to {url}: {reason}")]
     Tls {
-        /// Where.
+        /// URL of the broker.
         url: String,
-        /// What does not fit, and how to fix it.
+        /// Description of the problem, and how to fix it.
         reason: String,
     },
 }

@@ -1,21 +1,21 @@
-//! The simulation hash: it tells parallel episodes apart (D6.1 6.2, "Discovery message").
+//! The simulation hash, which identifies parallel episodes (D6.1 6.2, "Discovery message").
 
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 
-/// Makes the hash of each episode of one simulation and one set of parameters.
+/// Hasher for the episodes of one simulation with one set of parameters.
 #[derive(Debug, Clone)]
 pub struct EpisodeHasher {
-    /// Canonical JSON of everything behind the instance number, which comes first in the order of RFC 8785.
+    /// Canonical JSON after the instance number, which comes first in the order of RFC 8785.
     rest: String,
 }
 
 impl EpisodeHasher {
-    /// `simulation` is the title, `parameters` the problem-specific parameters.
+    /// Creates a hasher. `simulation` is the title, `parameters` the problem-specific parameters.
     #[must_use]
     pub fn new(simulation: &str, parameters: &Map<String, Value>) -> Self {
         let whole = json!({"parameters": parameters, "simulation": simulation});
-        // Canonicalization fails only for numbers that JSON does not have, and a Value holds none of those.
+        // Canonicalization fails only for numbers that JSON cannot represent, which a Value never holds.
         let canonical =
             serde_json_canonicalizer::to_string(&whole).unwrap_or_else(|_| whole.to_string());
         Self {
@@ -23,8 +23,8 @@ impl EpisodeHasher {
         }
     }
 
-    /// SHA-256, 64 hexadecimal digits, over the canonical JSON (RFC 8785) of
-    /// `{"instance": .., "parameters": {..}, "simulation": ".."}`. `instance` must be below 2^53, where JSON's integers end.
+    /// Returns the SHA-256, as 64 hexadecimal digits, of the canonical JSON (RFC 8785) of `{"instance": ..,
+    /// "parameters": {..}, "simulation": ".."}`. `instance` must be below 2^53, the limit of exact integers in JSON.
     #[must_use]
     pub fn hash(&self, instance: u64) -> String {
         use std::fmt::Write;

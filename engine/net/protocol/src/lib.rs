@@ -1,4 +1,4 @@
-//! Typed messages to bytes and back, topics, hashes, validation.
+//! Protocol of the platform: typed messages and their encoding, topics, hashes, and validation.
 //!
 //! The contract itself is in `protocol/` at the root of the repository; the tests here replay its golden vectors.
 
@@ -34,50 +34,50 @@ pub use status::{Activity, MOST_LISTED, Missing, NoServer, PieceKind, Status, Us
 pub use topics::{Topic, TopicError, Topics};
 pub use values::bytes_of;
 
-/// Larger payloads are refused unread, but for sensor messages.
+/// Largest payload in bytes, except for sensor messages; larger ones are refused unread.
 pub const MAX_PAYLOAD: usize = 1 << 20;
 
-/// Larger sensor messages are refused unread: what an agent sees may be a picture, or a map.
+/// Largest sensor message in bytes; larger ones are refused unread. The sensors of an agent may be a picture or a map.
 pub const MAX_SENSOR: usize = MAX_BLOCK;
 
-/// Why a payload is not a message of its topic.
+/// Reasons why a payload is not a valid message of its topic.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// Larger than [`MAX_PAYLOAD`], or [`MAX_SENSOR`].
+    /// The payload is larger than [`MAX_PAYLOAD`] or [`MAX_SENSOR`].
     #[error("{bytes} bytes are more than the {most} that a message may have")]
     TooLarge {
-        /// Its bytes.
+        /// Size of the payload in bytes.
         bytes: usize,
-        /// How many it may have.
+        /// Largest size in bytes.
         most: usize,
     },
-    /// No JSON, or JSON of another shape; where and what was expected.
+    /// Invalid JSON, or JSON of another shape; with the path and what was expected.
     #[error("{0}")]
     Json(String),
-    /// A key that has to be there is not.
+    /// A required key is missing; its path.
     #[error("the required key \"{0}\" is missing")]
     Missing(Cow<'static, str>),
-    /// A value of the wrong type, or one that cannot be; where and what was expected.
+    /// A value has the wrong type or is invalid; with the path and what was expected.
     #[error("{0}")]
     Value(String),
 }
 
-/// Characters of what is said about a payload, at most: some of it is quoted, and a peer may send a mebibyte in the place
+/// Largest number of characters of an error message; it may quote the payload, and a peer may send a mebibyte in place
 /// of a number.
 const MOST_WORDS: usize = 400;
 
 impl DecodeError {
-    /// A key that has to be there is not; its path.
+    /// Creates the error for a missing key with this path.
     pub(crate) fn missing(path: impl Into<Cow<'static, str>>) -> Self {
         Self::Missing(path.into())
     }
 
-    /// JSON of another shape; where and what was expected.
+    /// Creates the error for JSON of another shape.
     pub(crate) fn json(words: impl Into<String>) -> Self {
         Self::Json(shortened(words.into(), MOST_WORDS))
     }
 
-    /// The key with which something is wrong, without the indices of lists; empty for the message as a whole.
+    /// Returns the path of the invalid key without indices of lists; empty for the message as a whole.
     #[must_use]
     pub fn key(&self) -> &str {
         let words = match self {
@@ -93,7 +93,7 @@ impl DecodeError {
         words.split('[').next().unwrap_or_default()
     }
 
-    /// A value that cannot be; what is wrong with it.
+    /// Creates the error for an invalid value.
     pub(crate) fn value(words: impl Into<String>) -> Self {
         Self::Value(shortened(words.into(), MOST_WORDS))
     }

@@ -1,11 +1,12 @@
-//! Numbers as JSON peers send them: integers written as 1 or 1.0, reals that must be finite.
+//! Numbers in JSON messages: integers written as 1 or 1.0, and finite reals.
 
 use std::fmt;
 
 use serde::de::{Deserialize, Deserializer, Error, Unexpected, Visitor};
 use serde::ser::{Serialize, Serializer};
 
-/// An identifier: an integer from 0 to 2^63 - 1, which every language's integers hold; 1.0 is one (JSON Schema), 1.5 is not.
+/// An identifier: an integer from 0 to 2^63 - 1, which the integers of every language can hold; 1.0 is valid (JSON
+/// Schema), 1.5 is not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Id(pub u64);
 
@@ -36,7 +37,7 @@ impl<'de> Deserialize<'de> for Id {
                     .map_err(|_| E::invalid_value(Unexpected::Signed(value), &self))
             }
             fn visit_f64<E: Error>(self, value: f64) -> Result<Id, E> {
-                // Below 2^63 every binary64 without a fraction is an i64.
+                // Every binary64 integer below 2^63 fits into an i64.
                 if value.fract() == 0.0 && (0.0..9_223_372_036_854_775_808.0).contains(&value) {
                     #[expect(
                         clippy::cast_possible_truncation,
@@ -52,7 +53,7 @@ impl<'de> Deserialize<'de> for Id {
     }
 }
 
-/// A finite binary32, the nearest to the decimal sent.
+/// A finite binary32, the nearest to the decimal in the message.
 pub struct Real32(pub f32);
 
 impl<'de> Deserialize<'de> for Real32 {

@@ -1,4 +1,4 @@
-//! Where in a message something is wrong: the path of the field.
+//! Location of an error in a message: the path of the field.
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -8,7 +8,7 @@ use crate::{DecodeError, shortened};
 /// Largest number of characters of a path, since its keys come from a peer.
 const MOST_PATH: usize = 120;
 
-/// What is wrong, after the path of the field; none of the message as a whole.
+/// Prepends the path of the field to an error, unless it concerns the whole message.
 pub(crate) fn at(path: &str, words: &str) -> String {
     match path {
         "" | "." => words.to_owned(),
@@ -16,7 +16,7 @@ pub(crate) fn at(path: &str, words: &str) -> String {
     }
 }
 
-/// Reads a value, which lies at a path of its message.
+/// Converts a value at a path of its message.
 pub(crate) fn read<T: DeserializeOwned>(value: Value, path: &str) -> Result<T, DecodeError> {
     swarmwright_values::read(&value)
         .map_err(|mismatch| DecodeError::value(at(&mismatch.path_in(path), &mismatch.reason)))

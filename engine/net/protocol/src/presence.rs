@@ -1,4 +1,4 @@
-//! Extension: presence, a retained message per server that says what it does now (docs/reference/protocol.md).
+//! Extension: presence, a retained message per server with its current state (docs/reference/protocol.md).
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -8,32 +8,32 @@ use crate::numbers::Id;
 use crate::place;
 use crate::{Capabilities, DecodeError, MAX_PAYLOAD};
 
-/// What a server does.
+/// State of a server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
-    /// It answers discovery.
+    /// The server answers discoveries.
     Ready,
-    /// It is taken by an optimization tool.
+    /// An optimization tool has the server.
     Busy,
-    /// Its connection broke: the last will.
+    /// The server's connection broke; set by the last will.
     Lost,
 }
 
 /// A server's retained presence message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Presence {
-    /// The server's id.
+    /// Id of the server.
     pub server: u64,
-    /// What it does.
+    /// State of the server.
     pub state: State,
-    /// Titles of the simulations that it offers.
+    /// Titles of the offered simulations.
     pub simulations: Vec<String>,
-    /// What it can do, with the announcement of its host, process and instance.
+    /// Capabilities, including the announcement of host, process and instance.
     pub capabilities: Capabilities,
-    /// The tool that holds it, if it is busy and the tool is known.
+    /// Tool that holds the server, if it is busy and the tool is known.
     pub tool: Option<String>,
-    /// Since when, RFC 3339.
+    /// Start of this state, in RFC 3339.
     pub since: String,
 }
 
@@ -56,7 +56,7 @@ struct Wire {
     instance: Option<String>,
 }
 
-/// Reads a state from a string alone: serde would take an object, too, and say that it expects one.
+/// Reads a state from a string only; serde would also accept an object, and mention it in errors.
 fn state<'de, D: Deserializer<'de>>(deserializer: D) -> Result<State, D::Error> {
     match String::deserialize(deserializer)?.as_str() {
         "ready" => Ok(State::Ready),
@@ -98,7 +98,7 @@ impl Presence {
         })
     }
 
-    /// The payload.
+    /// Encodes the payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let announcement = self.capabilities.swarmwright.clone();

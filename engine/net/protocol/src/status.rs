@@ -1,6 +1,6 @@
-//! Extension: status, what an optimization tool does now and what it waits for, for those who watch.
+//! Extension: status, the current activity of an optimization tool and the messages that it waits for, for monitors.
 //!
-//! Times are durations, in seconds: the clocks of a tool and of a watcher need not agree.
+//! Times are durations in seconds, since the clocks of a tool and a monitor need not agree.
 
 use std::fmt;
 
@@ -11,38 +11,38 @@ use crate::numbers::Id;
 use crate::place;
 use crate::{DecodeError, MAX_PAYLOAD};
 
-/// Most entries of each list: a status of many servers stays far below [`MAX_PAYLOAD`].
+/// Largest number of entries of each list; it keeps a status of many servers far below [`MAX_PAYLOAD`].
 pub const MOST_LISTED: usize = 1000;
 
-/// What a tool does.
+/// Activity of a tool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Activity {
-    /// It looks for a first server.
+    /// The tool looks for a first server.
     Looking,
-    /// It has evaluations to be done.
+    /// The tool has evaluations to do.
     Evaluating,
-    /// It leaves: its last status.
+    /// The tool leaves; this is its last status.
     Left,
 }
 
-/// In which piece work went to a server.
+/// Kinds of pieces of work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PieceKind {
-    /// One episode, stepwise.
+    /// A stepwise episode.
     Episode,
-    /// Several episodes, batched stepwise.
+    /// Several episodes in batched mode.
     Batch,
-    /// Evaluations of which only the results come back.
+    /// Evaluations in offloaded mode, of which only the results are returned.
     Block,
 }
 
-/// What of a piece has not come.
+/// The awaited message of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Missing {
-    /// Anything at all.
+    /// The first message.
     Start,
     /// The sensors after the actuators of `step`.
     Sensors,
@@ -50,26 +50,26 @@ pub enum Missing {
     Result,
 }
 
-/// A piece of work under way.
+/// A piece of work in progress.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Waiting {
-    /// Which server has it.
+    /// Id of the server that has it.
     #[serde(with = "id")]
     pub server: u64,
-    /// In which piece it went there.
+    /// Kind of the piece.
     pub kind: PieceKind,
-    /// What has not come.
+    /// The awaited message.
     pub missing: Missing,
-    /// How many evaluations it is.
+    /// Number of evaluations.
     #[serde(with = "id")]
     pub evaluations: u64,
-    /// The agent whose actuators were not answered, of an episode.
+    /// In an episode, the agent whose actuators have not been answered.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "optional_id")]
     pub agent: Option<u64>,
-    /// The step whose actuators were not answered, from 0.
+    /// Step whose actuators have not been answered, from 0.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "optional_id")]
     pub step: Option<u64>,
-    /// Seconds since the server last said something of use.
+    /// Seconds since the last usable message of the server.
     pub silent: f64,
 }
 
@@ -116,74 +116,74 @@ impl fmt::Display for Waiting {
     }
 }
 
-/// A server, as a tool that uses it sees it.
+/// A server that the tool uses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Used {
-    /// The server.
+    /// Id of the server.
     #[serde(with = "id")]
     pub server: u64,
-    /// How it evaluates: stepwise, batched, offloaded.
+    /// Mode of evaluation: stepwise, batched or offloaded.
     pub mode: String,
-    /// Measured, in evaluations a second; none before the first.
+    /// Measured evaluations per second; `None` before the first measurement.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed: Option<f64>,
-    /// Failures in a row.
+    /// Number of failures in a row.
     #[serde(with = "id")]
     pub failures: u64,
-    /// Why it failed last.
+    /// Reason for the last failure.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Seconds until it gets work again, after a failure.
+    /// Seconds until the server gets work again, after a failure.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub benched: Option<f64>,
 }
 
-/// There is work and no server for it.
+/// State in which there is work but no server for it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NoServer {
-    /// Seconds for which there has been no server.
+    /// Seconds without a server.
     pub seconds: f64,
-    /// What was found instead, for people.
+    /// Servers that were found but cannot be used, for users.
     pub found: String,
 }
 
-/// An optimization tool's status.
+/// Status of an optimization tool.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     #[serde(deserialize_with = "version")]
     version: u64,
-    /// The tool's name, unique among the tools on the broker, as in its other messages.
+    /// Name of the tool, unique on the broker, as in its other messages.
     pub tool: String,
-    /// What it does.
+    /// Current activity.
     pub state: Activity,
     /// Title of the simulation.
     pub simulation: String,
-    /// Name of the run, for people.
+    /// Name of the run, for users.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
-    /// The generation under way, from 0.
+    /// Current generation, from 0.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "optional_id")]
     pub generation: Option<u64>,
-    /// Generations of the whole run.
+    /// Number of generations of the whole run.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "optional_id")]
     pub generations: Option<u64>,
-    /// Evaluations that have ended.
+    /// Number of evaluations that have ended.
     #[serde(with = "id")]
     pub done: u64,
-    /// Evaluations to be done: those of the generation, or in steady state those of the whole run.
+    /// Number of evaluations in the generation, or in steady state, in the whole run.
     #[serde(with = "id")]
     pub total: u64,
-    /// Work in progress, the most silent first; at most [`MOST_LISTED`].
+    /// Work in progress, the longest silent first; at most [`MOST_LISTED`].
     pub waiting_for: Vec<Waiting>,
-    /// The servers that it uses; at most [`MOST_LISTED`], those that are benched first.
+    /// Servers in use, benched ones first; at most [`MOST_LISTED`].
     pub servers: Vec<Used>,
-    /// That there is no server.
+    /// Set if there is no server for the work.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub no_server: Option<NoServer>,
 }
 
 impl Status {
-    /// The status of a tool that has nothing to do yet.
+    /// Creates the status of a tool that has no work yet.
     #[must_use]
     pub fn new(tool: String, simulation: String) -> Self {
         Self {
@@ -202,10 +202,11 @@ impl Status {
         }
     }
 
-    /// Reads a payload.
+    /// Decodes a payload.
     ///
     /// # Errors
-    /// No JSON object of version 1, a required key missing, a value of the wrong type, a negative duration or speed, too large.
+    /// Fails if the payload is too large or not a JSON object of version 1, if a required key is missing, if a value
+    /// has the wrong type, or if a duration or speed is negative.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         if payload.len() > MAX_PAYLOAD {
             return Err(DecodeError::TooLarge {
@@ -213,7 +214,7 @@ impl Status {
                 most: MAX_PAYLOAD,
             });
         }
-        // By way of a tree, in which the last of repeated keys wins.
+        // Decode via a tree, in which the last of repeated keys wins.
         let object: Map<String, Value> = serde_json::from_slice(payload)?;
         let status: Self = place::read(Value::Object(object), "")?;
         match status.negative() {
@@ -224,7 +225,7 @@ impl Status {
         }
     }
 
-    /// The first number that must not be negative and is, with its path.
+    /// Returns the first negative number that must not be negative, with its path.
     fn negative(&self) -> Option<(String, f64)> {
         for (index, waiting) in self.waiting_for.iter().enumerate() {
             if waiting.silent < 0.0 {
@@ -243,10 +244,10 @@ impl Status {
         Some(("no_server.seconds".to_owned(), alone))
     }
 
-    /// The payload. Numbers that are NaN or infinite must not be in it.
+    /// Encodes the payload, which must not contain NaN or infinite values.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
-        // Texts and numbers cannot fail to serialize.
+        // Strings and numbers cannot fail to serialize.
         serde_json::to_vec(self).unwrap_or_default()
     }
 }

@@ -1,6 +1,6 @@
 //! The seven topics of D6.1 (Table 3) and those of the extensions, under an optional prefix.
 
-/// What a message is about.
+/// Topics of the protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Topic {
     /// Query of available simulation servers.
@@ -17,13 +17,13 @@ pub enum Topic {
     Actuator,
     /// Fitness of a candidate at the end of a run.
     Fitness,
-    /// Extension: what a server does now, retained.
+    /// Extension: state of a server, retained.
     Presence,
-    /// Extension: requests to one server, offloaded and batched.
+    /// Extension: requests to one server, in offloaded and batched mode.
     ToServer,
-    /// Extension: the answers to one tool.
+    /// Extension: answers to one tool.
     ToTool,
-    /// Extension: what one tool does now and waits for, for those who watch.
+    /// Extension: activity of one tool, for monitors.
     Status,
 }
 
@@ -39,7 +39,7 @@ impl Topic {
         Self::Fitness,
     ];
 
-    /// The topic's flat name, without prefix.
+    /// Returns the topic's flat name, without prefix.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -90,17 +90,17 @@ const STATUS: &str = "swarmwright/v1/status";
 #[error("topic prefix {0:?}: {1}")]
 pub struct TopicError(String, &'static str);
 
-/// Topic names under one prefix.
+/// Topic names with one prefix.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Topics {
     prefix: String,
 }
 
 impl Topics {
-    /// `prefix` is put before every topic with a slash between; empty for none.
+    /// Creates topic names with a prefix, which is followed by a slash; empty for no prefix.
     ///
     /// # Errors
-    /// Wildcards, NUL, a leading slash or `$`, or more than 1,000 bytes.
+    /// Fails if the prefix contains wildcards or NUL, starts with a slash or `$`, or has more than 1,000 bytes.
     pub fn new(prefix: &str) -> Result<Self, TopicError> {
         let prefix = prefix.strip_suffix('/').unwrap_or(prefix);
         let wrong = |reason| Err(TopicError(prefix.to_owned(), reason));
@@ -122,55 +122,55 @@ impl Topics {
         })
     }
 
-    /// The full name of one of the seven topics, or of the root of an extension's topics.
+    /// Returns the full name of one of the seven topics, or the root of an extension's topics.
     #[must_use]
     pub fn name(&self, topic: Topic) -> String {
         format!("{}{}", self.prefix, topic.name())
     }
 
-    /// The topic that holds one server's presence.
+    /// Returns the topic of one server's presence.
     #[must_use]
     pub fn presence(&self, server: u64) -> String {
         format!("{}{PRESENCE}/{server}", self.prefix)
     }
 
-    /// The filter that all presence messages pass.
+    /// Returns the filter for all presence messages.
     #[must_use]
     pub fn presence_filter(&self) -> String {
         format!("{}{PRESENCE}/+", self.prefix)
     }
 
-    /// The topic on which one server gets its requests.
+    /// Returns the topic of requests to one server.
     #[must_use]
     pub fn to_server(&self, server: u64) -> String {
         format!("{}{TO_SERVER}/{server}", self.prefix)
     }
 
-    /// The topic on which one tool gets its answers; `token` is its own, of letters and digits.
+    /// Returns the topic of answers to one tool; `token` identifies the tool, and has letters and digits.
     #[must_use]
     pub fn to_tool(&self, token: &str) -> String {
         format!("{}{TO_TOOL}/{token}", self.prefix)
     }
 
-    /// The topic on which one tool says how it stands; `token` as in [`to_tool`](Self::to_tool).
+    /// Returns the topic of one tool's status; `token` as in [`to_tool`](Self::to_tool).
     #[must_use]
     pub fn status(&self, token: &str) -> String {
         format!("{}{STATUS}/{token}", self.prefix)
     }
 
-    /// The filter that all status messages pass.
+    /// Returns the filter for all status messages.
     #[must_use]
     pub fn status_filter(&self) -> String {
         format!("{}{STATUS}/+", self.prefix)
     }
 
-    /// A name in a message, without prefix, as a topic.
+    /// Returns the full name of a topic that a message names without prefix.
     #[must_use]
     pub fn under(&self, name: &str) -> String {
         format!("{}{name}", self.prefix)
     }
 
-    /// What a topic name means; none if it is not ours.
+    /// Returns the topic of a full name; `None` if it is not one of the protocol.
     #[must_use]
     pub fn parse(&self, name: &str) -> Option<Topic> {
         Topic::from_name(name.strip_prefix(self.prefix.as_str())?)

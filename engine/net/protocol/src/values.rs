@@ -1,5 +1,5 @@
-//! Values of any shape within a message, of which there may not be too many: a byte of a message can stand for a value,
-//! and a value takes many bytes of memory.
+//! Values of arbitrary shape within a message. Their number is limited, since one byte of a message can encode a value,
+//! but a value takes many bytes of memory.
 
 use std::cell::Cell;
 use std::fmt;
@@ -7,16 +7,16 @@ use std::fmt;
 use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Number, Value};
 
-/// What the values of a key may weigh together, in units of about [`UNIT`] bytes.
+/// Largest total weight of the values of a key, in units of about [`UNIT`] bytes.
 pub(crate) const MOST_WEIGHT: usize = 4 << 20;
-/// Bytes of memory.
+/// Bytes of memory per unit of weight.
 const UNIT: usize = 32;
-/// Cost of a list in addition to its items, since it reserves more memory for its first items than they need.
+/// Weight of a list in addition to its items, since it reserves more memory for its first items than they need.
 const LIST: usize = 4;
-/// Cost of a map in addition to its entries, since it consists of nodes for eleven entries.
+/// Weight of a map in addition to its entries, since it consists of nodes for eleven entries.
 const MAP: usize = 20;
 
-/// Bytes of memory that values take, about.
+/// Returns the approximate number of bytes of memory that values take.
 #[must_use]
 pub fn bytes_of(values: &Map<String, Value>) -> usize {
     let texts: usize = values.keys().map(String::len).sum();
@@ -33,7 +33,7 @@ fn bytes_of_value(value: &Value) -> usize {
     }
 }
 
-/// Reads a map, for `#[serde(deserialize_with)]`.
+/// Deserializes a map, for `#[serde(deserialize_with)]`.
 pub(crate) fn bounded<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Map<String, Value>, D::Error> {
@@ -82,7 +82,7 @@ impl<'de> Visitor<'de> for Entries<'_> {
     }
 }
 
-/// A value, read as `serde_json::Value` reads itself.
+/// A single value, deserialized like `serde_json::Value`.
 struct One<'a>(&'a Cell<usize>);
 
 impl<'de> DeserializeSeed<'de> for One<'_> {
@@ -137,7 +137,7 @@ impl<'de> Visitor<'de> for One<'_> {
         deserializer.deserialize_any(self)
     }
 
-    /// So `rmp_serde` hands over extension types, and nothing else of a value of any type.
+    /// `rmp_serde` calls this for extension types only, if any type is accepted.
     fn visit_newtype_struct<D: Deserializer<'de>>(self, _: D) -> Result<Value, D::Error> {
         Err(D::Error::custom(
             "a MessagePack extension type (JavaScript: undefined), which JSON does not have",

@@ -1,4 +1,4 @@
-//! Codec of these messages.
+//! Codec of extension messages.
 
 use rmp_serde::decode::Error;
 use serde::de::DeserializeOwned;
@@ -10,10 +10,10 @@ use swarmwright_values::plain;
 use crate::DecodeError;
 use crate::place::at;
 
-/// Characters of a metric's name that are told, at most.
+/// Largest number of characters of a metric's name in messages.
 const MOST_NAME: usize = 100;
 
-/// `schema`: which one of `protocol/schemas` the message has to fit, for the reason why it does not.
+/// Decodes a payload. `schema` names the schema in `protocol/schemas` for error messages.
 fn decode<T: DeserializeOwned>(payload: &[u8], schema: &str) -> Result<T, DecodeError> {
     if payload.len() > MAX_BLOCK {
         return Err(DecodeError::value(format!(
@@ -22,7 +22,7 @@ fn decode<T: DeserializeOwned>(payload: &[u8], schema: &str) -> Result<T, Decode
         )));
     }
     rmp_serde::from_slice(payload).map_err(|error| {
-        // It is read again to find out where the error is: to keep that in mind takes time in each message.
+        // Decode again to locate the error; tracking the path in every message would be slow.
         let mut deserializer = rmp_serde::Deserializer::from_read_ref(payload);
         let second = serde_path_to_error::deserialize::<_, T>(&mut deserializer);
         let path = second.err().map(|error| error.path().to_string());
@@ -37,7 +37,7 @@ fn decode<T: DeserializeOwned>(payload: &[u8], schema: &str) -> Result<T, Decode
     })
 }
 
-/// The kind alone: the rest is then read once, straight into its place.
+/// The kind alone, read first so that the message is then decoded directly into its type.
 #[derive(Deserialize)]
 struct Kind {
     kind: String,
@@ -47,7 +47,7 @@ fn unknown(kind: &str, expected: &str) -> DecodeError {
     DecodeError::value(format!("\"kind\" is {kind:?}, expected {expected}"))
 }
 
-/// `numbers`: bytes of the message's arrays, so that a large message is not reallocated while it is written.
+/// Encodes a message. `numbers`: size in bytes of its arrays, to avoid reallocations.
 fn encode<T: Serialize>(message: &T, numbers: usize) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(numbers + 1024);
     // Maps, texts and numbers cannot fail to serialize into memory.
@@ -77,13 +77,13 @@ fn shape(name: &str, count: usize, expected: usize) -> Result<(), DecodeError> {
     }
 }
 
-/// The path of a metric's values.
+/// Returns the path of a metric's values.
 fn metric(name: &str) -> String {
     format!("metrics.{}", shortened(name.to_owned(), MOST_NAME))
 }
 
 fn finite(name: &str, numbers: &[f32]) -> Result<(), DecodeError> {
-    // A loop without a way out is one that the compiler can do in vectors.
+    // The compiler vectorizes only loops without an early exit.
     let all = |part: &[f32]| {
         let sound = part.iter().map(|number| number.is_finite());
         sound.fold(true, |all, is_finite| all & is_finite)
@@ -100,7 +100,7 @@ fn finite(name: &str, numbers: &[f32]) -> Result<(), DecodeError> {
 }
 
 impl Envelope {
-    /// Reads a payload; none if it does not even say this.
+    /// Decodes a payload; `None` if it lacks one of these fields.
     #[must_use]
     pub fn decode(payload: &[u8]) -> Option<Self> {
         decode(payload, "evaluate").ok()
@@ -108,10 +108,11 @@ impl Envelope {
 }
 
 impl ToServer {
-    /// Reads a payload.
+    /// Decodes a payload.
     ///
     /// # Errors
-    /// No MessagePack map of a known kind and version, numbers that are not finite, no seed, too large.
+    /// Fails if the payload is too large or not a MessagePack map of a known kind and version, or if there are values
+    /// that are not finite or no seeds.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         let Kind { kind } = decode(payload, "evaluate")?;
         let message = match kind.as_str() {
@@ -164,7 +165,7 @@ impl ToServer {
         Ok(message)
     }
 
-    /// The payload.
+    /// Encodes the payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let numbers = match self {
@@ -177,11 +178,11 @@ impl ToServer {
 }
 
 impl ToTool {
-    /// Reads a payload.
+    /// Decodes a payload.
     ///
     /// # Errors
-    /// No MessagePack map of a known kind and version, arrays that do not fit each other, a fitness that is not finite
-    /// though nothing says that it failed, too large.
+    /// Fails if the payload is too large or not a MessagePack map of a known kind and version, if the arrays do not
+    /// match, or if the fitness of an episode not in `failed` is not finite.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         let Kind { kind } = decode(payload, "evaluated")?;
         let message = match kind.as_str() {
@@ -233,7 +234,7 @@ impl ToTool {
         Ok(message)
     }
 
-    /// The server and the request that a payload names which cannot be read otherwise, if it does.
+    /// Returns the server and the request named in a payload that cannot be decoded otherwise, if it names them.
     #[must_use]
     pub fn answered(payload: &[u8]) -> Option<(u64, u64)> {
         #[derive(Deserialize)]
@@ -245,7 +246,7 @@ impl ToTool {
         Some((server, request))
     }
 
-    /// The payload.
+    /// Encodes the payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let numbers = match self {

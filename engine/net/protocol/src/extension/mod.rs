@@ -1,7 +1,7 @@
-//! Extension messages that carry blocks of numbers: offloaded evaluation and batched stepwise (docs/reference/protocol.md).
+//! Extension messages with blocks of numbers: offloaded and batched evaluation (docs/reference/protocol.md).
 //!
-//! They are MessagePack maps with text keys; arrays of numbers are binary, little-endian, without a header. Unknown keys
-//! are ignored. Shapes are checked where a message is read, so that code that has one need not.
+//! They are MessagePack maps with text keys; arrays of numbers are binary, little-endian, without a header. Unknown
+//! keys are ignored. Shapes are checked during decoding, so users of a message need not check them.
 
 mod codec;
 mod numbers;
@@ -21,17 +21,17 @@ use crate::values::bounded;
 
 /// Version of all extension messages.
 pub const EXTENSION_VERSION: u64 = 1;
-/// Media type of all extension messages: the content type of MQTT 5.
+/// Media type of all extension messages, sent as the content type of MQTT 5.
 pub const MEDIA_TYPE: &str = "application/msgpack";
-/// Larger extension payloads are refused unread.
+/// Largest extension payload in bytes; larger ones are refused unread.
 pub const MAX_BLOCK: usize = 64 << 20;
 
-/// Request for offloaded evaluation: every candidate in every episode.
+/// Request for an offloaded evaluation of all candidates in all episodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluate {
     /// [`EXTENSION_VERSION`].
     pub version: u64,
-    /// Chosen by the tool, echoed in the result.
+    /// Number chosen by the tool and echoed in the result.
     pub request: u64,
     /// Name of the tool, unique on the broker.
     pub tool: String,
@@ -49,59 +49,59 @@ pub struct Evaluate {
     pub genomes: F32s,
     /// One seed per episode, at least one.
     pub seeds: U64s,
-    /// Names of the metrics that the answer is to have beside the fitness.
+    /// Names of the metrics that the answer must contain besides the fitness.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub metrics: Vec<String>,
-    /// 1 for the first try of this work.
+    /// Number of the attempt at this work, from 1.
     pub attempt: u32,
     /// Seconds after which the tool gives the work to another server.
     pub lease: f64,
     /// The instance that the server announced; another instance with its id must refuse the request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// In place of genomes: what the server makes them from, if it announces the distribution.
+    /// Sample from which the server generates the genomes, if it announces the distribution.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample: Option<Box<Sample>>,
 }
 
-/// The distribution that every server with [`Sample`] makes genomes from.
+/// Name of the distribution from which every server with [`Sample`] generates genomes.
 pub const NORMAL: &str = "normal";
 
-/// Candidates of a generation by their numbers (protocol/schemas/sample.schema.json).
+/// Consecutive candidates of a generation (protocol/schemas/sample.schema.json).
 ///
-/// Of numbers for each gene there are as many as a controller has weights.
+/// Each row has one number per gene, that is, per weight of the controller.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
     /// [`NORMAL`].
     pub distribution: String,
-    /// Of the run.
+    /// Seed of the run.
     pub seed: u64,
-    /// What the random numbers are for.
+    /// Purpose of the random numbers.
     pub purpose: String,
-    /// The generation.
+    /// Index of the generation.
     pub generation: u64,
-    /// Number of the first candidate.
+    /// Index of the first candidate.
     pub first: u64,
     /// Number of candidates.
     pub count: u64,
     /// Whether candidates 2 i and 2 i + 1 lie on opposite sides of the center.
     pub mirrored: bool,
-    /// Point that the candidates are around.
+    /// Mean of the candidates.
     pub center: F64s,
-    /// Standard deviation for each gene.
+    /// Standard deviation of each gene.
     pub deviation: F64s,
-    /// Value of each gene where a point is 0.
+    /// Value of each gene at the coordinate 0.
     pub middle: F64s,
-    /// Change of each gene if a point changes by 1.
+    /// Change of each gene per unit of the coordinate.
     pub reach: F64s,
-    /// Least value of each gene, within the range of binary32.
+    /// Smallest value of each gene, within the range of binary32.
     pub lower: F64s,
     /// Largest value of each gene, within the range of binary32.
     pub upper: F64s,
 }
 
 impl Sample {
-    /// The rows of numbers for each gene, by name.
+    /// Returns the rows of one number per gene, with their names.
     #[must_use]
     pub fn rows(&self) -> [(&'static str, &[f64]); 6] {
         [
@@ -114,14 +114,14 @@ impl Sample {
         ]
     }
 
-    /// Whether its genomes would fit into a message.
+    /// Returns whether the genomes would fit into a message.
     #[must_use]
     pub fn fits(&self) -> bool {
         let genomes = (self.center.0.len() as u64).saturating_mul(self.count);
         genomes.saturating_mul(size_of::<f32>() as u64) <= MAX_BLOCK as u64
     }
 
-    /// What is wrong with it, whatever the controller; none if nothing is.
+    /// Returns what is wrong with the sample, regardless of the controller; `None` if it is valid.
     #[must_use]
     pub fn problem(&self) -> Option<String> {
         let genes = self.center.0.len();
@@ -158,14 +158,14 @@ impl Sample {
 pub struct Evaluated {
     /// [`EXTENSION_VERSION`].
     pub version: u64,
-    /// The request's number.
+    /// Number of the request.
     pub request: u64,
-    /// The server's id.
+    /// Id of the server.
     pub server: u64,
-    /// (candidates, episodes), row-major; NaN where `failed` says why. Empty when `error` is there.
+    /// (candidates, episodes), row-major; NaN for the episodes in `failed`. Empty if there is an `error`.
     #[serde(default)]
     pub fitness: F64s,
-    /// The metrics that were asked for, each of the shape of `fitness`.
+    /// Requested metrics, each with the shape of `fitness`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, F64s>,
     /// Episodes that failed.
@@ -185,9 +185,9 @@ pub struct Failure {
     pub candidate: u64,
     /// Index of the seed in the request.
     pub episode: u64,
-    /// What went wrong, for people.
+    /// What went wrong, for users.
     pub reason: String,
-    /// Where in the simulation's code, in the words of its language.
+    /// Place in the simulation's code, in the format of its language.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stack: Option<String>,
 }
@@ -195,30 +195,30 @@ pub struct Failure {
 /// Why a request was not served.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Refusal {
-    /// For programs.
+    /// Kind of refusal, for programs.
     pub kind: RefusalKind,
-    /// For people.
+    /// Reason, for users.
     pub reason: String,
 }
 
-/// Why a request was not served, for programs.
+/// Kinds of refusals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RefusalKind {
-    /// Another tool has the server: try another server, or later.
+    /// Another tool has the server; try another server, or later.
     Taken,
-    /// The request cannot be served by this server: another simulation, controller kind, parameter.
+    /// This server cannot serve the request, because of its simulation, controller kind or a parameter.
     Invalid,
     /// The simulation failed as a whole.
     Failed,
 }
 
-/// Tool to server: a batch of episodes to be stepped together, all agents in one message a step.
+/// Tool to server: a batch of episodes to be stepped together; one message per step holds all agents.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BatchStart {
     /// [`EXTENSION_VERSION`].
     pub version: u64,
-    /// Chosen by the tool, echoed in every message of the batch.
+    /// Number chosen by the tool and echoed in every message of the batch.
     pub request: u64,
     /// Name of the tool, unique on the broker.
     pub tool: String,
@@ -231,7 +231,7 @@ pub struct BatchStart {
     pub parameters: Map<String, Value>,
     /// One seed per episode of the batch.
     pub seeds: U64s,
-    /// Names of the metrics that are to come with the fitness of each episode.
+    /// Names of the metrics that must be sent with the fitness of each episode.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub metrics: Vec<String>,
     /// The instance that the server announced; another instance with its id must refuse the request.
@@ -244,15 +244,15 @@ pub struct BatchStart {
 pub struct BatchActuators {
     /// [`EXTENSION_VERSION`].
     pub version: u64,
-    /// The batch.
+    /// Number of the batch.
     pub request: u64,
-    /// The step of the sensors that are answered.
+    /// Step of the sensors that are answered.
     pub step: u64,
-    /// (rows of the sensors, actuators), row-major; none to end the batch.
+    /// (rows of the sensors, actuators), row-major; empty to end the batch.
     pub actuators: F32s,
 }
 
-/// Tool to server, on one topic.
+/// Messages from tool to server, on one topic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum ToServer {
@@ -264,16 +264,16 @@ pub enum ToServer {
     Actuators(BatchActuators),
 }
 
-/// Server to tool: sensors of all agents that act next, of all episodes, and the episodes that have ended.
+/// Server to tool: sensors of all agents that act next, in all episodes, and the episodes that have ended.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BatchSensors {
     /// [`EXTENSION_VERSION`].
     pub version: u64,
-    /// The batch.
+    /// Number of the batch.
     pub request: u64,
-    /// The server's id.
+    /// Id of the server.
     pub server: u64,
-    /// Counts the messages of a batch from 0.
+    /// Number of the message in the batch, from 0.
     pub step: u64,
     /// Index of the episode of each row.
     pub episodes: U32s,
@@ -281,11 +281,11 @@ pub struct BatchSensors {
     pub agents: U32s,
     /// (rows, sensors), row-major.
     pub sensors: F32s,
-    /// Episodes that ended with the step before.
+    /// Episodes that ended in the previous step.
     pub ended: U32s,
-    /// Their fitness.
+    /// Fitness of the ended episodes.
     pub fitness: F64s,
-    /// Their metrics that were asked for, each of the shape of `ended`.
+    /// Requested metrics of the ended episodes, each with the shape of `ended`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, F64s>,
     /// Episodes that failed in the previous step; `candidate` is 0.
@@ -296,27 +296,27 @@ pub struct BatchSensors {
     pub error: Option<Refusal>,
 }
 
-/// Server to tool: a stepwise episode has ended without fitness. Sent to tools that name a topic for it in their control
-/// message; all others miss the fitness.
+/// Server to tool: a stepwise episode has ended without fitness. Sent only to tools that name a reply topic in their
+/// control message; other tools wait for the fitness in vain.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failed {
     /// [`EXTENSION_VERSION`].
     pub version: u64,
-    /// The server's id.
+    /// Id of the server.
     pub server: u64,
-    /// Of the control message that started the episode.
+    /// Hash of the control message that started the episode.
     pub simulation_hash: String,
-    /// What went wrong, for people.
+    /// What went wrong, for users.
     pub reason: String,
-    /// Where in the simulation's code, in the words of its language.
+    /// Place in the simulation's code, in the format of its language.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stack: Option<String>,
-    /// Whether the simulation refuses the parameters, so that no other attempt will go better on this server.
+    /// Whether the simulation refuses the parameters, so that a retry on this server would fail, too.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub invalid: bool,
 }
 
-/// Server to tool, on one topic.
+/// Messages from server to tool, on one topic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum ToTool {
@@ -326,19 +326,19 @@ pub enum ToTool {
     Sensors(BatchSensors),
     /// A stepwise episode has failed.
     Failed(Failed),
-    /// What a stepwise episode looks like at a step.
+    /// The scene of a stepwise episode.
     Scene(Box<SceneMessage>),
 }
 
-/// Characters of a failure's reason and stack, at most: writers cut longer ones, and so do readers that keep them.
+/// Largest number of characters of a failure's reason; writers shorten longer ones, and so do readers that store them.
 pub const MOST_REASON: usize = 2_000;
-/// See [`MOST_REASON`].
+/// Largest number of characters of a failure's stack, like [`MOST_REASON`].
 pub const MOST_STACK: usize = 8_000;
 
-/// A text of at most `most` characters; a cut is marked.
+/// Shortens a text to at most `most` characters, and marks the cut.
 #[must_use]
 pub fn shortened(mut text: String, most: usize) -> String {
-    // Texts are short as a rule, which their bytes tell.
+    // Fast path: a text has at most as many characters as bytes.
     if text.len() > most
         && let Some((end, _)) = text.char_indices().nth(most)
     {
@@ -349,12 +349,12 @@ pub fn shortened(mut text: String, most: usize) -> String {
     text
 }
 
-/// The header of a request, read if the whole is invalid, so that it can be refused with a reason.
+/// Header of a request, decoded if the request as a whole is invalid, so that it can be refused with a reason.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct Envelope {
-    /// evaluate, start, ...
+    /// Kind of the message, such as `evaluate` or `start`.
     pub kind: String,
-    /// The request's number.
+    /// Number of the request.
     pub request: u64,
     /// Topic for the answer, without prefix.
     pub reply: String,

@@ -1,10 +1,10 @@
-//! Arrays of numbers as binary.
+//! Arrays of numbers in binary form.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Numbers as little-endian bytes on the wire.
+/// Defines an array that is encoded as little-endian bytes.
 macro_rules! numbers {
     ($(#[$doc:meta])* $name:ident, $number:ty) => {
         $(#[$doc])*

@@ -1,4 +1,4 @@
-//! What a simulation looks like at one step, for tools that show episodes of simulations that they do not have.
+//! Scenes of a simulation, for tools that show episodes of simulations that they do not have.
 
 use std::collections::BTreeMap;
 
@@ -7,26 +7,26 @@ use serde::{Deserialize, Serialize};
 use super::{F32s, U32s};
 use crate::DecodeError;
 
-/// In [`Bodies::agent`]: the body is none of the agents.
+/// Value in [`Bodies::agent`] for a body that is not an agent.
 pub const NO_AGENT: u32 = u32::MAX;
 
-/// Shapes that a style can have.
+/// Shapes that a style may have; empty for the default.
 const SHAPES: [&str; 9] = [
     "", "circle", "cross", "triangle", "star", "square", "diamond", "pentagon", "hexagon",
 ];
-/// More kinds and states than this are a mistake of the server.
+/// Largest number of pairs of kind and state; more are an error of the server.
 const MOST_LOOKS: usize = 1000;
 
-/// Server to tool: the scene of an episode before its first step, and after each.
+/// Server to tool: the scene of an episode before its first step, and after each step.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SceneMessage {
     /// [`EXTENSION_VERSION`](super::EXTENSION_VERSION).
     pub version: u64,
-    /// The server's id.
+    /// Id of the server.
     pub server: u64,
-    /// Of the control message that started the episode.
+    /// Hash of the control message that started the episode.
     pub simulation_hash: String,
-    /// Steps done.
+    /// Number of completed steps.
     pub step: u64,
     /// Fitness so far.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -34,117 +34,117 @@ pub struct SceneMessage {
     /// Metrics so far.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, f64>,
-    /// For how long it is to be seen.
+    /// Seconds for which to show the scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Extent in x.
+    /// Extent in x, in metres or cells.
     pub width: f32,
-    /// Extent in y.
+    /// Extent in y, in metres or cells.
     pub height: f32,
-    /// Position of (0, 0) in the simulation's own coordinates; by default (0, 0).
+    /// Position of (0, 0) in the simulation's own coordinates; (0, 0) by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<[f32; 2]>,
-    /// Whether the unit is a cell, not a metre.
+    /// Whether the unit is a cell instead of a metre.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub grid: bool,
-    /// A line to show above.
+    /// A line of text shown above the scene.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub message: String,
-    /// The bodies, from bottom to top.
+    /// Bodies, from bottom to top.
     pub bodies: Bodies,
-    /// What bodies look along.
+    /// Rays of the bodies' sensors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rays: Option<Rays>,
-    /// Pairs of indices of bodies, of which the second hears the first.
+    /// Pairs of indices of bodies; the second body hears the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links: Option<U32s>,
-    /// The floor; without points where it fills the world.
+    /// The floor; without points if it fills the world.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor: Option<ScenePatch>,
-    /// Parts of the floor.
+    /// Areas of the floor.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub patches: Vec<ScenePatch>,
-    /// What never moves.
+    /// Immovable obstacles.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub walls: Vec<SceneWall>,
     /// Lamps.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lights: Vec<SceneLight>,
-    /// Looks of kinds and states.
+    /// Appearance of kinds and states.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub styles: Vec<SceneStyle>,
-    /// What the values of bodies are.
+    /// Name and range of the bodies' values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<SceneScale>,
 }
 
-/// Bodies as arrays, one number for each.
+/// Bodies as arrays, with one element per body.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Bodies {
     /// Pairs of kind and state.
     pub looks: Vec<[String; 2]>,
-    /// Which of them each has; the first one, where it is left out.
+    /// Index of each body's pair; all bodies have the first pair if omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub look: Option<U32s>,
-    /// Positions.
+    /// Positions in x.
     pub x: F32s,
-    /// Positions, upwards.
+    /// Positions in y, upwards.
     pub y: F32s,
-    /// Of each, or one of all; points where it is left out.
+    /// Radius of each body, or a single one for all; bodies are points if omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius: Option<F32s>,
-    /// Radians counter-clockwise from the x axis; NaN for none.
+    /// Headings in radians, counter-clockwise from the x axis; NaN for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heading: Option<F32s>,
-    /// Numbers that give colours; NaN for none.
+    /// Values that determine colours; NaN for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<F32s>,
     /// Agent of each body; [`NO_AGENT`] for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<U32s>,
-    /// Short texts.
+    /// Short labels.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub labels: Vec<String>,
 }
 
-/// Lines of sight as arrays, one number for each.
+/// Rays of sensors as arrays, with one element per ray.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Rays {
     /// Index of the body.
     pub body: U32s,
-    /// Angle from the heading, radians counter-clockwise.
+    /// Angle from the heading in radians, counter-clockwise.
     pub angle: F32s,
-    /// Distance of their beginning from the middle of the body.
+    /// Distance of the start from the centre of the body.
     pub start: F32s,
-    /// How far they go from there.
+    /// Length from the start.
     pub length: F32s,
-    /// What the sensor reads, 0 to 1; NaN for nothing.
+    /// Reading of the sensor, from 0 to 1; NaN for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reading: Option<F32s>,
 }
 
-/// A part of the floor: a polygon, or a circle around the only point.
+/// An area of the floor: a polygon, or a circle around a single point.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct ScenePatch {
-    /// 0 black to 1 white.
+    /// Grey level, from 0 (black) to 1 (white).
     pub grey: f32,
-    /// Corners in order, or the middle of a circle.
+    /// Corners in order, or the centre of a circle.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<[f32; 2]>,
-    /// Of a circle.
+    /// Radius of a circle.
     #[serde(default)]
     pub radius: f32,
-    /// What legends call it.
+    /// Name in legends.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub name: String,
 }
 
-/// A line from point to point, or the corners of something solid.
+/// A polyline, or a solid polygon.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SceneWall {
-    /// At least two.
+    /// At least two points.
     pub points: Vec<[f32; 2]>,
-    /// Whether they are the corners of a polygon that is filled.
+    /// Whether the points are the corners of a filled polygon.
     #[serde(default)]
     pub solid: bool,
 }
@@ -156,7 +156,7 @@ pub struct SceneLight {
     pub x: f32,
     /// Position in y.
     pub y: f32,
-    /// 0 for a lamp that is off.
+    /// Intensity; 0 if the lamp is off.
     #[serde(default = "one")]
     pub intensity: f32,
 }
@@ -165,12 +165,12 @@ fn one() -> f32 {
     1.0
 }
 
-/// The look of bodies of a kind and state.
+/// Appearance of bodies with a kind and a state.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct SceneStyle {
-    /// Of the bodies.
+    /// Kind of the bodies.
     pub kind: String,
-    /// Of the bodies; empty for all states without a style.
+    /// State of the bodies; empty for all states without their own style.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub state: String,
     /// `#rrggbb`; empty for the default.
@@ -181,26 +181,26 @@ pub struct SceneStyle {
     pub shape: String,
 }
 
-/// The range of the values of bodies.
+/// Name and range of the bodies' values.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SceneScale {
-    /// With the unit.
+    /// Name, including the unit.
     pub name: String,
-    /// The value with the first colour.
+    /// Value shown in the first colour.
     pub low: f32,
-    /// The value with the last colour.
+    /// Value shown in the last colour.
     pub high: f32,
 }
 
 impl SceneMessage {
-    /// Bytes that its arrays take, about.
+    /// Returns the approximate size of the arrays in bytes.
     pub(super) fn numbers(&self) -> usize {
         let rays = self.rays.as_ref().map_or(0, |rays| rays.body.0.len());
         let links = self.links.as_ref().map_or(0, |links| links.0.len());
         28 * self.bodies.x.0.len() + 20 * rays + 4 * links
     }
 
-    /// What no type says: arrays fit each other, indices point at something, numbers are finite.
+    /// Checks what the types do not guarantee: matching arrays, valid indices, and finite numbers.
     pub(super) fn check(&self) -> Result<(), DecodeError> {
         let sizes = [("width", self.width), ("height", self.height)];
         for (name, size) in sizes {

@@ -18,10 +18,11 @@ use crate::{
 };
 
 impl Message {
-    /// Reads the payload of a topic.
+    /// Decodes the payload of a topic.
     ///
     /// # Errors
-    /// Not a JSON object, a missing key, a value of the wrong type, a number out of range, or too large.
+    /// Fails if the payload is too large or not a JSON object, if a key is missing, or if a value has the wrong type or
+    /// is out of range.
     pub fn decode(topic: Topic, payload: &[u8]) -> Result<Self, DecodeError> {
         Ok(match topic {
             Topic::Discovery => Self::Discovery(Discovery::decode(payload)?),
@@ -40,15 +41,15 @@ impl Message {
     }
 }
 
-/// Whether a payload begins as a JSON object does, and no MessagePack map.
+/// Returns whether a payload starts like a JSON object instead of a MessagePack map.
 fn is_object(payload: &[u8]) -> bool {
     payload.trim_ascii_start().first() == Some(&b'{')
 }
 
-/// Characters of a value that is told, at most.
+/// Largest number of characters of a value in messages.
 const MOST_VALUE: usize = 60;
 
-/// What the value of an announcement has to be.
+/// Expected type of a value in an announcement.
 enum Expected {
     Whole(u64),
     Names,
@@ -91,7 +92,7 @@ const TYPES: [(&str, Expected); 16] = [
 /// An object from which keys are removed one by one.
 struct Keys {
     object: Map<String, Value>,
-    /// The object's key in the message; empty for the message itself.
+    /// Key of the object in the message; empty for the message itself.
     within: &'static str,
 }
 
@@ -136,18 +137,19 @@ impl Keys {
         self.required::<Id>(key).map(|id| id.0)
     }
 
-    /// What is known of an extension; a peer's own use of its name is not an error.
+    /// Reads a key of an extension; a value of another type is ignored, since a peer may use the name for its own
+    /// purpose.
     fn lenient<T: DeserializeOwned>(&mut self, key: &'static str) -> Option<T> {
         self.optional(key).ok().flatten()
     }
 
-    /// The same for a number of things.
+    /// Reads a count of an extension.
     fn whole(&mut self, key: &'static str) -> Option<usize> {
         let Id(count) = self.lenient(key)?;
         usize::try_from(count).ok()
     }
 
-    /// `max_agents`, also in the spelling of the published server schema.
+    /// Reads `max_agents`, also in the spelling of the published server schema.
     fn max_agents(&mut self) -> Result<Option<f64>, DecodeError> {
         let published = self.optional("max agents")?;
         Ok(self.optional("max_agents")?.or(published))
@@ -168,7 +170,7 @@ impl Requirements {
     /// Reads an object such as `{"dimensions": 2}`.
     ///
     /// # Errors
-    /// `dimensions` is missing, or a value is not a number.
+    /// Fails if `dimensions` is missing, or if a value is not a number.
     pub fn from_object(object: Map<String, Value>) -> Result<Self, DecodeError> {
         Self::read(Keys::of(object, ""))
     }
@@ -189,13 +191,13 @@ impl Requirements {
     /// Reads a JSON object such as `{"dimensions": 2}`.
     ///
     /// # Errors
-    /// Not a JSON object, `dimensions` missing, a value that is not a number.
+    /// Fails if the payload is not a JSON object, if `dimensions` is missing, or if a value is not a number.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         Self::read(Keys::read(payload)?)
     }
 }
 
-/// Whole numbers without a trailing `.0`, as the published examples write them; -0.0 is not one.
+/// Writes integers without a trailing `.0`, as the published examples do; -0.0 is not an integer.
 fn number(value: f64) -> Value {
     #[expect(
         clippy::cast_possible_truncation,
@@ -222,7 +224,7 @@ impl Discovery {
         })
     }
 
-    /// The payload.
+    /// Encodes the payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let mut object = json!({
@@ -236,7 +238,8 @@ impl Discovery {
 }
 
 impl Capabilities {
-    /// Whether a server with these capabilities fulfils the requirements: the same number of dimensions, enough agents.
+    /// Returns whether a server with these capabilities meets the requirements: the same number of dimensions, and
+    /// enough agents.
     #[must_use]
     #[expect(clippy::float_cmp, reason = "numbers of dimensions are small integers")]
     pub fn fulfil(&self, requirements: &Requirements) -> bool {
@@ -258,7 +261,7 @@ impl Capabilities {
         })
     }
 
-    /// The JSON object in messages.
+    /// Returns the JSON object for messages.
     #[must_use]
     pub fn to_value(&self) -> Value {
         let mut object = json!({"dimensions": number(self.dimensions)});
@@ -298,8 +301,8 @@ impl Announcement {
         })
     }
 
-    /// What of an announcement, in the payload of a server or presence message, is not of the type that it has to be, in
-    /// words: it counts as not announced.
+    /// Describes the values of an announcement that have the wrong type and are ignored. `payload` is that of a server
+    /// or presence message.
     #[must_use]
     pub fn mistakes(payload: &[u8]) -> Vec<String> {
         #[derive(Deserialize)]
@@ -376,7 +379,7 @@ impl ServerMessage {
         })
     }
 
-    /// The payload.
+    /// Encodes the payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         bytes(&json!({
@@ -398,7 +401,7 @@ impl ParametersMessage {
         })
     }
 
-    /// The payload; the parameters lie flat beside the two keys of the protocol.
+    /// Encodes the payload; the parameters are at the same level as the two keys of the protocol.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let mut object = self.parameters.clone();
@@ -427,7 +430,7 @@ impl Control {
         })
     }
 
-    /// The payload.
+    /// Encodes the payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let mut object = json!({

@@ -1,6 +1,6 @@
-//! The messages that open and close a run: discovery, server, parameters, control (D6.1, Schemas 1 to 4).
+//! Messages that start and end a run: discovery, server, parameters, control (D6.1, Schemas 1 to 4).
 //!
-//! They are rare, so they are read by way of a JSON tree, in which the last of repeated keys wins.
+//! They are rare, so they are decoded via a JSON tree; the last of repeated keys wins.
 
 mod codec;
 mod modules;
@@ -28,12 +28,12 @@ pub enum Message {
     Status(Box<Status>),
 }
 
-/// What a server must be able to do.
+/// Requirements for a server.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Requirements {
-    /// Number of spatial dimensions, to be met exactly.
+    /// Number of spatial dimensions, which must match exactly.
     pub dimensions: f64,
-    /// Number of agents that the server must be able to simulate; none for no demand.
+    /// Number of agents that the server must be able to simulate; `None` for any.
     pub max_agents: Option<f64>,
 }
 
@@ -42,22 +42,22 @@ pub struct Requirements {
 pub struct Discovery {
     /// Title of the simulation.
     pub simulation: String,
-    /// Echoed by the servers that answer.
+    /// Hash that the servers echo in their answers.
     pub simulation_hash: String,
-    /// What a server must be able to do.
+    /// Requirements for a server.
     pub requirements: Requirements,
-    /// Extension: who asks, for people to read.
+    /// Extension: name of the tool that asks, for users.
     pub tool: Option<String>,
 }
 
-/// What a server can do.
+/// Capabilities of a server.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Capabilities {
     /// Number of spatial dimensions.
     pub dimensions: f64,
-    /// Largest number of agents; none for no limit.
+    /// Largest number of agents; `None` for no limit.
     pub max_agents: Option<f64>,
-    /// Extension: what a server built with Swarmwright's wrapper says of itself.
+    /// Extension: announcement of a server built with Swarmwright's wrapper.
     pub swarmwright: Option<Announcement>,
 }
 
@@ -66,87 +66,88 @@ pub struct Capabilities {
 pub struct Announcement {
     /// Version of the extension profile.
     pub version: u64,
-    /// Ways of evaluating: stepwise, batched, offloaded, ...
+    /// Modes of evaluation: stepwise, batched, offloaded, ...
     pub modes: Vec<String>,
-    /// Kinds of controller that the server evaluates itself, when offloaded; none if it does not say.
+    /// Kinds of controllers that the server evaluates in offloaded mode; empty if not announced.
     pub controllers: Vec<String>,
-    /// Most episodes of a batch, when batched; none if it does not say.
+    /// Largest number of episodes of a batch; `None` if not announced.
     pub batch: Option<usize>,
-    /// Episodes that are computed in about the time of one, when offloaded; none if it does not say.
+    /// Number of episodes that are computed in about the time of one in offloaded mode; `None` if not announced.
     pub lanes: Option<usize>,
-    /// Behaviours and conditions in Python that the server has, for controllers of kind `python_modules`.
+    /// Python behaviours and conditions that the server has, for controllers of kind `python_modules`.
     pub modules: Vec<ModuleCode>,
-    /// Distributions from which the server creates genomes itself in offloaded mode; empty if not announced.
+    /// Distributions from which the server generates genomes itself in offloaded mode; empty if not announced.
     pub distributions: Vec<String>,
-    /// Numbers in a sensor message.
+    /// Length of a sensor message.
     pub sensors: Option<usize>,
-    /// Numbers in an actuator message.
+    /// Length of an actuator message.
     pub actuators: Option<usize>,
-    /// Names of what is measured in an episode beside the fitness.
+    /// Names of the metrics of an episode besides the fitness.
     pub metrics: Vec<String>,
-    /// How far two evaluations of one episode agree: bitwise, statistical, none; nothing where the server does not say.
+    /// Agreement between two evaluations of one episode: bitwise, statistical or none; `None` if not announced.
     pub determinism: Option<String>,
-    /// With `statistical`: how far fitness and metrics may differ, as a part of the larger one, absolute below 1.
+    /// With `statistical`: largest difference of fitness and metrics, relative to the larger value, or absolute if that
+    /// is below 1.
     pub tolerance: Option<f64>,
-    /// Whether it sends the scenes of stepwise episodes to tools that ask for them.
+    /// Whether the server sends the scenes of stepwise episodes to tools that request them.
     pub scenes: bool,
-    /// Whether it hears control messages on its own topic too.
+    /// Whether the server also receives control messages on its own topic.
     pub control: bool,
-    /// Random for each start of a server: tells two servers with one id apart.
+    /// Random text for each start of a server, which distinguishes two servers with the same id.
     pub instance: Option<String>,
     /// Host on which the server runs.
     pub host: Option<String>,
-    /// Its process id there.
+    /// Process id on that host.
     pub pid: Option<u64>,
 }
 
 /// A server's answer to a discovery.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServerMessage {
-    /// The server's id.
+    /// Id of the server.
     pub server: u64,
-    /// The hash of the discovery that is answered.
+    /// Hash of the discovery that is answered.
     pub simulation_hash: String,
-    /// Titles of the simulations that it offers.
+    /// Titles of the offered simulations.
     pub simulations: Vec<String>,
-    /// What it can do.
+    /// Capabilities of the server.
     pub capabilities: Capabilities,
 }
 
 /// Configuration of one server's simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParametersMessage {
-    /// The server addressed.
+    /// Id of the addressed server.
     pub server: u64,
-    /// Tells the episode.
+    /// Hash that identifies the episode.
     pub simulation_hash: String,
     /// The problem-specific parameters.
     pub parameters: Map<String, Value>,
 }
 
-/// What of scenes is sent only to tools that name it.
+/// Parts of a scene that are sent only to tools that request them.
 pub const SCENE_PARTS: [&str; 2] = ["rays", "links"];
 
 /// Start or end of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Control {
-    /// The server addressed.
+    /// Id of the addressed server.
     pub server: u64,
-    /// Title of the simulation; the published schema requires it, its examples leave it out.
+    /// Title of the simulation; required by the published schema, but omitted in its examples.
     pub simulation: Option<String>,
-    /// Tells the episode.
+    /// Hash that identifies the episode.
     pub simulation_hash: String,
-    /// Start (true, the default) or end.
+    /// Whether to start (the default) or to end the run.
     pub run: bool,
-    /// Whether the server is to show the run.
+    /// Whether the server should display the run.
     pub visual: bool,
-    /// Extension: who asks, for people to read; keeps the server reserved between two episodes.
+    /// Extension: name of the tool, for users; the server stays reserved for it between two episodes.
     pub tool: Option<String>,
-    /// Extension: topic, without prefix, on which the server says that the episode failed.
+    /// Extension: topic, without prefix, on which the server reports failures of the episode.
     pub reply: Option<String>,
-    /// Extension: which start of the server is meant, as it announced it; another one with its id is not.
+    /// Extension: the announced instance of the server that is meant; another one with its id ignores the message.
     pub instance: Option<String>,
-    /// Extension: the scene of every step is wanted on the topic of `reply`, and of what not all tools draw, these parts:
+    /// Extension: requests the scene of every step on the topic `reply`, with these optional parts out of
     /// [`SCENE_PARTS`].
     pub scenes: Option<Vec<String>>,
 }

@@ -1,4 +1,4 @@
-//! Behaviours and conditions in Python, of which servers announce the code that they have.
+//! Python behaviours and conditions, whose code servers announce.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,21 +7,21 @@ use serde::{Deserialize, Serialize};
 pub struct ModuleCode {
     /// behaviour or condition.
     pub role: String,
-    /// Name of the class, or that under which it is installed.
+    /// Name of the class, or the name under which it is installed.
     pub name: String,
-    /// The file of the class, without its folder; none of one that is installed.
+    /// File name of the class without its folder; `None` if it is installed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
-    /// SHA-256 of the code, in hexadecimal; none if it is not known.
+    /// SHA-256 of the code in hexadecimal; `None` if unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
 }
 
-/// Characters of a SHA-256 that are shown.
+/// Number of digits of a SHA-256 that are shown.
 const SHOWN: usize = 16;
 
 impl ModuleCode {
-    /// What an experiment, or `--modules`, calls it.
+    /// Returns the name used in experiments and with `--modules`.
     fn label(&self) -> String {
         match &self.file {
             Some(file) => format!("{file}:{}", self.name),
@@ -44,7 +44,7 @@ impl ModuleCode {
     }
 }
 
-/// Why a server that has these modules cannot compute machines that need those; none if it can.
+/// Returns why a server with these modules cannot compute machines that need others; `None` if it can.
 #[must_use]
 pub fn missing_module(announced: &[ModuleCode], needed: &[ModuleCode]) -> Option<String> {
     let missing = needed

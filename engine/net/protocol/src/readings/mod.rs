@@ -1,6 +1,6 @@
-//! The three messages that cross the broker in every step or at the end of a run: sensor, actuator, fitness.
+//! Messages of the steps and the end of a run: sensor, actuator, fitness.
 //!
-//! They are read without an intermediate tree, since a run sends millions of them. Repeated keys: the last one wins;
+//! A run sends millions of them, so they are decoded without an intermediate tree. The last of repeated keys wins;
 //! unknown keys are ignored.
 
 use std::borrow::Cow;
@@ -17,53 +17,53 @@ use crate::numbers::{Id, Real32, Real64};
 use crate::place::{self, at};
 use crate::{DecodeError, MAX_PAYLOAD, MAX_SENSOR};
 
-/// Levels of a message, its own object included: as many as `serde_json` reads of a tree.
+/// Largest nesting depth of a message, including its own object; the same as the limit of `serde_json` for a tree.
 const MAX_NESTING: usize = 127;
 
 /// Sensor readings of one agent (D6.1, Schema 5).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Sensor {
-    /// Title of the simulation; the published schema requires it, its examples leave it out.
+    /// Title of the simulation; required by the published schema, but omitted in its examples.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub simulation: Option<String>,
-    /// Tells the episode.
+    /// Hash that identifies the episode.
     pub simulation_hash: String,
     /// Index of the agent.
     pub agent: u64,
-    /// The readings, at least one.
+    /// Readings, at least one.
     pub sensor: Vec<f32>,
 }
 
 /// Actuator commands of one agent (D6.1, Schema 6).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Actuator {
-    /// Title of the simulation; the published schema requires it, its examples leave it out.
+    /// Title of the simulation; required by the published schema, but omitted in its examples.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub simulation: Option<String>,
-    /// Tells the episode.
+    /// Hash that identifies the episode.
     pub simulation_hash: String,
     /// Index of the agent.
     pub agent: u64,
-    /// The commands, at least one, in -1..=1 once clamped.
+    /// Commands, at least one; the server clamps them to -1..=1.
     pub actuator: Vec<f32>,
 }
 
 /// Fitness at the end of a run (D6.1, Schema 7).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Fitness {
-    /// Title of the simulation; the published schema requires it, its examples leave it out.
+    /// Title of the simulation; required by the published schema, but omitted in its examples.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub simulation: Option<String>,
-    /// Tells the episode.
+    /// Hash that identifies the episode.
     pub simulation_hash: String,
-    /// The fitness, any sign and size; larger is better.
+    /// Fitness of any sign and size; larger is better.
     pub fitness: f64,
-    /// Extension: what else was measured in the episode, by name.
+    /// Extension: other measurements of the episode, by name.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, f64>,
 }
 
-/// All keys of the three messages; which of them count depends on the topic.
+/// All keys of the three messages; the topic determines which of them are read.
 #[derive(Default)]
 struct Fields<'a> {
     simulation: Option<Cow<'a, str>>,
@@ -82,7 +82,7 @@ enum Kind {
     Fitness,
 }
 
-/// A key of interest, read without copying it.
+/// A known key, read without copying it.
 enum Key {
     Simulation,
     Hash,
@@ -119,7 +119,7 @@ impl<'de> Deserialize<'de> for Key {
     }
 }
 
-/// A string, copied only where it is spelt with escapes.
+/// A string, copied only if it contains escapes.
 struct Text<'a>(Cow<'a, str>);
 
 impl<'de> Deserialize<'de> for Text<'de> {
@@ -193,7 +193,7 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
             Ok(fields)
         }
         Err(error) => {
-            // It is read again to find out where the error is: to keep that in mind takes time in each message.
+            // Decode again to locate the error; tracking the path in every message would be slow.
             let mut deserializer = serde_json::Deserializer::from_slice(payload);
             let mut track = serde_path_to_error::Track::new();
             let tracked = serde_path_to_error::Deserializer::new(&mut deserializer, &mut track);
@@ -204,7 +204,7 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
     }
 }
 
-/// A value that is read later or not at all, in UTF-8 by now: refused where it is nested more deeply than a message may be.
+/// Checks the nesting depth of a raw value, which has not been parsed but is valid UTF-8.
 fn sound<E: Error>(value: &RawValue) -> Result<&RawValue, E> {
     let (mut depth, mut text, mut escaped) = (1, false, false);
     for byte in value.get().bytes() {
@@ -227,7 +227,7 @@ fn sound<E: Error>(value: &RawValue) -> Result<&RawValue, E> {
     Ok(value)
 }
 
-/// What are metrics among the values of an extension's key: a peer's own use of the name is not an error.
+/// Reads the metrics of the extension; other values are ignored, since a peer may use the name for its own purpose.
 fn metrics(value: Option<&RawValue>) -> BTreeMap<String, f64> {
     let read = |value: &RawValue| serde_json::from_str::<Real64>(value.get()).ok();
     let object = value
@@ -248,12 +248,13 @@ fn filled(values: Option<Vec<f32>>, key: &'static str) -> Result<Vec<f32>, Decod
 }
 
 fn write<T: Serialize>(message: &T) -> Vec<u8> {
-    // Strings, integers and numbers cannot fail to serialize; a number that is not finite becomes null, which no peer accepts.
+    // Strings, integers and numbers cannot fail to serialize; a number that is not finite becomes null, which no peer
+    // accepts.
     serde_json::to_vec(message).unwrap_or_default()
 }
 
-/// Writes one episode's sensor or actuator messages, byte for byte as `Sensor::encode` and `Actuator::encode` do; what
-/// is the same in all of them is written once.
+/// Writer of one episode's sensor or actuator messages. The result is byte for byte that of `Sensor::encode` or
+/// `Actuator::encode`, but the constant part is encoded only once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReadingWriter {
     /// Everything before the agent.
@@ -263,13 +264,13 @@ pub struct ReadingWriter {
 }
 
 impl ReadingWriter {
-    /// Writes sensor messages. `simulation` is the title, `hash` tells the episode.
+    /// Creates a writer of sensor messages. `simulation` is the title, `hash` identifies the episode.
     #[must_use]
     pub fn sensor(simulation: &str, hash: &str) -> Self {
         Self::new(simulation, hash, b",\"sensor\":[")
     }
 
-    /// Writes actuator messages. `simulation` is the title, `hash` tells the episode.
+    /// Creates a writer of actuator messages. `simulation` is the title, `hash` identifies the episode.
     #[must_use]
     pub fn actuator(simulation: &str, hash: &str) -> Self {
         Self::new(simulation, hash, b",\"actuator\":[")
@@ -284,10 +285,10 @@ impl ReadingWriter {
         Self { head, middle }
     }
 
-    /// The payload for one agent; numbers are the shortest decimals that read back as the same binary32.
+    /// Encodes the payload for one agent. Numbers are the shortest decimals that are parsed as the same binary32.
     #[must_use]
     pub fn encode(&self, agent: u64, numbers: &[f32]) -> Vec<u8> {
-        // The longest binary32 has 16 characters, but most have 12 at most.
+        // The longest binary32 has 16 characters, but most have at most 12.
         let capacity = self.head.len() + self.middle.len() + 22 + 13 * numbers.len();
         let mut payload = Vec::with_capacity(capacity);
         payload.extend_from_slice(&self.head);
@@ -305,28 +306,28 @@ impl ReadingWriter {
 }
 
 fn append<T: Serialize>(payload: &mut Vec<u8>, value: &T) {
-    // A Vec takes everything, and a number cannot fail to serialize.
+    // Neither writing to a Vec nor serializing a number can fail.
     let _ = serde_json::to_writer(payload, value);
 }
 
-/// What an optimization tool needs of a sensor message, without copies of its strings.
+/// A sensor message whose strings are borrowed, for optimization tools.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorReading<'a> {
-    /// Title of the simulation, where the server says it.
+    /// Title of the simulation, if the server sends it.
     pub simulation: Option<Cow<'a, str>>,
-    /// Tells the episode.
+    /// Hash that identifies the episode.
     pub simulation_hash: Cow<'a, str>,
     /// Index of the agent.
     pub agent: u64,
-    /// The readings, at least one.
+    /// Readings, at least one.
     pub sensor: Vec<f32>,
 }
 
 impl<'a> SensorReading<'a> {
-    /// Reads a payload.
+    /// Decodes a payload.
     ///
     /// # Errors
-    /// The same as `Sensor::decode`.
+    /// See `Sensor::decode`.
     pub fn decode(payload: &'a [u8]) -> Result<Self, DecodeError> {
         let fields = read(payload, Kind::Sensor)?;
         Ok(Self {
@@ -341,10 +342,11 @@ impl<'a> SensorReading<'a> {
 }
 
 impl Sensor {
-    /// Reads a payload.
+    /// Decodes a payload.
     ///
     /// # Errors
-    /// No JSON object, a required key missing, a value of the wrong type, no or non-finite numbers, too large.
+    /// Fails if the payload is too large or not a JSON object, if a required key is missing, if a value has the wrong
+    /// type, or if there are no readings or values that are not finite.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         let fields = read(payload, Kind::Sensor)?;
         Ok(Self {
@@ -358,7 +360,7 @@ impl Sensor {
         })
     }
 
-    /// The payload; numbers are the shortest decimals that read back as the same binary32.
+    /// Encodes the payload. Numbers are the shortest decimals that are parsed as the same binary32.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         write(self)
@@ -366,10 +368,11 @@ impl Sensor {
 }
 
 impl Actuator {
-    /// Reads a payload.
+    /// Decodes a payload.
     ///
     /// # Errors
-    /// No JSON object, a required key missing, a value of the wrong type, no or non-finite numbers, too large.
+    /// Fails if the payload is too large or not a JSON object, if a required key is missing, if a value has the wrong
+    /// type, or if there are no commands or values that are not finite.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         let fields = read(payload, Kind::Actuator)?;
         Ok(Self {
@@ -383,7 +386,7 @@ impl Actuator {
         })
     }
 
-    /// The payload; numbers are the shortest decimals that read back as the same binary32.
+    /// Encodes the payload. Numbers are the shortest decimals that are parsed as the same binary32.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         write(self)
@@ -391,10 +394,11 @@ impl Actuator {
 }
 
 impl Fitness {
-    /// Reads a payload.
+    /// Decodes a payload.
     ///
     /// # Errors
-    /// No JSON object, a required key missing, a value of the wrong type, a non-finite number, too large.
+    /// Fails if the payload is too large or not a JSON object, if a required key is missing, if a value has the wrong
+    /// type, or if the fitness is not finite.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         let fields = read(payload, Kind::Fitness)?;
         Ok(Self {
@@ -426,7 +430,7 @@ impl Fitness {
         Some(wrong.to_string())
     }
 
-    /// The payload; the number is the shortest decimal that reads back as the same binary64.
+    /// Encodes the payload. The fitness is the shortest decimal that is parsed as the same binary64.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         write(self)
