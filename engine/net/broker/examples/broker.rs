@@ -1,4 +1,4 @@
-//! The broker alone, until standard input ends: `cargo run --release --example broker -- 1883`.
+//! Runs the broker alone until standard input ends: `cargo run --release --example broker -- 1883`.
 
 use std::io::Read;
 use swarmwright_broker::{Broker, BrokerError, Config};

@@ -11,7 +11,7 @@ use crate::{BrokerError, lines};
 use std::path::Path;
 use swarmwright_packets::topic;
 
-/// Rules; what none of them allows is denied.
+/// Access rules; everything that no rule allows is denied.
 pub struct Access {
     rules: Vec<Rule>,
 }
@@ -57,7 +57,7 @@ impl Access {
                 Some((right @ ("read" | "write" | "readwrite" | "deny"), filter)) => {
                     (right, filter.trim())
                 }
-                // As Mosquitto: a mistyped right must not become a rule that allows everything.
+                // As in Mosquitto: a misspelt right must not become a rule that allows everything.
                 Some((right, _)) => {
                     return Err(format!(
                         "`{right}` is not a right; expected read, write, readwrite or deny, which must stand before a filter \
@@ -86,12 +86,12 @@ impl Access {
         Ok(Self { rules })
     }
 
-    /// Whether the subject may receive the messages of this topic.
+    /// Returns whether the subject may receive messages on this topic.
     pub fn may_read(&self, subject: Subject<'_>, name: &str) -> bool {
         self.allows(subject, name, |rule| rule.read)
     }
 
-    /// Whether the subject may publish to this topic.
+    /// Returns whether the subject may publish to this topic.
     pub fn may_write(&self, subject: Subject<'_>, name: &str) -> bool {
         self.allows(subject, name, |rule| rule.write)
     }
@@ -118,7 +118,7 @@ impl Rule {
             Who::Anonymous => subject.user.is_none() && topic::matches(&self.filter, name),
             Who::User(user) => subject.user == Some(user) && topic::matches(&self.filter, name),
             Who::Pattern => {
-                // A name with wildcards or levels in it would reach further than its own part of the tree.
+                // A name with wildcards or slashes would reach beyond its own part of the tree.
                 let user = subject.user.unwrap_or("");
                 if [user, subject.client_id]
                     .iter()

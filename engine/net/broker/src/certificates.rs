@@ -1,4 +1,4 @@
-//! A new certificate authority and a broker's certificate that it signs.
+//! Creation of a certificate authority and a broker's certificate signed by it.
 
 use crate::BrokerError;
 use rcgen::{
@@ -8,27 +8,28 @@ use rcgen::{
 use std::io;
 use time::{Duration, OffsetDateTime};
 
-/// Days for which the authority is valid, at least; the broker's certificate has a separate term.
+/// Smallest number of days for which the authority is valid; the broker's certificate has its own term.
 const AUTHORITY_DAYS: i64 = 3650;
 
-/// An authority and the certificate that it signed, PEM each; keys are ECDSA P-256, PKCS #8.
+/// An authority and the certificate that it signed, in PEM format; keys are ECDSA P-256, PKCS #8.
 pub struct Certificates {
-    /// What clients trust.
+    /// Certificate of the authority, which clients trust.
     pub authority: String,
-    /// It must be kept secret: it signs certificates that these clients trust.
+    /// Private key of the authority. It must be kept secret, since it signs certificates that these clients trust.
     pub authority_key: String,
-    /// The broker's certificate.
+    /// Certificate of the broker.
     pub certificate: String,
-    /// The broker's private key.
+    /// Private key of the broker.
     pub key: String,
 }
 
-/// Makes an authority for ten years at least and a certificate for `hosts` (names or IP addresses, one at least) for `days` days.
+/// Creates an authority valid for at least ten years, and a certificate for `hosts` (at least one name or IP address)
+/// valid for `days` days.
 ///
-/// Both are valid from an hour ago on, since clocks differ.
+/// Both are valid from an hour ago, since clocks differ.
 ///
 /// # Errors
-/// A host that is not valid in a certificate; the operating system provides no random numbers.
+/// Fails if a host is not valid in a certificate, or if the operating system provides no random numbers.
 pub fn certify(hosts: &[String], days: i64) -> Result<Certificates, BrokerError> {
     make(hosts, days).map_err(|error| BrokerError::System {
         action: "make certificates",

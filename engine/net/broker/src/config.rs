@@ -4,45 +4,47 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Where the broker listens, which clients it accepts, and how much it stores.
+/// Configuration of the broker: addresses, accepted clients, and limits.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// Address or name of this machine to listen on; loopback by default.
+    /// Address or name of this machine on which to listen; loopback by default.
     pub host: String,
-    /// TCP port; 0 = any free one, None = no MQTT over TCP.
+    /// TCP port; 0 for any free one, `None` for no MQTT over TCP.
     pub port: Option<u16>,
-    /// Path of a Unix socket to listen on, without TLS. A file that a broker left behind there is replaced.
+    /// Path of a Unix socket on which to listen without TLS. A stale file of an earlier broker is replaced.
     pub socket: Option<PathBuf>,
-    /// Permissions of its file; users who may write to it may connect.
+    /// Permissions of the socket's file; users who may write to it may connect.
     pub socket_mode: u32,
-    /// Port for MQTT over WebSocket; 0 = any free one, None = no WebSocket.
+    /// Port for MQTT over WebSocket; 0 for any free one, `None` for no WebSocket.
     pub websocket_port: Option<u16>,
-    /// Password file, `user:hash` lines; None = every client may connect, unless there are `accounts`.
+    /// Password file with lines `user:hash`; `None` lets every client connect, unless there are `accounts`.
     pub users: Option<PathBuf>,
-    /// Accounts with random passwords, instead of a password file: only their clients may connect, except at the Unix
-    /// socket, which is guarded by the permissions of its file.
+    /// Accounts with random passwords, instead of a password file. Only their clients may connect, except through the
+    /// Unix socket, which is protected by the permissions of its file.
     pub accounts: Vec<Account>,
-    /// Access file in Mosquitto's format; None = every client may read and write everything.
+    /// Access file in Mosquitto's format; `None` lets every client read and write everything.
     pub access: Option<PathBuf>,
-    /// Origins of web pages that may connect by WebSocket, as `https://dashboard.example.org`, or `*` for all. Pages from the
-    /// host that they connect to always may, and clients other than browsers, which send no origin.
+    /// Origins of web pages that may connect by WebSocket, such as `https://dashboard.example.org`, or `*` for all.
+    /// Pages from the host to which they connect are always allowed, and so are clients other than browsers, which send
+    /// no origin.
     pub origins: Vec<String>,
-    /// Certificate chain, PEM. With it both TCP ports speak TLS only.
+    /// Certificate chain (PEM). If set, both TCP ports accept TLS only.
     pub certificate: Option<PathBuf>,
-    /// Private key of the certificate, PEM.
+    /// Private key of the certificate (PEM).
     pub key: Option<PathBuf>,
-    /// Authorities, PEM. With them only clients that have a certificate signed by one of them may connect to the TCP ports.
+    /// Certificate authorities (PEM). If set, the TCP ports accept only clients with a certificate signed by one of
+    /// them.
     pub client_ca: Option<PathBuf>,
-    /// Limits on what is stored.
+    /// Limits on stored data.
     pub limits: Limits,
 }
 
-/// An account of a broker whose clients get its password from the program that starts both.
+/// An account whose password the clients get from the program that starts both them and the broker.
 #[derive(Clone)]
 pub struct Account {
     /// User name.
     pub user: String,
-    /// At least 128 random bits; checks are immediate and not limited in number, since it cannot be guessed.
+    /// Password with at least 128 random bits. Checks are fast and not limited in number, since it cannot be guessed.
     pub password: String,
 }
 
@@ -52,26 +54,26 @@ impl fmt::Debug for Account {
     }
 }
 
-/// Limits on what clients can make the broker store.
+/// Limits on the data that clients can make the broker store.
 #[derive(Clone, Debug)]
 pub struct Limits {
-    /// Largest packet accepted, bytes.
+    /// Size in bytes of the largest accepted packet.
     pub packet: usize,
-    /// Bytes in transit to one client. From half of it on, publishers to an active reader are slowed down;
-    /// a client that reads nothing meanwhile is disconnected when it is this far behind.
+    /// Bytes in transit to one client. From half of it on, publishers to an active reader are slowed down; a client
+    /// that reads nothing is disconnected when it is this far behind.
     pub backlog: usize,
-    /// All retained messages together, bytes.
+    /// Total size in bytes of all retained messages.
     pub retained: usize,
-    /// The longest that a session outlives its connection.
+    /// Longest time that a session outlives its connection.
     pub session: Duration,
-    /// Everything that is stored for all clients together, bytes: messages in transit, incomplete packets,
-    /// sessions, retained messages. By default a quarter of the machine's memory (of the control group's, where that has less),
-    /// but 256 MiB at least.
+    /// Total size in bytes of everything stored for clients: messages in transit, incomplete packets, sessions, and
+    /// retained messages. The default is a quarter of the memory of the machine (or of the control group if that has
+    /// less), but at least 256 MiB.
     pub memory: usize,
-    /// Clients connected at a time.
+    /// Largest number of connected clients.
     pub clients: usize,
-    /// Packets accepted from one client per second; a client that sends more is read later. One second's worth is accepted at
-    /// once.
+    /// Packets per second accepted from one client; beyond that, reading from it is delayed. One second's worth may
+    /// come in a burst.
     pub rate: u32,
 }
 
@@ -98,20 +100,20 @@ impl Default for Config {
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            // The protocol's largest message, its topic and properties, as tools and servers accept.
+            // The largest message of the protocol with its topic and properties, as accepted by tools and servers.
             packet: (64 << 20) + (1 << 20),
             backlog: 128 << 20,
             retained: 64 << 20,
             session: Duration::from_secs(3600),
             memory: default_memory(),
             clients: 4096,
-            // More than twice what the fastest client sends in a run (docs/explanation/performance.md).
+            // More than twice the rate of the fastest client in a run (docs/explanation/performance.md).
             rate: 500_000,
         }
     }
 }
 
-/// A quarter of the memory, 256 MiB at least; 1 GiB where its size is not known.
+/// Returns a quarter of the memory, but at least 256 MiB; 1 GiB if the size of the memory is unknown.
 fn default_memory() -> usize {
     let number =
         |path: &str| -> Option<usize> { std::fs::read_to_string(path).ok()?.trim().parse().ok() };

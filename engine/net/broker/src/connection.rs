@@ -1,4 +1,4 @@
-//! One client's socket, with its layers and its incomplete packet.
+//! A client's socket, its layers and its incomplete packet.
 
 use crate::hub::Hub;
 use crate::transport::Layers;
@@ -6,22 +6,23 @@ use std::io::{self, ErrorKind, Write};
 use std::time::Instant;
 use swarmwright_sockets::Socket;
 
-/// Bytes read at a time.
+/// Largest number of bytes per read.
 pub const CHUNK: usize = 1 << 16;
 
-/// Bytes that are read in any case.
+/// Smallest number of bytes per read.
 const LEAST: usize = 512;
 
-/// Bytes that TLS and WebSocket may hold for a client that does not read; a piece of the outbox is half of it.
+/// Largest number of bytes that TLS and WebSocket hold for a client that does not read; half of it is a piece of the
+/// outbox.
 const UNREAD: usize = 8 * CHUNK;
 
-/// A client's connection as the server sees it.
+/// The server's side of a client's connection.
 pub struct Connection {
     pub socket: Socket,
     pub layers: Option<Layers>,
-    /// The part of an incomplete packet received so far.
+    /// Received part of an incomplete packet.
     input: Vec<u8>,
-    /// Bytes to read next: fewer where packets of this client cause much work.
+    /// Number of bytes to read next; smaller if packets of this client cause much work.
     portion: usize,
     pub is_ready: bool,
     /// Whether the peer has closed its side and everything was read.
@@ -31,7 +32,7 @@ pub struct Connection {
 }
 
 impl Connection {
-    /// A connection that was just accepted.
+    /// Creates the state of an accepted connection.
     pub fn new(socket: Socket, layers: Option<Layers>) -> Self {
         Self {
             socket,
@@ -45,12 +46,12 @@ impl Connection {
         }
     }
 
-    /// Bytes to read next.
+    /// Returns the number of bytes to read next.
     pub fn portion(&self) -> usize {
         self.portion
     }
 
-    /// Notes what bytes that were read have cost, where they may cost `share`.
+    /// Records the work caused by bytes that were read; `share` is the work that they may cause.
     pub fn note_cost(&mut self, bytes: usize, work: usize, share: usize) {
         self.portion = if work > share {
             (bytes * share / work).max(LEAST)
@@ -59,7 +60,7 @@ impl Connection {
         };
     }
 
-    /// Gives received bytes to the hub and keeps the beginning of a packet that is not complete.
+    /// Passes received bytes to the hub and keeps the beginning of an incomplete packet.
     pub fn take(
         &mut self,
         bytes: &[u8],
@@ -94,24 +95,24 @@ impl Connection {
         outcome
     }
 
-    /// Bytes of memory that it holds.
+    /// Returns the bytes of memory that the connection holds.
     pub fn held(&self) -> usize {
         let layers = self.layers.as_ref().map_or(0, Layers::held);
         self.input.capacity() + layers
     }
 
-    /// Drops the incomplete packet: the connection is being ended.
+    /// Drops the incomplete packet of a connection that is being closed.
     pub fn forget(&mut self) {
         self.input = Vec::new();
     }
 
-    /// Whether there are answers of the layers (PONG, TLS) that the client does not read.
+    /// Returns whether the client leaves too many answers of the layers (PONG, TLS) unread.
     pub fn is_behind(&self) -> bool {
         let layers = self.layers.as_ref();
         layers.is_some_and(|layers| layers.waiting() > UNREAD)
     }
 
-    /// Says that nothing more comes.
+    /// Shuts down the writing side.
     pub fn finish(&mut self) -> io::Result<()> {
         if !std::mem::replace(&mut self.is_finished, true) {
             self.socket.finish()?;
@@ -119,7 +120,7 @@ impl Connection {
         Ok(())
     }
 
-    /// Sends as much as the socket accepts; returns true if everything was sent.
+    /// Sends as much as the socket accepts; returns whether everything was sent.
     pub fn flush(&mut self, hub: &mut Hub, id: usize, now: Instant) -> io::Result<bool> {
         loop {
             let Some(layers) = &mut self.layers else {
@@ -166,7 +167,7 @@ mod tests {
         let mut connection =
             Connection::new(Socket::Tcp(mio::net::TcpStream::from_std(socket)), None);
         assert_eq!(connection.portion(), CHUNK);
-        // Sixteen times as much as it may.
+        // Sixteen times the allowed work.
         connection.note_cost(CHUNK, 16_000, 1000);
         assert_eq!(connection.portion(), CHUNK / 16);
         connection.note_cost(CHUNK / 16, 1000, 1000);

@@ -3,33 +3,33 @@
 use std::io;
 use std::path::PathBuf;
 
-/// Why the broker could not start.
+/// The error type of the start of a broker.
 #[derive(Debug, thiserror::Error)]
 pub enum BrokerError {
-    /// Another process listens there.
+    /// Another process listens at the address.
     #[error(
         "{host}:{port} is in use by another program; choose another port, or 0 for any free one"
     )]
     AddressInUse {
-        /// Host asked for.
+        /// Requested host.
         host: String,
-        /// Port asked for.
+        /// Requested port.
         port: u16,
     },
-    /// The host is a name or address of another machine, or of none.
+    /// The host is not an address of this machine.
     #[error(
         "{host} is not an address of this machine ({source}); use 127.0.0.1 for this machine alone or 0.0.0.0 for all its networks"
     )]
     AddressNotOurs {
-        /// Host asked for.
+        /// Requested host.
         host: String,
-        /// The operating system's answer.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// The operating system does not let this user listen there.
+    /// The operating system does not let this user listen on the port.
     #[error("port {port} needs more rights than this user has; choose a port from 1024 on")]
     PortForbidden {
-        /// Port asked for.
+        /// Requested port.
         port: u16,
     },
     /// Another process listens on the Unix socket.
@@ -37,57 +37,57 @@ pub enum BrokerError {
         "Unix socket {}: another broker listens there; stop it, or choose another path", path.display()
     )]
     SocketInUse {
-        /// Its path.
+        /// Path of the socket.
         path: PathBuf,
     },
-    /// The path cannot be that of a Unix socket.
+    /// The path is not valid for a Unix socket.
     #[error("Unix socket {}: {wrong}", path.display())]
     SocketPath {
-        /// The path asked for.
+        /// Requested path.
         path: PathBuf,
-        /// What is wrong, and how to fix it.
+        /// Problem, and how to fix it.
         wrong: String,
     },
     /// A file that the configuration names cannot be read.
     #[error("{purpose} {}: {source}; check the path and that this user may read it", path.display())]
     Unreadable {
-        /// What the file is for.
+        /// Purpose of the file.
         purpose: &'static str,
-        /// Its path.
+        /// Path of the file.
         path: PathBuf,
-        /// The operating system's answer.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// A file can be read but is not what it should be.
+    /// The content of a file is invalid.
     #[error("{purpose} {}{}: {wrong}", path.display(), line.map(|line| format!(", line {line}")).unwrap_or_default())]
     Invalid {
-        /// What the file is for.
+        /// Purpose of the file.
         purpose: &'static str,
-        /// Its path.
+        /// Path of the file.
         path: PathBuf,
-        /// 1-based line, where known.
+        /// Line number from 1, if known.
         line: Option<usize>,
-        /// What is wrong and what was expected.
+        /// Problem, and what was expected.
         wrong: String,
     },
     /// Only one of certificate and key was given.
     #[error("TLS needs both a certificate and its key; {missing} is missing")]
     HalfTls {
-        /// The one that is missing.
+        /// Name of the missing part.
         missing: &'static str,
     },
-    /// Client certificates are to be verified, without TLS.
+    /// Client certificates are required, but TLS is not configured.
     #[error("client certificates need TLS; the broker's own certificate and its key are missing")]
     ClientsWithoutTls,
-    /// A password file and accounts with random passwords.
+    /// Both a password file and accounts with random passwords are configured.
     #[error("the broker takes either a password file or accounts with random passwords, not both")]
     TwoKindsOfAccounts,
-    /// Anything else that the operating system refuses.
+    /// Any other error of the operating system.
     #[error("the broker could not {action}: {source}")]
     System {
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// The operating system's answer.
+        /// Error of the operating system.
         source: io::Error,
     },
 }

@@ -1,9 +1,9 @@
 //! The embedded MQTT broker: MQTT 5.0, 3.1.1 and 3.1 over TCP, TLS, WebSocket and Unix sockets, in one thread of this process.
 //!
-//! It keeps everything in memory. Messages of QoS 0 are never dropped for a reader that is behind: they are kept up to a bound
-//! in bytes, publishers are slowed down on the way there, and a reader that takes nothing at all is disconnected, with a
-//! reason, when the bound is reached. Shared subscriptions, topic aliases and enhanced authentication are not offered, and the
-//! broker says so to clients that ask. Reasons for a custom broker: `docs/decisions/001-embedded-broker.md`.
+//! It stores everything in memory. QoS 0 messages are never dropped for a slow reader: they are kept up to a limit in
+//! bytes, publishers are slowed down before it is reached, and a reader that accepts nothing is disconnected with a
+//! reason at the limit. Shared subscriptions, topic aliases and enhanced authentication are not supported, which the
+//! broker announces to clients. The reasons for a custom broker are in `docs/decisions/001-embedded-broker.md`.
 //!
 //! ```
 //! use swarmwright_broker::{Broker, Config};
@@ -47,13 +47,13 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
-/// A running broker. It stops when told to or when dropped.
+/// A running broker, which stops when it is dropped.
 pub struct Broker {
     address: Option<SocketAddr>,
     websocket: Option<SocketAddr>,
     tls: bool,
     stopper: Stopper,
-    /// The configuration at its start, whose files are read again on reload.
+    /// Configuration, whose files are read again on reload.
     config: Config,
     thread: Mutex<Option<JoinHandle<()>>>,
     #[cfg(unix)]
@@ -61,10 +61,10 @@ pub struct Broker {
 }
 
 impl Broker {
-    /// Starts to listen; clients can connect when this returns.
+    /// Starts to listen; clients can connect once this returns.
     ///
     /// # Errors
-    /// The address cannot be listened on, or a file of the configuration cannot be used; see [`BrokerError`].
+    /// Fails if the address or a file of the configuration cannot be used; see [`BrokerError`].
     pub fn start(config: &Config) -> Result<Self, BrokerError> {
         let Renewal { tls, users, access } = read_files(config)?;
         let origins = transport::Origins::new(&config.origins, tls.is_some())?;
@@ -98,34 +98,34 @@ impl Broker {
         })
     }
 
-    /// Reads the password file, the access file, the certificate with its key and the authorities of clients again. Connections that they no longer allow end: those of
-    /// removed accounts, or of accounts with another password, are closed, and the new access rules apply to every message from then on. All
-    /// other clients stay connected.
+    /// Reads the password file, the access file, the certificate with its key, and the authorities of client
+    /// certificates again. Connections of accounts that were removed or have another password are closed, and the new
+    /// access rules apply to all further messages. All other clients stay connected.
     ///
     /// # Errors
-    /// One of the files cannot be used; then everything stays as it was.
+    /// Fails if one of the files cannot be used; nothing changes then.
     pub fn reload(&self) -> Result<(), BrokerError> {
         self.stopper.renew(read_files(&self.config)?);
         Ok(())
     }
 
-    /// The TCP port, the actual one where 0 was asked for; 0 without MQTT over TCP.
+    /// Returns the TCP port, also if 0 was configured; 0 without MQTT over TCP.
     pub fn port(&self) -> u16 {
         self.address.map_or(0, |address| address.port())
     }
 
-    /// The addresses of the TCP ports, of MQTT and of WebSocket.
+    /// Returns the addresses of the TCP ports for MQTT and WebSocket.
     pub fn addresses(&self) -> impl Iterator<Item = SocketAddr> {
         [self.address, self.websocket].into_iter().flatten()
     }
 
-    /// The WebSocket port, where one was asked for.
+    /// Returns the WebSocket port, if configured.
     pub fn websocket_port(&self) -> Option<u16> {
         self.websocket.map(|address| address.port())
     }
 
-    /// Where clients on this machine connect: `mqtt://host:port`, or `mqtts://` with TLS; without MQTT over TCP the Unix socket or,
-    /// without one, the WebSocket.
+    /// Returns the URL for clients on this machine: `mqtt://host:port`, or `mqtts://` with TLS. Without MQTT over TCP,
+    /// it is that of the Unix socket or, without one, of the WebSocket.
     pub fn url(&self) -> String {
         let tcp = self.address.map(|address| {
             format!(
@@ -139,13 +139,13 @@ impl Broker {
             .unwrap_or_default()
     }
 
-    /// The Unix socket: `unix:///path`.
+    /// Returns the URL of the Unix socket: `unix:///path`.
     pub fn socket_url(&self) -> Option<String> {
         let path = self.config.socket.as_ref()?;
         Some(format!("unix://{}", path.display()))
     }
 
-    /// The same for WebSocket clients: `ws://host:port`, or `wss://` with TLS.
+    /// Returns the URL for WebSocket clients: `ws://host:port`, or `wss://` with TLS.
     pub fn websocket_url(&self) -> Option<String> {
         self.websocket.map(|address| {
             format!(
@@ -156,10 +156,10 @@ impl Broker {
         })
     }
 
-    /// Tells the clients, closes their connections, ends the thread, frees the ports and removes the file of the Unix socket. A second
-    /// call does nothing.
+    /// Disconnects all clients, ends the thread, frees the ports and removes the file of the Unix socket. A second call
+    /// does nothing.
     pub fn stop(&self) {
-        // While this broker listens there, no other one takes the file for one that was left behind.
+        // Remove the file while this broker still listens, so that no other broker takes it for a stale one.
         #[cfg(unix)]
         self.file
             .lock()
@@ -219,12 +219,12 @@ fn read_files(config: &Config) -> Result<Renewal, BrokerError> {
     })
 }
 
-/// The absolute path; unchanged if the system has no current folder.
+/// Returns the absolute path; unchanged if there is no current directory.
 fn absolute(path: &Path) -> std::path::PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
-/// "All networks" is not an address to connect to; loopback is one of them.
+/// Replaces an unspecified address, to which clients cannot connect, by loopback.
 fn reachable(address: SocketAddr) -> SocketAddr {
     let host = match address.ip() {
         IpAddr::V4(host) if host.is_unspecified() => IpAddr::V4(Ipv4Addr::LOCALHOST),

@@ -1,10 +1,10 @@
-//! Text files of one entry a line, with comments.
+//! Text files with one entry per line, and comments.
 
 use crate::BrokerError;
 use std::path::Path;
 
-/// Reads a file and gives `take` the trimmed content of each line that is neither empty nor a comment (`#`).
-/// What `take` says is wrong is reported with file and line.
+/// Passes the trimmed content of each line of a file to `take`, except empty lines and comments (`#`). Errors of `take`
+/// are reported with file and line.
 pub fn each(
     path: &Path,
     purpose: &'static str,

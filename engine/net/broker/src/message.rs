@@ -1,4 +1,4 @@
-//! A message that the broker keeps: retained, queued, or sent and not yet acknowledged.
+//! Messages that the broker stores: retained, queued, or sent and not yet acknowledged.
 
 use std::time::{Duration, Instant};
 use swarmwright_packets::{Publish, expiry_of, without_expiry};
@@ -8,17 +8,17 @@ use swarmwright_packets::{Publish, expiry_of, without_expiry};
 pub struct Message {
     pub topic: Box<str>,
     pub payload: Box<[u8]>,
-    /// MQTT 5 properties less the message expiry.
+    /// MQTT 5 properties without the message expiry.
     pub properties: Box<[u8]>,
     pub qos: u8,
-    /// As published.
+    /// Retain flag, as published.
     pub retain: bool,
-    /// When the message expires.
+    /// When the message expires, if it does.
     pub expires: Option<Instant>,
 }
 
 impl Message {
-    /// Keeps a message received at `now`.
+    /// Creates a copy of a message received at `now`.
     pub fn new(publish: &Publish<'_>, now: Instant) -> Self {
         let expires =
             expiry_of(publish.properties).map(|seconds| now + Duration::from_secs(seconds.into()));
@@ -36,7 +36,7 @@ impl Message {
         }
     }
 
-    /// Remaining seconds, rounded up; `None` without expiry.
+    /// Returns the remaining seconds, rounded up; `None` without expiry.
     pub fn seconds_left(&self, now: Instant) -> Option<u32> {
         let left = self
             .expires?
@@ -50,7 +50,7 @@ impl Message {
         self.expires.is_some_and(|end| end <= now)
     }
 
-    /// Bytes that keeping it takes, about.
+    /// Returns the approximate number of bytes needed to store the message.
     pub fn size(&self) -> usize {
         self.topic.len() + self.payload.len() + self.properties.len() + size_of::<Self>()
     }

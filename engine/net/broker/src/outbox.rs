@@ -2,30 +2,30 @@
 
 use swarmwright_packets::frame;
 
-/// A queue of packets, contiguous so that one system call sends many.
+/// A queue of packets, contiguous so that one system call sends many of them.
 #[derive(Default)]
 pub struct Outbox {
     bytes: Vec<u8>,
     start: usize,
-    /// Where some packet begins, at `start` or before it.
+    /// Start of some packet, at or before `start`.
     boundary: usize,
 }
 
-/// Memory that an empty outbox may keep.
+/// Largest capacity in bytes that an empty outbox keeps.
 const KEPT: usize = 1 << 18;
 
 impl Outbox {
-    /// The end, to append packets to.
+    /// Returns the buffer, to append packets.
     pub fn end(&mut self) -> &mut Vec<u8> {
         &mut self.bytes
     }
 
-    /// What has not been sent.
+    /// Returns the unsent bytes.
     pub fn pending(&self) -> &[u8] {
         &self.bytes[self.start..]
     }
 
-    /// Bytes of memory that it holds.
+    /// Returns the bytes of memory that the outbox holds.
     pub fn capacity(&self) -> usize {
         self.bytes.capacity()
     }
@@ -38,7 +38,7 @@ impl Outbox {
         self.len() == 0
     }
 
-    /// The first `count` bytes were sent.
+    /// Removes the first `count` bytes, which were sent.
     pub fn sent(&mut self, count: usize) {
         self.start += count;
         if self.start == self.bytes.len() {
@@ -54,7 +54,7 @@ impl Outbox {
         }
     }
 
-    /// Drops the waiting packets except for the rest of one that was sent in part, so that other packets can follow.
+    /// Drops the waiting packets except the rest of a partly sent one, so that other packets can follow.
     pub fn abandon(&mut self) {
         self.find_boundary();
         let end = if self.boundary == self.start {
@@ -67,7 +67,7 @@ impl Outbox {
         self.sent(0);
     }
 
-    /// Moves `boundary` to the beginning of the packet that `start` is in.
+    /// Moves `boundary` to the start of the packet that contains `start`.
     fn find_boundary(&mut self) {
         while self.boundary < self.start {
             let next = self.next(self.boundary);
@@ -78,7 +78,7 @@ impl Outbox {
         }
     }
 
-    /// The end of the packet that begins here.
+    /// Returns the end of the packet that begins at `start`.
     fn next(&self, start: usize) -> usize {
         match frame(&self.bytes[start..], usize::MAX) {
             Ok(Some((_, head, body))) => (start + head + body).min(self.bytes.len()),

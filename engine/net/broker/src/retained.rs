@@ -1,4 +1,4 @@
-//! Retained messages: the last one of each topic, for clients that subscribe later.
+//! Retained messages: the last message of each topic, for clients that subscribe later.
 
 use crate::message::Message;
 use std::collections::BTreeMap;
@@ -7,12 +7,12 @@ use std::sync::Arc;
 use std::time::Instant;
 use swarmwright_packets::topic;
 
-/// All retained messages, bounded by bytes.
+/// All retained messages, limited in total bytes.
 pub struct Retained {
     messages: BTreeMap<Box<str>, Entry>,
     bytes: usize,
     limit: usize,
-    /// Messages stored so far: the number of the next one.
+    /// Number of messages stored so far, which is the number of the next one.
     count: u64,
 }
 
@@ -21,18 +21,18 @@ struct Entry {
     number: u64,
 }
 
-/// A look through the store for one topic filter, which can be done in pieces.
+/// A search of the store for one topic filter, which can be done in pieces.
 #[derive(Debug)]
 pub struct Search {
     filter: Box<str>,
-    /// The last topic that was examined.
+    /// Last examined topic.
     after: Option<Box<str>>,
-    /// Messages with this number or a larger one came later: the subscriber got them as they were published.
+    /// Messages from this number on are newer than the search; the subscriber received them when they were published.
     until: u64,
 }
 
 impl Retained {
-    /// An empty store that takes up to `limit` bytes.
+    /// Creates an empty store with a limit in bytes.
     pub fn new(limit: usize) -> Self {
         Self {
             messages: BTreeMap::new(),
@@ -42,7 +42,8 @@ impl Retained {
         }
     }
 
-    /// Keeps the message in place of an earlier one; one without payload only removes. False = no room.
+    /// Stores a message in place of an earlier one; a message without payload only removes the earlier one. Returns
+    /// false if there is no room.
     pub fn set(&mut self, message: &Arc<Message>) -> bool {
         if let Some(earlier) = self.messages.remove(&message.topic) {
             self.bytes -= earlier.message.size();
@@ -63,12 +64,12 @@ impl Retained {
         true
     }
 
-    /// Bytes that all of them take, about.
+    /// Returns the approximate number of bytes of all messages.
     pub fn size(&self) -> usize {
         self.bytes
     }
 
-    /// A search for those that a filter, itself valid, covers now.
+    /// Starts a search for the current messages that match a valid filter.
     pub fn search(&self, filter: &str) -> Search {
         Search {
             filter: filter.into(),
@@ -77,8 +78,8 @@ impl Retained {
         }
     }
 
-    /// The next message of a search, by topic; `None` at its end, or when `budget`, the number of topics that may still be
-    /// examined, is 0. At the end of a search the budget is above 0.
+    /// Returns the next message of a search, in order of topics; `None` at the end, or once `budget`, the number of
+    /// topics that may be examined, is 0. At the end of a search the budget is above 0.
     pub fn next(
         &self,
         search: &mut Search,
@@ -132,10 +133,10 @@ impl Retained {
     }
 }
 
-/// What all topics that a filter covers begin with, and whether it has wildcards.
+/// Returns the common prefix of all topics that a filter matches, and whether the filter has wildcards.
 fn fixed_part(filter: &str) -> (&str, bool) {
     match filter.find(['+', '#']) {
-        // `a/#` covers `a` as well.
+        // `a/#` matches `a` as well.
         Some(index) => (filter[..index].trim_end_matches('/'), true),
         None => (filter, false),
     }
@@ -159,7 +160,7 @@ mod tests {
         Arc::new(Message::new(&publish, now))
     }
 
-    /// The topics that a search finds with this budget for each piece.
+    /// Returns the topics that a search finds with this budget per piece.
     fn found(store: &Retained, mut search: Search, piece: usize, now: Instant) -> Vec<String> {
         let mut topics = Vec::new();
         loop {

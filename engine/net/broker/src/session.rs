@@ -1,4 +1,4 @@
-//! The state that the broker stores for a client: MQTT 5.0, chapter 4.1.
+//! Session state that the broker stores for a client: MQTT 5.0, chapter 4.1.
 
 use crate::access::{Access, Subject};
 use crate::{message::Message, outbox::Outbox};
@@ -7,11 +7,11 @@ use std::sync::Arc;
 use std::time::Instant;
 use swarmwright_packets::{Answer, Outgoing, Version, publish, reason};
 
-/// Topic filters that one client can subscribe to, and the bytes that they may take together.
+/// Largest number of topic filters of one client, and their total size in bytes.
 pub const MOST_FILTERS: usize = 4096;
 pub const MOST_FILTER_BYTES: usize = 4 << 20;
 
-/// Approximate memory of a level of a topic filter, and of an empty session, bytes.
+/// Approximate memory in bytes of a level of a topic filter, and of an empty session.
 const LEVEL: usize = 160;
 const SESSION: usize = 1024;
 
@@ -19,7 +19,7 @@ fn filter_size(filter: &str) -> usize {
     2 * filter.len() + LEVEL * (1 + filter.bytes().filter(|&byte| byte == b'/').count())
 }
 
-/// A message of QoS 1 or 2 for one client.
+/// A QoS 1 or 2 message for one client.
 pub struct Delivery {
     pub message: Arc<Message>,
     pub qos: u8,
@@ -29,53 +29,53 @@ pub struct Delivery {
 
 struct Flight {
     id: u16,
-    /// None once the client has the message (QoS 2, PUBREC seen): only PUBREL is repeated.
+    /// The message; `None` once the client has it (QoS 2, after PUBREC), when only PUBREL is repeated.
     delivery: Option<Delivery>,
 }
 
-/// A will that waits for its client to be lost.
+/// A will, published when its client is lost.
 pub struct Testament {
     pub message: Message,
     pub expiry: Option<u32>,
     pub delay: u32,
 }
 
-/// A client's subscriptions and unfinished messages; outlives connections when the client asks for it.
+/// Subscriptions and unfinished messages of a client; it outlives connections if the client asks for it.
 pub struct Session {
     pub client_id: Box<str>,
     pub user: Option<Box<str>>,
-    /// The connection, by its number; None while the client is disconnected.
+    /// Number of the connection; `None` while the client is disconnected.
     pub link: Option<usize>,
-    /// The topic filters that it subscribes to, and their approximate size in bytes.
+    /// Subscribed topic filters, and their approximate size in bytes.
     filters: HashSet<Box<str>>,
     filter_bytes: usize,
-    /// When its last connection ended.
+    /// When the last connection ended.
     pub left: Option<Instant>,
     /// Memory of the session in bytes, as counted by the broker.
     pub counted: usize,
-    /// Seconds to live without a connection.
+    /// Seconds that the session lives without a connection.
     pub expiry: u32,
-    /// When the session of an absent client ends.
+    /// When the session of a disconnected client ends.
     pub ends: Option<Instant>,
     pub will: Option<Testament>,
     pub will_due: Option<Instant>,
-    /// Packet identifiers of QoS 2 messages received and not yet released.
+    /// Packet identifiers of received QoS 2 messages that have not been released.
     pub inbound: HashSet<u16>,
     flights: VecDeque<Flight>,
     queue: VecDeque<Delivery>,
-    /// Bytes of the queued and of the unacknowledged messages.
+    /// Bytes of queued and unacknowledged messages.
     queued_bytes: usize,
     last_id: u16,
     pub overflowed: bool,
 }
 
-/// What sending to a client depends on.
+/// Parameters for sending to a client.
 #[derive(Clone, Copy)]
 pub struct Terms {
     pub version: Version,
-    /// Unacknowledged messages that the client accepts.
+    /// Largest number of unacknowledged messages that the client accepts.
     pub window: u16,
-    /// Largest packet that the client accepts, bytes.
+    /// Size in bytes of the largest packet that the client accepts.
     pub maximum_packet: usize,
 }
 
@@ -102,7 +102,7 @@ impl Session {
         }
     }
 
-    /// Adds a topic filter; whether it is new. None = more filters than a client may have.
+    /// Adds a topic filter. Returns whether it is new; `None` if the client has too many filters.
     pub fn subscribe(&mut self, filter: &str) -> Option<bool> {
         if self.filters.contains(filter) {
             return Some(false);
@@ -116,7 +116,7 @@ impl Session {
         Some(true)
     }
 
-    /// Removes a topic filter; false = there was none.
+    /// Removes a topic filter. Returns whether it existed.
     pub fn unsubscribe(&mut self, filter: &str) -> bool {
         let existed = self.filters.remove(filter);
         if existed {
@@ -125,12 +125,12 @@ impl Session {
         existed
     }
 
-    /// The topic filters, in no order.
+    /// Returns the topic filters, in no particular order.
     pub fn filters(&self) -> impl Iterator<Item = &str> {
         self.filters.iter().map(|filter| &**filter)
     }
 
-    /// The client, for the access rules.
+    /// Returns the client, for access rules.
     pub fn subject(&self) -> Subject<'_> {
         Subject {
             user: self.user.as_deref(),
@@ -138,18 +138,18 @@ impl Session {
         }
     }
 
-    /// Bytes of the messages of QoS 1 and 2 that are queued or unacknowledged.
+    /// Returns the bytes of queued and unacknowledged QoS 1 and 2 messages.
     pub fn queued_bytes(&self) -> usize {
         self.queued_bytes
     }
 
-    /// Approximate memory of the session, bytes.
+    /// Returns the approximate memory of the session in bytes.
     pub fn size(&self) -> usize {
         let will = self.will.as_ref().map_or(0, |will| will.message.size());
         SESSION + 2 * self.client_id.len() + will + self.filter_bytes + self.queued_bytes
     }
 
-    /// Queues a message of QoS 1 or 2; returns false if that would exceed `limit` bytes.
+    /// Queues a QoS 1 or 2 message; returns false if that would exceed `limit` bytes.
     pub fn enqueue(&mut self, delivery: Delivery, limit: usize) -> bool {
         let size = delivery.message.size();
         if self.queued_bytes + size > limit {
@@ -205,7 +205,8 @@ impl Session {
         self.advance(out, terms, now);
     }
 
-    /// Whether this is the acknowledgement that the message waits for. Unknown identifiers are answered, or ignored.
+    /// Returns whether this is the acknowledgement that the message waits for. Unknown identifiers are handled
+    /// elsewhere.
     pub fn expects(&self, id: u16, kind: Answer) -> bool {
         let Some(flight) = self.flights.iter().find(|flight| flight.id == id) else {
             return true;
@@ -214,13 +215,13 @@ impl Session {
             (Answer::Release, _) => true,
             (Answer::Acknowledged, Some(delivery)) => delivery.qos == 1,
             (Answer::Received, Some(delivery)) => delivery.qos == 2,
-            // PUBREC again after PUBREL was sent is harmless; a client may repeat it.
+            // A client may harmlessly repeat PUBREC after PUBREL was sent.
             (Answer::Received | Answer::Complete, None) => true,
             (Answer::Acknowledged, None) | (Answer::Complete, Some(_)) => false,
         }
     }
 
-    /// PUBACK, PUBCOMP, or a PUBREC that refuses: the message is done. False = unknown identifier.
+    /// Completes a message after PUBACK, PUBCOMP, or a refusing PUBREC. Returns false for an unknown identifier.
     pub fn finish(&mut self, id: u16) -> bool {
         let index = self.flights.iter().position(|flight| flight.id == id);
         let Some(flight) = index.and_then(|index| self.flights.remove(index)) else {
@@ -230,7 +231,7 @@ impl Session {
         true
     }
 
-    /// PUBREC: the client has the message. False = unknown identifier.
+    /// Records that the client has the message, after PUBREC. Returns false for an unknown identifier.
     pub fn received(&mut self, id: u16) -> bool {
         match self.flights.iter_mut().find(|flight| flight.id == id) {
             Some(flight) => {
@@ -242,7 +243,7 @@ impl Session {
         }
     }
 
-    /// Drops the messages that this client may no longer read.
+    /// Drops queued messages that this client may no longer read.
     pub fn keep_readable(&mut self, access: &Access) {
         let subject = Subject {
             user: self.user.as_deref(),
@@ -273,13 +274,14 @@ impl Session {
 }
 
 impl Delivery {
-    /// Sends at QoS 0, without storing.
+    /// Sends the message with QoS 0, without storing it.
     pub fn send(&self, out: &mut Outbox, terms: Terms, now: Instant) {
         write(out, self, 0, false, terms, now);
     }
 }
 
-/// False when the packet is larger than the client accepts: then it is not sent at all (MQTT 5.0, 3.1.2.11.4).
+/// Appends a PUBLISH. Returns false if the packet is larger than the client accepts; it is then not sent at all (MQTT
+/// 5.0, 3.1.2.11.4).
 fn write(
     out: &mut Outbox,
     delivery: &Delivery,

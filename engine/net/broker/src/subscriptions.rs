@@ -1,12 +1,13 @@
-//! Subscriptions: the topic filters of all sessions as a tree of levels, so that finding the readers of a topic costs
-//! time in proportion to its levels, not to the number of subscriptions.
+//! Subscriptions: the topic filters of all sessions as a tree of levels, so that the time to find the readers of a
+//! topic is proportional to its number of levels instead of the number of subscriptions.
 
 use std::collections::{BTreeMap, HashMap};
 
-/// The deepest topic filter, levels. Deeper ones are refused: no protocol has them, and each level takes memory.
+/// Largest number of levels of a topic filter. Deeper ones are refused: no protocol needs them, and each level takes
+/// memory.
 pub const DEEPEST: usize = 128;
 
-/// How a client subscribes to one topic filter.
+/// Options of a client's subscription to one topic filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     pub qos: u8,
@@ -15,7 +16,7 @@ pub struct Options {
     pub identifier: Option<u32>,
 }
 
-/// The topic filters of all sessions; a session is known by its number.
+/// Topic filters of all sessions, which are identified by number.
 #[derive(Default)]
 pub struct Subscriptions {
     root: Level,
@@ -23,19 +24,19 @@ pub struct Subscriptions {
 
 #[derive(Default)]
 struct Level {
-    /// What comes after this level; `+` and `#` are keys like others.
+    /// Next levels; `+` and `#` are ordinary keys.
     next: HashMap<Box<str>, Level>,
-    /// The sessions whose filter ends here.
+    /// Sessions whose filters end at this level.
     readers: BTreeMap<usize, Options>,
 }
 
 impl Subscriptions {
-    /// Adds the subscription of a session, in place of an earlier one with this filter, which is valid and no deeper than
-    /// [`DEEPEST`].
+    /// Adds a session's subscription, replacing an earlier one with this filter. The filter must be valid and no deeper
+    /// than [`DEEPEST`].
     pub fn add(&mut self, session: usize, filter: &str, options: Options) {
         let mut level = &mut self.root;
         for name in filter.split('/') {
-            // Two look-ups rather than an owned key for a level that is there already.
+            // Two look-ups avoid an owned key for an existing level.
             if !level.next.contains_key(name) {
                 level.next.insert(name.into(), Level::default());
             }
@@ -52,17 +53,17 @@ impl Subscriptions {
         prune(&mut self.root, session, filter.split('/'));
     }
 
-    /// Whether there are no subscriptions.
+    /// Returns whether there are no subscriptions.
     #[cfg(test)]
     pub fn is_empty(&self) -> bool {
         self.root.next.is_empty()
     }
 
-    /// All subscriptions that cover a topic name, as session and options, sorted by session and subscription identifier.
+    /// Returns all subscriptions that match a topic name, sorted by session and subscription identifier.
     pub fn covering(&self, topic: &str) -> Vec<(usize, Options)> {
         let mut subscribers = Vec::new();
         let names: Vec<&str> = topic.split('/').take(DEEPEST + 1).collect();
-        // Topics that start with `$` are covered by filters that do so too (MQTT 5.0, 4.7.2).
+        // Topics that start with `$` only match filters that do, too (MQTT 5.0, 4.7.2).
         collect(&self.root, &names, topic.starts_with('$'), &mut subscribers);
         subscribers.sort_by_key(|(session, options)| (*session, options.identifier));
         subscribers
@@ -78,7 +79,7 @@ fn collect(level: &Level, names: &[&str], hidden: bool, subscribers: &mut Vec<(u
                 .map(|(&session, &options)| (session, options)),
         );
     };
-    // `a/#` covers `a` as well.
+    // `a/#` matches `a` as well.
     if let Some(rest) = level.next.get("#").filter(|_| !hidden) {
         readers(rest, subscribers);
     }
@@ -93,7 +94,7 @@ fn collect(level: &Level, names: &[&str], hidden: bool, subscribers: &mut Vec<(u
     }
 }
 
-/// True when the level holds nothing any more.
+/// Removes a subscription below a level. Returns whether the level is empty.
 fn prune<'a>(level: &mut Level, session: usize, mut names: impl Iterator<Item = &'a str>) -> bool {
     match names.next() {
         None => {

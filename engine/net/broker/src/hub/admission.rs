@@ -1,4 +1,4 @@
-//! Admission: connections without CONNECT, password checks, and removed accounts.
+//! Admission of clients: unauthenticated connections, password checks, and removed accounts.
 
 use super::Hub;
 use super::complaints::Kind;
@@ -9,7 +9,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
 use swarmwright_packets::{Connect, Packet, Refusal, reason};
 
-/// At most one in this many of the permitted connections may be unauthenticated.
+/// Inverse of the largest share of the permitted connections that may be unauthenticated.
 const UNAUTHENTICATED_PART: usize = 2;
 
 const WRONG: Refusal = Refusal::new(reason::BAD_PASSWORD, "wrong user name or password");
@@ -22,7 +22,7 @@ const BUSY: Refusal = Refusal::new(
     "many passwords are waiting to be checked; try again in a few seconds",
 );
 
-/// The network that a connection comes from: its address, of IPv6 the half that a provider gives out.
+/// Returns the network of a peer: its address, or for IPv6 the 64-bit prefix, which is what a provider assigns.
 pub fn network_of(peer: &str) -> Box<str> {
     let Ok(address) = peer.parse::<SocketAddr>() else {
         return peer.into();
@@ -37,7 +37,7 @@ pub fn network_of(peer: &str) -> Box<str> {
 }
 
 impl Hub {
-    /// Where too many connections are unauthenticated, ends the oldest one of the network that has most of them.
+    /// If there are too many unauthenticated connections, ends the oldest one of the network that has most of them.
     pub fn make_room(&mut self) {
         let clients = self.limits.clients;
         if self.unauthenticated >= (clients / UNAUTHENTICATED_PART).max(1)
@@ -47,7 +47,7 @@ impl Hub {
         }
     }
 
-    /// Ends an unauthenticated connection in favour of others; false = there is none.
+    /// Ends an unauthenticated connection in favour of others; returns false if there is none.
     pub fn end_unauthenticated(&mut self) -> bool {
         let unauthenticated = || {
             self.links
@@ -70,7 +70,7 @@ impl Hub {
         oldest.is_some()
     }
 
-    /// Checks user name and password, where there are accounts; false = the check is running.
+    /// Checks user name and password if there are accounts; returns false while the check is running.
     pub(super) fn admit(
         &mut self,
         id: usize,
@@ -106,7 +106,7 @@ impl Hub {
         }
     }
 
-    /// What wakes the broker's thread when a password has been checked.
+    /// Sets the function that wakes the broker's thread when a password has been checked.
     pub fn wake_with(&mut self, wake: Box<dyn Fn() + Send>) {
         if let Some(passwords) = &mut self.passwords {
             passwords.wake_with(wake);
@@ -153,17 +153,17 @@ impl Hub {
         answered
     }
 
-    /// When to call [`Hub::answer_checked`] again at the latest.
+    /// Returns when to call [`Hub::answer_checked`] again at the latest.
     pub fn checks_due(&self, now: Instant) -> Option<Instant> {
         self.passwords.as_ref()?.due(now)
     }
 
-    /// Whether this connection's password is still being checked.
+    /// Returns whether this connection's password is being checked.
     pub fn is_asking(&self, id: usize) -> bool {
         self.links.get(id).is_some_and(|link| link.asked.is_some())
     }
 
-    /// Applies accounts and rules from files that were read again; connections that they no longer permit are ended.
+    /// Applies reloaded accounts and rules, and ends connections that they no longer permit.
     pub fn replace(&mut self, users: Option<Users>, access: Option<Access>, now: Instant) {
         let mut gone = Vec::new();
         if let (Some(passwords), Some(users)) = (&mut self.passwords, users) {
@@ -187,7 +187,7 @@ impl Hub {
         if is_other {
             self.drop_unreadable();
         }
-        // Read access is checked when the subscribers of a topic are looked up.
+        // Cached routes depend on read access.
         self.routes.clear();
         self.settle(now);
         log::info!(
@@ -195,12 +195,13 @@ impl Hub {
         );
     }
 
-    /// Ends the connection of a removed account or of one with another password; without account the session as well.
+    /// Ends the connection of an account that was removed or has another password; without an account, ends the session
+    /// as well.
     fn end_revoked(&mut self, session: usize, has_account: bool, now: Instant) {
         let client = self.sessions[session].client_id.clone();
         if let Some(link) = self.sessions[session].link {
             let refusal = if has_account {
-                // It may connect again with its new password.
+                // The client may reconnect with the new password.
                 Refusal::new(
                     reason::ADMINISTRATIVE,
                     "the password of its account was changed",
@@ -210,7 +211,7 @@ impl Hub {
             };
             self.refuse(link, refusal, now);
         }
-        // A session is kept for a client that may reconnect; without an account it cannot.
+        // A session is kept for a client that may reconnect, which is impossible without an account.
         if !has_account && let Some(&existing) = self.by_client.get(&client) {
             self.end_session(existing, now);
         }
@@ -237,7 +238,7 @@ impl Hub {
             .say(Kind::Refused, now, || format!("{peer}: {why}"));
     }
 
-    /// Connections that are to be closed at once.
+    /// Takes the connections to close at once.
     pub fn take_dropped(&mut self) -> Vec<usize> {
         std::mem::take(&mut self.dropped)
     }

@@ -1,25 +1,25 @@
-//! Log lines about clients, limited in number: a client that causes log lines could otherwise fill the disk.
+//! Rate-limited log lines about clients; otherwise, a client could fill the disk with them.
 
 use std::time::{Duration, Instant};
 
-/// Lines of one kind that are written in each [`PERIOD`].
+/// Largest number of lines per kind in each [`PERIOD`].
 const LINES: u32 = 20;
 const PERIOD: Duration = Duration::from_secs(10);
 
-/// What a line is about; lines are limited for each kind separately.
+/// Kind of a line; each kind is limited separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A message that a client may not publish.
+    /// A denied publication.
     Denied,
-    /// A connection that was refused.
+    /// A refused connection.
     Refused,
-    /// A client that was disconnected.
+    /// A disconnected client.
     Disconnected,
-    /// Something that does not fit into a store.
+    /// Something that exceeds a limit on stored data.
     Full,
 }
 
-/// Counts lines.
+/// Counts of lines by kind.
 #[derive(Default)]
 pub struct Complaints {
     kinds: [Tally; 4],
@@ -32,7 +32,7 @@ struct Tally {
 }
 
 impl Complaints {
-    /// Writes a warning, unless there were too many of its kind.
+    /// Logs a warning, unless there were too many of its kind.
     pub fn say(&mut self, kind: Kind, now: Instant, text: impl FnOnce() -> String) {
         self.sweep_one(kind as usize, now);
         let tally = &mut self.kinds[kind as usize];
@@ -43,7 +43,7 @@ impl Complaints {
         }
     }
 
-    /// Logs how many lines were left out, once the period is over.
+    /// Logs the number of suppressed lines once the period is over.
     pub fn sweep(&mut self, now: Instant) {
         for kind in 0..self.kinds.len() {
             self.sweep_one(kind, now);

@@ -1,4 +1,4 @@
-//! The beginning and the end of connections and sessions: MQTT 5.0, chapters 3.1, 3.14 and 4.1.
+//! Start and end of connections and sessions: MQTT 5.0, chapters 3.1, 3.14 and 4.1.
 
 use super::Hub;
 use super::packets::Next;
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use swarmwright_packets::topic;
 use swarmwright_packets::{Connect, Publish, Refusal, Version, Welcome, connack, reason};
 
-/// QoS 1 and 2 messages unacknowledged in one direction of a connection.
+/// Largest number of unacknowledged QoS 1 and 2 messages in one direction of a connection.
 pub const WINDOW: u16 = 1024;
 
 impl Hub {
@@ -73,7 +73,7 @@ impl Hub {
             self.unauthenticated -= 1;
         }
         link.heard = now;
-        // Half as long again as announced: MQTT 5.0, 3.1.2.10.
+        // One and a half times the announced interval: MQTT 5.0, 3.1.2.10.
         link.keep_alive = (connect.keep_alive > 0)
             .then(|| Duration::from_secs(connect.keep_alive.into()) * 3 / 2);
         let remembered = &mut self.sessions[session];
@@ -107,7 +107,7 @@ impl Hub {
         Ok(())
     }
 
-    /// The identifier assigned to a client that sent none; None when it sent one.
+    /// Assigns an identifier to a client that sent none; `None` if it sent one.
     fn client_id(&mut self, connect: &Connect<'_>) -> Result<Option<String>, Refusal> {
         if !connect.client_id.is_empty() {
             return Ok(None);
@@ -127,7 +127,7 @@ impl Hub {
         }
     }
 
-    /// The session to continue, and whether it existed before. An earlier connection with this identifier is ended.
+    /// Returns the session to continue, and whether it existed before. Ends an earlier connection with this identifier.
     fn session_for(
         &mut self,
         client_id: &str,
@@ -140,7 +140,7 @@ impl Hub {
             let explanation = "another client connected with this client identifier";
             self.refuse(earlier, Refusal::new(reason::TAKEN_OVER, explanation), now);
         }
-        // Leaving may have ended the session.
+        // Ending the connection may have ended the session.
         if let Some(&existing) = self.by_client.get(client_id) {
             let same_user = self.sessions[existing].user.as_deref() == connect.user;
             if !connect.clean && same_user {
@@ -177,7 +177,7 @@ impl Hub {
         Ok(())
     }
 
-    /// Detaches a connection from its session; `with_will`: the will is published, at once or after its delay.
+    /// Detaches a connection from its session; `with_will`: publish the will, at once or after its delay.
     pub(super) fn leave(&mut self, id: usize, with_will: bool, now: Instant) {
         let Some(session) = self.links[id].session.take() else {
             return;
@@ -219,7 +219,7 @@ impl Hub {
         }
     }
 
-    /// Ends a session; its will is published now at the latest.
+    /// Ends a session, publishing its will if that has not been done.
     pub(super) fn end_session(&mut self, session: usize, now: Instant) {
         self.publish_will(session, now);
         let ended = self.sessions.remove(session);
@@ -239,7 +239,7 @@ impl Hub {
         let Some(mut will) = self.sessions[session].will.take() else {
             return;
         };
-        // The expiry interval starts now, not when the client connected.
+        // The expiry interval starts with the publication.
         will.message.expires = will
             .expiry
             .map(|seconds| now + Duration::from_secs(seconds.into()));

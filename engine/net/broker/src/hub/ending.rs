@@ -1,4 +1,4 @@
-//! Connections that the broker ends: because of what the client did, to free memory, and when it stops.
+//! Connections ended by the broker: because of the client's behaviour, to free memory, or when it stops.
 
 use super::Hub;
 use super::complaints::Kind;
@@ -6,7 +6,7 @@ use std::time::Instant;
 use swarmwright_packets::{Refusal, reason};
 
 impl Hub {
-    /// The broker stops: every client receives a DISCONNECT.
+    /// Sends a DISCONNECT to every client because the broker stops.
     pub fn stop(&mut self) {
         let ids: Vec<usize> = self.links.iter().map(|(id, _)| id).collect();
         for id in ids {
@@ -26,7 +26,7 @@ impl Hub {
         }
     }
 
-    /// Ends a connection because of what its client did, and reports the reason to the client and in the log.
+    /// Ends a connection because of its client's behaviour; the reason is sent to the client and logged.
     pub(super) fn refuse(&mut self, id: usize, refusal: Refusal, now: Instant) {
         let link = &mut self.links[id];
         if link.closing {
@@ -76,7 +76,7 @@ impl Hub {
         }
     }
 
-    /// Disconnects a client and drops what waits for it, which would not reach it before the connection ends.
+    /// Disconnects a client and drops its waiting messages, which would not arrive before the connection ends.
     pub(super) fn cut_off(&mut self, id: usize, explanation: &'static str, now: Instant) {
         let link = &mut self.links[id];
         let behind = link.out.len() + link.buffers;
@@ -85,7 +85,7 @@ impl Hub {
         });
         link.out.abandon();
         link.lookups.clear();
-        // The server frees them when it notices that the connection is closing.
+        // The server frees the buffers when it notices that the connection is closing.
         link.buffers = 0;
         self.recount(id);
         self.refuse(id, Refusal::new(reason::QUOTA_EXCEEDED, explanation), now);

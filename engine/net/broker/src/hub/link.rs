@@ -1,4 +1,4 @@
-//! What the hub keeps of one connection.
+//! The hub's state of one connection.
 
 use super::lookups::Lookup;
 use crate::outbox::Outbox;
@@ -7,41 +7,42 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use swarmwright_packets::{Refusal, Version, reason};
 
-/// A connection must send its CONNECT within this time.
+/// Time within which a connection must send its CONNECT.
 const INTRODUCTION: Duration = Duration::from_secs(10);
-/// Answers, bytes, that a client may leave unread; beyond that it is read later.
+/// Largest number of bytes of answers that a client may leave unread before reading from it is delayed.
 const UNREAD_ANSWERS: usize = 1 << 18;
 
-/// One connection.
+/// State of one connection.
 pub struct Link {
     pub(super) peer: String,
-    /// The network that it comes from, see `admission`.
+    /// Network of the peer, see `admission`.
     pub(super) network: Box<str>,
-    /// Its CONNECT, while its password is being checked.
+    /// CONNECT packet, while its password is being checked.
     pub(super) asked: Option<Box<[u8]>>,
     pub(super) out: Outbox,
-    /// Upper bound on the answers to the client's packets among the waiting bytes.
+    /// Upper bound on the bytes of answers to the client's packets in the outbox.
     pub(super) answers: usize,
-    /// Searches for retained messages that are not complete.
+    /// Incomplete searches for retained messages.
     pub(super) lookups: VecDeque<Lookup>,
-    /// Bytes that the server holds for it beside the outbox, and all that were counted.
+    /// Bytes that the server holds for the connection besides the outbox, and the total that was counted.
     pub(super) buffers: usize,
     pub(super) counted: usize,
-    /// When it last published messages that the broker has to store: retained, or for readers that are behind.
+    /// When the client last published messages that the broker must store: retained ones, or ones for readers that are
+    /// behind.
     pub(super) filled: Option<Instant>,
     pub(super) session: Option<usize>,
-    /// Its CONNECT has not been accepted yet.
+    /// Whether its CONNECT has not been accepted yet.
     pub(super) is_unauthenticated: bool,
-    /// It came through a Unix socket.
+    /// Whether it came through a Unix socket.
     pub(super) is_private: bool,
     pub(super) terms: Terms,
     pub(super) keep_alive: Option<Duration>,
     pub(super) heard: Instant,
     /// When the client last accepted bytes.
     pub(super) progress: Instant,
-    /// The reader whose backlog this publisher waits for.
+    /// Reader whose backlog this publisher waits for.
     pub(super) held_by: Option<usize>,
-    /// Packets that the client may send now, and when that was computed; below 0 while the client has to wait.
+    /// Number of packets that the client may send now, as of `allowed_at`; negative while the client has to wait.
     pub(super) allowance: f64,
     pub(super) allowed_at: Instant,
     pub(super) dirty: bool,
@@ -49,7 +50,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// A connection that has not sent its CONNECT. rate: packets that it may send in a second.
+    /// Creates the state before CONNECT. `rate`: packets that the client may send per second.
     pub(super) fn new(peer: String, rate: u32, now: Instant) -> Self {
         Self {
             network: super::admission::network_of(&peer),
@@ -67,7 +68,7 @@ impl Link {
             terms: Terms {
                 version: Version::Three,
                 window: 1,
-                // Until its CONNECT has said it, no reasons as text.
+                // Send no reason strings until CONNECT has announced a maximum.
                 maximum_packet: swarmwright_packets::BARE,
             },
             keep_alive: None,
@@ -81,13 +82,15 @@ impl Link {
         }
     }
 
-    /// Whether it leaves too many answers unread, or still receives the retained messages that it subscribed to.
+    /// Returns whether the client leaves too many answers unread, or is still receiving retained messages for its
+    /// subscriptions.
     pub(super) fn is_behind(&self) -> bool {
         self.answers > UNREAD_ANSWERS || !self.lookups.is_empty()
     }
 
     pub(super) fn lateness(&self, now: Instant) -> Option<Refusal> {
-        // A client that is read later may have sent a PINGREQ that was not read; accepting bytes shows that it is alive.
+        // A client whose reading is delayed may have sent a PINGREQ that was not read; accepting bytes shows that it is
+        // alive.
         let alive = if self.is_behind() {
             self.heard.max(self.progress)
         } else {

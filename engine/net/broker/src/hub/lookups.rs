@@ -1,5 +1,5 @@
-//! Retained messages for new subscriptions, looked up in slices: a client with many filters and a broker with many retained
-//! messages must not delay the other clients.
+//! Retained messages for new subscriptions, searched in slices, so that a client with many filters on a broker with
+//! many retained messages does not delay other clients.
 
 use super::Hub;
 use super::link::{Link, mark};
@@ -8,12 +8,12 @@ use crate::session::{Delivery, Session};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Topics that are examined in one slice; some 0.3 ms.
+/// Number of topics examined in one slice, which takes some 0.3 ms.
 const SLICE: usize = 2000;
-/// Bytes of messages after which a slice ends.
+/// Number of bytes of messages after which a slice ends.
 const SLICE_BYTES: usize = 1 << 20;
 
-/// The retained messages that a subscription is still to be sent.
+/// Retained messages that a subscription has not received yet.
 pub struct Lookup {
     pub search: Search,
     pub qos: u8,
@@ -21,7 +21,7 @@ pub struct Lookup {
 }
 
 impl Hub {
-    /// Begins to send retained messages; sends the first slice immediately.
+    /// Starts to send retained messages; sends the first slice immediately.
     pub(super) fn look_up(&mut self, id: usize, lookups: Vec<Lookup>, now: Instant) {
         if lookups.is_empty() {
             return;
@@ -36,8 +36,8 @@ impl Hub {
         }
     }
 
-    /// One more slice of the running searches, for the next connection in turn. To be called repeatedly while
-    /// [`Hub::is_searching`]; false = every client that waits for retained messages has to read first.
+    /// Runs one more slice of the searches, for the next connection in turn. Must be called repeatedly while
+    /// [`Hub::is_searching`] is true; returns false if all waiting clients have to read first.
     pub fn search(&mut self, now: Instant) -> bool {
         for _ in 0..self.searching.len() {
             let Some(id) = self.searching.pop_front() else {
@@ -58,19 +58,19 @@ impl Hub {
         false
     }
 
-    /// Whether searches are in progress.
+    /// Returns whether searches are in progress.
     pub fn is_searching(&self) -> bool {
         !self.searching.is_empty()
     }
 
-    /// False when nothing could be done, since the reader is behind.
+    /// Runs one slice; returns false if nothing could be done because the reader is behind.
     fn slice(&mut self, id: usize, now: Instant) -> bool {
         let link = &mut self.links[id];
         let Some(session) = link.session.filter(|_| !link.closing) else {
             link.lookups.clear();
             return true;
         };
-        // A quarter: what else is sent to this client needs room as well.
+        // Only a quarter, since other messages to this client need room as well.
         let most = self.limits.backlog / 4;
         let (mut budget, before) = (SLICE, waiting(link, &self.sessions[session]));
         if before > most {
@@ -114,7 +114,7 @@ impl Hub {
     }
 }
 
-/// Bytes on their way to a client.
+/// Returns the number of bytes on their way to a client.
 fn waiting(link: &Link, session: &Session) -> usize {
     link.out.len() + session.queued_bytes()
 }

@@ -1,11 +1,13 @@
-//! One budget of memory for everything that clients make the broker keep.
+//! One memory budget for everything that clients make the broker store.
 //!
-//! Counted by the capacity of their buffers are messages in transit to each client, incomplete packets, and what
-//! TLS and WebSocket hold; counted by size are sessions with their subscriptions and messages, and retained messages. When a quarter of
-//! the budget is left, sessions without a connection are ended, longest disconnected first; clients whose messages
-//! have to be stored (retained, or for readers that are behind) are read later; and among clients that accept nothing the one that occupies most is disconnected. When nothing is left,
-//! active clients are disconnected, too. The largest user is determined between accounts first (between addresses, where there are no
-//! accounts), and then between the connections of that account, so that many small connections do not displace a large one.
+//! Messages in transit to each client, incomplete packets, and the buffers of TLS and WebSocket are counted by
+//! capacity; sessions with their subscriptions and messages, and retained messages, are counted by size.
+//!
+//! When only a quarter of the budget is left, the broker ends sessions without a connection, longest disconnected
+//! first; delays reading from clients whose messages must be stored (retained, or for readers that are behind); and
+//! disconnects the largest user among the clients that accept nothing. When nothing is left, it disconnects active
+//! clients, too. The largest user is determined first among accounts (or addresses, if there are no accounts), and then
+//! among the connections of that account, so that many small connections do not displace a large one.
 
 use super::complaints::Kind;
 use super::link::Link;
@@ -13,20 +15,20 @@ use super::{Hub, STANDSTILL};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-/// Approximate memory of an idle connection, bytes.
+/// Approximate memory of an idle connection in bytes.
 const CONNECTION: usize = 4096;
-/// Sessions without a connection that are kept.
+/// Largest number of sessions without a connection.
 const ABSENT: usize = 4096;
-/// Time within which a client that published stored messages is read later if memory is short.
+/// How long reading from a client is delayed after it published messages that are stored, if memory is short.
 const FILLED: Duration = Duration::from_secs(1);
 
 impl Hub {
-    /// Bytes that all clients together make the broker keep, about.
+    /// Returns the approximate number of bytes that all clients make the broker store.
     pub fn memory(&self) -> usize {
         self.used + self.retained.size()
     }
 
-    /// Three quarters of the budget are used.
+    /// Returns whether three quarters of the budget are used.
     pub(super) fn is_short(&self) -> bool {
         self.memory() > self.limits.memory / 4 * 3
     }
@@ -36,7 +38,7 @@ impl Hub {
         link.filled.is_some_and(recent) && self.is_short()
     }
 
-    /// The buffers of a connection outside the hub: incomplete packets, TLS, WebSocket.
+    /// Records the buffers of a connection outside the hub: incomplete packets, TLS, WebSocket.
     pub fn note_buffers(&mut self, id: usize, bytes: usize, now: Instant) {
         if let Some(link) = self.links.get_mut(id)
             && link.buffers != bytes
@@ -48,19 +50,19 @@ impl Hub {
         }
     }
 
-    /// To be called when the outbox of a connection may have changed.
+    /// Updates the counts after the outbox of a connection may have changed.
     pub(super) fn recount(&mut self, id: usize) {
         recount(&mut self.links[id], &mut self.used);
     }
 
-    /// To be called when the session of a client may have changed.
+    /// Updates the counts after the session of a client may have changed.
     pub(super) fn recount_session(&mut self, session: usize) {
         let session = &mut self.sessions[session];
         let size = session.size();
         self.used = self.used + size - std::mem::replace(&mut session.counted, size);
     }
 
-    /// Frees memory, where the budget is used up or nearly so.
+    /// Frees memory if the budget is nearly used up.
     pub(super) fn relieve(&mut self, now: Instant) {
         while self.absent > ABSENT || (self.is_short() && self.absent > 0) {
             let Some(oldest) = self.longest_absent() else {
@@ -97,7 +99,7 @@ impl Hub {
             .map(|(id, _)| id)
     }
 
-    /// The connection with the most memory, of the account with the most memory.
+    /// Returns the connection with the most memory, of the account with the most memory.
     fn largest(&self, now: Instant, any: bool) -> Option<usize> {
         let open = || {
             self.links.iter().filter(|(_, link)| {
@@ -118,7 +120,7 @@ impl Hub {
             .map(|(id, _)| id)
     }
 
-    /// The user name, or the address of a client that has none.
+    /// Returns the user name, or the network of a client without one.
     fn account<'a>(&'a self, link: &'a Link) -> &'a str {
         let user = link
             .session

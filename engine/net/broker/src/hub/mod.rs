@@ -1,7 +1,8 @@
-//! The broker without sockets and clock: bytes and time in, bytes out.
+//! The broker without sockets and clock: received bytes and time as input, bytes to send as output.
 //!
-//! One thread owns the hub. A *link* is a connection, a *session* what the broker stores about a client; a link has a session
-//! from its CONNECT to its end. Packets for a link collect in its outbox until the server sends them.
+//! One thread owns the hub. A *link* is a connection; a *session* is the state that the broker stores for a client. A
+//! link has a session from its CONNECT to its end. Packets for a link collect in its outbox until the server sends
+//! them.
 
 mod admission;
 mod complaints;
@@ -33,23 +34,23 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use swarmwright_packets::Refusal;
 
-/// A reader that accepted nothing for this long no longer slows down its publishers.
+/// Time without accepting bytes after which a reader no longer slows down its publishers.
 const STANDSTILL: Duration = Duration::from_secs(2);
-/// A reader with more bytes than this to read is behind.
+/// Number of unread bytes above which a reader is behind.
 const BEHIND: usize = 1 << 16;
-/// What every packet costs, in units of work; and the bytes that are read, or copied for a reader, for one unit.
+/// Work of a packet in units, and the numbers of bytes that can be read, or copied for a reader, per unit.
 const WORK_OF_PACKET: usize = 4;
 const BYTES_READ_OF_WORK: usize = 32;
 const BYTES_OF_WORK: usize = 256;
 
-/// The state of the broker.
+/// State of the broker.
 pub struct Hub {
     limits: Limits,
     passwords: Option<Passwords>,
     keys: Option<Keys>,
     access: Option<Access>,
     links: Slab<Link>,
-    /// The number of unauthenticated connections, and those of them that are to be closed at once.
+    /// Number of unauthenticated connections, and those of them to close at once.
     unauthenticated: usize,
     dropped: Vec<usize>,
     sessions: Slab<Session>,
@@ -58,23 +59,23 @@ pub struct Hub {
     retained: Retained,
     /// Connections that wait for retained messages, in the order of service.
     searching: VecDeque<usize>,
-    /// The subscribers of recent topics; cleared when any subscription or session changes.
+    /// Subscribers of recent topics; cleared when any subscription or session changes.
     routes: HashMap<Box<str>, Arc<[Route]>>,
     frames: Frames,
     dirty: Vec<usize>,
     to_cut_off: Vec<usize>,
     assigned: u64,
-    /// Approximate bytes stored for links and sessions; see `memory`.
+    /// Approximate number of bytes stored for links and sessions; see `memory`.
     used: usize,
-    /// The work of all packets so far; see `work`.
+    /// Work of all packets so far; see `work`.
     work: usize,
-    /// Sessions without a connection.
+    /// Number of sessions without a connection.
     absent: usize,
     complaints: Complaints,
 }
 
 impl Hub {
-    /// An empty broker.
+    /// Creates a broker without clients.
     pub fn new(
         limits: Limits,
         passwords: Option<Passwords>,
@@ -107,7 +108,7 @@ impl Hub {
         }
     }
 
-    /// Accepts a connection; its number until `closed`. None = too many.
+    /// Accepts a connection and returns its number, valid until `closed`; `None` if there are too many.
     pub fn open(&mut self, peer: String, now: Instant) -> Option<usize> {
         let clients = self.links.len();
         if clients >= self.limits.clients || self.memory() > self.limits.memory {
@@ -127,22 +128,22 @@ impl Hub {
         Some(id)
     }
 
-    /// The connection came through a socket whose file only permitted users may open.
+    /// Records that the connection came through a socket whose file only permitted users may open.
     pub fn note_private(&mut self, id: usize) {
         self.links[id].is_private = true;
     }
 
-    /// Counts received bytes, of any content, as work.
+    /// Counts received bytes as work, whatever their content.
     pub fn note_bytes(&mut self, count: usize) {
         self.work += count / BYTES_READ_OF_WORK;
     }
 
-    /// The work that the packets of all clients have caused so far, in units of about 25 ns.
+    /// Returns the work that packets of all clients have caused so far, in units of about 25 ns.
     pub fn work(&self) -> usize {
         self.work
     }
 
-    /// The connection has been closed.
+    /// Removes a connection that has been closed.
     pub fn closed(&mut self, id: usize, now: Instant) {
         self.leave(id, true, now);
         let link = self.links.remove(id);
@@ -158,7 +159,7 @@ impl Hub {
         self.settle(now);
     }
 
-    /// Handles silent clients and expired sessions, wills and messages. To be called about once a second.
+    /// Handles silent clients and expired sessions, wills and messages. Must be called about once a second.
     pub fn tick(&mut self, now: Instant) {
         let late: Vec<(usize, Refusal)> = self
             .links
@@ -178,7 +179,7 @@ impl Hub {
         self.settle(now);
     }
 
-    /// The connections that have bytes to send or are to be closed, each once.
+    /// Takes the connections that have bytes to send or must be closed, each once.
     pub fn take_dirty(&mut self) -> Vec<usize> {
         let dirty = std::mem::take(&mut self.dirty);
         for &id in &dirty {
@@ -189,12 +190,12 @@ impl Hub {
         dirty
     }
 
-    /// What is to be sent on a connection.
+    /// Returns the outbox of a connection.
     pub fn outbox(&mut self, id: usize) -> &mut Outbox {
         &mut self.links[id].out
     }
 
-    /// The client accepted bytes.
+    /// Records that the client accepted bytes.
     pub fn sent(&mut self, id: usize, count: usize, now: Instant) {
         let link = &mut self.links[id];
         link.out.sent(count);
@@ -203,12 +204,12 @@ impl Hub {
         self.recount(id);
     }
 
-    /// Whether the connection must be closed once its outbox is empty.
+    /// Returns whether the connection must be closed once its outbox is empty.
     pub fn is_closing(&self, id: usize) -> bool {
         self.links[id].closing
     }
 
-    /// Logs what a client did.
+    /// Logs an incident with a client.
     fn complain(
         &mut self,
         kind: Kind,
@@ -230,7 +231,7 @@ impl Hub {
         });
     }
 
-    /// Has the server look at this connection, to which something was appended.
+    /// Marks a connection to which bytes were appended, so that the server sends them.
     fn mark(&mut self, id: usize) {
         mark(&mut self.links[id], id, &mut self.dirty);
         self.recount(id);

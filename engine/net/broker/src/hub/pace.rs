@@ -1,16 +1,16 @@
-//! Which clients are read later.
+//! Decisions about which clients are read later.
 
 use super::{Hub, STANDSTILL};
 use std::time::Instant;
 
 impl Hub {
-    /// Should this client not be read for now? It is too fast, does not read the answers to what it sent, waits for retained
-    /// messages, or publishes while memory is short or while an active reader is far behind.
+    /// Returns whether reading from this client is delayed: it is too fast, does not read the answers to its packets,
+    /// waits for retained messages, or publishes while memory is short or an active reader is far behind.
     pub fn is_held(&mut self, id: usize, now: Instant) -> bool {
         if self.is_too_fast(id, now) {
             return true;
         }
-        // The connection may have ended since it was noted as readable.
+        // The connection may have ended since it became readable.
         let Some(link) = self.links.get(id) else {
             return false;
         };
@@ -31,7 +31,7 @@ impl Hub {
         held
     }
 
-    /// Whether this client has exceeded its packet rate, so that it is read later.
+    /// Returns whether this client has exceeded its packet rate, so that reading from it is delayed.
     fn is_too_fast(&mut self, id: usize, now: Instant) -> bool {
         let Some(link) = self.links.get_mut(id).filter(|link| link.allowance < 0.0) else {
             return false;

@@ -1,27 +1,27 @@
-//! Packets: split off the received bytes, decoded, and dispatched.
+//! Packets: framing, decoding and dispatch.
 
 use super::{Hub, WORK_OF_PACKET};
 use std::time::Instant;
 use swarmwright_packets::{Answer, Packet, Refusal, Version, reason};
 
-/// Client identifier, will, user name and password with 64 KiB each, and properties.
+/// Largest CONNECT in bytes: client identifier, will, user name and password with 64 KiB each, and properties.
 const LARGEST_CONNECT: usize = 1 << 19;
 
-/// What to do after a packet.
+/// Next action after a packet.
 pub(super) enum Next {
-    /// Take the next one.
+    /// Process the next packet.
     Packet,
-    /// Wait until its password has been checked.
+    /// Wait until the password has been checked.
     Verdict,
 }
 
 impl Hub {
-    /// Processes received bytes; returns how many of them were complete packets. The caller keeps the rest, and passes it
-    /// again with more appended.
+    /// Processes received bytes; returns the total size of the complete packets among them. The caller keeps the rest,
+    /// and passes it again with more bytes appended.
     pub fn receive(&mut self, id: usize, bytes: &[u8], now: Instant) -> usize {
         let mut done = 0;
         let link = &mut self.links[id];
-        // Unauthenticated clients do not gain time by sending small pieces.
+        // Unauthenticated clients cannot gain time by sending small pieces.
         if link.session.is_some() {
             link.heard = now;
         }
@@ -62,14 +62,15 @@ impl Hub {
         }
     }
 
-    /// Notes the version of a client from its CONNECT, for an answer also where nothing else of it can be read.
+    /// Records the protocol version in a CONNECT, so that it can be answered even if the rest is unreadable.
     fn note_version(&mut self, id: usize, connect: &[u8]) {
         if let Some(version) = swarmwright_packets::version_of(connect) {
             self.links[id].terms.version = version;
         }
     }
 
-    /// The first packet of `bytes`, where it is complete. An unauthenticated client may send only a CONNECT.
+    /// Returns the header of the first packet in `bytes`, if complete. An unauthenticated client may send only a
+    /// CONNECT.
     fn frame(&self, id: usize, bytes: &[u8]) -> Result<Option<(u8, usize, usize)>, Refusal> {
         let is_known = self.links[id].session.is_some();
         if !is_known && bytes.first().is_some_and(|&first| first != 0x10) {
@@ -165,7 +166,7 @@ impl Hub {
         Ok(())
     }
 
-    /// Appends an answer to a packet that the client sent, unless it accepts none of that size.
+    /// Appends an answer to a packet from the client; fails if the client does not accept packets of that size.
     pub(super) fn answer(
         &mut self,
         id: usize,

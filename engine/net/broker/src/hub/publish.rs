@@ -14,20 +14,20 @@ use swarmwright_packets::{
     Answer, Outgoing, Publish, Refusal, Version, acknowledge, publish, reason,
 };
 
-/// Topics whose readers are cached.
+/// Largest number of topics whose readers are cached.
 const KNOWN_TOPICS: usize = 4096;
 
-/// One reader of a topic: all its subscriptions that match, together.
+/// One reader of a topic, with all its matching subscriptions combined.
 pub struct Route {
     session: usize,
     qos: u8,
-    /// The client does not receive messages that it published (no local).
+    /// Whether the client does not receive its own messages (no local).
     no_local: bool,
     retain_as_published: bool,
     identifiers: Box<[u32]>,
 }
 
-/// The encodings of one QoS 0 message, each made when the first reader needs it.
+/// Encodings of one QoS 0 message, each created for the first reader that needs it.
 #[derive(Default)]
 pub struct Frames {
     bytes: [Vec<u8>; 4],
@@ -63,7 +63,7 @@ fn outgoing<'a>(message: &Publish<'a>, retain: bool, identifiers: &'a [u32]) -> 
 }
 
 impl Hub {
-    /// PUBLISH from a client.
+    /// Handles a PUBLISH from a client.
     pub(super) fn published(
         &mut self,
         id: usize,
@@ -118,7 +118,7 @@ impl Hub {
             return;
         }
         let will = Arc::new(will);
-        // The expiry is not among the properties; readers at QoS 0 get the message now and do not need it.
+        // The properties do not include the expiry; readers with QoS 0 get the message now and do not need it.
         let message = Publish {
             topic: &will.topic,
             payload: &will.payload,
@@ -130,8 +130,8 @@ impl Hub {
         self.route(None, Some(session), &message, Some(&will), now);
     }
 
-    /// Sends a message to all subscribers and stores it if it is retained; returns the reason code for its publisher.
-    /// `stored` is the same message, where there is one already.
+    /// Sends a message to all subscribers, and stores it if it is retained. Returns the reason code for the publisher.
+    /// `stored` is the same message, if it has been stored before.
     fn route(
         &mut self,
         from_link: Option<usize>,
@@ -272,7 +272,7 @@ impl Hub {
     }
 }
 
-/// Appends a QoS 0 message to a reader's outbox, unless it is larger than the reader takes.
+/// Appends a QoS 0 message to a reader's outbox, unless it is larger than the reader accepts.
 fn push(
     link: &mut Link,
     frames: &mut Frames,
@@ -301,14 +301,15 @@ fn push(
     }
 }
 
-/// A reader with nothing to read is active.
+/// Counts a reader with an empty outbox as active.
 fn note_progress(link: &mut Link, now: Instant) {
     if link.out.is_empty() {
         link.progress = now;
     }
 }
 
-/// A reader that is too far behind is disconnected; for a disconnected one, the newest messages are dropped, which is logged.
+/// Handles a full queue: a connected reader is disconnected; for a disconnected one, the newest messages are dropped,
+/// which is logged once.
 fn overflow(
     session: &mut Session,
     to_cut_off: &mut Vec<usize>,

@@ -48,7 +48,7 @@ impl Hub {
         Ok(())
     }
 
-    /// Adds one subscription; whether it is new, or the reason code of its refusal.
+    /// Adds one subscription. Returns whether it is new, or the reason code of a refusal.
     fn subscribe_to(
         &mut self,
         session: usize,

@@ -1,14 +1,14 @@
-//! Accounts with random passwords, which need no slow hash.
+//! Accounts with random passwords, which do not need a slow hash.
 
 use crate::config::Account;
 use ring::digest::{Digest, SHA256, digest};
 use std::collections::HashMap;
 
-/// The accounts of a configuration, by user name.
+/// Accounts of a configuration, by user name.
 pub struct Keys(HashMap<Box<str>, Digest>);
 
 impl Keys {
-    /// Returns `None` if there are no accounts.
+    /// Returns the accounts; `None` if there are none.
     pub fn new(accounts: &[Account]) -> Option<Self> {
         let keys = accounts
             .iter()
@@ -22,7 +22,7 @@ impl Keys {
         (!keys.is_empty()).then_some(Self(keys))
     }
 
-    /// Whether this is the user's password. The time to compare two hashes reveals nothing about the password.
+    /// Returns whether this is the user's password. The time to compare two hashes reveals nothing about the password.
     pub fn admit(&self, user: &str, password: &[u8]) -> bool {
         let stored = self.0.get(user);
         stored.is_some_and(|stored| stored.as_ref() == hash(password).as_ref())

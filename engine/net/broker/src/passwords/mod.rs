@@ -1,7 +1,8 @@
-//! Passwords: the file of hashes, the order in which passwords are checked, and the threads that check them.
+//! Passwords: the file of hashes, the order of checks, and the threads that check them.
 //!
-//! A hash is slow on purpose, so the broker's event loop never computes one. The order of checks is decided by
-//! [`CheckQueue`], so that clients can log in while others guess; pairs of user and password that were right are recognized at once.
+//! Password hashes are deliberately slow, so the broker's event loop never computes one. [`CheckQueue`] orders the
+//! checks so that clients can log in while others guess; pairs of user and password that were right before are accepted
+//! at once.
 
 mod keys;
 mod queue;
@@ -19,19 +20,19 @@ use std::sync::Arc;
 use std::time::Instant;
 use workers::{Job, Workers};
 
-/// The result of a check of user and password.
+/// Result of checking a user and a password.
 #[derive(Debug, PartialEq, Eq, Clone, Copy)]
 pub enum Verdict {
     Admitted,
     Wrong,
-    /// Too many others were ahead; this one was not checked.
+    /// The password was not checked, because too many others were waiting.
     Busy,
 }
 
-/// Everything about passwords; lives in the broker's thread.
+/// State of all password checks, owned by the broker's thread.
 pub struct Passwords {
     users: Arc<Users>,
-    /// Counts reloads: what was checked with an older file is checked again.
+    /// Number of reloads; results for an older file are discarded and checked again.
     generation: u64,
     queue: CheckQueue,
     workers: Workers,
@@ -49,12 +50,12 @@ impl Passwords {
         })
     }
 
-    /// What wakes the broker's thread when a check is done.
+    /// Sets the function that wakes the broker's thread when a check is done.
     pub fn wake_with(&mut self, wake: Box<dyn Fn() + Send>) {
         self.workers.wake_with(wake);
     }
 
-    /// Whether this is the user's password. `None`: the check has to be computed, see [`Passwords::verdicts`].
+    /// Checks a password. Returns `None` if the hash must be computed, see [`Passwords::verdicts`].
     pub fn ask(
         &mut self,
         link: usize,
@@ -72,12 +73,12 @@ impl Passwords {
         None
     }
 
-    /// The connection has ended, or has been answered.
+    /// Removes a connection that has ended or has been answered.
     pub fn forget(&mut self, link: usize) {
         self.queue.forget(link);
     }
 
-    /// Results of checks, by connection. `credentials`: user and password that a connection sent.
+    /// Returns the results of checks, by connection. `credentials` returns user and password that a connection sent.
     pub fn verdicts(
         &mut self,
         now: Instant,
@@ -115,12 +116,12 @@ impl Passwords {
         answers
     }
 
-    /// When to call [`Passwords::verdicts`] again at the latest, even if no check has ended.
+    /// Returns when to call [`Passwords::verdicts`] again at the latest, even if no check has ended.
     pub fn due(&self, now: Instant) -> Option<Instant> {
         self.queue.due(now)
     }
 
-    /// Replaces the accounts; what is known about unchanged ones is kept.
+    /// Replaces the accounts; accepted pairs of unchanged accounts are kept.
     pub fn replace(&mut self, users: Users) {
         let before = std::mem::replace(&mut self.users, Arc::new(users));
         self.generation += 1;
@@ -128,12 +129,12 @@ impl Passwords {
         self.queue.keep_admitted(|user| before.is_same(after, user));
     }
 
-    /// The current accounts.
+    /// Returns the current accounts.
     pub fn users(&self) -> &Arc<Users> {
         &self.users
     }
 
-    /// Forgets allowances that are full again.
+    /// Removes allowances that are full again.
     pub fn sweep(&mut self, now: Instant) {
         self.queue.sweep(now);
     }

@@ -1,10 +1,11 @@
-//! The order in which passwords are checked, and which are refused unchecked; no I/O, time is an argument.
+//! Queue of password checks, and the decision which of them are refused unchecked; no I/O, time is an argument.
 //!
-//! Wrong passwords are charged to the network that they came from, to the account, and to a share of a processor. Checks are ordered
-//! by the number of wrong guesses, fewest first: of the network, then of the account within the network. Among equals, first come
-//! pairs that were told to retry and retry with the same password, which an attacker has no reason to do; then the newest, since an
-//! attacker that waits for answers has not sent its next guess yet. So clients from another network, or of another account, are next.
-//! Pairs that wait too long are told to retry later.
+//! Wrong passwords are charged to the network that they came from, to the account, and to a share of a processor.
+//! Checks are ordered by the number of wrong guesses, fewest first: first of the network, then of the account within
+//! the network. Among equals, pairs that were told to retry and did so with the same password come first, since an
+//! attacker has no reason to repeat a guess; then the newest, since an attacker that waits for answers has not sent its
+//! next guess yet. Clients from another network or of another account are therefore next. Pairs that wait too long are
+//! told to retry later.
 
 use ring::hmac;
 use ring::rand::SystemRandom;
@@ -12,33 +13,34 @@ use std::collections::{HashMap, HashSet, VecDeque};
 use std::io;
 use std::time::{Duration, Instant};
 
-/// Wrong passwords from one network that are checked per second, and at once.
+/// Wrong passwords from one network that are checked.
 const NETWORK_RATE: Rate = Rate {
     each_second: 8.0,
     most: 8.0,
 };
-/// Wrong passwords for one account, from networks that it has not connected from before.
+/// Wrong passwords for one account that are checked, from networks from which it has not connected before.
 const ACCOUNT_RATE: Rate = Rate {
     each_second: 4.0,
     most: 16.0,
 };
-/// Thread time that wrong passwords may take, seconds: half of a processor.
+/// Processor time in seconds that wrong passwords may take: half of a processor.
 const TOTAL_RATE: Rate = Rate {
     each_second: 0.5,
     most: 0.5,
 };
-/// How long a password waits to be checked. Tool and servers wait three seconds for an answer in MQTT 5.
+/// How long a password waits for its check. Tools and servers wait three seconds for an answer in MQTT 5.
 const MAX_WAIT: Duration = Duration::from_secs(2);
-/// Waiting passwords, from one network and in total; beyond that the oldest are told to retry later.
+/// Largest number of waiting passwords from one network and in total; beyond that, the oldest are told to retry later.
 const MAX_WAITING_PER_NETWORK: usize = 128;
 const MAX_WAITING: usize = 1024;
-/// How often waiting passwords are examined when nothing else happens.
+/// Interval between examinations of waiting passwords if nothing else happens.
 const RECHECK_INTERVAL: Duration = Duration::from_millis(20);
-/// Remembered networks from which accounts have connected, and remembered pairs that were told to retry later.
+/// Largest number of remembered networks from which accounts have connected, and of remembered pairs that were told to
+/// retry.
 const MAX_TRUSTED: usize = 4096;
 const MAX_RETURNING: usize = 16_384;
 
-/// Message authentication code of a user, or of a user and a password, under a secret of the process.
+/// Message authentication code of a user, or of a user and a password, with a secret of the process.
 pub type Key = [u8; 32];
 
 struct Rate {
@@ -46,7 +48,7 @@ struct Rate {
     most: f64,
 }
 
-/// What is left of a rate; below 0 after more was taken than it allows.
+/// Remainder of a rate; negative after more was taken than it allows.
 #[derive(Clone, Copy)]
 struct Allowance {
     level: f64,
@@ -67,48 +69,48 @@ impl Rate {
     }
 }
 
-/// A pair of user and password that waits, for all connections that sent it.
+/// A waiting pair of user and password, with all connections that sent it.
 pub struct Attempt {
     pair: Key,
     account: Key,
     network: Box<str>,
     links: Vec<usize>,
     since: Instant,
-    /// Whether a thread is checking it, and whether that counts for its account.
+    /// Whether a thread is checking the pair, and whether the check counts for its account.
     running: bool,
     counts: bool,
-    /// It was told to retry later, and did.
+    /// Whether the pair was told to retry later and did.
     returns: bool,
 }
 
-/// All waiting pairs, and what is known of networks and accounts.
+/// All waiting pairs, and the state of networks and accounts.
 pub struct CheckQueue {
     secret: hmac::Key,
-    /// Pairs that were right, with their user: hundreds of servers of one account may reconnect at once.
+    /// Accepted pairs with their user; hundreds of servers with one account may reconnect at the same time.
     admitted: HashMap<Key, Box<str>>,
-    /// Networks from which accounts have connected, with the order in which they are removed.
+    /// Networks from which accounts have connected, and the order in which they are removed.
     trusted: HashSet<(Box<str>, Key)>,
     trusted_order: VecDeque<(Box<str>, Key)>,
-    /// Sorted by age, the oldest first.
+    /// Waiting pairs, the oldest first.
     attempts: Vec<Attempt>,
     /// Connections whose pairs were displaced by others.
     displaced: Vec<usize>,
-    /// Pairs that were told to retry later, with the order in which they are removed.
+    /// Pairs that were told to retry later, and the order in which they are removed.
     returning: HashSet<Key>,
     returning_order: VecDeque<Key>,
     networks: HashMap<Box<str>, Allowance>,
-    /// Of accounts within a network, and in all.
+    /// Allowances of accounts within a network, and in total.
     origins: HashMap<(Box<str>, Key), Allowance>,
     accounts: HashMap<Key, Allowance>,
     all: Option<Allowance>,
     workers: usize,
     running: usize,
-    /// No pair can be next before.
+    /// Time before which no pair can be next.
     recheck_at: Option<Instant>,
 }
 
 impl CheckQueue {
-    /// An empty queue for this number of threads.
+    /// Creates an empty queue for this number of threads.
     pub fn new(workers: usize) -> io::Result<Self> {
         let secret = hmac::Key::generate(hmac::HMAC_SHA256, &SystemRandom::new())
             .map_err(|_| io::Error::other("the operating system provides no random numbers"))?;
@@ -131,7 +133,7 @@ impl CheckQueue {
         })
     }
 
-    /// The message authentication code of these parts.
+    /// Returns the message authentication code of these parts.
     pub fn key(&self, parts: &[&[u8]]) -> Key {
         let mut context = hmac::Context::with_key(&self.secret);
         for part in parts {
@@ -143,7 +145,7 @@ impl CheckQueue {
         key
     }
 
-    /// Whether this pair was right before; its account is then trusted on this network.
+    /// Returns whether this pair was accepted before; if so, its account is trusted on this network.
     pub fn is_admitted(&mut self, pair: &Key, network: &str, account: Key) -> bool {
         let is_known = self.admitted.contains_key(pair);
         if is_known {
@@ -152,7 +154,7 @@ impl CheckQueue {
         is_known
     }
 
-    /// Keeps only the pairs of these users.
+    /// Keeps only the accepted pairs of these users.
     pub fn keep_admitted(&mut self, keep: impl Fn(&str) -> bool) {
         self.admitted.retain(|_, user| keep(user));
     }
@@ -217,7 +219,7 @@ impl CheckQueue {
         }
     }
 
-    /// The connection no longer waits.
+    /// Removes a connection that no longer waits.
     pub fn forget(&mut self, link: usize) {
         for attempt in &mut self.attempts {
             attempt.links.retain(|other| *other != link);
@@ -226,7 +228,7 @@ impl CheckQueue {
             .retain(|attempt| attempt.running || !attempt.links.is_empty());
     }
 
-    /// The next pair to be checked, and a connection that sent it.
+    /// Returns the next pair to check, and a connection that sent it.
     pub fn next(&mut self, now: Instant) -> Option<(Key, usize)> {
         if self.running >= self.workers || self.recheck_at.is_some_and(|at| now < at) {
             return None;
@@ -266,7 +268,7 @@ impl CheckQueue {
             }
             let within = ACCOUNT_RATE.level(self.origins.get(&origin), now);
             let rank = (network, within, attempt.returns, is_trusted);
-            // Of two equals the newest, which is later in the list.
+            // Prefer the newest of equals, which is later in the list.
             if best.is_none_or(|(_, before)| rank >= before) {
                 best = Some((index, rank));
             }
@@ -286,7 +288,8 @@ impl CheckQueue {
         }
     }
 
-    /// A check has ended. took: processor time; `user`: the user, where the password is right. Returns the waiting connections.
+    /// Records the end of a check. `took`: processor time; `user`: the user if the password is right. Returns the
+    /// waiting connections.
     pub fn ended(
         &mut self,
         pair: &Key,
@@ -313,7 +316,7 @@ impl CheckQueue {
         attempt.links
     }
 
-    /// A pair has to be checked again, since the password file has changed.
+    /// Queues a pair again, because the password file has changed.
     pub fn repeat(&mut self, pair: &Key, now: Instant) {
         let mut attempts = self.attempts.iter_mut();
         if let Some(attempt) = attempts.find(|attempt| attempt.running && attempt.pair == *pair) {
@@ -328,7 +331,7 @@ impl CheckQueue {
             .retain(|attempt| attempt.running || !attempt.links.is_empty());
     }
 
-    /// Connections that have waited too long, or were displaced.
+    /// Takes the connections that have waited too long or were displaced.
     pub fn late(&mut self, now: Instant) -> Vec<usize> {
         let mut late = std::mem::take(&mut self.displaced);
         let mut pairs = Vec::new();
@@ -346,7 +349,7 @@ impl CheckQueue {
         late
     }
 
-    /// When to examine the queue again, if a pair waits.
+    /// Returns when to examine the queue again, if a pair waits.
     pub fn due(&self, now: Instant) -> Option<Instant> {
         let waits =
             self.running < self.workers && self.attempts.iter().any(|attempt| !attempt.running);

@@ -1,4 +1,4 @@
-//! One user's password as a password file keeps it, and the making of such a line.
+//! Password hashes in a password file: reading, checking, and creation.
 
 use crate::BrokerError;
 use argon2::{
@@ -14,28 +14,28 @@ use std::hint::black_box;
 use std::io;
 use std::num::NonZeroU32;
 
-/// Parameters of argon2 and iterations of PBKDF2 beyond these are a mistake: checking one password would take all memory,
-/// or a thread for minutes.
+/// Upper limits for the parameters of argon2 and the iterations of PBKDF2; with larger ones, checking one password
+/// would take all memory, or minutes of a thread.
 const MOST_MEMORY: u32 = 1 << 20; // KiB
 const MOST_PASSES: u32 = 100;
 const MOST_ITERATIONS: u32 = 10_000_000;
 
-/// KiB that a thread keeps for the next password.
+/// Largest memory in KiB that a thread keeps for the next password.
 const MOST_KEPT: usize = 64 << 10;
 
-/// Bytes of a hash that PBKDF2 with SHA-512 computes at a time.
+/// Number of bytes of a hash that PBKDF2 with SHA-512 computes at a time.
 const BLOCK: usize = 64;
-/// The longest hash that is taken.
+/// Largest accepted length of a hash in bytes.
 const LONGEST: usize = 4 * BLOCK;
 
 const HINT: &str =
     "write the line again with `swarmwright broker --add-user FILE NAME` or mosquitto_passwd";
 
-/// What a password is compared with.
+/// A password hash.
 pub enum Secret {
     /// `$argon2id$v=19$m=...,t=...,p=...$salt$hash`, RFC 9106.
     Argon2(Box<str>),
-    /// `$7$iterations$salt$hash`: PBKDF2 with HMAC-SHA-512, as `mosquitto_passwd` writes it.
+    /// `$7$iterations$salt$hash`: PBKDF2 with HMAC-SHA-512, as written by `mosquitto_passwd`.
     Pbkdf2 {
         iterations: NonZeroU32,
         salt: Vec<u8>,
@@ -44,7 +44,7 @@ pub enum Secret {
 }
 
 impl Secret {
-    /// Reads the part of the line behind the user name; the error never repeats it.
+    /// Parses the part of a line after the user name; errors never repeat it.
     pub fn read(text: &str) -> Result<Self, String> {
         if text.starts_with("$argon2") {
             return match PasswordHash::new(text) {
@@ -95,7 +95,7 @@ impl Secret {
         })
     }
 
-    /// Of PBKDF2's, what it costs: each block of the hash is computed for itself.
+    /// Returns the total iterations of PBKDF2; each block of the hash is computed separately.
     fn iterations(&self) -> u32 {
         match self {
             Self::Argon2(_) => 0,
@@ -107,11 +107,11 @@ impl Secret {
         }
     }
 
-    /// Whether this is the password.
+    /// Returns whether this is the password.
     pub fn is(&self, password: &[u8]) -> bool {
         match self {
             Self::Argon2(text) => PasswordHash::new(text).is_ok_and(|hash| {
-                // Compared in constant time.
+                // The comparison takes constant time.
                 hash.hash.is_some() && argon2_of(password, &hash) == hash.hash
             }),
             Self::Pbkdf2 {
@@ -132,11 +132,11 @@ impl Secret {
 
 thread_local! {
     /// Memory of argon2's last computation in this thread. If it were allocated anew each time, the system's allocator
-    /// would keep it several times.
+    /// would retain several copies of it.
     static BLOCKS: RefCell<Vec<Block>> = const { RefCell::new(Vec::new()) };
 }
 
-/// The hash of a password with the salt and the parameters of another hash.
+/// Returns the hash of a password with the salt and the parameters of another hash.
 fn argon2_of(password: &[u8], like: &PasswordHash) -> Option<Output> {
     let algorithm = Algorithm::try_from(like.algorithm).ok()?;
     let version = like
@@ -161,17 +161,17 @@ fn argon2_of(password: &[u8], like: &PasswordHash) -> Option<Output> {
     })
 }
 
-/// The computation that the hashes of a password file need. Every check does all of it, for any user.
+/// Total computation for the hashes of a password file. Every check performs all of it, whatever the user.
 #[derive(Default)]
 pub struct Costs {
-    /// One hash of each set of argon2's parameters, by the parameters.
+    /// One hash for each set of argon2's parameters, by the parameters.
     argon2: BTreeMap<String, Box<str>>,
-    /// Most iterations of PBKDF2 that a password takes.
+    /// Largest number of iterations of PBKDF2 for a password.
     iterations: u32,
 }
 
 impl Costs {
-    /// Notes what this one costs.
+    /// Includes the computation for a hash.
     pub fn include(&mut self, secret: &Secret) {
         match secret {
             Secret::Argon2(text) => {
@@ -183,7 +183,7 @@ impl Costs {
         }
     }
 
-    /// Whether this is the password of the secret, if there is one. Every check takes as long as that of the costliest secret.
+    /// Returns whether this is the password of the secret, if there is one. The time does not depend on the secret.
     pub fn check(&self, secret: Option<&Secret>, password: &[u8]) -> bool {
         let is_right = secret.is_some_and(|secret| secret.is(password));
         let (spent, done) = match secret {
@@ -206,17 +206,17 @@ impl Costs {
     }
 }
 
-/// The part of an argon2 hash that says what it costs: all but salt and hash.
+/// Returns the parameters of an argon2 hash: everything but salt and hash.
 fn parameters(text: &str) -> String {
     let parts: Vec<&str> = text.split('$').collect();
     parts[..parts.len().saturating_sub(2)].join("$")
 }
 
-/// The argon2id hash of a password with a new salt, for a password file: 19 MiB of memory, 2 passes, 1 lane, the
-/// parameters that OWASP's Password Storage Cheat Sheet names first.
+/// Returns the argon2id hash of a password with a new salt, for a password file: 19 MiB of memory, 2 passes, 1 lane,
+/// the parameters that OWASP's Password Storage Cheat Sheet names first.
 ///
 /// # Errors
-/// The operating system gives no random numbers.
+/// Fails if the operating system provides no random numbers.
 pub fn hash_password(password: &str) -> Result<String, BrokerError> {
     let salt: [u8; 16] = random()?;
     SaltString::encode_b64(&salt)
@@ -228,10 +228,11 @@ pub fn hash_password(password: &str) -> Result<String, BrokerError> {
         .map_err(|error| system(&error))
 }
 
-/// The `$7$` hash of a password with a new salt, as Mosquitto 2 reads it: PBKDF2-HMAC-SHA-512 with `iterations` rounds.
+/// Returns the `$7$` hash of a password with a new salt, as read by Mosquitto 2: PBKDF2-HMAC-SHA-512 with `iterations`
+/// rounds.
 ///
 /// # Errors
-/// The operating system provides no random numbers, or there are too many iterations.
+/// Fails if the operating system provides no random numbers, or if there are too many iterations.
 pub fn hash_for_mosquitto(password: &str, iterations: NonZeroU32) -> Result<String, BrokerError> {
     if iterations.get() > MOST_ITERATIONS {
         return Err(system(&format!(
@@ -299,7 +300,7 @@ mod tests {
         }
     }
 
-    /// Hashes of another make (OpenSSL 3) are read, whatever their cost.
+    /// Hashes of another implementation (OpenSSL 3) are read, whatever their cost.
     #[test]
     fn a_hash_of_another_make_with_other_parameters() {
         let secret = Secret::read(OPENSSL).unwrap();

@@ -1,24 +1,24 @@
-//! The password file: `user:hash` lines, as `mosquitto_passwd` and `swarmwright broker --add-user` write them.
+//! The password file: `user:hash` lines, as written by `mosquitto_passwd` and `swarmwright broker --add-user`.
 
 use super::secret::{Costs, Secret};
 use crate::{BrokerError, lines};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// The accounts that may connect.
+/// Accounts that may connect.
 pub struct Users {
     accounts: HashMap<Box<str>, Account>,
     costs: Costs,
 }
 
 struct Account {
-    /// As the file has it: to see whether it has changed.
+    /// Hash as in the file, to detect changes.
     line: Box<str>,
     secret: Secret,
 }
 
 impl Users {
-    /// Reads lines `user:hash`.
+    /// Reads a file with lines `user:hash`.
     pub fn read(path: &Path) -> Result<Self, BrokerError> {
         let mut accounts = HashMap::new();
         let mut costs = Costs::default();
@@ -44,15 +44,15 @@ impl Users {
         Ok(Self { accounts, costs })
     }
 
-    /// Whether this is the user's password. It takes the same time whether or not the user exists, for any kind of hash of
-    /// its password: response times do not reveal which names exist.
+    /// Returns whether this is the user's password. The check takes the same time for existing and unknown users and
+    /// all kinds of hashes, so response times do not reveal which names exist.
     pub fn admit(&self, user: &str, password: &[u8]) -> bool {
         let account = self.accounts.get(user);
         self.costs
             .check(account.map(|account| &account.secret), password)
     }
 
-    /// Whether the account exists here and in `other`, with the same hash.
+    /// Returns whether the account exists both here and in `other` with the same hash.
     pub fn is_same(&self, other: &Self, user: &str) -> bool {
         match (self.accounts.get(user), other.accounts.get(user)) {
             (Some(account), Some(other)) => account.line == other.line,
@@ -60,7 +60,7 @@ impl Users {
         }
     }
 
-    /// Whether there is such an account.
+    /// Returns whether the account exists.
     pub fn has(&self, user: &str) -> bool {
         self.accounts.contains_key(user)
     }

@@ -1,4 +1,4 @@
-//! The threads that compute hashes.
+//! Threads that compute password hashes.
 
 use super::queue::Key;
 use super::users::Users;
@@ -8,10 +8,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// At most; half of the processors, else.
+/// Largest number of threads; otherwise, half of the processors are used.
 const MOST: usize = 4;
 
-/// A password to be checked.
+/// A password to check.
 pub struct Job {
     pub users: Arc<Users>,
     pub generation: u64,
@@ -20,19 +20,19 @@ pub struct Job {
     pub password: Vec<u8>,
 }
 
-/// A password that was checked.
+/// A checked password.
 pub struct Done {
     pub generation: u64,
     pub pair: Key,
     pub user: String,
     pub is_right: bool,
-    /// Processor time that the check took.
+    /// Processor time of the check.
     pub took: Duration,
 }
 
 type Wake = Arc<Mutex<Box<dyn Fn() + Send>>>;
 
-/// The threads, with what goes to them and comes from them. They end with this.
+/// The threads and their channels; dropping it ends the threads.
 pub struct Workers {
     jobs: Option<Sender<Job>>,
     results: Receiver<Done>,
@@ -119,7 +119,8 @@ fn work(queue: &Mutex<Receiver<Job>>, results: &Sender<Done>, wake: &Wake) {
     }
 }
 
-/// For how long this thread has had a processor, where the system tells: on a busy machine a check takes longer than it costs.
+/// Returns the processor time of this thread, if the system reports it; on a busy machine, a check takes longer than
+/// that.
 fn cpu_time() -> Option<Duration> {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     text.split(' ')

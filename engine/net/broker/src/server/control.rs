@@ -1,4 +1,4 @@
-//! What other threads tell a running server: to stop, or to use files that were read again.
+//! Control of a running server by other threads: stopping it, or replacing reloaded files.
 
 use crate::access::Access;
 use crate::passwords::Users;
@@ -7,14 +7,14 @@ use rustls::ServerConfig;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Files that were read again.
+/// Contents of reloaded files.
 pub struct Renewal {
     pub tls: Option<Arc<ServerConfig>>,
     pub users: Option<Users>,
     pub access: Option<Access>,
 }
 
-/// Ends a running server from another thread, or gives it other files.
+/// A handle that stops a running server from another thread, or replaces its files.
 pub struct Stopper {
     pub(super) stop: Arc<AtomicBool>,
     pub(super) renewal: Arc<Mutex<Option<Renewal>>>,
@@ -27,7 +27,7 @@ impl Stopper {
         self.wake();
     }
 
-    /// What is in force from the server's next turn on.
+    /// Sets the contents that apply from the server's next turn on.
     pub fn renew(&self, renewal: Renewal) {
         *self.renewal.lock().unwrap_or_else(PoisonError::into_inner) = Some(renewal);
         self.wake();

@@ -1,4 +1,4 @@
-//! The listening sockets, and what happens to a connection that one of them accepts.
+//! Listening sockets, and the setup of accepted connections.
 
 use super::{FIRST, Server};
 use crate::BrokerError;
@@ -26,7 +26,7 @@ pub enum Listener {
     #[cfg(unix)]
     Unix {
         socket: UnixListener,
-        /// Of its clients, which have no addresses.
+        /// Name of its clients, which have no addresses.
         peer: String,
     },
 }
@@ -40,7 +40,7 @@ impl Listener {
         }
     }
 
-    /// A client that waits, and how to name it.
+    /// Accepts a waiting client, and returns its name for messages.
     fn accept(&self) -> io::Result<(Socket, String)> {
         match self {
             Self::Tcp { socket, .. } => {
@@ -56,7 +56,7 @@ impl Listener {
     }
 }
 
-/// The sockets that a broker listens on, and where they are.
+/// The sockets on which a broker listens, and their addresses.
 pub struct Listening {
     pub listeners: Vec<Listener>,
     pub address: Option<SocketAddr>,
@@ -66,7 +66,7 @@ pub struct Listening {
 }
 
 impl Listening {
-    /// Listens where a configuration says, with errors that say how to fix it.
+    /// Listens on all addresses of a configuration.
     pub fn new(config: &Config) -> Result<Self, BrokerError> {
         let mut listening = Self {
             listeners: Vec::new(),
@@ -170,7 +170,8 @@ impl Server {
                         error.kind(),
                         ErrorKind::Interrupted | ErrorKind::ConnectionAborted
                     ) => {}
-                // Most likely no file descriptors are left: an unauthenticated connection is ended. The next tick tries again.
+                // Most likely there are no file descriptors left, so end an unauthenticated connection. The next tick
+                // tries again.
                 Err(error) => {
                     self.hub.report_refused("a client", error, now);
                     if !self.hub.end_unauthenticated() {
@@ -182,14 +183,14 @@ impl Server {
         }
     }
 
-    /// What is between MQTT and the socket of a client of a listener.
+    /// Creates the layers between MQTT and the socket of a listener's client.
     fn layers(&self, listener: &Listener) -> Result<Option<Layers>, String> {
         match listener {
             Listener::Tcp { websocket, .. } => {
                 let origins = websocket.then(|| Arc::clone(&self.origins));
                 Layers::new(self.tls.as_ref(), origins)
             }
-            // What goes through it does not leave this machine.
+            // The bytes do not leave this machine.
             #[cfg(unix)]
             Listener::Unix { .. } => Ok(None),
         }

@@ -1,6 +1,7 @@
-//! The event loop: all sockets in one thread.
+//! Event loop: all sockets in one thread.
 //!
-//! Everything that arrived since the last turn is routed first, then each connection's bytes are sent with one system call.
+//! Everything that has arrived since the last turn is routed first; then each connection's bytes are sent with one
+//! system call.
 
 mod control;
 mod listening;
@@ -25,21 +26,21 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 const TICK: Duration = Duration::from_secs(1);
-/// How often the broker checks whether it can read a publisher that is held back.
+/// Interval between checks whether publishers that are held back can be read.
 const HELD: Duration = Duration::from_millis(2);
 /// How long a closing connection has to send its last packets.
 const LINGER: Duration = Duration::from_secs(2);
-/// How many times a connection is read before the others are.
+/// Largest number of reads of one connection before the others get their turn.
 const CHUNKS: usize = 4;
-/// The work of all reads of one turn together, in units of `Hub::work`: half a millisecond.
+/// Work of all reads of one turn together, in units of `Hub::work`: half a millisecond.
 const TURN: usize = 1 << 14;
-/// The smallest share of that work for one connection.
+/// Smallest share of that work for one connection.
 const LEAST_SHARE: usize = 256;
 const WAKE: Token = Token(usize::MAX);
-/// Connections have the tokens after those of the listeners.
+/// Number of the first token of connections, after those of the listeners.
 const FIRST: usize = 3;
 
-/// The server before it runs.
+/// The server, before it runs.
 pub struct Server {
     poll: Poll,
     listeners: Vec<Listener>,
@@ -47,9 +48,9 @@ pub struct Server {
     origins: Arc<Origins>,
     hub: Hub,
     connections: Vec<Option<Connection>>,
-    /// Connections with bytes that may be waiting.
+    /// Connections that may have unread bytes.
     ready: Vec<usize>,
-    /// Every client that waits for retained messages has to read first.
+    /// Whether all clients that wait for retained messages have to read first.
     stuck: bool,
     chunk: Box<[u8]>,
     stop: Arc<AtomicBool>,
@@ -57,7 +58,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// A server on sockets that listen already.
+    /// Creates a server on sockets that already listen.
     pub fn new(
         mut listeners: Vec<Listener>,
         tls: Option<Arc<ServerConfig>>,
@@ -113,7 +114,8 @@ impl Server {
                 _ => {}
             }
             now = Instant::now();
-            // First, because there are no ticks while no client is connected, and the next client must not find an expired session.
+            // Tick first: there are no ticks while no client is connected, and the next client must not find an expired
+            // session.
             if now - last_tick >= TICK {
                 last_tick = now;
                 self.tick(now);
@@ -135,7 +137,7 @@ impl Server {
         self.flush_all(now);
     }
 
-    /// How long to wait for sockets.
+    /// Returns how long to wait for sockets.
     fn poll_timeout(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
         let checks = self.hub.checks_due(now);
         let checks = checks.map(|due| due.saturating_duration_since(now));
@@ -181,7 +183,7 @@ impl Server {
         }
     }
 
-    /// Takes over files that were read again.
+    /// Applies reloaded files.
     fn renew(&mut self, now: Instant) {
         let renewal = self
             .renewal
@@ -189,13 +191,13 @@ impl Server {
             .unwrap_or_else(PoisonError::into_inner)
             .take();
         if let Some(renewal) = renewal {
-            // Connections that there are go on with what they agreed on.
+            // Existing connections keep their negotiated parameters.
             self.tls = renewal.tls;
             self.hub.replace(renewal.users, renewal.access, now);
         }
     }
 
-    /// Answers clients whose passwords have been checked, and reads on.
+    /// Answers clients whose passwords have been checked, and continues to read from them.
     fn admit(&mut self, now: Instant) {
         for id in self.hub.answer_checked(now) {
             if let Some(Some(connection)) = self.connections.get_mut(id)
@@ -207,7 +209,7 @@ impl Server {
         }
     }
 
-    /// Reads a connection and has its packets handled, until they have cost their share.
+    /// Reads from a connection and handles its packets, until they have used up their share of work.
     fn read(&mut self, id: usize, share: usize, now: Instant) {
         let before = self.hub.work();
         for _ in 0..CHUNKS {
@@ -218,7 +220,7 @@ impl Server {
             let Some(Some(connection)) = self.connections.get_mut(id) else {
                 return;
             };
-            // A client that has gone while its password is being checked needs no answer.
+            // A client that leaves while its password is being checked needs no answer.
             if connection.is_ended && self.hub.is_asking(id) {
                 return self.close(id, now);
             }
@@ -239,7 +241,7 @@ impl Server {
                         self.flush(id, now);
                         return self.close(id, now);
                     }
-                    // A short read has emptied the socket; the next bytes are a new event.
+                    // A short read has emptied the socket; further bytes cause a new event.
                     if count < portion && !connection.is_ended {
                         connection.is_ready = false;
                         return;
@@ -272,7 +274,7 @@ impl Server {
     }
 
     fn flush_all(&mut self, now: Instant) {
-        // Closing a connection may publish its will, which makes others dirty.
+        // Closing a connection may publish its will, which makes other connections dirty.
         loop {
             let dirty = self.hub.take_dirty();
             if dirty.is_empty() {
@@ -296,7 +298,8 @@ impl Server {
         if outcome.is_ok() && !self.hub.is_closing(id) {
             return;
         }
-        // The client reads the last packets, then the end. The broker waits for the client's end: a reset would discard them.
+        // The client reads the last packets and then the end. Wait for the client to close, since a reset would discard
+        // them.
         let is_over = match outcome {
             Ok(true) => connection.finish().is_err(),
             Ok(false) => false,

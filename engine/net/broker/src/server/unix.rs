@@ -1,4 +1,4 @@
-//! The file of a Unix socket: it is created for its owner alone, replaced where its broker has ended, and removed at the end.
+//! The file of a Unix socket: created for its owner alone, replaced if its broker has ended, and removed at the end.
 
 use crate::BrokerError;
 use socket2::{Domain, SockAddr, Socket, Type};
@@ -11,13 +11,13 @@ use std::thread;
 use std::time::Duration;
 use swarmwright_sockets::LONGEST_PATH;
 
-/// Connections that wait to be accepted; the system may allow fewer.
+/// Largest number of connections that wait to be accepted; the system may allow fewer.
 const BACKLOG: i32 = 4096;
-/// How often the lock of the folder is tried, and the pause between.
+/// Number of attempts to lock the folder, and the pause between them.
 const TRIES: usize = 50;
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// The file of a socket that this process listens on; dropping it removes it.
+/// File of a socket on which this process listens; dropping it removes the file.
 pub struct SocketFile {
     path: PathBuf,
     identity: (u64, u64),
@@ -31,7 +31,7 @@ impl SocketFile {
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        // Another one may have been put in its place.
+        // Another broker may have replaced the file.
         let is_same =
             fs::symlink_metadata(&self.path).is_ok_and(|file| identity(&file) == self.identity);
         if is_same && let Err(error) = fs::remove_file(&self.path) {
@@ -44,11 +44,11 @@ fn identity(file: &Metadata) -> (u64, u64) {
     (file.dev(), file.ino())
 }
 
-/// Listens at a path. A file that a broker left behind there is replaced.
+/// Listens at a path, replacing a stale file of an earlier broker.
 pub fn listen(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile), BrokerError> {
     let path = std::path::absolute(path).map_err(|error| refused(path, &error))?;
     let address = SockAddr::unix(&path).map_err(|_| wrong(&path, too_long(&path)))?;
-    // Of two brokers that start at once, one must not remove the other's file before it listens there.
+    // If two brokers start at the same time, neither may remove the other's file before it listens.
     let lock = lock(path.parent().unwrap_or(&path));
     let socket =
         Socket::new(Domain::UNIX, Type::STREAM, None).map_err(|error| refused(&path, &error))?;
@@ -65,7 +65,7 @@ pub fn listen(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile), Brok
         identity: identity(&metadata),
         path,
     };
-    // Before it listens, no client can connect, whatever the mode is.
+    // No client can connect before the socket listens, whatever its mode.
     fs::set_permissions(&file.path, Permissions::from_mode(mode))
         .and_then(|()| socket.listen(BACKLOG))
         .map_err(|error| refused(&file.path, &error))?;
@@ -73,7 +73,7 @@ pub fn listen(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile), Brok
     Ok((socket.into(), file))
 }
 
-/// A lock on the folder, where one can be had.
+/// Locks the folder; `None` if this takes too long.
 fn lock(folder: &Path) -> Option<File> {
     let folder = File::open(folder).ok()?;
     for _ in 0..TRIES {

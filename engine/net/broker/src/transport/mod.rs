@@ -15,10 +15,10 @@ use std::io::{ErrorKind, Read, Write};
 use std::sync::Arc;
 use websocket::WebSocket;
 
-/// Approximate memory of TLS for a connection in bytes.
+/// Approximate memory of TLS per connection in bytes.
 const TLS: usize = 32 << 10;
 
-/// The layers of one connection, with the bytes that wait for its socket.
+/// Layers of one connection, with the bytes that wait for its socket.
 pub struct Layers {
     tls: Option<Box<ServerConnection>>,
     websocket: Option<WebSocket>,
@@ -26,7 +26,7 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// The layers of a new connection; None when there are none. `websocket`: the web pages that may connect.
+    /// Creates the layers of a new connection; `None` if there are none. `websocket`: the web pages that may connect.
     pub fn new(
         tls: Option<&Arc<ServerConfig>>,
         websocket: Option<Arc<Origins>>,
@@ -38,7 +38,7 @@ impl Layers {
             Some(config) => {
                 let mut connection =
                     ServerConnection::new(Arc::clone(config)).map_err(|error| error.to_string())?;
-                // The outbox is bounded, and no more than a piece of it is ever in here.
+                // The outbox is bounded, and at most a piece of it is in this buffer.
                 connection.set_buffer_limit(None);
                 Some(Box::new(connection))
             }
@@ -51,17 +51,17 @@ impl Layers {
         }))
     }
 
-    /// Bytes for the socket.
+    /// Returns the bytes for the socket.
     pub fn outgoing(&mut self) -> &mut Outbox {
         &mut self.to_send
     }
 
-    /// Bytes that wait for the socket.
+    /// Returns the number of bytes that wait for the socket.
     pub fn waiting(&self) -> usize {
         self.to_send.len()
     }
 
-    /// Bytes of memory that it holds, about.
+    /// Returns the approximate bytes of memory that the layers hold.
     pub fn held(&self) -> usize {
         let tls = if self.tls.is_some() { TLS } else { 0 };
         self.to_send.capacity() + tls
@@ -91,13 +91,13 @@ impl Layers {
                 _ => {}
             }
         }
-        // An alert says why the handshake failed.
+        // Send an alert with the reason if the handshake failed.
         self.encrypt()?;
         outcome?;
         self.unwrapped(&plain, mqtt)
     }
 
-    /// Takes MQTT bytes for the client.
+    /// Wraps MQTT bytes for the client.
     pub fn send(&mut self, mqtt: &[u8]) -> Result<(), String> {
         match &self.websocket {
             Some(_) => {

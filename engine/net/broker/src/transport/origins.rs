@@ -1,20 +1,21 @@
-//! Which web pages may connect: any page that a user of this machine opens can have the browser open a WebSocket to it.
+//! Web pages that may connect: any page that a user of this machine opens can make the browser open a WebSocket to it.
 
 use crate::BrokerError;
 use std::io;
 use std::net::IpAddr;
 
-/// The pages that may connect, by their origin (RFC 6454).
+/// Pages that may connect, by origin (RFC 6454).
 #[derive(Debug, Default)]
 pub struct Origins {
     allowed: Vec<String>,
     any: bool,
-    /// Browsers have checked that the host of the request is this one.
+    /// Whether TLS is used, so that browsers have verified the host of the request.
     tls: bool,
 }
 
 impl Origins {
-    /// `allowed`: as `https://dashboard.example.org` or `http://localhost:8000`, `*` for all, `null` for files.
+    /// Creates the rules. `allowed`: origins such as `https://dashboard.example.org` or `http://localhost:8000`, `*`
+    /// for all, `null` for files.
     pub fn new(allowed: &[String], tls: bool) -> Result<Self, BrokerError> {
         for origin in allowed {
             let host = origin.split_once("://").map(|(_, host)| host);
@@ -38,7 +39,8 @@ impl Origins {
         })
     }
 
-    /// Whether a page of this origin may connect to the host that it asked for. Clients other than browsers send no origin.
+    /// Returns whether a page of this origin may connect to the requested host. Clients other than browsers send no
+    /// origin.
     pub fn allow(&self, origin: Option<&str>, host: Option<&str>) -> bool {
         let Some(origin) = origin else {
             return true;
@@ -52,12 +54,12 @@ impl Origins {
         };
         let host = host.to_ascii_lowercase();
         let (page, host) = (name(page), name(&host));
-        // Without a certificate an attacker can point a domain name at this machine and serve a page under it.
+        // Without a certificate, an attacker can point a domain name at this machine and serve a page under it.
         page == host && (self.tls || is_literal(host))
     }
 }
 
-/// The host of `host:port`.
+/// Returns the host of `host:port`.
 fn name(authority: &str) -> &str {
     match authority.strip_prefix('[') {
         Some(rest) => rest.split(']').next().unwrap_or_default(),
@@ -65,7 +67,7 @@ fn name(authority: &str) -> &str {
     }
 }
 
-/// Whether this is a host whose address other parties cannot change.
+/// Returns whether others cannot change the address of this host.
 fn is_literal(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok()
 }
@@ -95,7 +97,7 @@ mod tests {
                 Some("localhost:9001"),
                 false,
             ),
-            // A domain of the page that resolves to this machine.
+            // A domain of the attacker's page that resolves to this machine.
             (
                 Some("http://evil.example"),
                 Some("evil.example:9001"),

@@ -1,4 +1,4 @@
-//! TLS: the certificate and its key, and the authorities that clients' certificates are verified by.
+//! TLS: the certificate and its key, and the authorities that sign certificates of clients.
 
 use crate::BrokerError;
 use rustls::crypto::ring::default_provider;
@@ -11,8 +11,8 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Reads a certificate chain and its private key, both PEM; with `client_ca` every client needs a certificate that is signed by
-/// an authority in that file.
+/// Reads a certificate chain and its private key, both PEM. With `client_ca`, every client needs a certificate signed
+/// by an authority in that file.
 pub fn server_config(
     certificate: &Path,
     key: &Path,
@@ -41,7 +41,7 @@ pub fn server_config(
     Ok(Arc::new(config))
 }
 
-/// The certificates of a file, one at least.
+/// Reads the certificates in a file, which must contain at least one.
 fn certificates(
     purpose: &'static str,
     path: &Path,
@@ -55,7 +55,7 @@ fn certificates(
     Ok(certificates)
 }
 
-/// What accepts certificates of clients that an authority in the file has signed.
+/// Creates a verifier of client certificates, which must be signed by an authority in the file.
 fn verifier(authorities: &Path) -> Result<Arc<dyn ClientCertVerifier>, BrokerError> {
     let purpose = "certificate authority of clients";
     let invalid = |wrong: String| BrokerError::Invalid {

@@ -1,5 +1,6 @@
-//! WebSocket, server side: RFC 6455, as far as MQTT needs it (MQTT 5.0, chapter 6). tungstenite reads the request and the
-//! headers of frames; payloads are passed on as they arrive and not assembled to messages (docs/decisions/011-websocket.md).
+//! WebSocket server (RFC 6455), as far as MQTT needs it (MQTT 5.0, chapter 6). tungstenite parses the request and the
+//! headers of frames; payloads are passed on as they arrive, without assembling messages
+//! (docs/decisions/011-websocket.md).
 
 use super::Origins;
 use std::borrow::Cow;
@@ -11,25 +12,25 @@ use tungstenite::http::HeaderMap;
 use tungstenite::protocol::frame::FrameHeader;
 use tungstenite::protocol::frame::coding::{Control, Data, OpCode};
 
-/// The longest request for an upgrade that is read, bytes.
+/// Largest size in bytes of an upgrade request.
 const MAX_REQUEST: usize = 16 << 10;
-/// The longest header of a frame, bytes.
+/// Largest size in bytes of a frame header.
 const MAX_HEADER: usize = 14;
-/// The longest payload of a control frame, bytes.
+/// Largest size in bytes of a control frame's payload.
 const MAX_CONTROL: u64 = 125;
 const BAD_REQUEST: &str = "400 Bad Request";
 const EXPECTED: &str = "this port speaks MQTT over WebSocket; expected a GET request with an upgrade to WebSocket version 13";
 
-/// Frame of binary data.
+/// Opcode of a frame with binary data.
 pub const BINARY: OpCode = OpCode::Data(Data::Binary);
 const CLOSE: OpCode = OpCode::Control(Control::Close);
 const PONG: OpCode = OpCode::Control(Control::Pong);
 
-/// One connection, from its HTTP request on.
+/// State of one connection, from its HTTP request on.
 pub struct WebSocket {
     origins: Arc<Origins>,
     is_open: bool,
-    /// The part received so far of the request, of a frame header, or of the payload of a control frame.
+    /// Received part of the request, of a frame header, or of the payload of a control frame.
     partial: Vec<u8>,
     frame: Option<Incoming>,
 }
@@ -37,13 +38,13 @@ pub struct WebSocket {
 /// A frame whose payload is being received.
 struct Incoming {
     opcode: OpCode,
-    /// The mask, rotated to the next byte of the payload.
+    /// Mask, rotated to the next byte of the payload.
     mask: [u8; 4],
     left: u64,
 }
 
 impl WebSocket {
-    /// A connection that sends its request next.
+    /// Creates the state before the request.
     pub fn new(origins: Arc<Origins>) -> Self {
         Self {
             origins,
@@ -53,7 +54,7 @@ impl WebSocket {
         }
     }
 
-    /// Takes bytes; appends what is for MQTT to `mqtt` and answers to `replies`.
+    /// Processes received bytes; MQTT bytes are appended to `mqtt`, and answers to `replies`.
     pub fn received(
         &mut self,
         bytes: &[u8],
@@ -80,7 +81,7 @@ impl WebSocket {
     fn request<'a>(&mut self, bytes: &'a [u8], replies: &mut Vec<u8>) -> Result<&'a [u8], String> {
         let before = self.partial.len();
         self.partial.extend_from_slice(bytes);
-        // A request that arrives byte by byte is not searched again from its start.
+        // Do not search from the start again if a request arrives byte by byte.
         let from = before.saturating_sub(3);
         let blank_line = self.partial[from..]
             .windows(4)
@@ -170,13 +171,13 @@ impl WebSocket {
 }
 
 impl Incoming {
-    /// Appends the payload that is in `bytes` to `target`; returns what follows it.
+    /// Appends the payload in `bytes` to `target`; returns the bytes after it.
     fn unmask<'a>(&mut self, bytes: &'a [u8], target: &mut Vec<u8>) -> &'a [u8] {
         let length = usize::try_from(self.left).map_or(bytes.len(), |left| left.min(bytes.len()));
         let (payload, rest) = bytes.split_at(length);
         let start = target.len();
         target.extend_from_slice(payload);
-        // By words, which is faster than by bytes.
+        // Processing words is faster than bytes.
         let (words, tail) = target[start..].as_chunks_mut::<4>();
         let mask = u32::from_ne_bytes(self.mask);
         for word in words {
@@ -191,13 +192,13 @@ impl Incoming {
     }
 }
 
-/// Says that the client violates the protocol (1002).
+/// Closes the connection because of a protocol error (1002).
 fn refuse(wrong: String, replies: &mut Vec<u8>) -> String {
     frame(replies, CLOSE, &1002u16.to_be_bytes());
     wrong
 }
 
-/// Appends a whole frame, unmasked as a server's frames are; an empty one only where it is a control frame.
+/// Appends a complete frame, unmasked as required of servers. An empty data frame is omitted.
 pub fn frame(out: &mut Vec<u8>, opcode: OpCode, payload: &[u8]) {
     let header = FrameHeader {
         opcode,
@@ -206,12 +207,12 @@ pub fn frame(out: &mut Vec<u8>, opcode: OpCode, payload: &[u8]) {
     if payload.is_empty() && matches!(opcode, OpCode::Data(_)) {
         return;
     }
-    // Writing to a vector does not fail.
+    // Writing to a vector cannot fail.
     let _ = header.format(payload.len() as u64, out);
     out.extend_from_slice(payload);
 }
 
-/// The answer to a request for an upgrade, or the status and what is wrong with the request.
+/// Returns the answer to an upgrade request, or the HTTP status and the problem.
 fn answer(request: &[u8], origins: &Origins) -> Result<String, (&'static str, String)> {
     let bad = |wrong: &str| (BAD_REQUEST, wrong.to_owned());
     let explain = |error: tungstenite::Error| bad(&format!("{EXPECTED} ({error})"));
@@ -232,7 +233,7 @@ fn answer(request: &[u8], origins: &Origins) -> Result<String, (&'static str, St
         return Err(("403 Forbidden", wrong));
     }
     let accept = text(response.headers(), "Sec-WebSocket-Accept").unwrap_or_default();
-    // Not with `write_response`, which writes the names of headers in lower case.
+    // `write_response` would write header names in lower case.
     Ok(format!(
         "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept}\r\nSec-WebSocket-Protocol: {protocol}\r\n\r\n"
     ))
@@ -291,7 +292,7 @@ mod tests {
         }
     }
 
-    /// A connection after its request.
+    /// Creates a connection that has handled its request.
     fn open() -> WebSocket {
         let mut socket = WebSocket::new(Arc::default());
         let (mut mqtt, mut replies) = (Vec::new(), Vec::new());
@@ -334,7 +335,7 @@ mod tests {
             let wrong = socket.received(head, &mut mqtt, &mut replies).unwrap_err();
             assert!(wrong.contains(reason), "{head:x?}: {wrong}");
             assert!(mqtt.is_empty());
-            // Close, 1002.
+            // Close frame, code 1002.
             assert_eq!(replies, [0x88, 2, 0x03, 0xea]);
         }
     }
