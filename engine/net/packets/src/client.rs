@@ -1,7 +1,7 @@
-//! MQTT 3.1.1 and 5.0 as a client sees it.
+//! MQTT 3.1.1 and 5.0 from the client's side.
 //!
-//! A client of this crate asks for no QoS 2, no topic aliases and no enhanced authentication, and subscribes once and for all: packets
-//! that would belong to these are refused.
+//! Clients of this crate never use QoS 2, topic aliases or enhanced authentication, and never unsubscribe; packets that
+//! belong to these features are refused.
 
 mod encode;
 
@@ -11,58 +11,58 @@ use crate::decode::{Side, acknowledge, check_flags, identifier, publish as read_
 use crate::properties::{self as p, Value, each};
 use crate::{Answer, Publish, Refusal, Version, reader::Reader, reason};
 
-/// A packet that a broker may send, borrowed from what was received.
+/// A packet from a broker, borrowed from the received bytes.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Packet<'a> {
     /// The answer to CONNECT.
     Connack(Connack<'a>),
     /// A message.
     Publish(Publish<'a>),
-    /// The answer to a message at QoS 1.
+    /// Answer to a QoS 1 message.
     Puback {
         /// Packet identifier of the message.
         id: u16,
-        /// Reason code, 0 in MQTT 3.
+        /// Reason code; 0 in MQTT 3.
         code: u8,
-        /// The broker's reason as text.
+        /// Reason string of the broker.
         text: Option<&'a str>,
     },
-    /// The answer to a subscription.
+    /// Answer to a subscription.
     Suback {
         /// Packet identifier of the SUBSCRIBE.
         id: u16,
-        /// For each filter the granted QoS, or the reason code of a refusal.
+        /// For each filter, the granted QoS or the reason code of a refusal.
         codes: &'a [u8],
-        /// The broker's reason as text.
+        /// Reason string of the broker.
         text: Option<&'a str>,
     },
-    /// The answer to a ping.
+    /// Answer to a ping.
     Pong,
     /// The broker ends the connection (MQTT 5).
     Disconnect {
         /// Reason code.
         code: u8,
-        /// The broker's reason as text.
+        /// Reason string of the broker.
         text: Option<&'a str>,
     },
 }
 
-/// The answer to CONNECT, as far as a client needs it.
+/// Answer to CONNECT, as far as a client needs it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Connack<'a> {
-    /// Reason code of MQTT 5; return codes of MQTT 3 are translated.
+    /// Reason code of MQTT 5; return codes of MQTT 3 are converted.
     pub code: u8,
-    /// The broker's reason as text.
+    /// Reason string of the broker.
     pub text: Option<&'a str>,
-    /// The broker has a session of this client from before.
+    /// Whether the broker has an earlier session of this client.
     pub present: bool,
-    /// Keep-alive interval that replaces the one in CONNECT, seconds, 0 = none.
+    /// Keep-alive interval in seconds that replaces the one in CONNECT; 0 for none.
     pub keep_alive: Option<u16>,
-    /// QoS 1 and 2 messages that the broker accepts before it acknowledges one.
+    /// Largest number of unacknowledged QoS 1 and 2 messages that the broker accepts.
     pub receive_maximum: u16,
-    /// The largest packet that the broker accepts, bytes.
+    /// Size in bytes of the largest packet that the broker accepts.
     pub maximum_packet: u32,
-    /// The highest QoS of messages that the broker accepts.
+    /// Highest QoS that the broker accepts.
     pub maximum_qos: u8,
     /// Whether the broker retains messages for later subscribers.
     pub retains: bool,
@@ -88,10 +88,10 @@ const OF_CONNACK: &[u8] = &[
     p::SHARED_AVAILABLE,
 ];
 
-/// Reads one packet; `first` is its first byte, `body` what follows the fixed header.
+/// Decodes one packet; `first` is its first byte, `body` the bytes after the fixed header.
 ///
 /// # Errors
-/// The bytes are not a packet that a broker may send to such a client.
+/// Fails if the bytes are not a packet that a broker may send to such a client.
 pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Refusal> {
     let mut reader = Reader::new(body);
     let reader = &mut reader;
@@ -138,8 +138,8 @@ pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Re
     Ok(packet)
 }
 
-/// Topic, not checked, and payload of a message at QoS 0 without properties, as nearly all are. [`decode`] reads it too, in twice
-/// the time.
+/// Returns the unchecked topic and the payload of a QoS 0 message without properties, which nearly all messages are.
+/// [`decode`] handles them too, but takes twice the time.
 #[inline]
 #[must_use]
 pub fn bare(first: u8, body: &[u8], version: Version) -> Option<(&[u8], &[u8])> {
@@ -168,7 +168,7 @@ fn connack<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Connack<'a>,
         maximum_qos: 2,
         retains: true,
     };
-    // Brokers of MQTT 3 alone answer a CONNECT of MQTT 5 in their own way.
+    // Brokers that support only MQTT 3 answer a CONNECT of MQTT 5 in the old format.
     if version == Version::Three || (code == 1 && reader.is_empty()) {
         connack.code = match code {
             0 => reason::SUCCESS,

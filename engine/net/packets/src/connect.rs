@@ -3,45 +3,45 @@
 use crate::properties::{self as p, Value, each};
 use crate::{Refusal, Version, reader::Reader, reason};
 
-/// The contents of a CONNECT.
+/// Contents of a CONNECT.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Connect<'a> {
-    /// The rules of the connection.
+    /// Protocol version of the connection.
     pub version: Version,
-    /// Empty where the broker is to choose one.
+    /// Client identifier; empty if the broker should choose one.
     pub client_id: &'a str,
-    /// Discard an earlier session with this identifier (clean start).
+    /// Whether to discard an earlier session with this identifier (clean start).
     pub clean: bool,
-    /// Keep-alive interval in seconds; 0 = none.
+    /// Keep-alive interval in seconds; 0 for none.
     pub keep_alive: u16,
-    /// Seconds that the session outlives the connection, `u32::MAX` = for ever.
+    /// Seconds that the session outlives the connection; `u32::MAX` for ever.
     pub session_expiry: u32,
-    /// QoS 1 and 2 messages that the client accepts before it acknowledges one.
+    /// Largest number of unacknowledged QoS 1 and 2 messages that the client accepts.
     pub receive_maximum: u16,
-    /// The largest packet that the client accepts, bytes.
+    /// Size in bytes of the largest packet that the client accepts.
     pub maximum_packet: u32,
-    /// Published when the client is lost.
+    /// Message that is published when the client is lost.
     pub will: Option<Will<'a>>,
     /// User name.
     pub user: Option<&'a str>,
-    /// Any bytes.
+    /// Password, of arbitrary bytes.
     pub password: Option<&'a [u8]>,
 }
 
-/// What is published when the client is lost.
+/// A message that is published when the client is lost.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Will<'a> {
-    /// As sent, which may be one that cannot be published to.
+    /// Topic as sent, which may be invalid for publishing.
     pub topic: &'a str,
-    /// The message.
+    /// Payload of the message.
     pub payload: &'a [u8],
-    /// Those of the PUBLISH to come, the will delay taken out.
+    /// Properties of the later PUBLISH, without the will delay.
     pub properties: Vec<u8>,
-    /// 0 to 2.
+    /// Quality of service, 0 to 2.
     pub qos: u8,
-    /// Whether the broker keeps it.
+    /// Whether the broker should retain the message.
     pub retain: bool,
-    /// Seconds between the loss and the message.
+    /// Seconds between the loss and the publication.
     pub delay: u32,
 }
 
@@ -66,7 +66,7 @@ const OF_WILL: &[u8] = &[
     p::USER_PROPERTY,
 ];
 
-/// The version of a CONNECT, as far as it can be read: a client is refused in its own.
+/// Returns the version in a CONNECT, if readable, so that a client is refused in its own version.
 pub fn version_of(body: &[u8]) -> Option<Version> {
     let mut reader = Reader::new(body);
     match (reader.string().ok()?, reader.u8().ok()?) {
@@ -92,7 +92,7 @@ pub fn connect<'a>(reader: &mut Reader<'a>) -> Result<Connect<'a>, Refusal> {
     let flags = reader.u8()?;
     let will_qos = flags >> 3 & 3;
     let has_will = flags & 0x04 != 0;
-    // MQTT 3.1 leaves the lowest bit to any use.
+    // MQTT 3.1 does not define the lowest bit.
     let is_reserved = flags & 1 != 0 && name == "MQTT";
     if is_reserved || will_qos == 3 || (!has_will && flags & 0x38 != 0) {
         return Err(Refusal::malformed(

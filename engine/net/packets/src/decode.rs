@@ -1,26 +1,26 @@
-//! Bytes to packets: MQTT 5.0 and 3.1.1, chapters 2 and 3.
+//! Decoding of packets: MQTT 5.0 and 3.1.1, chapters 2 and 3.
 
 use crate::connect::{Connect, connect};
 use crate::properties::{self as p, Value, each};
 use crate::topic;
 use crate::{Refusal, Version, reader::Reader, reason};
 
-/// A packet that a client may send, borrowed from what was received.
+/// A packet from a client, borrowed from the received bytes.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Packet<'a> {
-    /// The first packet.
+    /// CONNECT, the first packet.
     Connect(Connect<'a>),
     /// A message.
     Publish(Publish<'a>),
-    /// PUBACK, PUBREC, PUBREL, PUBCOMP: packet identifier and reason code.
+    /// PUBACK, PUBREC, PUBREL or PUBCOMP, with packet identifier and reason code.
     Acknowledge(Answer, u16, u8),
     /// SUBSCRIBE.
     Subscribe {
         /// Packet identifier.
         id: u16,
-        /// Subscription identifier, MQTT 5.
+        /// Subscription identifier (MQTT 5).
         identifier: Option<u32>,
-        /// At least one.
+        /// Topic filters, at least one.
         filters: Vec<Filter<'a>>,
     },
     /// UNSUBSCRIBE.
@@ -32,11 +32,11 @@ pub enum Packet<'a> {
     },
     /// PINGREQ.
     Ping,
-    /// The last packet.
+    /// DISCONNECT, the last packet.
     Disconnect {
-        /// Reason code, 0 in MQTT 3.
+        /// Reason code; 0 in MQTT 3.
         reason: u8,
-        /// Replaces the value in CONNECT, seconds.
+        /// Seconds that replace the session expiry in CONNECT.
         session_expiry: Option<u32>,
     },
 }
@@ -54,35 +54,35 @@ pub enum Answer {
     Complete = 7,
 }
 
-/// A message from a client.
+/// A message, as received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Publish<'a> {
-    /// As sent: empty, or with wildcards, where the other side is wrong.
+    /// Topic as sent; it may be empty or have wildcards if the sender is faulty.
     pub topic: &'a str,
-    /// The message.
+    /// Payload of the message.
     pub payload: &'a [u8],
-    /// As received, checked, without their length.
+    /// Properties as received and checked, without their length.
     pub properties: &'a [u8],
-    /// 0 to 2.
+    /// Quality of service, 0 to 2.
     pub qos: u8,
-    /// Whether it is retained.
+    /// Retain flag.
     pub retain: bool,
-    /// 0 at QoS 0.
+    /// Packet identifier; 0 for QoS 0.
     pub id: u16,
 }
 
-/// One line of a SUBSCRIBE.
+/// One filter of a SUBSCRIBE, with its options.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Filter<'a> {
-    /// As sent; in MQTT 5 its wildcards may not be valid.
+    /// Filter as sent; in MQTT 5, its wildcards may be invalid.
     pub filter: &'a str,
-    /// The highest QoS wanted, 0 to 2.
+    /// Highest requested QoS, 0 to 2.
     pub qos: u8,
-    /// Without the messages of the same client (MQTT 5).
+    /// Whether to exclude messages of the same client (MQTT 5).
     pub no_local: bool,
-    /// With the flag as the publisher set it (MQTT 5).
+    /// Whether to keep the retain flag as published (MQTT 5).
     pub retain_as_published: bool,
-    /// 0: send retained messages, 1: only when the subscription is new, 2: never.
+    /// 0: send retained messages; 1: only if the subscription is new; 2: never.
     pub retain_handling: u8,
 }
 
@@ -100,7 +100,8 @@ const OF_PUBLISH: &[u8] = &[
 const OF_PUBACK: &[u8] = &[0x00, 0x10, 0x80, 0x83, 0x87, 0x90, 0x91, 0x97, 0x99];
 const OF_PUBREL: &[u8] = &[0x00, 0x92];
 
-/// First byte, length of the fixed header and length of the body of the packet that `bytes` start with; None = more bytes needed.
+/// Returns the first byte, the length of the fixed header and the length of the body of the packet at the start of
+/// `bytes`; `None` if more bytes are needed.
 pub fn frame(bytes: &[u8], maximum: usize) -> Result<Option<(u8, usize, usize)>, Refusal> {
     let Some((&first, rest)) = bytes.split_first() else {
         return Ok(None);
@@ -127,7 +128,7 @@ pub fn frame(bytes: &[u8], maximum: usize) -> Result<Option<(u8, usize, usize)>,
     }
 }
 
-/// Reads one packet; `first` is its first byte, `body` what follows the fixed header.
+/// Decodes one packet; `first` is its first byte, `body` the bytes after the fixed header.
 pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Refusal> {
     let mut reader = Reader::new(body);
     let reader = &mut reader;
@@ -154,7 +155,7 @@ pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Re
     Ok(packet)
 }
 
-/// Refuses a packet other than PUBLISH whose first byte has other flags than its type demands.
+/// Checks the flags in the first byte of a packet other than PUBLISH.
 pub(crate) fn check_flags(first: u8) -> Result<(), Refusal> {
     let is_right = match first >> 4 {
         3 => true,
@@ -214,7 +215,7 @@ pub(crate) fn publish<'a>(
     })
 }
 
-/// Packet identifier, reason code and reason string of an answer to a PUBLISH.
+/// Reads packet identifier, reason code and reason string of an answer to a PUBLISH.
 pub(crate) fn acknowledge<'a>(
     kind: Answer,
     reader: &mut Reader<'a>,
@@ -321,7 +322,7 @@ fn disconnect<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a
     })
 }
 
-/// A topic filter. MQTT 5 has a reason code for one whose wildcards are not valid; MQTT 3 ends the connection (3.1.1, 4.8).
+/// Reads a topic filter. MQTT 5 has a reason code for invalid wildcards; MQTT 3 ends the connection (3.1.1, 4.8).
 fn filter<'a>(reader: &mut Reader<'a>, version: Version) -> Result<&'a str, Refusal> {
     match reader.string()? {
         "" => Err(Refusal::malformed("an empty topic filter")),

@@ -1,33 +1,33 @@
-//! Packets to bytes, appended to a buffer.
+//! Encoding of packets, appended to a buffer.
 
 use crate::decode::Answer;
 use crate::{Version, properties as p, reason};
 
-/// A message on its way to one client.
+/// A message to one client.
 #[derive(Clone, Copy, Debug)]
 pub struct Outgoing<'a> {
     /// Topic name.
     pub topic: &'a str,
-    /// The message.
+    /// Payload of the message.
     pub payload: &'a [u8],
-    /// Without the message expiry interval if part of it has passed.
+    /// Encoded properties, without the message expiry interval if part of it has passed.
     pub properties: &'a [u8],
-    /// Remaining seconds, written in addition to `properties`.
+    /// Remaining seconds of the expiry, written in addition to `properties`.
     pub expiry: Option<u32>,
-    /// Subscription identifiers of the subscriptions that match.
+    /// Identifiers of the matching subscriptions.
     pub identifiers: &'a [u32],
-    /// 0 to 2.
+    /// Quality of service, 0 to 2.
     pub qos: u8,
-    /// Whether it is retained.
+    /// Retain flag.
     pub retain: bool,
-    /// Whether it may have been sent before.
+    /// Duplicate flag: whether it may have been sent before.
     pub again: bool,
-    /// 0 at QoS 0.
+    /// Packet identifier; 0 for QoS 0.
     pub id: u16,
 }
 
 impl Outgoing<'_> {
-    /// Bytes of all properties, without their length.
+    /// Returns the length in bytes of all properties, without their length field.
     fn properties_length(&self) -> usize {
         let expiry = self.expiry.map_or(0, |_| 5);
         let identifiers = self.identifiers.iter();
@@ -37,7 +37,7 @@ impl Outgoing<'_> {
         expiry + identifiers + self.properties.len()
     }
 
-    /// Bytes of the packet without its fixed header.
+    /// Returns the length in bytes of the packet without its fixed header.
     pub(crate) fn length(&self, version: Version) -> usize {
         let id = if self.qos > 0 { 2 } else { 0 };
         let properties = match version {
@@ -76,19 +76,19 @@ pub fn publish(out: &mut Vec<u8>, message: &Outgoing<'_>, version: Version) {
     out.extend_from_slice(message.payload);
 }
 
-/// The properties of a CONNACK of MQTT 5.
+/// Properties of a CONNACK (MQTT 5).
 pub struct Welcome<'a> {
-    /// The identifier of a client that left the choice to the broker.
+    /// Identifier assigned to a client that sent none.
     pub assigned_id: Option<&'a str>,
-    /// Seconds, where it is not what the client asked for.
+    /// Session expiry in seconds, if it differs from the client's request.
     pub session_expiry: Option<u32>,
-    /// QoS 1 and 2 messages that the broker accepts before it acknowledges one.
+    /// Largest number of unacknowledged QoS 1 and 2 messages that the broker accepts.
     pub receive_maximum: u16,
-    /// The largest packet that the broker accepts, bytes.
+    /// Size in bytes of the largest packet that the broker accepts.
     pub maximum_packet: u32,
 }
 
-/// The CONNACK of a client that is accepted.
+/// Encodes the CONNACK for an accepted client.
 pub fn connack(version: Version, present: bool, welcome: &Welcome<'_>) -> Vec<u8> {
     if version == Version::Three {
         return vec![0x20, 2, u8::from(present), 0];
@@ -118,8 +118,8 @@ pub fn connack(version: Version, present: bool, welcome: &Welcome<'_>) -> Vec<u8
     out
 }
 
-/// Appends the CONNACK of a client that is refused, with the reason as text where the client takes packets of that size. MQTT 3
-/// has codes for some reasons; without one the connection is closed without an answer.
+/// Appends the CONNACK for a refused client, with a reason string if the client accepts packets of that size. MQTT 3
+/// has codes for some reasons; for others the connection is closed without an answer.
 pub fn refuse(
     out: &mut Vec<u8>,
     code: u8,
@@ -134,7 +134,7 @@ pub fn refuse(
                 reason::BAD_CLIENT_ID => 2,
                 reason::BAD_PASSWORD => 4,
                 reason::NOT_AUTHORIZED => 5,
-                // MQTT 3.1.1, 3.1.4: a CONNECT that breaks the rules.
+                // MQTT 3.1.1, 3.1.4: a CONNECT that violates the protocol.
                 reason::MALFORMED | reason::PROTOCOL_ERROR => return,
                 _ => 3,
             };
@@ -144,11 +144,11 @@ pub fn refuse(
     }
 }
 
-/// Bytes of the largest packet that `explained` appends without text.
+/// Size in bytes of the largest packet that `explained` appends without a reason string.
 pub const BARE: usize = 5;
 
-/// Appends a packet of MQTT 5 with a reason as text, which is left out where the packet would become too large with it. Nothing is
-/// appended for a client that accepts not even that.
+/// Appends a packet of MQTT 5 with a reason string, which is omitted if the packet would become too large. Appends
+/// nothing if the client does not even accept that.
 fn explained(out: &mut Vec<u8>, first: u8, head: &[u8], explanation: &str, maximum_packet: usize) {
     let properties = 3 + explanation.len();
     let length = head.len() + size_of_variable(properties) + properties;
@@ -206,7 +206,7 @@ fn answer(out: &mut Vec<u8>, first: u8, id: u16, codes: &[u8], version: Version)
         out.push(0);
         out.extend(codes);
     } else {
-        // 3.1.1 has only one code for a refusal.
+        // MQTT 3.1.1 has only one code for a refusal.
         out.extend(codes.iter().map(|&code| code.min(0x80)));
     }
 }
@@ -216,8 +216,8 @@ pub fn pingresp(out: &mut Vec<u8>) {
     out.extend([0xd0, 0]);
 }
 
-/// Appends a DISCONNECT, with its reason as text where the client takes packets of that size; in MQTT 3 there are no reasons: nothing is
-/// appended.
+/// Appends a DISCONNECT, with a reason string if the client accepts packets of that size. Appends nothing in MQTT 3, in
+/// which brokers do not send this packet.
 pub fn disconnect(
     out: &mut Vec<u8>,
     code: u8,
@@ -242,7 +242,7 @@ pub(crate) fn variable(out: &mut Vec<u8>, mut value: usize) {
     }
 }
 
-/// Size in bytes of a packet whose body has `length` bytes.
+/// Returns the size in bytes of a packet whose body has `length` bytes.
 pub(crate) fn size_with_header(length: usize) -> usize {
     1 + size_of_variable(length) + length
 }
@@ -257,7 +257,7 @@ fn size_of_variable(value: usize) -> usize {
 }
 
 pub(crate) fn string(out: &mut Vec<u8>, text: &str) {
-    // None is longer: it was received with a two-byte length, or checked.
+    // No text is longer: it was received with a two-byte length, or has been checked.
     out.extend((text.len() as u16).to_be_bytes());
     out.extend_from_slice(text.as_bytes());
 }

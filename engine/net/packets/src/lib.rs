@@ -1,10 +1,10 @@
-//! The packets of MQTT 3.1, 3.1.1 and 5.0: borrowed from the bytes received, appended to a buffer.
+//! Packets of MQTT 3.1, 3.1.1 and 5.0: decoded by borrowing from the received bytes, encoded by appending to a buffer.
 //!
-//! Here is what both sides need, and MQTT as a broker sees it: [`decode`] reads what clients send. MQTT as a client sees it is
-//! in [`client`]. Neither side keeps any state or does I/O.
+//! The crate root has the parts that both sides need, and the broker's side: [`decode`] decodes packets from clients.
+//! The client's side is in [`client`]. Neither side keeps state or does I/O.
 //!
-//! Properties of a PUBLISH are checked, then kept as the bytes they were: user properties, response topic and the others
-//! pass through the broker unchanged and in order, as MQTT 5.0 (3.3.2.3) demands.
+//! Properties of a PUBLISH are checked, then kept as raw bytes: user properties, response topic and the others pass
+//! through the broker unchanged and in order, as MQTT 5.0 (3.3.2.3) requires.
 
 #[cfg(test)]
 #[global_allocator]
@@ -27,7 +27,7 @@ pub use encode::{
 };
 pub use properties::{expiry_of, without_expiry};
 
-/// Which rules a connection follows.
+/// Protocol version of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Version {
     /// MQTT 3.1 and 3.1.1: no properties, short reason codes.
@@ -36,17 +36,17 @@ pub enum Version {
     Five,
 }
 
-/// Why a connection has to end: a reason code and, for the log, the rule that was broken.
+/// Reason to end a connection: a reason code and, for the log, the violated rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refusal {
     /// MQTT 5.0 reason code.
     pub reason: u8,
-    /// The same in words.
+    /// Description of the reason.
     pub what: &'static str,
 }
 
 impl Refusal {
-    /// A refusal with its reason code and words.
+    /// Creates a refusal from a reason code and a description.
     pub const fn new(reason: u8, explanation: &'static str) -> Self {
         Self {
             reason,
@@ -54,12 +54,12 @@ impl Refusal {
         }
     }
 
-    /// Bytes that are not a valid MQTT packet.
+    /// Creates the refusal of bytes that are not a valid MQTT packet.
     pub const fn malformed(explanation: &'static str) -> Self {
         Self::new(reason::MALFORMED, explanation)
     }
 
-    /// A packet that is not allowed here.
+    /// Creates the refusal of a packet that is not allowed here.
     pub const fn protocol(explanation: &'static str) -> Self {
         Self::new(reason::PROTOCOL_ERROR, explanation)
     }

@@ -3,7 +3,7 @@
 use crate::topic;
 use crate::{Refusal, reader::Reader};
 
-/// The value of a property, by its data type.
+/// Value of a property, by data type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Value<'a> {
     Byte(u8),
@@ -43,9 +43,9 @@ pub const WILDCARD_AVAILABLE: u8 = 0x28;
 pub const SUBSCRIPTION_IDS_AVAILABLE: u8 = 0x29;
 pub const SHARED_AVAILABLE: u8 = 0x2a;
 
-/// Reads the length and then each property, refusing those not `allowed` and those that occur twice (user properties may,
-/// and subscription identifiers in what a broker sends).
-/// Returns the bytes of all properties, without the length.
+/// Reads the length and then each property. Properties that are not `allowed` or occur twice are refused, except that
+/// user properties may be repeated, and so may subscription identifiers from a broker. Returns the bytes of all
+/// properties, without the length.
 pub fn each<'a>(
     reader: &mut Reader<'a>,
     allowed: &[u8],
@@ -77,7 +77,7 @@ pub fn each<'a>(
     Ok(all)
 }
 
-/// Reads properties of which only the reason string is of interest.
+/// Reads properties and returns the reason string.
 pub fn explanation<'a>(
     reader: &mut Reader<'a>,
     allowed: &[u8],
@@ -92,10 +92,10 @@ pub fn explanation<'a>(
     Ok(text)
 }
 
-/// Refuses values that a property may not have in any packet.
+/// Refuses values that a property must not have in any packet.
 fn check(id: u8, value: Value<'_>) -> Result<(), Refusal> {
     match (id, value) {
-        // Those of one byte are all flags.
+        // All one-byte properties are flags.
         (_, Value::Byte(2..)) => Err(Refusal::protocol("a property is neither 0 nor 1")),
         (RECEIVE_MAXIMUM, Value::Short(0)) | (MAXIMUM_PACKET_SIZE, Value::Long(0)) => Err(
             Refusal::protocol("a maximum packet size or receive maximum of 0"),
@@ -108,7 +108,7 @@ fn check(id: u8, value: Value<'_>) -> Result<(), Refusal> {
     }
 }
 
-/// Like `each`, for properties that were checked before.
+/// Like `each`, for properties that have been checked.
 fn walk(mut all: Reader<'_>, mut take: impl FnMut(u8, Value<'_>, &[u8])) {
     while !all.is_empty() {
         let before = all.rest();
@@ -120,7 +120,7 @@ fn walk(mut all: Reader<'_>, mut take: impl FnMut(u8, Value<'_>, &[u8])) {
     }
 }
 
-/// Seconds after which a message expires, from properties that were checked before.
+/// Returns the seconds after which a message expires, from properties that have been checked.
 pub fn expiry_of(properties: &[u8]) -> Option<u32> {
     let mut expiry = None;
     walk(Reader::new(properties), |id, value, _| {
@@ -131,12 +131,12 @@ pub fn expiry_of(properties: &[u8]) -> Option<u32> {
     expiry
 }
 
-/// The properties without the message expiry, which is rewritten with the remaining time.
+/// Returns the properties without the message expiry, which is rewritten with the remaining time.
 pub fn without_expiry(properties: &[u8]) -> Vec<u8> {
     without(properties, MESSAGE_EXPIRY)
 }
 
-/// The properties less one of them.
+/// Returns the properties without one of them.
 pub fn without(properties: &[u8], unwanted: u8) -> Vec<u8> {
     let mut rest = Vec::with_capacity(properties.len());
     walk(Reader::new(properties), |id, _, bytes| {

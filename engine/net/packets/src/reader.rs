@@ -2,7 +2,7 @@
 
 use crate::Refusal;
 
-/// Reads from the front of a slice; every method fails when too few bytes are left.
+/// A reader at the front of a slice; every method fails if too few bytes are left.
 #[derive(Clone, Copy)]
 pub struct Reader<'a> {
     rest: &'a [u8],
@@ -21,7 +21,7 @@ impl<'a> Reader<'a> {
         self.rest.is_empty()
     }
 
-    /// Refuses a packet of which something is left.
+    /// Checks that no bytes are left.
     pub fn end(&self) -> Result<(), Refusal> {
         if self.is_empty() {
             Ok(())
@@ -54,7 +54,7 @@ impl<'a> Reader<'a> {
         Ok(u32::from_be_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
     }
 
-    /// Variable byte integer, at most four bytes.
+    /// Reads a variable byte integer of at most four bytes.
     pub fn variable(&mut self) -> Result<u32, Refusal> {
         let mut value = 0;
         for index in 0..4 {

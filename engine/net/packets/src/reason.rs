@@ -1,16 +1,16 @@
-//! Reason codes of MQTT 5.0, chapter 2.4: those that are used here, and the names of all that report a failure.
+//! Reason codes of MQTT 5.0, chapter 2.4: the codes used here, and the names of all failures.
 
 /// Success; also a normal disconnection and a granted QoS 0.
 pub const SUCCESS: u8 = 0x00;
 /// No client subscribes to this topic.
 pub const NO_MATCHING_SUBSCRIBERS: u8 = 0x10;
-/// Nothing was subscribed under this filter.
+/// There was no subscription with this filter.
 pub const NO_SUBSCRIPTION: u8 = 0x11;
 /// No reason is given.
 pub const UNSPECIFIED: u8 = 0x80;
 /// The bytes are not a valid MQTT packet.
 pub const MALFORMED: u8 = 0x81;
-/// A packet, but not one that is allowed here.
+/// A valid packet that is not allowed here.
 pub const PROTOCOL_ERROR: u8 = 0x82;
 /// A protocol version other than 3.1, 3.1.1 and 5.0.
 pub const UNSUPPORTED_VERSION: u8 = 0x84;
@@ -18,7 +18,7 @@ pub const UNSUPPORTED_VERSION: u8 = 0x84;
 pub const BAD_CLIENT_ID: u8 = 0x85;
 /// Wrong user name or password.
 pub const BAD_PASSWORD: u8 = 0x86;
-/// The user may not do this.
+/// The user is not permitted to do this.
 pub const NOT_AUTHORIZED: u8 = 0x87;
 /// The broker is not available.
 pub const UNAVAILABLE: u8 = 0x88;
@@ -30,11 +30,11 @@ pub const SHUTTING_DOWN: u8 = 0x8b;
 pub const BAD_AUTHENTICATION_METHOD: u8 = 0x8c;
 /// Silence for one and a half keep-alive intervals.
 pub const KEEP_ALIVE_TIMEOUT: u8 = 0x8d;
-/// Another connection came with the same client identifier.
+/// Another connection used the same client identifier.
 pub const TAKEN_OVER: u8 = 0x8e;
 /// The topic filter is not valid.
 pub const BAD_FILTER: u8 = 0x8f;
-/// The packet identifier is not known.
+/// The packet identifier is unknown.
 pub const UNKNOWN_PACKET_ID: u8 = 0x92;
 /// More unacknowledged messages than the receive maximum allows.
 pub const RECEIVE_MAXIMUM: u8 = 0x93;
@@ -55,7 +55,7 @@ pub const NO_SHARED_SUBSCRIPTIONS: u8 = 0x9e;
 /// Too many connections in a short time.
 pub const CONNECTION_RATE: u8 = 0x9f;
 
-/// What the standard calls the reason of a failure.
+/// Returns the name of a failure in the standard.
 #[must_use]
 pub fn name(code: u8) -> Option<&'static str> {
     Some(match code {

@@ -1,11 +1,11 @@
 //! Topic names and topic filters: MQTT 5.0, chapter 4.7.
 
-/// Whether a message may be published here.
+/// Returns whether this is a valid topic name for publishing.
 pub fn is_name(topic: &str) -> bool {
     !topic.is_empty() && !topic.bytes().any(|byte| matches!(byte, b'+' | b'#'))
 }
 
-/// Whether this may be subscribed to: `#` only as the last level, `+` only as a whole level.
+/// Returns whether this is a valid topic filter: `#` only as the last level, `+` only as a whole level.
 pub fn is_filter(filter: &str) -> bool {
     let mut levels = filter.split('/').peekable();
     if filter.is_empty() {
@@ -24,7 +24,7 @@ pub fn is_filter(filter: &str) -> bool {
     true
 }
 
-/// Whether a valid filter covers the topic name. Topics that start with `$` are covered only by filters that do so, too.
+/// Returns whether a valid filter matches the topic name. Topics that start with `$` only match filters that do, too.
 pub fn matches(filter: &str, topic: &str) -> bool {
     if filter == topic {
         return true;
@@ -34,7 +34,7 @@ pub fn matches(filter: &str, topic: &str) -> bool {
     }
     let mut levels = topic.split('/');
     for pattern in filter.split('/') {
-        // `a/#` covers `a` as well.
+        // `a/#` matches `a` as well.
         if pattern == "#" {
             return true;
         }

@@ -1,4 +1,4 @@
-//! What a client sends, appended to a buffer.
+//! Encoding of client packets, appended to a buffer.
 
 use std::fmt;
 
@@ -8,15 +8,15 @@ use crate::{Connect, Filter, Outgoing, Version, Will, topic};
 
 /// PINGREQ.
 pub const PINGREQ: [u8; 2] = [0xc0, 0];
-/// A normal DISCONNECT.
+/// An orderly DISCONNECT.
 pub const DISCONNECT: [u8; 2] = [0xe0, 0];
 
-/// The largest length that a fixed header can express.
+/// Largest length that a fixed header can express.
 const LONGEST: usize = 268_435_455;
 
 const TOO_LONG: &str = "is longer than 65,535 bytes";
 
-/// Why something cannot be sent; nothing was written.
+/// A packet that cannot be sent; nothing was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Invalid {
     /// What is wrong.
@@ -42,21 +42,21 @@ impl std::error::Error for Invalid {}
 /// Properties of a message (MQTT 5).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Properties<'a> {
-    /// Seconds after which the broker may discard it.
+    /// Seconds after which the broker may discard the message.
     pub expiry: Option<u32>,
     /// Media type of the payload.
     pub content_type: Option<&'a str>,
     /// Topic on which an answer is expected.
     pub response_topic: Option<&'a str>,
-    /// Identifies the answer.
+    /// Data that identifies the answer.
     pub correlation: Option<&'a [u8]>,
 }
 
 impl Properties<'_> {
-    /// As bytes, without their length. Nothing is allocated where there are none.
+    /// Encodes the properties without their length. Does not allocate if there are none.
     ///
     /// # Errors
-    /// One of them cannot be sent.
+    /// Fails if a property cannot be sent.
     pub fn encoded(&self) -> Result<Vec<u8>, Invalid> {
         let mut out = Vec::new();
         if let Some(seconds) = self.expiry {
@@ -84,7 +84,7 @@ impl Properties<'_> {
 /// Appends a CONNECT.
 ///
 /// # Errors
-/// One of its texts cannot be sent.
+/// Fails if a text cannot be sent.
 pub fn connect(out: &mut Vec<u8>, packet: &Connect<'_>) -> Result<(), Invalid> {
     let five = packet.version == Version::Five;
     let mut flags = u8::from(packet.clean) << 1;
@@ -146,10 +146,10 @@ fn last_will(body: &mut Vec<u8>, will: &Will<'_>, five: bool) -> Result<(), Inva
     binary(body, will.payload, "the message of the last will")
 }
 
-/// Appends a SUBSCRIBE; the options of MQTT 5 are left out in MQTT 3.
+/// Appends a SUBSCRIBE; the options of MQTT 5 are omitted in MQTT 3.
 ///
 /// # Errors
-/// There is no filter, or one of them cannot be sent.
+/// Fails if there is no filter, or if a filter cannot be sent.
 pub fn subscribe(
     out: &mut Vec<u8>,
     id: u16,
@@ -189,10 +189,10 @@ pub fn subscribe(
     Ok(())
 }
 
-/// Appends a PUBLISH of at most `largest` bytes, with properties as [`Properties::encoded`] gives them.
+/// Appends a PUBLISH of at most `largest` bytes, with properties encoded by [`Properties::encoded`].
 ///
 /// # Errors
-/// It would be larger, or its topic cannot be published to.
+/// Fails if the packet would be larger, or if the topic cannot be published to.
 pub fn publish(
     out: &mut Vec<u8>,
     message: &Outgoing<'_>,
@@ -211,7 +211,7 @@ pub fn publish(
     Ok(())
 }
 
-/// Refuses a text that cannot be a string of MQTT (1.5.4).
+/// Checks that a text is a valid MQTT string (1.5.4).
 fn check_text(text: &str, part: &'static str) -> Result<(), Invalid> {
     if text.len() > usize::from(u16::MAX) {
         return Err(Invalid::new(part, TOO_LONG));
@@ -222,7 +222,7 @@ fn check_text(text: &str, part: &'static str) -> Result<(), Invalid> {
     Ok(())
 }
 
-/// Refuses a topic that cannot be published to.
+/// Checks that a topic can be published to.
 fn check_topic(name: &str, part: &'static str) -> Result<(), Invalid> {
     check_text(name, part)?;
     if !topic::is_name(name) {
