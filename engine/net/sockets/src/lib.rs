@@ -1,4 +1,4 @@
-//! A connected socket, TCP or Unix, for an event loop: what the embedded broker and the MQTT connection have in common.
+//! A connected TCP or Unix socket for an event loop, shared by the embedded broker and the MQTT connection.
 
 use std::io::{self, Read, Write};
 use std::net::Shutdown;
@@ -10,7 +10,7 @@ use mio::net::UnixStream;
 use mio::{Interest, Registry, Token};
 use socket2::SockRef;
 
-/// Bytes of the longest path of a Unix socket; the end of the text needs one more.
+/// Largest length in bytes of the path of a Unix socket, without the terminating NUL.
 pub const LONGEST_PATH: usize = if cfg!(any(target_os = "linux", target_os = "android")) {
     107
 } else {
@@ -19,15 +19,15 @@ pub const LONGEST_PATH: usize = if cfg!(any(target_os = "linux", target_os = "an
 
 /// A connected socket.
 pub enum Socket {
-    /// Over a network.
+    /// A TCP socket.
     Tcp(TcpStream),
-    /// On this machine.
+    /// A Unix socket.
     #[cfg(unix)]
     Unix(UnixStream),
 }
 
 impl Socket {
-    /// Its options.
+    /// Returns the socket for access to its options.
     pub fn options(&self) -> SockRef<'_> {
         match self {
             Self::Tcp(stream) => SockRef::from(stream),
@@ -36,18 +36,18 @@ impl Socket {
         }
     }
 
-    /// Says that nothing more comes.
+    /// Shuts down the writing side.
     ///
     /// # Errors
-    /// The system refuses; the connection has ended, mostly.
+    /// Fails if the system refuses, mostly because the connection has ended.
     pub fn finish(&self) -> io::Result<()> {
         self.options().shutdown(Shutdown::Write)
     }
 
-    /// Has what is written be sent at once, without waiting for what was sent before to be acknowledged.
+    /// Makes the system send written bytes at once, without waiting for the acknowledgement of earlier ones.
     ///
     /// # Errors
-    /// The system refuses.
+    /// Fails if the system refuses.
     pub fn send_at_once(&self) -> io::Result<()> {
         match self {
             Self::Tcp(stream) => stream.set_nodelay(true),
@@ -56,10 +56,11 @@ impl Socket {
         }
     }
 
-    /// Whether the system is to acknowledge at once what comes in. Only Linux can be asked, and only TCP acknowledges.
+    /// Sets whether the system acknowledges received bytes at once. Supported on Linux only; Unix sockets have no
+    /// acknowledgements.
     ///
     /// # Errors
-    /// The system refuses.
+    /// Fails if the system refuses.
     pub fn acknowledge(&self, at_once: bool) -> io::Result<()> {
         #[cfg(any(target_os = "linux", target_os = "android"))]
         if let Self::Tcp(stream) = self {
