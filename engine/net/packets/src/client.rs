@@ -14,7 +14,7 @@ use crate::{Answer, Publish, Refusal, Version, reader::Reader, reason};
 /// A packet from a broker, borrowed from the received bytes.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Packet<'a> {
-    /// The answer to CONNECT.
+    /// Answer to CONNECT.
     Connack(Connack<'a>),
     /// A message.
     Publish(Publish<'a>),

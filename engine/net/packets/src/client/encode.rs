@@ -19,9 +19,9 @@ const TOO_LONG: &str = "is longer than 65,535 bytes";
 /// A packet that cannot be sent; nothing was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Invalid {
-    /// What is wrong.
+    /// The invalid part.
     pub what: &'static str,
-    /// What is wrong with it.
+    /// The problem with it.
     pub why: &'static str,
 }
 

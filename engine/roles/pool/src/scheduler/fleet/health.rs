@@ -23,7 +23,7 @@ struct Past {
     distrusted: bool,
     /// Candidates that failed on the server since its last success; only the first few are kept.
     failed: Vec<usize>,
-    /// Number of times in a row that the server failed evaluations that had succeeded elsewhere.
+    /// Number of times in a row that the server failed evaluations that had succeeded before.
     broken: u32,
     /// Number of requests refused since its last success because another tool had the server.
     taken: u32,
@@ -80,7 +80,7 @@ impl Health {
         }
     }
 
-    /// Records that a server failed an evaluation that had succeeded elsewhere. Returns the end of the pause, which
+    /// Records that a server failed an evaluation that had succeeded before. Returns the end of the pause, which
     /// doubles each time.
     pub fn broke(&mut self, id: u64, reason: &str, now: Instant) -> Instant {
         self.doubtful = true;
@@ -172,7 +172,7 @@ impl Health {
         self.doubtful = false;
     }
 
-    /// Returns whether a server fails evaluations that succeeded elsewhere.
+    /// Returns whether a server fails evaluations that succeeded before.
     pub fn is_broken(&self, id: u64) -> bool {
         self.pasts.get(&id).is_some_and(|past| past.broken > 0)
     }

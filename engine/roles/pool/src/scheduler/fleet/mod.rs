@@ -228,7 +228,7 @@ impl Fleet {
         self.health.forgive(id);
     }
 
-    /// Records that a server failed an evaluation that had succeeded elsewhere; the pause doubles each time.
+    /// Records that a server failed an evaluation that had succeeded before; the pause doubles each time.
     pub fn broke(&mut self, id: u64, reason: &str, now: Instant) {
         let until = self.health.broke(id, reason, now);
         if let Some(slot) = self.slots.get_mut(&id) {

@@ -31,7 +31,7 @@ pub(crate) struct Slot {
     pub jobs: Vec<Job>,
     /// End of the pause after a failure.
     pub backs_off_until: Option<Instant>,
-    /// Whether the server may be broken: it must succeed with an evaluation that succeeded elsewhere before it gets new
+    /// Whether the server may be broken: it must succeed with an evaluation that succeeded before before it gets new
     /// work.
     pub suspended: bool,
     /// Time of the last message.

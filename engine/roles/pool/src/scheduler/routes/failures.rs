@@ -176,7 +176,7 @@ impl Scheduler {
         }
     }
 
-    /// Handles a server that failed an evaluation that had succeeded elsewhere.
+    /// Handles a server that failed an evaluation that had succeeded before.
     pub(super) fn probe_failed(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
         match blame {
             Blame::None | Blame::Broker | Blame::Lost | Blame::Gone | Blame::Silent { .. } => {}
@@ -300,7 +300,7 @@ impl Scheduler {
     }
 
     /// Returns why the work cannot be done although its candidates may be sound. `patience`: how long to wait for
-    /// servers that fail evaluations that succeeded elsewhere.
+    /// servers that fail evaluations that succeeded before.
     #[must_use]
     pub fn undecided(&self, patience: Duration, now: Instant) -> Option<String> {
         if let Some(reason) = self.outlook.undecided() {
