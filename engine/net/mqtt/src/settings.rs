@@ -21,9 +21,9 @@ pub enum Scheme {
     Mqtt,
     /// TLS.
     Mqtts,
-    /// Websocket.
+    /// WebSocket.
     Ws,
-    /// Websocket over TLS.
+    /// WebSocket over TLS.
     Wss,
     /// Unix socket.
     Unix,

@@ -27,7 +27,7 @@ pub enum Packet<'a> {
     Unsubscribe {
         /// Packet identifier.
         id: u16,
-        /// At least one.
+        /// Topic filters, at least one.
         filters: Vec<&'a str>,
     },
     /// PINGREQ.

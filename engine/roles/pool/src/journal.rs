@@ -44,7 +44,7 @@ pub struct Attempt {
     pub episodes: usize,
     /// Id of the server.
     pub server: u64,
-    /// 1 for the first try.
+    /// Number of the attempt, from 1.
     pub attempt: u32,
     /// Number of steps that the server took, in stepwise mode.
     pub steps: Option<u64>,
