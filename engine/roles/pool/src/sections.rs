@@ -71,7 +71,7 @@ pub struct Faults {
     /// Largest number of attempts per evaluation; attempts together with other evaluations do not count.
     #[serde(deserialize_with = "positive")]
     pub attempts: u32,
-    /// Number of servers that must have failed with this single evaluation before it is quarantined.
+    /// Number of servers that fail with a single evaluation before the evaluation is quarantined.
     #[serde(deserialize_with = "positive")]
     pub quarantine: u32,
     /// Whether an idle server gets a copy of the work of a slow or silent one.

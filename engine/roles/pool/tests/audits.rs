@@ -1,4 +1,4 @@
-//! Results that are compared with those of other servers.
+//! Audits: comparison of results with those of other servers.
 
 #![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
 
@@ -49,7 +49,7 @@ fn a_server_that_is_wrong_is_found_out_and_what_it_did_is_done_again() {
             "{:?}",
             net.warnings
         );
-        // It is not asked again.
+        // The excluded server gets no further work.
         let asked = party(&mut net, 1).blocks.len();
         net.submit(index, work(CANDIDATES, &SEEDS));
         assert_eq!(net.finish(index), undisturbed(CANDIDATES));
@@ -177,7 +177,7 @@ fn evaluations_are_repeated_on_another_server_where_there_is_one_and_no_others_a
             assert_eq!((attempt.candidates, attempt.episodes), (1, 1));
             assert_eq!(Some(attempt.server) == one.before, servers == 1);
         }
-        // What follows is evaluated as ever.
+        // Further work is evaluated as usual.
         net.submit(index, work(CANDIDATES, &SEEDS));
         assert_eq!(net.finish(index), all);
     }

@@ -1,4 +1,4 @@
-//! Servers that fail whatever they get: they are found out, and what they failed is evaluated elsewhere.
+//! Servers that fail all their work: they are detected, and their work is evaluated elsewhere.
 #![allow(clippy::panic, reason = "a test")]
 
 use crate::common;
@@ -32,7 +32,7 @@ fn extended(id: u64, broken: bool) -> Party {
     }))
 }
 
-/// A tool with work, and servers of which the first `sound` are.
+/// Adds a tool with work, and servers of which the first `sound` are sound.
 fn begin(net: &mut Net, sound: u64, all: u64) -> (usize, Vec<usize>) {
     let servers = (1..=all).map(|id| net.add(extended(id, id > sound)));
     let servers = servers.collect();
@@ -44,7 +44,7 @@ fn begin(net: &mut Net, sound: u64, all: u64) -> (usize, Vec<usize>) {
 
 #[test]
 fn servers_that_fail_everything_cost_no_candidate_and_are_named_once() {
-    // All say that they repeat themselves to the bit.
+    // All servers declare bitwise determinism.
     for (sound, random) in [(1, 1), (1, 2), (2, 3), (2, 4), (3, 5)] {
         let mut net = Net::new(random);
         let (index, _) = begin(&mut net, sound, 4);
@@ -60,7 +60,7 @@ fn servers_that_fail_everything_cost_no_candidate_and_are_named_once() {
         let named: Vec<usize> = (sound + 1..=4).map(told).collect();
         assert!(named.iter().all(|times| *times <= 1), "{named:?}");
         assert!(named.contains(&1), "{:?}", net.warnings);
-        // None gets much before it is found out.
+        // No broken server gets much work before it is detected.
         let failed = net.journal(index).into_iter();
         let failed = failed.filter(|attempt| attempt.error.is_some()).count();
         assert!(failed < CANDIDATES, "{failed}");
@@ -147,7 +147,7 @@ fn the_only_server_may_take_as_long_as_a_step_may_take() {
         let now = net.now;
         assert_eq!(net.tool(index).undecided(patience, now), None);
         let late = net.tool(index).done() > CANDIDATES / 3;
-        // Much longer than anything before, so that its work would be given to another server as well.
+        // Much longer than before, so that the work would be given to another server as well.
         let pace = if late && !slow { 120_000 } else { 50 };
         slow |= late;
         party(&mut net, server).pace = Duration::from_millis(pace);
@@ -162,7 +162,7 @@ fn silence_that_ends_with_the_connection_is_not_held_against_servers() {
     let mut tool = Alone::new(work(3, &SEEDS));
     tool.answer(1, None);
     tool.pass(40);
-    // Longer than a step may take, and some of the time for which silent servers are waited for.
+    // Longer than the step time-out, and part of the wait for silent servers.
     for _ in 0..300 {
         tool.pass(100);
     }
@@ -190,7 +190,7 @@ fn silence_that_ends_with_the_connection_is_not_held_against_servers() {
     );
 }
 
-/// Waits for an episode of a server that answers each discovery once.
+/// Waits for the parameters of an episode, while the server answers each discovery once.
 fn given(tool: &mut Alone) -> serde_json::Value {
     let before = tool.on("parameters").count();
     let mut last = 0;
@@ -208,12 +208,12 @@ fn given(tool: &mut Alone) -> serde_json::Value {
     panic!("{:?}", tool.warnings);
 }
 
-/// Four silent episodes of one server, which answers discovery after each.
+/// Creates a tool whose server was silent in four episodes, and answered discovery after each.
 fn in_vain_four_times() -> Alone {
     let mut tool = Alone::new(work(3, &SEEDS));
     for _ in 0..4 {
         given(&mut tool);
-        // Silent for longer than a step may take.
+        // Longer than the step time-out.
         for _ in 0..105 {
             tool.pass(100);
         }
@@ -246,7 +246,7 @@ fn a_server_that_is_started_anew_is_tried_again() {
     tool.machine
         .receive("swarmwright/v1/presence/1", b"", false, tool.now);
     tool.collect();
-    // Its user repairs it, in less than `step`, the time that a run waits for servers by default.
+    // The user repairs the server within `step`, the time that a run waits for servers by default.
     for _ in 0..500 {
         tool.pass(100);
         assert_eq!(
@@ -270,7 +270,7 @@ fn a_server_that_works_for_a_tool_without_a_name_is_waited_for() {
     given(&mut tool);
     tool.hear("swarmwright/v1/presence/1", &presence);
     let begun = tool.now;
-    // Its episode takes two minutes.
+    // The episode takes two minutes.
     for _ in 0..1200 {
         tool.pass(100);
         let told = tool.machine.undecided(Duration::from_secs(10), tool.now);

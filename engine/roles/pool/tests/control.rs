@@ -1,4 +1,4 @@
-//! On which topic control messages go.
+//! Topics of control messages.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
 use crate::common;
@@ -40,12 +40,12 @@ fn control_goes_to_the_topic_of_a_server_that_says_that_it_listens_there() {
     }
 }
 
-/// What a server announces; `control`: whether it hears control messages on its own topic.
+/// Returns an announcement; `control`: whether the server receives control messages on its own topic.
 fn announced(instance: &str, control: bool) -> Value {
     json!({"version": 1, "modes": ["stepwise"], "instance": instance, "control": control})
 }
 
-/// The topics of the control messages so far, each with `run`, the last ones after `count`.
+/// Returns the topics of the control messages after the first `count`, each with `run`.
 fn controls(tool: &Alone, count: usize) -> Vec<(&str, bool)> {
     let messages = tool.said.iter().skip(count);
     let controls = messages.filter(|(_, message)| message["run"].is_boolean());
@@ -59,7 +59,7 @@ fn an_id_that_an_announcing_and_a_plain_server_share_has_the_topic_of_all() {
     let own = Topics::default().to_server(1);
     let announcing = announced("a", true);
     let both = [(Some(&announcing), own.as_str()), (None, "control")];
-    // The one that was there first, the other one, and which of them is left.
+    // The first server, the second server, and the one that is left.
     for (first, second, (left, last)) in [
         (both[0], both[1], both[0]),
         (both[0], both[1], both[1]),
@@ -75,7 +75,7 @@ fn an_id_that_an_announcing_and_a_plain_server_share_has_the_topic_of_all() {
         tool.answer(1, first.0);
         tool.answer(1, second.0);
         assert_eq!(tool.warnings.len(), 1, "{:?}", tool.warnings);
-        // Either may be at the episode, and the plain one hears the topic of all alone.
+        // Either may be running the episode, and the plain one receives only the common topic.
         assert_eq!(controls(&tool, known), [("control", false)]);
         let known = tool.said.len();
         for _ in 0..3 {
@@ -96,7 +96,7 @@ fn the_last_announcement_counts_when_the_connection_is_back() {
         tool.answer(1, Some(&announced("a", before)));
         tool.pass(40);
         tool.reconnect();
-        // The server that still waits is the one of before.
+        // The server that still waits is the earlier one.
         assert_eq!(
             controls(&tool, 0),
             [(topic(before), true), (topic(before), false)]

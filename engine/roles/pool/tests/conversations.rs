@@ -50,7 +50,7 @@ proptest! {
         net.tool(first).release();
         net.collect(first);
         prop_assert_eq!(net.finish(second), undisturbed());
-        // The tool that came second to a server notices before the step time-out.
+        // The second tool of a server notices this before the step time-out.
         prop_assert!(net.now - now < Duration::from_secs(20), "{:?}: {:?}", net.now - now, net.warnings);
     }
 
@@ -120,7 +120,7 @@ fn the_sequence_is_that_of_the_protocol() {
         ]
     );
     assert_eq!(topics.last(), Some(&"fitness"));
-    // Agents 0 and 4 act in 3 steps, agent 1 in 4, agent 2 in 5, agent 3 in 6; a reset acts in step 0 too.
+    // Agents 0 and 4 act in 3 steps, agent 1 in 4, agent 2 in 5, agent 3 in 6; all act in step 0 after the reset, too.
     assert_eq!(
         topics.iter().filter(|topic| **topic == "sensor").count(),
         topics.iter().filter(|topic| **topic == "actuator").count()
@@ -158,7 +158,7 @@ fn every_concurrent_episode_has_its_own_hash() {
 fn a_server_that_sends_the_wrong_number_of_sensors_is_left_for_another() {
     let mut net = Net::new(2);
     let now = net.now;
-    // It offers what is wanted and sends something else.
+    // The server offers the simulation but sends other messages.
     net.add(Party::Script(Box::new(|topic, payload| {
         let meant = Topic::SEED.into_iter().find(|known| known.name() == topic).unwrap_or(Topic::Presence);
         match Message::decode(meant, payload) {

@@ -45,7 +45,7 @@ proptest! {
             Mode::Offloaded => offloading + real,
         };
         prop_assume!(able > 0);
-        // The servers of these tests that know the extensions speak no plain steps.
+        // The extended servers in these tests do not support stepwise mode.
         prop_assume!(mode != Mode::Stepwise || batching + offloading == 0);
         let index = begin(&mut net, mode, work(CANDIDATES, &SEEDS));
         prop_assert_eq!(net.finish(index), undisturbed(CANDIDATES));
@@ -103,7 +103,7 @@ fn the_status_names_who_is_waited_for_and_who_has_a_pause() {
     assert!(oldest.silent > 8.0);
     assert_eq!(net.tool(index).waiting_for(now), oldest.to_string());
     assert_eq!(Status::decode(&status.encode()), Ok(status));
-    // The tool waits for 10 seconds.
+    // The step time-out of the tool is 10 seconds.
     let benched = loop {
         net.turn();
         let now = net.now;
@@ -184,7 +184,7 @@ fn giving_up_frees_the_servers() {
     assert!(request.lease >= 10.0);
 }
 
-/// What comes out for a tool that needs `metrics`.
+/// Returns the results for a tool that needs `metrics`.
 fn measured(net: &mut Net, metrics: &[&str], mode: Mode, candidates: usize) -> Results {
     let tool = tool_that_measures(metrics, mode, "a", 0, net.now);
     let index = net.add(Party::Tool(Box::new(tool)));
@@ -204,7 +204,7 @@ proptest! {
             net.add(Party::Server(Box::new(server(id, Line::new()))));
         }
         let mode = [Mode::Auto, Mode::Stepwise, Mode::Batched, Mode::Offloaded][mode];
-        // The others of these tests speak no plain steps.
+        // The other servers in these tests do not support stepwise mode.
         let others = if mode == Mode::Stepwise { 0 } else { 2 };
         for id in 10..10 + batching.min(others) {
             net.add(Party::Extended(Box::new(batched(id))));

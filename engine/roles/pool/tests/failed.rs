@@ -1,4 +1,5 @@
-//! Episodes that fail in a simulation's code: tried elsewhere at once, told once, with the place where it happened.
+//! Episodes that fail in the simulation's code: they are retried elsewhere at once, and reported once with the place of
+//! the failure.
 
 use crate::common;
 
@@ -78,7 +79,7 @@ fn faulty(id: u64, fails_on: u64) -> Party {
     )))
 }
 
-/// A tool in this mode, and the servers.
+/// Creates a net with a tool in this mode and the servers.
 fn net(mode: Mode, servers: Vec<Party>) -> (Net, usize) {
     let mut net = Net::new(5);
     let now = net.now;
@@ -146,8 +147,8 @@ fn what_fails_everywhere_is_given_up_and_the_rest_is_sound() {
         );
         let attempts = |one: &&swarmwright_pool::Attempt| one.error.is_some();
         let failed = net.journal(index).iter().filter(attempts).count();
-        // The servers say that they repeat themselves to the bit, so two attempts are enough where both had just
-        // succeeded with something else.
+        // The servers declare bitwise determinism, so two attempts are enough if both servers had just succeeded with
+        // another evaluation.
         assert!((7 * 2..=7 * 3).contains(&failed), "{mode}: {failed}");
     }
 }
@@ -197,7 +198,7 @@ fn reports_of_strangers_change_nothing() {
         let control: serde_json::Value =
             serde_json::from_slice(&message.payload).unwrap_or_default();
         let hash = control["simulation_hash"].as_str().unwrap_or_default();
-        // Of a server that does not run the episode, and of an episode that no server runs.
+        // Reports by a server that does not run the episode, and about an episode that no server runs.
         for (server, simulation_hash) in [(9, hash), (2, "none")] {
             let report = ToTool::Failed(Failed {
                 version: EXTENSION_VERSION,
@@ -214,7 +215,7 @@ fn reports_of_strangers_change_nothing() {
     assert!(net.warnings.is_empty(), "{:?}", net.warnings);
 }
 
-/// A tool and one server; why the work was refused.
+/// Runs a tool with one server and returns why the work was refused.
 fn rejected(net: &mut Net, index: usize, mut turn: impl FnMut(&mut Net)) -> String {
     let start = net.now;
     loop {

@@ -1,4 +1,4 @@
-//! Steps that take as long as late acknowledgements.
+//! Steps that take as long as delayed acknowledgements.
 
 use crate::common;
 
@@ -8,7 +8,8 @@ use common::{Net, Party, tool, work};
 
 const URL: &str = "mqtt://broker:1883";
 
-/// What is told in a run whose steps take so many milliseconds, after the broker has been asked; and how often it was.
+/// Returns the warnings of a run with steps of this many milliseconds after the probe of the broker, and the number of
+/// probes.
 fn told(step: f64, answer: Result<bool, String>) -> (Vec<String>, usize) {
     let mut net = Net::new(3);
     let server = net.add_seed_only(7);

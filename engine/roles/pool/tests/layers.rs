@@ -1,11 +1,11 @@
-//! The order of the scheduler's parts, which do not know the scheduler; `engine/cycles.py` looks for circles.
+//! Import order of the scheduler's parts, which must not know the scheduler; `engine/cycles.py` checks for cycles.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// What owns its fields and is owned by the scheduler. Each may import those before it.
+/// Modules with private state that the scheduler owns. Each may import only the ones before it.
 const PARTS: [&str; 14] = [
     "scheduler::job",
     "scheduler::outbox",
@@ -22,7 +22,7 @@ const PARTS: [&str; 14] = [
     "scheduler::speculation",
     "scheduler::probing",
 ];
-/// By module: the modules that it imports.
+/// Imported modules, by module.
 type Imports = BTreeMap<String, BTreeSet<String>>;
 
 fn sources(folder: &Path, module: &str, files: &mut BTreeMap<String, String>) {
@@ -46,7 +46,7 @@ fn sources(folder: &Path, module: &str, files: &mut BTreeMap<String, String>) {
     }
 }
 
-/// The module that a path such as `crate::config::Config` or `super::Ledger` begins with, if it is one of these.
+/// Returns the module at the start of a path such as `crate::config::Config` or `super::Ledger`, if it is in `sources`.
 fn resolved(path: &str, module: &str, sources: &BTreeMap<String, String>) -> Option<String> {
     let parent = module.rsplit_once("::").map_or("", |(parent, _)| parent);
     let mut path = match path.split_once("::")? {

@@ -1,4 +1,4 @@
-//! Brokers that end connections on large messages without having said how large they may be.
+//! Brokers that end connections on large messages without having announced a limit.
 
 #![allow(clippy::panic, reason = "a test")]
 
@@ -20,7 +20,7 @@ fn undisturbed(candidates: usize) -> Vec<f64> {
     net.finish(index)
 }
 
-/// Two servers on a broker that takes so many bytes, and a tool.
+/// Creates a net with two servers and a tool on a broker that accepts this many bytes.
 fn narrow(
     takes: usize,
     modes: &[&'static str],
@@ -44,7 +44,7 @@ fn narrow(
     (net, index)
 }
 
-/// What the user hears of it.
+/// Returns the warnings about the limit.
 fn told(net: &Net) -> Vec<&String> {
     let of_it = |text: &&String| text.contains("max_packet_size");
     net.warnings.iter().filter(of_it).collect()
@@ -52,7 +52,7 @@ fn told(net: &Net) -> Vec<&String> {
 
 #[test]
 fn batches_are_made_smaller_when_servers_messages_end_their_connections() {
-    // 64 episodes of 5 agents have some 5 kB.
+    // 64 episodes of 5 agents take some 5 kB.
     let (mut net, index) = narrow(2000, BATCHED, |_| {}, 5);
     net.submit(index, work(300, &SEEDS));
     assert_eq!(net.finish(index), undisturbed(300));
@@ -120,7 +120,7 @@ fn a_candidate_that_is_larger_than_the_broker_takes_is_hopeless() {
 
 #[test]
 fn a_step_of_one_episode_that_is_larger_than_the_broker_takes_is_hopeless() {
-    // A step of 100 agents has 1600 bytes.
+    // A step of 100 agents takes 1600 bytes.
     let (mut net, index) = narrow(1500, BATCHED, |_| {}, 100);
     net.submit(index, work(20, &SEEDS));
     let reason = until_hopeless(&mut net, index);

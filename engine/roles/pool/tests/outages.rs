@@ -1,4 +1,4 @@
-//! The broker is lost while a tool looks for servers.
+//! Loss of the broker while a tool looks for servers.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
 use std::io::{Read, Write};
@@ -11,14 +11,14 @@ use swarmwright_mqtt::Settings;
 use swarmwright_pool::{Demand, Faults, Mode, Options, Pool, PoolError, Timeouts};
 use swarmwright_protocol::Requirements;
 
-/// Connects a client of MQTT 5 that has five subscriptions, as a broker does.
+/// Accepts a client of MQTT 5 with five subscriptions, as a broker does.
 fn welcome(listener: &TcpListener) -> TcpStream {
     let (mut socket, _) = listener.accept().unwrap();
     let mut buffer = [0; 4096];
     assert!(socket.read(&mut buffer).unwrap() > 0);
     socket.write_all(&[0x20, 3, 0, 0, 0]).unwrap();
     assert!(socket.read(&mut buffer).unwrap() > 4 && buffer[0] == 0x82);
-    // The length has two bytes from 128 on.
+    // The length field has two bytes from 128 on.
     let id = 2 + usize::from(buffer[1] >= 128);
     let granted = [0x90, 8, buffer[id], buffer[id + 1], 0, 0, 0, 0, 0, 1];
     socket.write_all(&granted).unwrap();
@@ -88,7 +88,7 @@ fn time_without_broker_is_not_held_against_servers() {
     let broker = thread::spawn(move || {
         drop(welcome(&serving));
         let mut socket = welcome(&serving);
-        // Until the tool leaves.
+        // Wait until the tool disconnects.
         let _ = socket.read_to_end(&mut Vec::new());
     });
     let mut pool = pool(&listener, Duration::from_millis(300));

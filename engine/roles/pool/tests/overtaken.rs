@@ -1,4 +1,4 @@
-//! Servers that say nothing of what others have finished meanwhile: they hold up no work, are named, and come back.
+//! Servers that do not report on work that others have finished: they hold up no work, are named, and recover.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 

@@ -1,4 +1,5 @@
-//! Parameter sets: every episode has its candidate's values, in every mode, and a server that asks for steering is not used.
+//! Parameter sets: every episode uses its candidate's values in every mode, and a server that asks for steering is not
+//! used.
 
 #![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
 
@@ -28,7 +29,8 @@ fn begin(net: &mut Net, mode: Mode, work: Work) -> usize {
     index
 }
 
-/// Five agents that make 3, 4, 5, 6 and 3 steps of speed and seed, weighted 1 to 5; all numbers are exact.
+/// Returns the fitness for five agents with 3, 4, 5, 6 and 3 steps of speed and seed, weighted 1 to 5; all values are
+/// exact.
 fn expected(candidates: u8) -> Vec<f64> {
     let steps = [3.0, 4.0, 5.0, 6.0, 3.0];
     let weighted: f64 = (1..)
@@ -90,7 +92,7 @@ fn a_server_that_asks_for_steering_is_not_used_and_the_reason_is_told() {
     for mode in [Mode::Stepwise, Mode::Batched, Mode::Offloaded] {
         let mut net = Net::new(2);
         net.add(Party::Server(Box::new(server(1, Line::new()))));
-        // Nothing but `speed` makes its agents steer themselves.
+        // Only `speed` makes the agents of this simulation steer themselves.
         let index = begin(&mut net, mode, work("haste", 3));
         let mut reason = None;
         for _ in 0..1000 {

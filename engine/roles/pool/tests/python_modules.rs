@@ -1,4 +1,4 @@
-//! Which servers get machines with modules in Python.
+//! Selection of servers for state machines with Python modules.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
@@ -78,7 +78,7 @@ fn servers_without_it_are_not_used_stepwise_either() {
         other.starts_with("has different code for behaviour 'parts.py:Spiral'"),
         "{other}"
     );
-    // It has the code, but does not say that it computes such machines.
+    // The server has the code, but does not announce the kind of controller.
     let odd = misfit(&announced(&["modules"], &["aa11"])).unwrap();
     assert!(odd.contains("of kind python_modules"), "{odd}");
 }

@@ -1,4 +1,4 @@
-//! The tool's connection to the broker breaks and comes back.
+//! Reconnections of the tool to the broker.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
 use crate::common;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use common::{Alone, Line, Net, Party, SEEDS, server, tool, undisturbed, work};
 use serde_json::{Value, json};
 
-/// The hashes of the messages that end an episode, those after `count`, in their order.
+/// Returns the hashes of the messages that end an episode after the first `count` messages, in order.
 fn ends(tool: &Alone, count: usize) -> Vec<Value> {
     let messages = tool.said.iter().skip(count);
     let ends = messages.filter(|(_, message)| message["run"] == false);
@@ -16,7 +16,7 @@ fn ends(tool: &Alone, count: usize) -> Vec<Value> {
         .collect()
 }
 
-/// A tool with an episode under way on server 1.
+/// Creates a tool with an episode in flight on server 1.
 fn in_an_episode() -> (Alone, Value) {
     let mut tool = Alone::new(work(3, &SEEDS));
     tool.answer(1, None);
@@ -31,7 +31,7 @@ fn an_episode_is_ended_again_until_its_server_answers() {
     let (mut tool, hash) = in_an_episode();
     tool.reconnect();
     assert_eq!(ends(&tool, 0), std::slice::from_ref(&hash));
-    // The server, whose own connection is not back yet, has not heard it.
+    // The server has not received the message, because its own connection is not restored yet.
     for _ in 0..100 {
         tool.pass(100);
     }
@@ -72,7 +72,7 @@ fn an_episode_is_ended_when_the_connection_breaks_again_before_that_was_heard() 
 #[test]
 fn an_episode_is_ended_again_where_that_may_have_been_lost_with_the_connection() {
     let (mut tool, hash) = in_an_episode();
-    // All work is given up, and other work begins: the server has heard nothing of it when the connection breaks.
+    // All work is given up and other work begins; the connection breaks before the server learns of it.
     tool.machine.cancel();
     tool.collect();
     let now = tool.now;
@@ -87,8 +87,8 @@ fn an_episode_is_ended_again_where_that_may_have_been_lost_with_the_connection()
 
 #[test]
 fn a_server_that_goes_on_with_the_episode_is_free_at_once() {
-    // A server keeps its episode; what the tool says on its return is lost, since the connection breaks again, or since
-    // the server's own one is not back yet.
+    // The server keeps its episode. The tool's message after reconnecting is lost, because the connection breaks again
+    // or the server's own one is not restored yet.
     for breaks in [1, 2] {
         let mut net = Net::new(3);
         let start = net.now;
@@ -122,7 +122,7 @@ fn a_server_that_does_not_say_for_whom_it_is_busy_keeps_its_episode() {
         tool.answer(1, None);
         tool.pass(40);
         let hash = tool.last("parameters");
-        // Its parameters came, and its `control` has not yet.
+        // The server has the parameters, but not yet the `control` message.
         tool.hear("swarmwright/v1/presence/1", &presence);
         tool.pass(300);
         tool.sense(&hash);

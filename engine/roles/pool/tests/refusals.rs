@@ -1,4 +1,4 @@
-//! Messages that are refused: what the user is told of them, and how often.
+//! Refused messages: the warnings for the user, and their number.
 
 use crate::common;
 
@@ -51,7 +51,7 @@ fn what_a_server_announces_in_a_wrong_type_is_told_once_and_the_number_that_is_m
     assert_eq!(told(&tool, words), 1, "{:?}", tool.warnings);
     assert_eq!(tool.machine.sizes(), None);
     assert_eq!(tool.machine.unknown_size(), Some("sensors"));
-    // The experiment may say what a server does not.
+    // The experiment may give a number that a server does not announce.
     let machine = tool_with(Mode::Stepwise, "a", 0, now, |config| {
         (config.demand.sensors, config.demand.actuators) = (Some(2), None);
     });
@@ -101,7 +101,7 @@ fn an_answer_to_a_request_that_was_never_sent_is_told_once() {
     assert_eq!(told(&tool, "has not sent"), 1, "{:?}", tool.warnings);
 }
 
-/// An answer without results.
+/// Creates an answer without results.
 fn evaluated() -> Evaluated {
     Evaluated {
         version: 1,

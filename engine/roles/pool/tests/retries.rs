@@ -16,7 +16,7 @@ use swarmwright_protocol::RefusalKind;
 #[test]
 fn an_answer_that_comes_after_its_lease_is_not_heard() {
     let mut net = Net::new(7);
-    // The tool waits for 10 seconds.
+    // The step time-out of the tool is 10 seconds.
     let slow = Extended {
         pace: Duration::from_secs(25),
         ..offloaded(1)
@@ -31,7 +31,7 @@ fn an_answer_that_comes_after_its_lease_is_not_heard() {
         "{:?}",
         net.warnings
     );
-    // More work, while the late answers to the first come in.
+    // Submit more work while late answers to the first arrive.
     net.submit(index, work(300, &SEEDS));
     assert_eq!(net.finish(index), undisturbed(300));
     let mut numbers: Vec<u64> = (0..2)
@@ -45,7 +45,7 @@ fn an_answer_that_comes_after_its_lease_is_not_heard() {
     assert!(net.tool(index).counts().time_outs > 0);
 }
 
-/// Attempts on a server that were not lost.
+/// Returns the number of attempts on a server that were not lost.
 fn ended_by(journal: &[swarmwright_pool::Attempt], server: u64) -> usize {
     let of = journal.iter().filter(|attempt| attempt.server == server);
     of.filter(|attempt| attempt.outcome != Outcome::Lost)
@@ -70,7 +70,7 @@ fn a_silent_server_is_not_waited_for_when_another_can_have_its_work() {
         net.now - start
     );
     let counts = *net.tool(index).counts();
-    // What was to follow on the silent server is not given to it again.
+    // The waiting work of the silent server is not sent to it again.
     assert_eq!((counts.backups, counts.time_outs), (1, 0), "{counts:?}");
     let journal = net.journal(index);
     let ended = |server, outcome| {
@@ -268,7 +268,7 @@ fn an_episode_that_fails_everywhere_has_no_fitness() {
         .iter()
         .map(|attempt| attempt.attempt)
         .collect();
-    // The servers say that they repeat themselves to the bit. But one that failed several candidates in a row may be broken.
+    // The servers declare bitwise determinism, but one that failed several candidates in a row may be broken.
     let most = tries.iter().max().copied();
     assert!(most >= Some(2) && most <= Some(3), "{most:?}");
 }

@@ -1,4 +1,4 @@
-//! Servers that make the genomes of a sample themselves, and others that get them.
+//! Servers that generate the genomes of a sample themselves, and others that receive the genomes.
 
 #![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
 
@@ -36,7 +36,7 @@ fn sample(seed: u64, mirrored: bool) -> Sample {
     }
 }
 
-/// The genomes of a sample, made here.
+/// Generates the genomes of a sample.
 fn genomes(sample: &Sample) -> Vec<f32> {
     let gaussian = GaussianSample {
         seed: sample.seed,
@@ -62,7 +62,7 @@ fn by_weights(sample: &Sample) -> Work {
     Work::new(ARCHITECTURE, genomes(sample), SEEDS.to_vec()).unwrap()
 }
 
-/// `drawn`: the genomes are made only where one is needed.
+/// Creates work from a sample; `drawn`: the genomes are generated only when needed.
 fn by_numbers(sample: &Sample, drawn: bool) -> Work {
     if !drawn {
         return by_weights(sample).sampled(sample.clone()).unwrap();
@@ -85,7 +85,7 @@ fn controller() -> (Architecture, Map<String, Value>) {
     )
 }
 
-/// What comes out where all genomes travel.
+/// Returns the results if all genomes are sent.
 fn expected(sample: &Sample) -> Vec<f64> {
     let mut net = Net::new(0);
     net.add(Party::Server(Box::new(server(1, Line::new()))));

@@ -1,5 +1,5 @@
-//! Presence, control, parameters and all other messages of a run, changed and sent again by a stranger at any time: neither tool nor
-//! server panics, keeps more than the messages are worth, or is of no use afterwards.
+//! Messages of a run (presence, control, parameters and all others) that a stranger changes and sends again at any
+//! time: neither tool nor server panics, uses excessive memory, or is unusable afterwards.
 
 mod common;
 
@@ -18,14 +18,14 @@ static MEMORY: Counting = Counting;
 const SEEDS: [u64; 2] = [3, 4];
 const CANDIDATES: usize = 3;
 const MODES: [Mode; 3] = [Mode::Stepwise, Mode::Batched, Mode::Offloaded];
-/// Messages of one topic that are changed.
+/// Number of messages per topic that are changed.
 const OF_TOPIC: usize = 40;
-/// How long a tool waits for a server, as by default.
+/// How long a tool waits for a server; the default.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Turns after which everything has come to its end.
+/// Number of turns after which everything must have ended.
 const TURNS: usize = 300_000;
 
-/// A server and a tool in one mode.
+/// Adds a server and a tool in one mode.
 fn begin(mode: Mode, random: u64) -> (Net, usize) {
     let mut net = Net::new(random);
     net.presence = true;
@@ -44,7 +44,7 @@ fn undisturbed() -> &'static [f64] {
     })
 }
 
-/// What was said in runs of each mode, by topic: with the hashes and numbers that the next run has as well.
+/// Returns the messages of runs in each mode, by topic, with the hashes and numbers that the next run has as well.
 fn said() -> BTreeMap<String, Vec<Vec<u8>>> {
     let mut samples: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
     for mode in MODES {
@@ -70,7 +70,7 @@ fn said() -> BTreeMap<String, Vec<Vec<u8>>> {
     samples
 }
 
-/// A message of a stranger, and how many turns pass after it.
+/// Generates a message of a stranger, and the number of turns after it.
 fn message() -> impl Strategy<Value = (String, Vec<u8>, usize)> {
     let samples = said();
     let names: Vec<String> = samples.keys().cloned().collect();
@@ -91,7 +91,7 @@ fn message() -> impl Strategy<Value = (String, Vec<u8>, usize)> {
     })
 }
 
-/// Whether a tool has all its results, or would say why it cannot have them.
+/// Returns whether a tool has all its results, or reports why it cannot get them.
 fn has_ended(net: &mut Net, tool: usize) -> bool {
     let now = net.now;
     let machine = net.tool(tool);
@@ -112,7 +112,7 @@ fn play(mode: Mode, random: u64, messages: &[(String, Vec<u8>, usize)]) {
             net.turn();
         }
     }
-    // What a stranger makes up may be believed, and end a run. But it comes to an end.
+    // A forged message may be believed and end a run, but every run ends.
     for turn in 0.. {
         if has_ended(&mut net, tool) {
             break;
@@ -128,7 +128,7 @@ fn play(mode: Mode, random: u64, messages: &[(String, Vec<u8>, usize)]) {
     assert!(net.tool(tool).done() <= CANDIDATES * SEEDS.len());
     net.tool(tool).release();
     net.collect(tool);
-    // The server serves the next one as if nothing had been.
+    // The server serves the next tool normally.
     let next = tool_in_mode(mode, "next", 1 << 40, net.now);
     let next = net.add(Party::Tool(Box::new(next)));
     net.submit(next, work(CANDIDATES, &SEEDS));
@@ -136,7 +136,7 @@ fn play(mode: Mode, random: u64, messages: &[(String, Vec<u8>, usize)]) {
 }
 
 proptest! {
-    // Each case is a dozen messages, into a whole run that another one follows.
+    // Each case sends a dozen messages into a whole run, followed by another run.
     #![proptest_config(ProptestConfig { cases: config().cases.div_ceil(12), ..config() })]
 
     #[test]

@@ -1,4 +1,4 @@
-//! Which server gets how much, and in which mode.
+//! Shares of work of servers, and their modes.
 
 #![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
 
@@ -34,10 +34,10 @@ fn blocks_follow_the_speed_of_each_server() {
     assert_eq!(by_fast + by_slow, 60_000);
     let share = by_fast as f64 / by_slow as f64;
     assert!((8.0..12.0).contains(&share), "{by_fast} and {by_slow}");
-    // Both were busy all the time: as fast as the two together can be, and 5 % for the beginning and the end.
+    // Both servers must always be busy: the ideal duration, plus 5 % for start and end.
     let ideal = Duration::from_micros(20) * 60_000 * 10 / 11;
     assert!(net.now - start < ideal * 105 / 100, "{:?}", net.now - start);
-    // About 20 ms of work each, once the speed is known.
+    // About 20 ms of work per block, once the speed is known.
     let largest = party(&mut net, fast)
         .blocks
         .iter()

@@ -8,7 +8,7 @@ use common::{Alone, SEEDS, tool_with, work};
 use serde_json::{Value, json};
 use swarmwright_pool::Mode;
 
-/// A tool whose experiment does not say how many sensors and actuators there are.
+/// Creates a tool whose experiment does not give the numbers of sensors and actuators.
 fn tool() -> Alone {
     let now = Instant::now();
     let machine = tool_with(Mode::Stepwise, "a", 0, now, |config| {
@@ -28,7 +28,7 @@ fn announced(instance: &str, sensors: u64, actuators: u64) -> Value {
     json!({"version": 1, "modes": ["stepwise"], "instance": instance, "sensors": sensors, "actuators": actuators})
 }
 
-/// Servers that have work.
+/// Returns the servers that have work.
 fn used(tool: &Alone) -> Vec<u64> {
     (1..9)
         .filter(|id| !tool.machine.has_nothing_on(*id))
@@ -48,7 +48,7 @@ fn servers_that_differ_from_most_are_not_used_and_named() {
     tool.answer(1, Some(&announced("a", 3, 1)));
     tool.answer(2, Some(&announced("b", 2, 1)));
     tool.answer(3, Some(&announced("c", 2, 1)));
-    // What a server does not announce cannot differ.
+    // A server that announces no numbers is accepted.
     tool.answer(4, None);
     submit(&mut tool);
     assert_eq!(used(&tool), [2, 3, 4]);

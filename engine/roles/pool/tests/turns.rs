@@ -1,4 +1,4 @@
-//! Several optimization tools that want the same servers.
+//! Optimization tools that want the same servers.
 
 use crate::common;
 
@@ -8,7 +8,7 @@ use swarmwright_pool::Mode;
 const SEEDS: [u64; 3] = [3, 4, 9];
 const CANDIDATES: usize = 4000;
 
-/// What each tool has done when the first one is through, and when all are.
+/// Returns the progress of each tool when the first one has finished, and when all have.
 fn shared(mode: Mode, servers: u64, tools: u64) -> Vec<usize> {
     let mut net = Net::new(5);
     net.presence = true;

@@ -1,4 +1,4 @@
-//! Two servers with one id, one of which came back from somewhere: the results are those of one alone.
+//! Two servers with one id, one of which has reconnected: the results are those of a single server.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
 use crate::common;
@@ -15,7 +15,7 @@ use swarmwright_wrapper::{Identity, Machine};
 const SEEDS: [u64; 2] = [3, 4];
 const MODES: [Mode; 3] = [Mode::Stepwise, Mode::Batched, Mode::Offloaded];
 
-/// A line by another name, which ends at once.
+/// A simulation with another title, whose episodes end at once.
 struct Dot(Line);
 
 impl Simulation for Dot {
@@ -80,7 +80,7 @@ fn a_server_of_another_simulation_under_the_id_does_nothing_for_this_one() {
     }
 }
 
-/// A server of another simulation that begins whatever it is told to, as those before this version do.
+/// Creates a server of another simulation that starts any run, as servers did before this version.
 fn heedless() -> Party {
     Party::Script(Box::new(|topic, payload| {
         let message: Value = serde_json::from_slice(payload).unwrap_or_default();
@@ -104,7 +104,7 @@ fn what_names_another_simulation_is_refused_and_counted() {
     for random in 0..10 {
         let mut net = Net::new(random);
         let index = net.add(Party::Tool(Box::new(tool("a", 0, net.now))));
-        // It gets control messages on the topic of all, as the other one hears them.
+        // The servers without extensions receive control messages on the common topic.
         net.add_seed_only(1);
         net.add(heedless());
         net.submit(index, work(7, &SEEDS));
@@ -118,7 +118,7 @@ fn what_names_another_simulation_is_refused_and_counted() {
 
 #[test]
 fn a_server_without_a_title_in_its_messages_is_used() {
-    // D6.1's printed examples leave it out.
+    // The printed examples in D6.1 omit it.
     let expected = undisturbed(3);
     let mut net = Net::new(5);
     let index = net.add(Party::Tool(Box::new(tool("a", 0, net.now))));
@@ -161,7 +161,7 @@ fn what_came_under_an_id_that_two_have_who_cannot_be_told_apart_is_done_again() 
     assert_ne!(first, second);
     tool.sense(&second);
     tool.pass(2500);
-    // The server is at an episode, and answers all the same: or another one does.
+    // The server answers although it runs an episode, so there must be another one.
     tool.answer(1, None);
     tool.pass(100);
     tool.sense(&second);
@@ -175,7 +175,7 @@ fn what_came_under_an_id_that_two_have_who_cannot_be_told_apart_is_done_again() 
     assert_eq!(tool.warnings, [told]);
     let controls = |tool: &Alone| tool.on("control").count();
     let before = controls(&tool);
-    // In the next round both answer, in the one after it one of them has gone.
+    // In the next round both answer; in the one after it, one of them has left.
     tool.pass(2500);
     tool.answer(1, None);
     tool.answer(1, None);
@@ -189,7 +189,7 @@ fn what_came_under_an_id_that_two_have_who_cannot_be_told_apart_is_done_again() 
     assert_eq!(controls(&tool), before + 1, "one is left");
 }
 
-/// A tool whose server 1 has sent the first fitness of its first episode, and that episode's hash.
+/// Creates a tool whose server 1 has sent the fitness of its first episode, and returns the hash of that episode.
 fn answered_once() -> (Alone, Value) {
     let mut tool = Alone::new(work(7, &[3]));
     tool.answer(1, None);

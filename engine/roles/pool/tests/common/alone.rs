@@ -1,4 +1,4 @@
-//! A tool without a broker, which hears what the test says.
+//! A tool without a broker, which receives messages from the test.
 
 use std::time::{Duration, Instant};
 
@@ -8,17 +8,17 @@ use swarmwright_protocol::Topics;
 
 use super::tool;
 
-/// A tool that steps every agent by itself, and what it said in JSON.
+/// A tool in stepwise mode, and the JSON messages that it published.
 pub struct Alone {
     pub machine: Scheduler,
     pub now: Instant,
-    /// Topics and messages.
+    /// Published messages, each with its topic.
     pub said: Vec<(String, Value)>,
     pub warnings: Vec<String>,
 }
 
 impl Alone {
-    /// A tool that has asked which servers there are for its work.
+    /// Creates a tool with work that has published a discovery.
     pub fn new(work: Work) -> Self {
         let now = Instant::now();
         let mut alone = Self {
@@ -44,14 +44,14 @@ impl Alone {
         self.collect();
     }
 
-    /// The connection breaks, and is back at once.
+    /// Breaks the connection and restores it at once.
     pub fn reconnect(&mut self) {
         self.machine.disconnected(self.now);
         self.machine.connected(self.now);
         self.collect();
     }
 
-    /// Takes what the tool wants said.
+    /// Collects the messages that the tool publishes.
     pub fn collect(&mut self) {
         let topics = Topics::default();
         for action in self.machine.actions() {
@@ -69,7 +69,7 @@ impl Alone {
         }
     }
 
-    /// The messages of a topic.
+    /// Returns the messages on a topic.
     pub fn on(&self, topic: &str) -> impl DoubleEndedIterator<Item = &Value> {
         let messages = self.said.iter();
         messages
@@ -77,12 +77,12 @@ impl Alone {
             .map(|(_, message)| message)
     }
 
-    /// The hash of the last message of a topic.
+    /// Returns the hash of the last message on a topic.
     pub fn last(&self, topic: &str) -> Value {
         self.on(topic).next_back().unwrap()["simulation_hash"].clone()
     }
 
-    /// A server answers the last discovery; `announced`: its `capabilities.swarmwright`.
+    /// Answers the last discovery as a server; `announced`: its `capabilities.swarmwright`.
     pub fn answer(&mut self, server: u64, announced: Option<&Value>) {
         let mut capabilities = json!({"dimensions": 2, "max_agents": 5});
         if let Some(announced) = announced {

@@ -1,4 +1,4 @@
-//! A server with the extensions, as small as it can be, in virtual time: it computes at a set speed.
+//! A minimal server with the extensions, in virtual time, which computes at a set speed.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use swarmwright_worlds::{Simulation, measure, rollout};
 
 use super::{LINE_METRICS, Line};
 
-/// Answers discovery, evaluates blocks and steps batches of `Line`.
+/// A server that answers discovery, evaluates blocks and steps batches of `Line`.
 pub struct Extended {
     pub id: u64,
     pub instance: String,
@@ -23,33 +23,33 @@ pub struct Extended {
     pub modes: Vec<&'static str>,
     pub controllers: Vec<&'static str>,
     pub batch: usize,
-    /// Time for an episode, or for a step of a batch.
+    /// Time per episode, or per step of a batch.
     pub pace: Duration,
-    /// Refuses every request so.
+    /// Refusal of every request.
     pub refusal: Option<Refusal>,
-    /// Says of episodes with this seed that they failed.
+    /// Seed of the episodes that fail.
     pub fails_on: Option<u64>,
-    /// Gives the metric `half` this value in episodes with this seed; none: leaves it out of all results.
+    /// Seed of the episodes in which the metric `half` has this value; `None` omits the metric from all results.
     pub half: Option<(u64, f64)>,
-    /// Says nothing any more of a block in which this number is a weight.
+    /// Weight that makes the server stop answering a block.
     pub dies_on: Option<f32>,
-    /// Says that each block took so many seconds.
+    /// Seconds reported for each block.
     pub seconds: Option<f64>,
-    /// Gives wrong results.
+    /// Kind of wrong results.
     pub wrong: Option<Wrong>,
-    /// Sends everything twice.
+    /// Whether everything is sent twice.
     pub twice: bool,
-    /// Requests seen: number and evaluations.
+    /// Received requests: number and evaluations.
     pub blocks: Vec<(u64, usize)>,
     pub outgoing: VecDeque<(Instant, String, Vec<u8>)>,
     pub busy_until: Option<Instant>,
     pub batches: BTreeMap<u64, Running>,
 }
 
-/// How results are wrong.
+/// Kinds of wrong results.
 #[derive(Debug, Clone, Copy)]
 pub enum Wrong {
-    /// So many times what they should be.
+    /// Factor on the right results.
     By(f64),
     Always(f64),
 }
@@ -86,7 +86,7 @@ impl Extended {
         }
     }
 
-    /// Adds the metrics that are asked for of an episode to a result.
+    /// Adds the requested metrics of an episode to a result.
     fn measure(
         &self,
         line: &Line,
@@ -108,7 +108,7 @@ impl Extended {
         }
     }
 
-    /// What is due by now.
+    /// Takes the messages that are due.
     pub fn due(&mut self, now: Instant) -> Vec<(String, Vec<u8>)> {
         let mut due = Vec::new();
         while self.outgoing.front().is_some_and(|(at, ..)| *at <= now) {
@@ -298,7 +298,7 @@ impl Extended {
     }
 }
 
-/// A refusal of the given kind.
+/// Creates a refusal of the given kind.
 pub fn refusal(kind: RefusalKind, reason: &str) -> Option<Refusal> {
     Some(Refusal {
         kind,

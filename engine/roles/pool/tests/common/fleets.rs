@@ -24,7 +24,7 @@ pub fn offloaded(id: u64) -> Extended {
     Extended::new(id, &["stepwise", "batched", "offloaded"])
 }
 
-/// The tool, and work submitted to it.
+/// Adds a tool and submits work to it.
 pub fn begin(net: &mut Net, mode: Mode, work: Work) -> usize {
     let tool = tool_in_mode(mode, "a", 0, net.now);
     let index = net.add(Party::Tool(Box::new(tool)));

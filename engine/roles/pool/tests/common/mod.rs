@@ -1,4 +1,4 @@
-//! A broker, a clock and parties without I/O: whole conversations between pools and servers in virtual time.
+//! A broker, a clock and parties without I/O, for whole conversations between pools and servers in virtual time.
 
 #![allow(
     dead_code,
@@ -31,11 +31,11 @@ pub use fleets::{
 pub use swarmwright_testing::{LINE_METRICS, Line};
 pub use tools::{server, tool, tool_in_mode, tool_that_measures, tool_with, tool_with_faults};
 
-/// The specification of all controllers here: layered, without state.
+/// Specification of all controllers in these tests: layered, without state.
 pub const ARCHITECTURE: &str = r#"{"version": 1, "kind": "layered", "sensors": 2, "actuators": 1, "hidden": [],
     "activation": "tanh", "output_range": [-1, 1]}"#;
 
-/// Candidates of growing weight.
+/// Creates work with candidates of growing weight.
 pub fn work(candidates: usize, seeds: &[u64]) -> Work {
     #[expect(clippy::cast_precision_loss, reason = "small numbers")]
     let weight = |candidate: usize| candidate as f32 / 10.0;
@@ -48,17 +48,17 @@ pub fn work(candidates: usize, seeds: &[u64]) -> Work {
     .unwrap()
 }
 
-/// Topic and payload in, topics and payloads out.
+/// Function from a topic and a payload to the messages sent in answer.
 pub type Script = Box<dyn FnMut(&str, &[u8]) -> Vec<(String, Vec<u8>)>>;
 
 pub enum Party {
     Tool(Box<Scheduler>),
     Server(Box<ServerMachine>),
-    /// A server that knows the extensions.
+    /// A server with the extensions.
     Extended(Box<Extended>),
-    /// Answers each message as it likes.
+    /// A party with scripted answers.
     Script(Script),
-    /// Neither reads nor writes: frozen or killed.
+    /// A frozen or killed party, which neither reads nor writes.
     Gone,
 }
 
@@ -69,32 +69,33 @@ pub struct Message {
     pub payload: Vec<u8>,
 }
 
-/// The broker and all parties on it. Messages of one party stay in their order, as on a TCP connection; whose message
-/// comes next is drawn.
+/// The broker and all its parties. Messages of one party keep their order, as on a TCP connection; the next sender is
+/// chosen at random.
 pub struct Net {
     pub now: Instant,
     pub parties: Vec<Party>,
-    /// What the broker has yet to deliver, per sender.
+    /// Messages to deliver, per sender.
     queues: Vec<VecDeque<Message>>,
     pub log: Vec<Message>,
     pub warnings: Vec<String>,
-    /// Watched servers that the tool asked about.
+    /// Supervised servers that the tool asked about.
     pub overdue: Vec<u64>,
-    /// How often the tool wanted to know what the broker does with small packets.
+    /// Number of times that the tool asked how the broker handles small packets.
     pub asked: usize,
-    /// Parties that say nothing of extensions.
+    /// Parties whose messages have no extensions.
     pub seed_only: HashSet<usize>,
     /// Whether servers' presence is delivered; conversations must work without it.
     pub presence: bool,
     /// Whether a message may overtake those of the same sender on other topics.
     pub crosses: bool,
-    /// The largest payload that the broker takes, and how often it ended a connection on a larger one.
+    /// Size in bytes of the largest payload that the broker accepts, and the number of connections ended because of
+    /// larger ones.
     pub takes: usize,
     pub cuts: usize,
     random: u64,
 }
 
-/// The server whose presence it is.
+/// Returns the server of a presence message.
 fn told_by(payload: &[u8]) -> u64 {
     let presence: Value = serde_json::from_slice(payload).unwrap();
     presence["server"].as_u64().unwrap()
@@ -126,7 +127,7 @@ impl Net {
         self.parties.len() - 1
     }
 
-    /// A server that knows nothing of extensions.
+    /// Adds a server without extensions.
     pub fn add_seed_only(&mut self, id: u64) -> usize {
         let index = self.add(Party::Server(Box::new(server(id, Line::new()))));
         self.seed_only.insert(index);
@@ -141,7 +142,7 @@ impl Net {
     }
 
     fn draw(&mut self, below: usize) -> usize {
-        // xorshift64*: any mixing will do.
+        // xorshift64*; any mixing function would do.
         self.random ^= self.random >> 12;
         self.random ^= self.random << 25;
         self.random ^= self.random >> 27;
@@ -156,11 +157,11 @@ impl Net {
         });
     }
 
-    /// Takes what a party wants done.
+    /// Carries out the actions of a party.
     pub fn collect(&mut self, index: usize) {
         let topics = Topics::default();
         let mut published = Vec::new();
-        // A job's result is an action, and so is the next job.
+        // The result of a job is an action, which may start the next job.
         let mut again = false;
         match &mut self.parties[index] {
             Party::Tool(machine) => {
@@ -272,7 +273,7 @@ impl Net {
             .min()
     }
 
-    /// Tells all what time it is.
+    /// Calls `tick` of all parties.
     pub fn tick(&mut self) {
         for index in 0..self.parties.len() {
             match &mut self.parties[index] {
@@ -284,7 +285,7 @@ impl Net {
         }
     }
 
-    /// Delivers one message, or lets time pass to the next timer.
+    /// Delivers one message, or advances the time to the next timer.
     pub fn turn(&mut self) {
         let waiting: Vec<usize> = (0..self.queues.len())
             .filter(|&index| !self.queues[index].is_empty())
@@ -314,12 +315,12 @@ impl Net {
         }
     }
 
-    /// Whether the broker has nothing of a party to deliver.
+    /// Returns whether the broker has no messages of a party to deliver.
     pub fn idle(&self, party: usize) -> bool {
         self.queues[party].is_empty()
     }
 
-    /// Turns until the tool has all its results.
+    /// Takes turns until the tool has all its results.
     pub fn finish(&mut self, tool: usize) -> Vec<f64> {
         self.finish_with_metrics(tool).fitness
     }

@@ -1,4 +1,4 @@
-//! A broker that ends the connection of a client that sends more than it takes, without having said how much that is.
+//! A broker that ends the connection of a client that sends too large a message, without having announced the limit.
 
 use std::time::{Duration, Instant};
 
@@ -7,11 +7,11 @@ use swarmwright_protocol::Topics;
 
 use super::{Extended, Message, Net, Party};
 
-/// After what time a client whose connection ended is there again.
+/// Time after which a client whose connection ended reconnects.
 const BACK: Duration = Duration::from_millis(100);
 
 impl Net {
-    /// The broker reads a message. Whether it takes it.
+    /// Reads a message as the broker. Returns whether it is accepted.
     pub(super) fn read(&mut self, message: &Message) -> bool {
         let (bytes, from) = (message.payload.len(), message.from);
         if bytes <= self.takes {
@@ -58,7 +58,7 @@ impl Extended {
         presence.to_string().into_bytes()
     }
 
-    /// The connection has ended: what was under way is given up. Perhaps since the process has crashed.
+    /// Ends the connection and the current work, perhaps because the process has crashed.
     fn cut(&mut self, now: Instant) {
         self.outgoing.clear();
         self.batches.clear();

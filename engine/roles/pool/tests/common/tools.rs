@@ -1,4 +1,4 @@
-//! Tools and servers to converse.
+//! Tools and servers for conversations.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use swarmwright_wrapper::{Identity, Machine as ServerMachine};
 
 use super::Line;
 
-/// A tool that steps every agent of every episode by itself.
+/// Creates a tool in stepwise mode.
 pub fn tool(name: &str, first_instance: u64, now: Instant) -> Scheduler {
     tool_in_mode(Mode::Stepwise, name, first_instance, now)
 }
@@ -18,7 +18,7 @@ pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -
     tool_that_measures(&[], mode, name, first_instance, now)
 }
 
-/// A tool with something different.
+/// Creates a tool with a modified configuration.
 pub fn tool_with(
     mode: Mode,
     name: &str,
@@ -31,7 +31,7 @@ pub fn tool_with(
     Scheduler::new(config, now)
 }
 
-/// A tool that needs these metrics of every episode.
+/// Creates a tool that needs these metrics of every episode.
 pub fn tool_that_measures(
     metrics: &[&str],
     mode: Mode,

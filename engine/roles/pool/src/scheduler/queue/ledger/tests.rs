@@ -83,7 +83,7 @@ fn work_that_grows_is_handed_out_once_and_forgotten_when_it_has_ended() {
             }
         }
         assert!(ledger.settled.len() < 4 * MIN_FORGOTTEN);
-        // What comes late for something forgotten changes nothing.
+        // Late results for forgotten evaluations change nothing.
         ledger.settle(0, 1, -1.0, &[]);
         ledger.put_back(&piece);
         assert!(ledger.queued() <= 8);
@@ -112,7 +112,7 @@ fn what_was_handed_out_is_handed_out_again_where_work_is_revised() {
         }
         assert_eq!(ledger.take_settled().candidates, [0, 1, 2]);
         ledger.settle(7, 1, 1.0, &[]);
-        // Of the last candidate, only one episode is that server's, and it has not been handed out.
+        // Only one episode of the last candidate is from that server, and it has not been returned.
         let found = ledger.reopen(1);
         if !revised {
             assert_eq!(found, (1, 2));
@@ -142,7 +142,7 @@ fn what_failed_goes_to_others_first_and_in_ever_smaller_parts() {
     assert_eq!(again.evaluations, 0..8);
     ledger.put_back(&again.failed(2));
     assert_eq!(ledger.take(1, &[1, 2], 64).unwrap().evaluations, 0..1);
-    // No server is left that has not failed it; the rest waits for the other one.
+    // The piece has failed on all servers; the rest waits for the other server.
     assert_eq!(ledger.take(2, &[1, 2], 64).unwrap().evaluations, 1..2);
 }
 
@@ -183,7 +183,7 @@ fn a_piece_of_which_another_server_has_a_part_is_not_settled_as_a_whole() {
     assert!(!ledger.settle_whole(&(3..5), 1, &[1.0; 2]));
 }
 
-/// What a server that had just succeeded with other work says of a piece.
+/// A failure of a piece on a server that had just succeeded with other work.
 fn failed(blame: Blame) -> Failed<'static> {
     Failed {
         server: 1,
