@@ -1,4 +1,4 @@
-//! Batched stepwise: what goes to and fro, what is refused, when a batch ends.
+//! Batched evaluation: messages, refusals, and the end of a batch.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -11,7 +11,8 @@ use swarmwright_protocol::{BatchSensors, BatchStart, RefusalKind, ToServer, ToTo
 use swarmwright_testing::JointWalks;
 use swarmwright_worlds::Simulation;
 
-/// Answers every agent with half its first sensor until the batch is over; the fitness by episode, and what failed.
+/// Answers every agent with half its first sensor until the batch ends. Returns the fitness by episode, and the failed
+/// episodes.
 fn play(server: &mut Server, message: BatchStart) -> (Vec<Option<f64>>, Vec<u64>) {
     let mut fitness = vec![None; message.seeds.0.len()];
     let mut failed = Vec::new();
@@ -40,7 +41,7 @@ fn play(server: &mut Server, message: BatchStart) -> (Vec<Option<f64>>, Vec<u64>
     unreachable!()
 }
 
-/// The same, one episode at a time, without a server.
+/// Returns the fitness of the same episodes, run one at a time without a server.
 fn expected(message: &BatchStart) -> Vec<Option<f64>> {
     let evaluate = |seed: &u64| {
         let mut walk = Walk::default();
@@ -171,7 +172,7 @@ fn actuators_that_do_not_fit_change_nothing() {
     assert!(server.warnings.pop().unwrap().contains("actuators"));
     server.actuators(4, 0, vec![1e30; 6]);
     assert_eq!(step(&mut server).step, 1);
-    // The same once more comes too late.
+    // The repeated message is too late.
     server.actuators(4, 0, vec![0.0; 6]);
     assert!(server.replies.is_empty());
     assert!(server.warnings.pop().unwrap().contains("step 0"));

@@ -1,4 +1,4 @@
-//! Replays the golden conversations (`protocol/vectors/conversations`) against the server's decisions.
+//! Replays the golden conversations (`protocol/vectors/conversations`) against the server's state machine.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use std::fs;
@@ -14,7 +14,7 @@ fn vectors() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../protocol/vectors")
 }
 
-/// Whether a message has every key of the expected one, with this value; numbers of sensors as binary32.
+/// Returns whether a message has every key of the expected one with its value; sensor values are compared as binary32.
 fn fits(expected: &Value, actual: &Value, binary32: bool) -> bool {
     match (expected, actual) {
         (Value::Object(expected), Value::Object(actual)) => expected.iter().all(|(key, value)| {
@@ -42,7 +42,7 @@ fn fits(expected: &Value, actual: &Value, binary32: bool) -> bool {
     }
 }
 
-/// What the server says on the seven topics, and on those of tools.
+/// Takes the messages of the server on the seven topics and on those of tools.
 fn said(machine: &mut Machine) -> Vec<(String, Value)> {
     machine
         .actions()
@@ -60,7 +60,7 @@ fn said(machine: &mut Machine) -> Vec<(String, Value)> {
                 }
                 other => panic!("{other:?}"),
             },
-            // No client asks for it.
+            // No client requests this.
             action @ Action::Evaluate(_) => panic!("{action:?}"),
             Action::Notice(_) | Action::Frame(_) | Action::GiveWay(_) => None,
         })
@@ -108,7 +108,7 @@ fn replay(name: &str, conversation: &Value) {
             let retained = entry["retain"] == true;
             machine.receive(entry["topic"].as_str().unwrap(), &payload, retained, now);
             pending.extend(said(&mut machine));
-            // What it does by itself, without waiting for anything.
+            // Let the server do everything that is due without waiting.
             while machine.next_tick().is_some_and(|at| at <= now) {
                 machine.tick(now, String::new);
                 pending.extend(said(&mut machine));

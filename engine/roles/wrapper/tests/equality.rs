@@ -1,4 +1,4 @@
-//! Stepwise, batched, offloaded and in process: the same fitness, to the bit.
+//! Stepwise, batched, offloaded and in-process evaluation give bitwise the same fitness.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -70,7 +70,7 @@ impl Case {
         result.fitness.0
     }
 
-    /// A batch for each candidate, an episode for each seed.
+    /// Evaluates a batch per candidate, with an episode per seed.
     fn batched(&self, server: &mut Server) -> Vec<f64> {
         let mut all = Vec::new();
         for (number, controller) in (0..).zip(self.controllers()) {
@@ -187,7 +187,7 @@ fn network() -> impl Strategy<Value = Value> {
         network["output_range"] = json!([-1, 1]);
         network
     });
-    // The first two sensors alone are looked at.
+    // The machine uses only the first two sensors.
     let machine = (1usize..4, prop::sample::select(vec![vec![0.0], vec![-0.2, 0.3]])).prop_map(
         |(states, cut)| json!({"kind": "mealy_fsm", "states": states, "thresholds": [cut, [0.1]]}),
     );
@@ -195,7 +195,8 @@ fn network() -> impl Strategy<Value = Value> {
     let hebbian = (0usize..4, 1u32..4).prop_map(
         |(hidden, iterations)| json!({"kind": "hebbian", "hidden": hidden, "iterations": iterations}),
     );
-    // Counted from the last node, which is an actuator's; a world has at most two, and at least two sensors.
+    // Counted from the last node, which is an actuator; worlds here have at most two actuators and at least two
+    // sensors.
     let hears = prop::collection::vec(0usize..4, 0..5);
     let neat = (prop::collection::vec(hears, 2..5), 1u32..4).prop_map(
         |(sources, iterations)| json!({"kind": "neat", "sources": sources, "iterations": iterations}),

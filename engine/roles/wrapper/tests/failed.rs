@@ -1,4 +1,4 @@
-//! What goes wrong in a simulation reaches the tool, and the server is usable afterwards.
+//! Failures of simulations reach the tool, and the server is usable afterwards.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -13,7 +13,7 @@ use swarmwright_worlds::{Description, ParameterError, Parameters, Simulation};
 const REPLY: &str = "swarmwright/v1/tool/ada1";
 
 impl Server {
-    /// A tool's messages that start an episode of the walk.
+    /// Sends the messages that start an episode of the walk.
     fn start(&mut self, hash: &str, parameters: Value, control: Value) {
         let mut message = parameters;
         message["server"] = common::ID.into();
@@ -50,7 +50,7 @@ impl Server {
         }
     }
 
-    /// The report of a failure, the only answer since the last call.
+    /// Takes the report of a failure, which must be the only answer since the last call.
     fn failed(&mut self) -> Failed {
         let replies = std::mem::take(&mut self.replies);
         match &replies[..] {
@@ -96,7 +96,7 @@ fn an_episode_that_fails_is_reported_and_the_next_one_is_sound() {
             "{:?}",
             server.warnings
         );
-        // Held for its tool, as after any episode.
+        // The server is held for its tool, as after any episode.
         assert!(
             server.answers(Some("ada")) && !server.answers(Some("bob")),
             "{trouble}"
@@ -224,7 +224,7 @@ fn a_stack_is_sent_once_for_a_reason() {
     assert_eq!(stacks, [Some("step\nwall"), None]);
 }
 
-/// Says very much when it fails.
+/// A simulation that fails with a very long reason.
 struct Talker;
 
 impl Simulation for Talker {

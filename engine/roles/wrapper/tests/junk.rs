@@ -1,4 +1,4 @@
-//! Whatever comes in on the topic of requests, the server stays usable.
+//! The server stays usable whatever arrives on the topic of requests.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -21,7 +21,7 @@ fn sound() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Messages with bytes changed, left out, put in; and bytes of any kind.
+/// Generates messages with changed, removed and inserted bytes, and arbitrary bytes.
 fn junk() -> impl Strategy<Value = Vec<u8>> {
     let edits = prop::collection::vec((any::<prop::sample::Index>(), 0u8..4, any::<u8>()), 0..6);
     let damaged = (prop::sample::select(sound()), edits).prop_map(|(mut bytes, edits)| {
@@ -52,7 +52,7 @@ proptest! {
             server.receive(&inbox, message);
             server.compute();
         }
-        // Whatever was begun is over after the time-outs; then the server does what it is asked.
+        // All work ends with the time-outs; then the server serves requests.
         for _ in 0..3 {
             server.pass(common::STEP_TIMEOUT);
         }
@@ -75,7 +75,7 @@ proptest! {
     }
 }
 
-/// Lengths that promise more than there is must not be believed.
+/// Announced lengths beyond the payload must not be trusted.
 #[test]
 fn lengths_that_lie_cost_nothing() {
     let inbox = Topics::default().to_server(common::ID);

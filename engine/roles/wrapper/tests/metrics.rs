@@ -1,4 +1,4 @@
-//! Metrics: announced, sent with every stepwise fitness, and with other results where they are asked for.
+//! Metrics: announced, sent with every stepwise fitness, and with other results on request.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use swarmwright_protocol::{RefusalKind, ToServer, ToTool, Topic, U64s};
 use swarmwright_worlds::Minisim;
 
-/// The fitness message of an episode of the walk in which no agent moves.
+/// Returns the fitness message of an episode of the walk in which no agent moves.
 fn stepwise(trouble: &str) -> Value {
     let server = walked(trouble, None);
     let (topic, payload) = server.published.last().unwrap();
@@ -16,7 +16,7 @@ fn stepwise(trouble: &str) -> Value {
     serde_json::from_slice(payload).unwrap()
 }
 
-/// A server after such an episode, for a tool that wants to hear of failures there.
+/// Returns a server after such an episode of a tool that receives failures on `reply`.
 fn walked(trouble: &str, reply: Option<&str>) -> Server {
     let mut server = Server::of_walks();
     let hash = "h";
@@ -42,7 +42,7 @@ fn a_stepwise_fitness_comes_with_all_metrics_that_a_message_can_carry() {
         message["metrics"],
         json!({"half": fitness / 2.0, "steps": 4.0})
     );
-    // A tool that does not know metrics is not to suffer from those that are none.
+    // Invalid metrics must not affect a tool that does not know metrics.
     assert_eq!(stepwise("metrics")["metrics"], json!({"steps": 4.0}));
     let message = stepwise("metrics panic");
     assert_eq!(message.get("metrics"), None);
@@ -254,7 +254,7 @@ fn a_metric_that_there_is_not_is_refused_by_name() {
     server.ask(ToServer::Start(message));
     let refusal = server.sensors().remove(0).error.unwrap();
     assert!(refusal.reason.contains("stpes"), "{refusal:?}");
-    // The simulation was put back: the next batch has it.
+    // The simulation was put back, so the next batch can use it.
     server.ask(ToServer::Start(batch(3)));
     assert!(server.sensors().remove(0).error.is_none());
 }

@@ -1,4 +1,4 @@
-//! Offloaded evaluation: who gets the server, what is refused and how, what a simulation that fails does.
+//! Offloaded evaluation: reservation of the server, refusals, and failing simulations.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -16,7 +16,7 @@ use swarmwright_protocol::{
 };
 use swarmwright_worlds::{Minisim, rollout};
 
-/// What `rollout` gives for every candidate and episode of a request for the walk.
+/// Returns the fitness from `rollout` for every candidate and episode of a request for the walk.
 fn expected(message: &Evaluate) -> Vec<f64> {
     let architecture = Arc::new(architecture(&message.controller));
     let mut fitness = Vec::new();
@@ -55,7 +55,7 @@ fn requests_of_one_tool_wait_for_each_other_and_are_answered_in_order() {
     for number in 0..20 {
         let mut message = request(number);
         message.seeds = U64s(vec![number]);
-        // Every third is about something else.
+        // Every third request has other parameters.
         message.parameters = object(json!({"agents": 1 + number % 3}));
         server.evaluate(message);
     }
@@ -115,7 +115,7 @@ fn taken(server: &mut Server, tool: &str) -> Option<String> {
 fn another_tool_is_told_at_once_that_the_server_is_taken() {
     let mut server = Server::of_walks();
     server.evaluate(request(1));
-    // At work.
+    // The server is computing.
     assert!(taken(&mut server, "bob").unwrap().contains("ada"));
     assert!(!server.answers(None) && !server.answers(Some("bob")));
     let mut start = batch(5);
@@ -124,18 +124,18 @@ fn another_tool_is_told_at_once_that_the_server_is_taken() {
     server.ask(ToServer::Start(start));
     let refused = &server.sensors()[0];
     assert_eq!(refused.error.as_ref().unwrap().kind, RefusalKind::Taken);
-    // Held.
+    // The server is held.
     server.compute();
     assert!(taken(&mut server, "bob").unwrap().contains("ada"));
     assert!(server.answers(Some("ada")) && !server.answers(Some("bob")));
-    // The holder gets it again, others once it has not come back.
+    // The holder gets it again; other tools get it once the holder has not returned.
     server.evaluate(request(2));
     assert_eq!(server.jobs.len(), 1);
     server.compute();
     server.pass(Duration::from_secs(6));
     assert_eq!(taken(&mut server, "bob"), None);
     assert_eq!(server.jobs.len(), 1);
-    // And a run that was started stepwise takes it as well.
+    // A run in stepwise mode takes it as well.
     let mut server = Server::of_walks();
     server.say(
         Topic::Parameters,
@@ -168,7 +168,7 @@ fn control_from_others_moves_nothing_and_from_the_holder_releases() {
     assert_eq!(server.jobs.len(), 1);
     assert!(!server.answers(Some("bob")));
     server.say(Topic::Control, &control(false, "ada"));
-    // What is being computed has to stop first, and its result is not sent. A request that comes meanwhile is next.
+    // The current computation must stop first, and its result is not sent. A request that arrives meanwhile is next.
     assert!(!server.answers(None));
     let start = || ToServer::Start(batch(5));
     server.ask(start());
@@ -183,7 +183,7 @@ fn control_from_others_moves_nothing_and_from_the_holder_releases() {
         matches!(&server.replies[..], [(topic, ToTool::Evaluated(found))]
         if topic.ends_with("bob") && found.error.is_none() && found.request == 99)
     );
-    // Held: at once.
+    // A held server is freed at once.
     assert!(!server.answers(None));
     server.say(Topic::Control, &control(false, "bob"));
     assert!(server.answers(None));
@@ -237,7 +237,7 @@ fn a_server_in_whose_place_another_was_lost_says_again_since_when_it_is_there() 
     server.pass(Duration::ZERO);
     let (again, repeated) = server.published.pop().unwrap();
     assert_eq!((again, repeated), (topic, payload));
-    // What is new is so from now on.
+    // A changed state has a new time.
     server.evaluate(request(1));
     server.pass(Duration::from_millis(200));
     let (_, payload) = server.published.pop().unwrap();
@@ -379,7 +379,7 @@ fn an_episode_that_fails_is_named_and_the_others_count() {
             "{:?}",
             result.failed
         );
-        // The server is as good as before.
+        // The server works as before.
         server.evaluate(request(2));
         server.compute();
         assert_eq!(
@@ -410,7 +410,7 @@ fn the_simulation_asked_for_is_used_where_several_are_offered() {
     assert_eq!(server.results()[0].fitness.0, [zeros(); 2]);
 }
 
-/// Fitness of a network of zeros in the published example.
+/// Returns the fitness of a network of zeros in the published example.
 fn zeros() -> f64 {
     let controller = object(
         json!({"version": 1, "kind": "layered", "sensors": 4, "actuators": 1, "hidden": [],
@@ -458,7 +458,7 @@ fn presence_waits_for_the_connection_to_come_back() {
     );
 }
 
-/// A sample of 300 candidates for the walk's network.
+/// Returns a sample of 300 candidates for the walk's network.
 fn sample() -> Sample {
     let row = |value: f64| F64s(vec![value; 3]);
     Sample {

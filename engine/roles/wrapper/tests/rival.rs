@@ -1,4 +1,4 @@
-//! Two servers with one id: one of them goes, and what is meant for one is not done by the other.
+//! Two servers with one id: one of them leaves, and each ignores messages meant for the other.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
 use crate::common;
@@ -13,7 +13,7 @@ const HASH: &str = "mine";
 const LISTEN: Duration = Duration::from_millis(100);
 const SETTLE: Duration = Duration::from_millis(150);
 
-/// The presence of another server with the id.
+/// Returns the presence of another server with the id.
 fn presence(instance: &str, state: &str) -> Vec<u8> {
     let announced = json!({"version": 1, "host": "far", "pid": 3, "instance": instance});
     json!({
@@ -33,7 +33,7 @@ impl Server {
         self.receive(&Topics::default().presence(ID), &presence(instance, state));
     }
 
-    /// As the broker remembers it.
+    /// Receives presence as retained by the broker.
     fn finds(&mut self, instance: &str, state: &str) {
         let topic = Topics::default().presence(ID);
         self.machine
@@ -114,7 +114,7 @@ fn one_that_only_the_broker_remembers_is_asked_to_speak_up() {
     let mut server = returned();
     server.hears_of("!", "ready");
     assert_eq!(server.rivals.len(), 1);
-    // A ghost says nothing.
+    // A dead server, whose presence is only retained, does not contradict.
     let mut server = returned();
     server.pass(Duration::from_secs(1));
     assert!(server.rivals.is_empty());
@@ -188,7 +188,7 @@ fn an_episode_for_another_start_of_the_server_does_not_begin() {
     server.published.clear();
     server.say(Topic::Control, &control(Some("another")));
     assert_eq!(server.says(Topic::Sensor), 0);
-    // Where the other one is gone, its tool is to hear of this one.
+    // If the other instance has ended, its tool must learn of this one.
     server.pass(SETTLE);
     assert_eq!(server.says(Topic::Presence), 1);
     let own = server.own_instance();
@@ -210,7 +210,7 @@ fn a_request_for_another_start_of_the_server_is_not_served() {
     let refused = server.sensors()[0].error.clone().unwrap();
     assert_eq!(refused.kind, RefusalKind::Taken);
     assert!(server.jobs.is_empty() && server.machine.is_free());
-    // What another tool has, or does not offer it, could not serve it: the other one is the one to say so.
+    // A server that is taken, or does not offer the simulation, leaves the answer to the other one.
     server.replies.clear();
     let mut foreign = blocks.clone();
     foreign.simulation = "swim".to_owned();

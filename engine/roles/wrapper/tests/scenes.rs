@@ -1,4 +1,4 @@
-//! A tool that asks for scenes gets one before the first step and after each, and nothing else changes.
+//! Scenes are sent to a tool that requests them, before the first step and after each step, without other effects.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -11,7 +11,7 @@ use swarmwright_wrapper::scenes::{from_message, to_message};
 
 const REPLY: &str = "swarmwright/v1/tool/ada1";
 
-/// Plays an episode; the scenes, and all other messages of the episode.
+/// Plays an episode. Returns the scenes, and all other messages of the episode.
 fn played(title: &str, parameters: &Value, control: Value) -> (Vec<SceneMessage>, Vec<Value>) {
     let mut simulation = create(title).unwrap();
     simulation.reset(parameters.as_object().unwrap()).unwrap();

@@ -1,4 +1,5 @@
-//! Simulations that steer their agents themselves: no actuators are asked for, the fitness comes, messages are read in between.
+//! Simulations that steer their agents themselves: no actuators are requested, the fitness is sent, and messages are
+//! read in between.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -53,7 +54,7 @@ fn begin(server: &mut Server, parameters: &Map<String, Value>) {
     server.say(Topic::Control, &address);
 }
 
-/// The fitness of one episode, and how often the server looked at its messages before it.
+/// Returns the fitness of one episode, and how often the server read its messages before it ended.
 fn stepwise(server: &mut Server, parameters: &Map<String, Value>) -> (f64, usize) {
     server.published.clear();
     begin(server, parameters);
@@ -143,7 +144,7 @@ fn messages_are_read_between_two_steps() {
         object(json!({"steering": "rule", "speedAgents": 0, "numDefenders": 0, "maxSteps": 20}));
     let (_, looks) = stepwise(&mut minisim(), &parameters);
     assert_eq!(looks, 20);
-    // An episode of the greatest length can be ended.
+    // An episode of the greatest length can be ended early.
     parameters.insert("maxSteps".to_owned(), json!(10_000_000));
     let mut server = minisim();
     begin(&mut server, &parameters);
@@ -175,7 +176,7 @@ fn a_parameter_set_where_agents_wait_is_refused_with_the_cure() {
     );
 }
 
-/// Goes on by itself and fails at its third step.
+/// A simulation that steers itself and fails at its third step.
 struct Broken(u32);
 
 impl Simulation for Broken {

@@ -1,4 +1,4 @@
-//! The server on a real broker: it goes on answering while it computes.
+//! The server with a real broker: it keeps answering while it computes.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -18,7 +18,7 @@ use swarmwright_wrapper::{Options, SimulationServer};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A walk that takes its time.
+/// A walk with slow steps.
 struct Slow(Walk, Duration);
 
 impl Simulation for Slow {
@@ -48,7 +48,7 @@ impl Simulation for Slow {
     }
 }
 
-/// A tool's connection, and what came in and was not looked at.
+/// Connection of a tool, and the received events that have not been examined.
 struct Tool(Connection, Vec<Event>);
 
 impl Tool {
@@ -94,7 +94,7 @@ impl Tool {
     }
 }
 
-/// Runs a server while `test` does its part.
+/// Runs a server while `test` runs.
 fn with_server(simulation: Box<dyn Simulation>, test: impl FnOnce(&Broker)) {
     let broker = Broker::start(&Config::default()).unwrap();
     let options = Options::new(common::ID, &broker.url()).unwrap();
@@ -116,7 +116,7 @@ fn short_and_long_evaluations_come_back_in_order() {
         let mut fitness = Vec::new();
         for number in 0..400 {
             let mut message = request(number);
-            // Some take a millisecond and more, and go to the other thread.
+            // Some take a millisecond or more, and go to the other thread.
             let episodes = if number % 40 == 7 { 20_000 } else { 3 };
             message.seeds = U64s((0..episodes).collect());
             tool.ask(ToServer::Evaluate(message));
@@ -165,7 +165,7 @@ fn what_is_given_back_stops_within_an_episode() {
         thread::sleep(pause);
         let end = json!({"server": common::ID, "simulation_hash": "", "run": false, "tool": "ada"});
         ada.publish("control", end.to_string().as_bytes());
-        // Free once the episode under way is over.
+        // The server is free once the current episode has ended.
         let mut bob = Tool::new(broker, "server");
         let asked = Instant::now();
         let discovery = json!({"simulation": "walk", "simulation_hash": "b", "requirements": {"dimensions": 2}});

@@ -1,4 +1,5 @@
-//! Who gets a server: tools with and without a name that want it at once, and messages that overtake others.
+//! Reservation of a server: tools with and without a name that want it at the same time, and messages that overtake
+//! others.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
 use crate::common;
@@ -36,13 +37,13 @@ fn evaluate(number: u64, tool: &str) -> Evaluate {
 }
 
 impl Server {
-    /// How many messages of a topic it published since the last call.
+    /// Returns the number of messages on a topic that the server published since the last call.
     fn said(&mut self, topic: Topic) -> usize {
         let all = std::mem::take(&mut self.published);
         all.iter().filter(|(name, _)| *name == topic).count()
     }
 
-    /// The hashes of its answers to discoveries since the last call.
+    /// Returns the hashes of its answers to discoveries since the last call.
     fn answered(&mut self) -> Vec<String> {
         let all = std::mem::take(&mut self.published);
         let hash = |(topic, payload): (Topic, Vec<u8>)| match Message::decode(topic, &payload) {
@@ -52,7 +53,8 @@ impl Server {
         all.into_iter().filter_map(hash).collect()
     }
 
-    /// A tool with a name evaluates for a time, one short request after another, and says how many were served.
+    /// Evaluates short requests of a tool with a name for some time, one after another. Returns the number of served
+    /// requests.
     fn busy_for(&mut self, tool: &str, time: Duration) -> usize {
         let end = self.now + time;
         let mut served = 0;
@@ -70,7 +72,7 @@ impl Server {
         served
     }
 
-    /// An episode of a tool without a name, from parameters to fitness.
+    /// Runs an episode of a tool without a name, from parameters to fitness.
     fn plain_episode(&mut self, hash: &str) -> bool {
         self.say(Topic::Parameters, &parameters(hash));
         self.say(Topic::Control, &control(hash, None));
@@ -96,7 +98,7 @@ fn a_tool_without_a_name_that_asks_once_has_its_turn() {
     assert_eq!(server.answered(), Vec::<String>::new(), "ada's turn");
     server.busy_for("ada", 3 * SECOND / 2);
     assert_eq!(server.answered(), [HASH]);
-    // It waits for the one that was answered, not for others.
+    // The server waits only for the tool that was answered.
     assert_eq!(server.busy_for("ada", SECOND / 4), 0);
     assert!(server.plain_episode(HASH) && server.plain_episode("its next"));
     assert!(!server.answers(Some("ada")));
@@ -323,7 +325,7 @@ fn an_episode_of_what_is_not_offered_does_not_begin() {
         failed.reason,
         "simulation: \"swim\" is not offered here, only walk"
     );
-    // One that names none means the only one.
+    // A control message without a title means the only simulation.
     server.say(Topic::Control, &control(HASH, Some("ada")));
     assert_eq!(server.said(Topic::Sensor), 1);
 }

@@ -117,8 +117,8 @@ impl Machine {
         instance.is_none_or(|instance| *instance == self.identity.instance)
     }
 
-    /// Returns the refusal of a request for another instance with this id; `None` to ignore the request, unless that
-    /// instance may be gone and this one can serve the tool instead.
+    /// Returns the refusal of a request for another instance with this id; `None` to ignore the request. It is refused
+    /// only if this instance could serve the tool, in case the other instance has ended.
     pub(super) fn refuse_for_another(&self, simulation: &str) -> Option<Refusal> {
         (self.is_free() && self.offered(simulation).is_ok()).then(|| Refusal {
             kind: RefusalKind::Taken,

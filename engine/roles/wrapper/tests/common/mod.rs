@@ -1,4 +1,4 @@
-//! A server's decisions and a tool that asks for extensions, without I/O.
+//! A server's state machine, and a tool that uses extensions, without I/O.
 #![allow(clippy::unwrap_used, clippy::panic, dead_code)] // helpers of tests, not all used by each
 
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ use swarmwright_wrapper::{Action, Identity, Job, Machine, Notice, Rival};
 pub const ID: u64 = 7;
 pub const STEP_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A layered network for the walk, without hidden nodes: 3 weights.
+/// Returns a layered network for the walk, without hidden nodes: 3 weights.
 pub fn network() -> Map<String, Value> {
     object(
         json!({"version": 1, "kind": "layered", "sensors": 2, "actuators": 1, "hidden": [],
@@ -32,7 +32,7 @@ pub fn architecture(controller: &Map<String, Value>) -> Architecture {
     Architecture::from_json(&Value::Object(controller.clone()).to_string()).unwrap()
 }
 
-/// A request of the tool "ada" for two candidates in two episodes of the walk.
+/// Returns a request of the tool "ada" for two candidates in two episodes of the walk.
 pub fn request(number: u64) -> Evaluate {
     Evaluate {
         version: EXTENSION_VERSION,
@@ -52,7 +52,7 @@ pub fn request(number: u64) -> Evaluate {
     }
 }
 
-/// A batch of the tool "ada" with three episodes of the walk.
+/// Returns a batch of the tool "ada" with three episodes of the walk.
 pub fn batch(number: u64) -> BatchStart {
     BatchStart {
         version: EXTENSION_VERSION,
@@ -67,20 +67,20 @@ pub fn batch(number: u64) -> BatchStart {
     }
 }
 
-/// A server and what it said.
+/// A server and the messages that it sent.
 pub struct Server {
     pub machine: Machine,
     pub now: Instant,
     pub warnings: Vec<String>,
-    /// Jobs that were not computed yet.
+    /// Jobs that have not been computed.
     pub jobs: Vec<Job>,
-    /// Answers to tools: topic without prefix, message.
+    /// Answers to tools, each with its topic without prefix.
     pub replies: Vec<(String, ToTool)>,
-    /// What was published on the seven topics.
+    /// Messages published on the seven topics.
     pub published: Vec<(Topic, Vec<u8>)>,
-    /// Requests that were numbered.
+    /// Number of numbered requests.
     pub requests: u64,
-    /// Servers for which it gives way.
+    /// Servers for which it leaves.
     pub rivals: Vec<Rival>,
 }
 
@@ -127,7 +127,7 @@ impl Server {
         self.collect();
     }
 
-    /// What came last took its simulations so long.
+    /// Lets the simulations take this long for the last message.
     pub fn took(&mut self, time: Duration) {
         let turn = self.now;
         self.now += time;
@@ -156,7 +156,7 @@ impl Server {
         assert!(self.jobs.len() <= 1, "one job at a time");
     }
 
-    /// Computes until there is nothing to compute.
+    /// Computes all jobs.
     pub fn compute(&mut self) {
         while let Some(job) = self.jobs.pop() {
             self.machine.finished(job.run(Means::default()), self.now);
@@ -164,7 +164,7 @@ impl Server {
         }
     }
 
-    /// The answers since the last call, all to evaluations.
+    /// Takes the answers since the last call, which must all be results of evaluations.
     pub fn results(&mut self) -> Vec<Evaluated> {
         self.replies
             .drain(..)
@@ -175,7 +175,7 @@ impl Server {
             .collect()
     }
 
-    /// The answers since the last call, all of batches.
+    /// Takes the answers since the last call, which must all belong to batches.
     pub fn sensors(&mut self) -> Vec<BatchSensors> {
         self.replies
             .drain(..)
@@ -195,7 +195,7 @@ impl Server {
         }));
     }
 
-    /// Whether the server answers a discovery of a tool.
+    /// Returns whether the server answers a discovery of a tool.
     pub fn answers(&mut self, tool: Option<&str>) -> bool {
         self.published.clear();
         let mut message = json!({"simulation": self.machine.titles()[0], "simulation_hash": "d",
