@@ -180,8 +180,9 @@ impl Session {
         Ok(())
     }
 
-    /// Returns the size in bytes of the largest large packet that the broker has read, and of the largest one that it
-    /// may not have read if that is larger; each 0 if there is none. Both are 0 if the broker announces a limit.
+    /// Returns the sizes in bytes of the largest packet that the broker has read, and of the largest packet that it may
+    /// not have read. The first is 0 if all were small, the second if none is larger than the first; both are 0 if the
+    /// broker announces a limit.
     pub fn read(&self) -> (usize, usize) {
         (self.reading.read(), self.reading.unread())
     }

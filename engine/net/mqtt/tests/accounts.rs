@@ -1,4 +1,4 @@
-//! Accounts of brokers of this user, which connections find by the broker's address.
+//! Accounts of this user's brokers, which connections find by the broker's address.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -32,7 +32,7 @@ fn connections_of_this_process_use_a_published_account() {
     for url in &urls {
         assert!(open(url).is_ok(), "{url}");
     }
-    // Brokers elsewhere do not get the password.
+    // Remote brokers do not get the password.
     let list = format!("{},mqtt://192.0.2.1", broker.url());
     assert_eq!(Settings::from_environment(&list).unwrap().password, None);
     drop(published);

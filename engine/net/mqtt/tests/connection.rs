@@ -1,4 +1,4 @@
-//! The connection against the built-in broker.
+//! The connection with the built-in broker.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;

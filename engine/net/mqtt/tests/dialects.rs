@@ -9,19 +9,19 @@ use std::time::{Duration, Instant};
 
 use swarmwright_mqtt::{ConnectError, Connection, QoS, Settings, Subscription, Version, Will};
 
-/// What a listener does with a connection, seeing its CONNECT.
+/// Reaction of a listener to a connection, given its CONNECT.
 enum Answer {
-    /// Nothing, until the client is gone.
+    /// No answer until the client has left.
     Silence,
-    /// A CONNACK of MQTT 5 with this reason code, and the end.
+    /// A CONNACK of MQTT 5 with this reason code, then the end of the connection.
     Refuse(u8),
-    /// A CONNACK, and the end.
+    /// A successful CONNACK, then the end of the connection.
     Break,
-    /// All that is needed.
+    /// All required answers.
     Serve,
 }
 
-/// The CONNECT that a listener received: protocol level and flags.
+/// A received CONNECT: protocol level and flags.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Connect {
     level: u8,
@@ -34,7 +34,7 @@ impl Connect {
     }
 }
 
-/// A listener that answers by `answer`, and reports what it received.
+/// Creates a listener that answers with `answer`, and reports what it received.
 fn listen(
     answer: impl Fn(usize, Connect) -> Answer + Send + 'static,
 ) -> (String, Receiver<Connect>) {
@@ -47,7 +47,7 @@ fn listen(
             let mut buffer = [0; 1000];
             let count = socket.read(&mut buffer).unwrap();
             assert!(count > 9 && buffer[0] == 0x10, "{buffer:?}");
-            // Fixed header (one byte of length, or two), the name "MQTT" with its length, then level and flags.
+            // Fixed header (one or two bytes of length), the name "MQTT" with its length, then level and flags.
             let start = if buffer[1] & 0x80 == 0 { 2 } else { 3 };
             let connect = Connect {
                 level: buffer[start + 6],

@@ -1,4 +1,4 @@
-//! The connection against Mosquitto, in both versions of MQTT.
+//! The connection with Mosquitto, in both versions of MQTT.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -34,7 +34,7 @@ impl Mosquitto {
         let access = "topic read #\ntopic write allowed/#\n";
         std::fs::write(&rules, access).unwrap();
         let lines = lines.replace("ACCESS", rules.to_str().unwrap());
-        // Only root needs the first line; others may not change the user anyway.
+        // Only root needs the first line; others cannot change the user anyway.
         let lines = format!("user root\nlistener {port} 127.0.0.1\n{lines}\n");
         std::fs::write(&configuration, lines).unwrap();
         let candidates = ["/usr/sbin/mosquitto", "/usr/local/sbin/mosquitto"];
@@ -59,7 +59,7 @@ impl Mosquitto {
         }
     }
 
-    /// Its URL in both versions of MQTT.
+    /// Returns the URLs for both versions of MQTT.
     fn urls(&self) -> [(Version, String); 2] {
         let url = |number| format!("mqtt://127.0.0.1:{}?mqtt={number}", self.port);
         [(Version::Five, url(5)), (Version::Three, url(3))]
@@ -128,7 +128,7 @@ fn messages_of_all_kinds_pass() {
         drop(writer);
         let will = ("t/will".to_owned(), b"lost".to_vec(), false);
         assert_eq!(messages(&mut reader, 1), [will]);
-        // Nothing is left when it ends by itself.
+        // No will is published after an orderly end.
         reader.publish("t/kept", b"", QoS::AtLeastOnce, true, None);
         reader.close(PATIENCE);
     }
@@ -145,7 +145,7 @@ fn what_it_does_not_allow_is_understood() {
         send("allowed/x");
         send("denied");
         if version == Version::Three {
-            continue; // it does not say so
+            continue; // MQTT 3.1.1 does not report it.
         }
         until(&mut writer, |event| match event {
             Event::Denied { topic, message } => {

@@ -1,4 +1,4 @@
-//! The connection against brokers that behave otherwise than the built-in one, and against listeners that are not brokers.
+//! The connection with brokers that behave differently from the built-in one, and with listeners that are not brokers.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use crate::common;
@@ -62,7 +62,7 @@ fn a_broker_that_restarts_during_the_first_connection_is_waited_for() {
             let _ = socket.read(&mut [0; 1000]);
             drop(listener);
             if accepts {
-                // CONNACK of MQTT 5; then it ends, as on SIGTERM.
+                // CONNACK of MQTT 5; then the broker ends, as on SIGTERM.
                 let _ = socket.write_all(&[0x20, 3, 0, 0, 0]);
             }
             drop(socket);
@@ -170,7 +170,7 @@ fn an_end_that_comes_together_with_a_message_is_noticed() {
     relay.join().unwrap();
 }
 
-/// A broker that leaves Nagle's algorithm on sends the second of two small messages when the first is acknowledged.
+/// A broker with Nagle's algorithm sends the second of two small messages when the first is acknowledged.
 #[cfg(target_os = "linux")]
 #[test]
 fn small_packets_are_acknowledged_at_once() {
@@ -205,13 +205,13 @@ fn small_packets_are_acknowledged_at_once() {
         })
         .collect();
     seconds.sort_unstable_by(f64::total_cmp);
-    // The system by itself acknowledges after 40 ms, twice in a round.
+    // Without this, the system acknowledges after 40 ms, twice per round.
     assert!(seconds[ROUNDS / 2] < 0.03, "{seconds:?}");
     drop(connection);
     serving.join().unwrap();
 }
 
-/// A broker that answers each ping with a separate write.
+/// Creates a broker that answers each ping with a separate write.
 #[cfg(target_os = "linux")]
 fn answering_pings(nodelay: bool) -> (String, thread::JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -249,7 +249,7 @@ fn brokers_that_hold_back_small_packets_are_detected() {
     assert!(holds_back_small_packets(&settings(&broker.url())).is_err());
 }
 
-/// Bytes that the broker may not have read when the connection ended.
+/// Returns the bytes that the broker may not have read when the connection ended.
 fn unread(connection: &mut Connection) -> usize {
     let deadline = Instant::now() + PATIENCE;
     let mut events = Vec::new();
@@ -293,7 +293,7 @@ fn what_a_broker_had_not_read_when_it_ended_the_connection_is_named() {
         client.write_all(&[0x20, 2, 0, 0]).unwrap();
         assert!(client.read(&mut chunk).unwrap() > 0);
         client.write_all(&[0x90, 3, chunk[2], chunk[3], 1]).unwrap();
-        // The header of the message, and no more.
+        // Only the header of the message.
         assert!(client.read(&mut chunk[..8]).unwrap() > 0);
     });
     let mut connection = open(&url, "nothing");

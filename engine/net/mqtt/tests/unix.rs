@@ -29,7 +29,7 @@ fn messages_of_any_size_arrive_also_after_a_loss() {
     let mut brokers = vec![first];
     for round in 0..2u8 {
         let mut writer = open(&url, "nothing");
-        // More than the socket takes at once.
+        // More than the socket accepts at once.
         let big = vec![round; 3_000_000];
         writer.publish("t", &big, QoS::AtMostOnce, false, None);
         writer.publish("t", b"small", QoS::AtLeastOnce, false, None);

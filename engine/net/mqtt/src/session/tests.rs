@@ -7,7 +7,7 @@ use crate::settings::Settings;
 
 const VERSIONS: [Version; 2] = [Version::Five, Version::Three];
 
-/// A session that the broker has accepted, with `properties` (MQTT 5) in its CONNACK.
+/// Creates a session that the broker has accepted, with `properties` (MQTT 5) in its CONNACK.
 fn accepted(version: Version, properties: &[u8]) -> Session {
     let mut session = Session::new(version, 30);
     let settings = Settings::new("mqtt://localhost".parse().unwrap());
@@ -28,7 +28,7 @@ fn accepted(version: Version, properties: &[u8]) -> Session {
     session
 }
 
-/// What came in, as far as it can be seen from outside.
+/// Returns the visible parts of the received messages.
 fn messages(session: &mut Session, pieces: &[&[u8]]) -> Vec<(String, Vec<u8>, bool)> {
     let mut found = Vec::new();
     for piece in pieces {
@@ -42,7 +42,7 @@ fn messages(session: &mut Session, pieces: &[&[u8]]) -> Vec<(String, Vec<u8>, bo
     found
 }
 
-/// With a random choice of what a message may have.
+/// Creates random options.
 fn options(random: &mut fastrand::Rng) -> PublishOptions<'static> {
     PublishOptions {
         expiry: random.bool().then(|| random.u32(1..)),
@@ -69,13 +69,13 @@ fn messages_are_the_same_wherever_the_stream_is_cut() {
                 retain: random.bool(),
                 ..options(&mut random)
             };
-            // Often the same as before.
+            // Often the same topic as before.
             let topic = format!("topic/{}", number / 7 % 5);
             let mut packet = Vec::new();
             sender
                 .publish(&topic, &payload, &options, &mut packet)
                 .unwrap();
-            // Without the ping that follows a large one.
+            // Exclude the ping that follows a large packet.
             let (_, header, length) = frame(&packet, usize::MAX).unwrap().unwrap();
             stream.extend_from_slice(&packet[..header + length]);
             expected.push((topic, payload, options.retain));
@@ -142,14 +142,14 @@ fn a_broker_that_denies_a_topic_is_heard() {
             out.get(3 + topic.len() + 1..).map(<[u8]>::to_vec),
         )
     };
-    // The first on each topic has QoS 1.
+    // The first message on each topic has QoS 1.
     let (qos, id) = send(&mut session, "a");
     assert_eq!(qos, 1);
     let (qos, other) = send(&mut session, "b");
     assert_eq!(qos, 1);
     assert_eq!(send(&mut session, "a").0, 0);
     let mut answers = Vec::new();
-    // Not authorized; a quota that is used up may be free another time.
+    // Not authorized; or an exhausted quota, which is temporary.
     for (id, code) in [(id, 0x87), (other, 0x97)] {
         let id = id.unwrap();
         let puback = [0x40, 4, id[0], id[1], code, 0];
@@ -225,7 +225,7 @@ fn what_is_malformed_ends_the_connection_and_nothing_after_it_counts() {
                 matches!(&events[..], [Received::Publish(_), Received::Closed(reason)] if reason.contains(words)),
                 "{version:?} {bad:?} {events:?}"
             );
-            // The broker is told why, in MQTT 5.
+            // In MQTT 5, the broker receives the reason.
             match version {
                 Version::Five => assert_eq!((out[0], out[2]), (0xe0, code), "{bad:?} {out:?}"),
                 Version::Three => assert!(out.is_empty()),
@@ -266,7 +266,7 @@ fn a_silent_broker_is_asked_and_given_up_within_the_keep_alive_interval() {
         let second = Duration::from_secs(1);
         for passed in 0..60u32 {
             let now = start + second * passed;
-            // Messages for 20 s, and answers to pings: none is given up. What it sends itself is no answer.
+            // Messages for 20 s, and answers to pings: the broker is not given up. What the client sends is no answer.
             if passed < 20 {
                 session.receive(&[0xd0, 0], &mut Vec::new(), &mut |_| {});
             }
@@ -293,7 +293,7 @@ fn a_silent_broker_is_asked_and_given_up_within_the_keep_alive_interval() {
     }
 }
 
-/// What a new session says of the answer to its CONNECT.
+/// Returns the event of a new session for an answer to its CONNECT.
 fn answer(version: Version, connack: &[u8]) -> Received {
     let mut session = Session::new(version, 30);
     let mut answers = Vec::new();
@@ -313,7 +313,7 @@ fn a_refusal_is_given_in_words_with_what_may_help() {
             "unsupported protocol version",
             Remedy::Older,
         ),
-        // As brokers of MQTT 3 alone answer.
+        // Answer of brokers that support only MQTT 3.
         (
             Version::Five,
             &[0x20, 2, 0, 1],
@@ -538,7 +538,7 @@ fn the_keep_alive_interval_of_the_broker_is_kept() {
     assert_eq!(pings(&[19, 0, 0]), []);
 }
 
-/// All that a session says of bytes, with what it holds meanwhile.
+/// Passes bytes to a session and checks its events and its memory.
 fn listen(version: Version, bytes: &[u8], is_accepted: bool) {
     let run = || {
         let mut session = if is_accepted {

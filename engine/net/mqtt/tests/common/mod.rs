@@ -24,7 +24,7 @@ pub fn open(url: &str, filter: &str) -> Connection {
     Connection::open(settings(url), subscription(filter)).unwrap()
 }
 
-/// Polls until `count` messages are there.
+/// Polls until `count` messages have arrived.
 pub fn messages(connection: &mut Connection, count: usize) -> Vec<(String, Vec<u8>, bool)> {
     let deadline = Instant::now() + PATIENCE;
     let mut messages = Vec::new();
@@ -49,7 +49,7 @@ pub fn messages(connection: &mut Connection, count: usize) -> Vec<(String, Vec<u
     messages
 }
 
-/// Polls until an event of a kind is there.
+/// Polls until an event of a kind has arrived.
 pub fn until(connection: &mut Connection, is_wanted: impl Fn(&Event) -> bool) {
     let deadline = Instant::now() + PATIENCE;
     let mut events = Vec::new();
