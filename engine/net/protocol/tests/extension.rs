@@ -87,7 +87,7 @@ fn metrics(metrics: &BTreeMap<String, F64s>) -> Value {
     metrics.iter().map(read).collect()
 }
 
-/// With numbers of arrays by their bits, and without what is left out.
+/// Converts a scene, with arrays of numbers by their bits, and without omitted fields.
 fn scene(m: &SceneMessage) -> Value {
     let b = &m.bodies;
     let mut bodies =
@@ -140,7 +140,7 @@ fn answer(message: &ToTool) -> Value {
     }
 }
 
-/// The reading of a payload, and the message written again; none if it is refused.
+/// Decodes a payload and encodes it again; `None` if it is refused.
 fn read(topic: &str, payload: &[u8]) -> Option<(Value, Vec<u8>)> {
     match topic {
         "to_server" => {
@@ -155,7 +155,7 @@ fn read(topic: &str, payload: &[u8]) -> Option<(Value, Vec<u8>)> {
     }
 }
 
-/// Equal as JSON: 60 and 60.0 are one number.
+/// Compares as JSON: 60 and 60.0 are the same number.
 fn same(left: &Value, right: &Value) -> bool {
     match (left, right) {
         (Value::Number(a), Value::Number(b)) => {

@@ -1,4 +1,5 @@
-//! Replays `protocol/vectors/fields.json`, which is made from the schemas: every field is there, missing, mistyped.
+//! Replays `protocol/vectors/fields.json`, which is generated from the schemas: each field is present, missing, or
+//! mistyped.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use std::fs;
@@ -24,7 +25,7 @@ fn payload(vector: &Value) -> Vec<u8> {
     }
 }
 
-/// The message written again; an error if it is refused.
+/// Decodes and encodes a message; an error if it is refused.
 fn read_and_write(topic: &str, payload: &[u8]) -> Result<Vec<u8>, String> {
     let json = |topic| Message::decode(topic, payload).map_err(|error| error.to_string());
     Ok(match topic {
@@ -59,7 +60,7 @@ fn read_and_write(topic: &str, payload: &[u8]) -> Result<Vec<u8>, String> {
     })
 }
 
-/// Equal as JSON: 2 and 2.0 are one number.
+/// Compares as JSON: 2 and 2.0 are the same number.
 fn same(left: &Value, right: &Value) -> bool {
     match (left, right) {
         (Value::Number(a), Value::Number(b)) => a.as_f64() == b.as_f64(),
@@ -97,7 +98,7 @@ fn what_is_written_has_every_field_of_the_schemas() {
         let payload = payload(vector);
         let written = read_and_write(topic, &payload).unwrap();
         if vector["bytes"].is_string() {
-            // MessagePack: the vectors are in the canonical form.
+            // The MessagePack vectors are in canonical form.
             assert_eq!(written, payload, "{}", vector["name"]);
         } else {
             let (expected, found): (Value, Value) = (

@@ -1,4 +1,4 @@
-//! Which servers have the behaviours and conditions in Python that a machine needs.
+//! Selection of servers that have the Python behaviours and conditions of a machine.
 
 use swarmwright_protocol::{ModuleCode, missing_module};
 

@@ -1,4 +1,4 @@
-//! Reasons for which messages are refused: they say in which field, and what was expected.
+//! Reasons why messages are refused: they name the field, and what was expected.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
 
 use serde_json::{Value, json};
@@ -10,7 +10,7 @@ fn json_reason(topic: Topic, message: &Value) -> String {
     let payload = message.to_string().into_bytes();
     let reason = Message::decode(topic, &payload).unwrap_err().to_string();
     if topic == Topic::Sensor {
-        // There are two ways to read one.
+        // There are two decoders of sensor messages.
         let other = SensorReading::decode(&payload).unwrap_err();
         assert_eq!(other.to_string(), reason);
     }

@@ -19,7 +19,7 @@ fn load(name: &str) -> Vec<Value> {
     serde_json::from_str(&text).unwrap()
 }
 
-/// The vectors of all messages in JSON.
+/// Returns the vectors of all JSON messages.
 fn every_message() -> Vec<Value> {
     [load("messages.json"), load("status.json")].concat()
 }
@@ -49,7 +49,7 @@ fn capabilities(capabilities: &Capabilities) -> Value {
     })
 }
 
-/// A status as the vectors write it: what is absent is null.
+/// Converts a status as in the vectors: absent fields are null.
 fn status(message: &Status) -> Value {
     let waiting = |entry: &Waiting| {
         json!({"server": entry.server, "kind": entry.kind, "missing": entry.missing, "evaluations": entry.evaluations,
@@ -68,7 +68,7 @@ fn status(message: &Status) -> Value {
     })
 }
 
-/// The message as the vectors write it.
+/// Converts a message as in the vectors.
 fn reading(message: &Message) -> Value {
     match message {
         Message::Discovery(m) => json!({
@@ -96,7 +96,7 @@ fn reading(message: &Message) -> Value {
             let metrics = Some(&m.metrics).filter(|metrics| !metrics.is_empty());
             json!({"simulation": m.simulation, "simulation_hash": m.simulation_hash, "fitness": m.fitness, "metrics": metrics})
         }
-        // MessagePack: these have vectors of their own.
+        // MessagePack messages have their own vectors.
         Message::ToServer(_) | Message::ToTool(_) => Value::Null,
         Message::Presence(m) => json!({
             "server": m.server,
@@ -107,7 +107,7 @@ fn reading(message: &Message) -> Value {
     }
 }
 
-/// Equal as JSON: 1 and 1.0 are one number; `binary32` compares numbers as such.
+/// Compares as JSON: 1 and 1.0 are the same number; `binary32` compares numbers as binary32.
 fn same(left: &Value, right: &Value, binary32: bool) -> bool {
     match (left, right) {
         (Value::Number(a), Value::Number(b)) => {
@@ -156,7 +156,7 @@ fn messages_are_read_as_the_vectors_say() {
         );
         let Ok(message) = decoded else { continue };
         if let (Message::Sensor(_), Some(_)) = (&message, vector["binary32"].as_array()) {
-            // This reader of the vectors rounds twice, so these are compared by their bits below.
+            // `serde_json` rounds the vectors twice, so these are compared by their bits below.
         } else {
             let binary32 = matches!(topic, Topic::Sensor | Topic::Actuator);
             assert!(

@@ -61,7 +61,8 @@ proptest! {
 
 #[test]
 fn decimals_become_the_nearest_binary32_not_the_nearest_of_the_nearest_binary64() {
-    // Rounded to binary64 first, this decimal falls on the middle between two binary32 and goes the wrong way.
+    // If rounded to binary64 first, this decimal is halfway between two binary32 numbers and is then rounded in the
+    // wrong direction.
     let text = br#"{"simulation_hash":"0","agent":0,"actuator":[1.00000017881393432617187499999]}"#;
     assert_eq!(
         Actuator::decode(text).unwrap().actuator[0].to_bits(),

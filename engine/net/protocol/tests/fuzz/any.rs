@@ -1,4 +1,4 @@
-//! Messages of every kind, as a program may make them.
+//! Generators of messages of every kind, as a program may create them.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ fn id() -> impl Strategy<Value = u64> {
     prop_oneof![0..9u64, 0..=i64::MAX.unsigned_abs()]
 }
 
-/// JSON below the keys of parameters.
+/// Generates JSON below the keys of parameters.
 fn value() -> impl Strategy<Value = Value> {
     let leaf = prop_oneof![
         Just(Value::Null),
@@ -344,7 +344,7 @@ fn refusal() -> impl Strategy<Value = Option<Refusal>> {
     }))
 }
 
-/// One metric, if it has a name.
+/// Returns one metric, if it has a name.
 fn named(name: Option<String>, values: &[f64]) -> BTreeMap<String, F64s> {
     let values = F64s(values.to_vec());
     name.map(|name| (name, values)).into_iter().collect()

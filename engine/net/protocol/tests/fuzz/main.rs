@@ -1,5 +1,5 @@
-//! Whatever comes over the broker: a decoder refuses it in words or reads it, never panics, and takes no more memory than
-//! the payload is worth. What it reads, it writes so that it reads the same again.
+//! Decoders for arbitrary payloads refuse them with a reason or decode them, never panic, and use memory in proportion
+//! to the payload. Whatever is decoded is encoded so that it decodes to the same message.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 mod any;
@@ -43,7 +43,7 @@ fn topic(name: &str) -> Topic {
     }
 }
 
-/// The golden payloads of a list of vectors, with their topics.
+/// Returns the golden payloads of a list of vectors, with their topics.
 fn golden(name: &str) -> Vec<(Topic, Vec<u8>)> {
     let vectors = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../protocol/vectors");
     let text = fs::read_to_string(vectors.join(name)).unwrap();
@@ -60,7 +60,7 @@ fn golden(name: &str) -> Vec<(Topic, Vec<u8>)> {
         .collect()
 }
 
-/// Mutated golden payloads, each for its own topic or, sometimes, another one.
+/// Generates mutated golden payloads, each for its own topic or, sometimes, another one.
 fn nearly(name: &str) -> impl Strategy<Value = (Topic, Vec<u8>)> + use<> {
     let golden = golden(name);
     let topics: Vec<Topic> = golden.iter().map(|(topic, _)| *topic).collect();
@@ -101,10 +101,11 @@ fn encode(message: &Message) -> Vec<u8> {
     }
 }
 
-/// Bytes for each byte of a payload: an object of one key, seven characters, is a node of a tree with a capacity of eleven.
+/// Bytes of memory per byte of a payload: an object of one key, seven characters, is a node of a tree with a capacity
+/// of eleven.
 const BYTES_PER_BYTE: usize = 200;
 
-/// Decodes; checks words and memory.
+/// Decodes a payload, and checks error message and memory.
 fn read<T>(payload: &[u8], decode: impl FnOnce(&[u8]) -> Result<T, DecodeError>) -> Option<T> {
     let (decoded, bytes) = peak(|| decode(payload));
     let most = 4096 + BYTES_PER_BYTE * payload.len();
@@ -123,7 +124,7 @@ fn read<T>(payload: &[u8], decode: impl FnOnce(&[u8]) -> Result<T, DecodeError>)
     }
 }
 
-/// Reads a payload, and what is written of it.
+/// Decodes a payload, encodes the message, and decodes the result.
 fn there_and_back(topic: Topic, payload: &[u8]) {
     let Some(message) = read(payload, |payload| Message::decode(topic, payload)) else {
         return;
@@ -131,7 +132,7 @@ fn there_and_back(topic: Topic, payload: &[u8]) {
     let written = encode(&message);
     let again = read(&written, |payload| Message::decode(topic, payload));
     let again = again.unwrap_or_else(|| panic!("{message:?} is written so that it cannot be read"));
-    // By their bytes: NaN, which stands where an evaluation failed, differs from itself.
+    // Compare bytes, since NaN, which stands for a failed evaluation, differs from itself.
     assert_eq!(
         encode(&again),
         written,
