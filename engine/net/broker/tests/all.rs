@@ -1,4 +1,4 @@
-//! The integration tests of this crate as one program: each program links the whole engine anew.
+//! Integration tests of this crate as one program, since each program links the whole engine anew.
 
 mod clients;
 mod common;

@@ -16,7 +16,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use swarmwright_broker::{Broker, Config, Limits};
 
-/// Memory is measured of the whole process: one attack at a time.
+/// Lock for one attack at a time, since the memory of the whole process is measured.
 static ALONE: Mutex<()> = Mutex::new(());
 
 fn alone(test: impl FnOnce() + Send + 'static) {
@@ -39,13 +39,14 @@ fn broker() -> Broker {
     Broker::start(&config).unwrap()
 }
 
-/// Memory of this process, of which the broker is a thread.
+/// Returns the memory of this process in bytes; the broker is one of its threads.
 fn memory() -> usize {
     let text = std::fs::read_to_string("/proc/self/statm").unwrap();
     text.split(' ').nth(1).unwrap().parse::<usize>().unwrap() * 4096
 }
 
-/// Writes until nothing is taken for a while, or `most` bytes; how many were taken.
+/// Writes until the peer accepts nothing for a while, or `most` bytes are written. Returns the number of accepted
+/// bytes.
 fn flood(stream: &mut TcpStream, bytes: &[u8], most: usize) -> usize {
     stream
         .set_write_timeout(Some(Duration::from_millis(300)))
@@ -63,7 +64,7 @@ fn flood(stream: &mut TcpStream, bytes: &[u8], most: usize) -> usize {
     sent
 }
 
-/// A message there and back.
+/// Checks that a message makes a round trip.
 fn is_served(client: &mut Client<TcpStream>) {
     client.publish("echo", false, b"still there?");
     assert_eq!(client.hear_payload(), "still there?");
@@ -75,7 +76,7 @@ fn honest(broker: &Broker) -> Client<TcpStream> {
     client
 }
 
-/// An unauthenticated connection on the WebSocket port.
+/// Opens an unauthenticated connection on the WebSocket port.
 fn unauthenticated(broker: &Broker) -> TcpStream {
     let mut stream = TcpStream::connect(("127.0.0.1", broker.websocket_port().unwrap())).unwrap();
     let request = "GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: mqtt\r\n\r\n";
@@ -91,14 +92,14 @@ fn pings_of_unauthenticated_clients_whose_answers_are_not_read() {
     alone(|| {
         let broker = broker();
         let mut other = honest(&broker);
-        // A masked PING with 125 bytes, many times.
+        // A masked PING with 125 bytes, repeated many times.
         let mut ping = vec![0x89, 0x80 | 125, 1, 2, 3, 4];
         ping.extend([7; 125]);
         let pings = ping.repeat(500);
         let before = memory();
         let mut clients: Vec<TcpStream> = (0..4).map(|_| unauthenticated(&broker)).collect();
         for client in &mut clients {
-            // The sockets' own buffers take some megabytes.
+            // The sockets' own buffers accept some megabytes.
             let sent = flood(client, &pings, 200 * MIB);
             assert!(sent < 50 * MIB, "{sent} bytes were taken");
             is_served(&mut other);
@@ -146,7 +147,7 @@ fn a_subscribe_with_very_many_filters() {
         greedy.stream.write_all(&packet(0x82, &body)).unwrap();
         let codes = greedy.expect(SUBACK);
         assert_eq!(codes.len(), 3 + 300_000);
-        // Thousands of searches through 20,000 retained messages are under way now.
+        // Thousands of searches through 20,000 retained messages are in progress now.
         for _ in 0..100 {
             is_served(&mut other);
         }
@@ -162,7 +163,7 @@ fn packets_that_never_end() {
         let mut streams = Vec::new();
         for _ in 0..20 {
             let mut client = Client::join(&broker, &Hello::default());
-            // A PUBLISH of 60 MiB, of which 20 come.
+            // A PUBLISH of 60 MiB, of which 20 MiB are sent.
             client
                 .stream
                 .write_all(&[0x30, 0x80, 0x80, 0x80, 0x1e])
@@ -171,7 +172,7 @@ fn packets_that_never_end() {
             streams.push(client);
             is_served(&mut other);
         }
-        // Buffers grow by doubling, and the old one and the new one are there for a moment.
+        // Buffers grow by doubling, and the old and the new one exist at the same time for a moment.
         assert!(
             memory() < before + 3 * BUDGET,
             "{} MiB",

@@ -1,4 +1,4 @@
-//! Exchanges with a client library, in MQTT 3.1.1 and 5, at every quality of service.
+//! Exchanges with a client library, in MQTT 3.1.1 and 5, with every quality of service.
 
 #![allow(
     clippy::unwrap_used,
@@ -46,7 +46,7 @@ fn mqtt_3_1_1() {
                 .publish(format!("t/{}", number % 3), qos, false, number.to_string())
                 .unwrap();
         }
-        // Until the last exchange of QoS 1 and 2 is complete.
+        // Wait until the last exchange of QoS 1 and 2 is complete.
         let mut finished = 0;
         for event in writing.iter() {
             finished += usize::from(matches!(
@@ -57,7 +57,7 @@ fn mqtt_3_1_1() {
                 break;
             }
         }
-        // Gone without DISCONNECT.
+        // Leave without DISCONNECT.
         drop((writer, writing));
         let mut seen = vec![Vec::new(); 3];
         for event in reading.iter() {

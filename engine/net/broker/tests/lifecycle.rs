@@ -1,4 +1,4 @@
-//! Starting, and errors that prevent it.
+//! Start of a broker, and errors that prevent it.
 
 #![allow(
     clippy::unwrap_used,

@@ -101,7 +101,7 @@ fn retained_messages_reach_clients_that_subscribe_later() {
         ] {
             writer.publish(topic, true, payload.as_bytes());
         }
-        // A round trip, so that the broker has them all.
+        // Make a round trip, so that the broker has all messages.
         writer.subscribe("servers/3", 0);
         let mut reader = Client::join(&broker, &Hello::default());
         reader.subscribe("servers/+", 0);
@@ -183,7 +183,7 @@ fn a_reader_that_reads_slowly_is_never_cut_off() {
         let mut reader = Client::join(&broker, &Hello::default());
         reader.subscribe("t", 0);
         let mut writer = Client::join(&broker, &Hello::default());
-        // Forty times what the broker keeps, and more than the sockets hold besides.
+        // Forty times the broker's limit, and more than the sockets buffer in addition.
         let writing = thread::spawn(move || {
             for _ in 0..40 * 64 {
                 writer.publish("t", false, &[1; 1 << 14]);
@@ -233,7 +233,7 @@ fn an_inactive_reader_does_not_delay_other_clients() {
             start.elapsed()
         );
         writing.join().unwrap();
-        // What was on its way arrives whole, then the reason: quota exceeded.
+        // Messages in transit arrive completely, then the reason: quota exceeded.
         let mut last = None;
         while let Some((first, body)) = stuck.next() {
             assert!(body.len() > 1 << 14 || first == DISCONNECT);
@@ -255,7 +255,7 @@ fn large_messages_arrive_whole_and_too_large_ones_are_refused() {
             .collect();
         client.publish("blob", false, &blob);
         assert!(client.hear().3 == blob);
-        // A length alone, of 200 MB.
+        // Only a length of 200 MB, without a body.
         client.send(&[0x30, 0x80, 0x84, 0xaf, 0x5f]);
         assert_eq!(client.expect(DISCONNECT)[0], 0x95);
     });

@@ -1,4 +1,4 @@
-//! Password guessing over real sockets does not keep other clients out; and files that are read again.
+//! Password guessing over real sockets must not lock other clients out; and reloading of files.
 
 #![allow(
     clippy::unwrap_used,
@@ -36,7 +36,7 @@ fn hello<'a>(user: &'a str, password: &'a str) -> Hello<'a> {
     }
 }
 
-/// A round trip, milliseconds: the median of some.
+/// Returns the median round-trip time in milliseconds.
 fn round_trip(client: &mut Client<TcpStream>) -> f64 {
     let mut times: Vec<f64> = (0..200)
         .map(|_| {
@@ -50,7 +50,7 @@ fn round_trip(client: &mut Client<TcpStream>) -> f64 {
     times[100]
 }
 
-/// Connects with one wrong password after another, as fast as possible; how many were answered in total.
+/// Connects with one wrong password after another, as fast as possible, and counts the answers.
 fn guess(port: u16, user: fn(usize) -> String, stop: &AtomicBool, answered: &AtomicUsize) {
     while !stop.load(Ordering::Relaxed) {
         let number = answered.fetch_add(1, Ordering::Relaxed);
@@ -73,7 +73,7 @@ fn guess(port: u16, user: fn(usize) -> String, stop: &AtomicBool, answered: &Ato
 const HERE: [u8; 4] = [127, 0, 0, 1];
 const ELSEWHERE: [u8; 4] = [127, 0, 0, 2];
 
-/// A connection from an address of this machine.
+/// Connects from an address of this machine.
 fn connect(from: [u8; 4], port: u16) -> TcpStream {
     let socket = Socket::new(Domain::IPV4, Type::STREAM, None).unwrap();
     let from = SocketAddr::from((Ipv4Addr::from(from), 0));
@@ -83,7 +83,7 @@ fn connect(from: [u8; 4], port: u16) -> TcpStream {
     socket.into()
 }
 
-/// The answer to a right password.
+/// Returns the answer to a right password.
 fn knock(from: [u8; 4], port: u16, user: &str) -> u8 {
     let mut stream = connect(from, port);
     stream
@@ -102,7 +102,7 @@ fn newcomers_get_in_while_others_guess(guessed: fn(usize) -> String, from: [u8; 
     let names: Vec<String> = (0..12).map(|number| format!("lab{number}")).collect();
     let mut accounts: Vec<(&str, &str)> = names.iter().map(|name| (&**name, "correct")).collect();
     accounts.push(("tool", "horse"));
-    // Hashes that cost little: how fast this machine is does not matter here.
+    // Use fast hashes, so that the speed of the machine does not matter.
     let lines = accounts.iter().map(|(user, password)| {
         let hash = hash_for_mosquitto(password, NonZeroU32::new(1000).unwrap()).unwrap();
         format!("{user}:{hash}\n")
@@ -128,7 +128,7 @@ fn newcomers_get_in_while_others_guess(guessed: fn(usize) -> String, from: [u8; 
         .collect();
     thread::sleep(Duration::from_secs(1));
     for name in &names {
-        // Tool and servers retry up to four times, too.
+        // Tools and servers retry up to four times, too.
         let tries = (0..5).find(|_| knock(from, broker.port(), name) == 0);
         assert!(tries.is_some(), "{name} is kept out");
     }
@@ -137,7 +137,7 @@ fn newcomers_get_in_while_others_guess(guessed: fn(usize) -> String, from: [u8; 
     for guesser in guessers {
         guesser.join().unwrap();
     }
-    // A clock of a millisecond, for machines that are busy with other tests.
+    // Allow a millisecond, for machines that are busy with other tests.
     assert!(busy < 10.0 * quiet.max(0.1) + 1.0, "{quiet} ms, {busy} ms");
 }
 
@@ -192,7 +192,7 @@ fn a_thousand_servers_of_one_account_reconnect_at_once() {
         for _ in 0..400 {
             Client::join(&broker, &hello("server", "horse"));
         }
-        // One hash of some 0.1 s, not 400.
+        // One hash takes some 0.1 s, so 400 would take longer.
         assert!(
             begin.elapsed() < Duration::from_secs(10),
             "{:?}",
@@ -225,7 +225,7 @@ fn removed_accounts_are_disconnected_and_the_others_stay() {
         let kept = text.lines().next().unwrap();
         let other = hash_password("new").unwrap();
 
-        // A file that cannot be used changes nothing.
+        // An invalid file changes nothing.
         std::fs::write(&path, format!("{kept}\neve:readable\n")).unwrap();
         let message = broker.reload().unwrap_err().to_string();
         assert!(
@@ -246,7 +246,7 @@ fn removed_accounts_are_disconnected_and_the_others_stay() {
         assert_eq!(Client::knock(&broker, &hello("eve", "e")).1, 0x86);
         let mut eve = Client::join(&broker, &hello("eve", "new"));
         eve.subscribe("news", 0);
-        // The rules are others, for those who stayed as well.
+        // The new rules also apply to clients that stay connected.
         ada.subscribe("news", 0);
         ada.publish("echo", false, b"denied");
         ada.publish("news", false, b"allowed");

@@ -106,7 +106,7 @@ fn guesses_do_not_delay_the_clients_of_an_account() {
             ..Hello::default()
         };
         assert_eq!(Client::knock(&broker, &hello).1, 0);
-        // With slow hashes, 8 wrong passwords of a network are checked in a second.
+        // With slow hashes, 8 wrong passwords per second are checked for a network.
         assert!(began.elapsed() < Duration::from_secs(50));
     });
 }
@@ -194,13 +194,13 @@ fn access_rules_decide_who_reads_and_writes() {
         );
         ada.subscribe("#", 0);
         bob.subscribe("#", 0);
-        // Bob reads below swarm/ and writes nothing there; no client reads swarm/secret, retained or not.
+        // Bob may read below swarm/ but write nothing there; no client may read swarm/secret, retained or not.
         bob.publish("swarm/forged", false, b"forged");
         ada.publish("swarm/secret", true, b"secret");
         ada.publish("swarm/news", false, b"news");
         assert_eq!(ada.hear_payload(), "news");
         assert_eq!(bob.hear_payload(), "news");
-        // QoS 1, so that the refusal is told: not authorized.
+        // Use QoS 1, so that the refusal is reported: not authorized.
         let mut body = text("swarm/forged");
         body.extend([0, 9, 0]);
         bob.send(&packet(0x32, &body));
@@ -211,7 +211,7 @@ fn access_rules_decide_who_reads_and_writes() {
     });
 }
 
-/// A certificate for 127.0.0.1 that signs itself, and its key, as files.
+/// Creates files with a self-signed certificate for 127.0.0.1 and its key.
 fn certificate(folder: &tempfile::TempDir) -> (PathBuf, PathBuf) {
     let certificate =
         rcgen::generate_simple_self_signed(["127.0.0.1".into(), "localhost".into()]).unwrap();
@@ -273,7 +273,7 @@ fn tls_carries_large_and_many_messages_and_turns_plain_clients_away() {
         for number in 0..1000u32 {
             assert_eq!(client.hear().3, number.to_be_bytes());
         }
-        // A client that does not trust the certificate, and one without TLS: neither disturbs the others.
+        // A client that does not trust the certificate, and one without TLS; neither may disturb the others.
         let mut wary = secure(&broker, RootCertStore::empty());
         assert!(std::io::Write::write_all(&mut wary, b"x").is_err());
         let mut plain = Client::new(

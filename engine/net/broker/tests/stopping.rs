@@ -1,4 +1,4 @@
-//! Stopping frees port and threads.
+//! Stopping a broker frees its ports and threads.
 
 #![allow(
     clippy::unwrap_used,
@@ -40,7 +40,8 @@ fn stopping_tells_the_clients_and_frees_port_and_threads() {
     });
 }
 
-/// Threads of brokers in this process, by their name; alone in this file, because other tests have brokers too.
+/// Returns the number of broker threads in this process, by name. This test has its own file, because other tests have
+/// brokers, too.
 fn broker_threads() -> usize {
     let Ok(tasks) = std::fs::read_dir("/proc/self/task") else {
         return 0;

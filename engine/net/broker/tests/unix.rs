@@ -1,4 +1,4 @@
-//! Unix sockets: their file, and clients that connect through it.
+//! Unix sockets: their files, and clients that connect through them.
 
 #![allow(
     clippy::unwrap_used,
@@ -61,7 +61,7 @@ fn clients_of_a_socket_and_of_a_port_reach_each_other() {
         let mut far = Client::join(&broker, &Hello::default());
         far.subscribe("t", 0);
         let mut near = join(&path);
-        // More than a socket takes at once.
+        // More than a socket accepts at once.
         let large = vec![b'x'; 4 << 20];
         near.publish("t", false, &large);
         near.publish("t", false, b"end");
@@ -102,7 +102,7 @@ fn a_file_that_was_left_behind_is_replaced_and_one_in_use_is_not() {
         let error = Broker::start(&config(&path)).expect_err("in use");
         assert!(matches!(error, BrokerError::SocketInUse { .. }), "{error}");
         let mut client = join(&path);
-        // A broker that was moved aside leaves the file of its successor alone.
+        // A broker whose file was moved must not remove the file of its successor.
         fs::rename(&path, folder.path().join("other")).unwrap();
         let second = Broker::start(&config(&path)).unwrap();
         client.subscribe("t", 0);

@@ -17,7 +17,7 @@ use swarmwright_broker::{Broker, Config};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Bytes, Message, WebSocket};
 
-/// A WebSocket as a stream of bytes; what is written goes out in frames of `piece` bytes.
+/// A WebSocket as a stream of bytes, which writes frames of `piece` bytes.
 struct Framed {
     socket: WebSocket<TcpStream>,
     piece: usize,
@@ -90,7 +90,7 @@ fn websocket_and_tcp_clients_talk_to_each_other() {
         let broker = start();
         let mut plain = Client::join(&broker, &Hello::default());
         plain.subscribe("to/tcp", 0);
-        // Frames end anywhere, MQTT packets go on in the next one.
+        // Frames may end anywhere; MQTT packets continue in the next one.
         for piece in [1, 7, 100, 1 << 20] {
             let mut web = connect(&broker, piece);
             web.subscribe("to/web", 0);

@@ -1,4 +1,4 @@
-//! The order of checks, in virtual time; and how long real hashes take.
+//! Order of checks in virtual time, and the duration of real hashes.
 
 use super::queue::{CheckQueue, Key};
 use super::*;
@@ -30,7 +30,7 @@ impl Stage {
         self.queue.key(&[user.as_bytes(), password.as_bytes()])
     }
 
-    /// A connection sends a password; its number.
+    /// Sends a password from a new connection, and returns its number.
     fn come(&mut self, network: &str, user: &str, password: &str) -> usize {
         let (account, pair) = (self.account(user), self.pair(user, password));
         self.link += 1;
@@ -38,14 +38,14 @@ impl Stage {
         self.link
     }
 
-    /// The next check is of a wrong password; its connection.
+    /// Runs the next check with a wrong password, and returns its connection.
     fn guess(&mut self) -> Option<usize> {
         let (pair, link) = self.queue.next(self.now)?;
         self.queue.ended(&pair, None, TOOK, self.now);
         Some(link)
     }
 
-    /// The same, and it is right.
+    /// Runs the next check with a right password, and returns its connection.
     fn admit(&mut self, user: &str) -> Option<usize> {
         let (pair, link) = self.queue.next(self.now)?;
         self.queue.ended(&pair, Some(user), TOOK, self.now);
@@ -56,7 +56,7 @@ impl Stage {
         self.now += Duration::from_millis(milliseconds);
     }
 
-    /// 1,300 guesses a second for this many seconds; how many were checked.
+    /// Sends 1,300 guesses per second for this many seconds. Returns how many were checked.
     fn flood(&mut self, seconds: u64, from: impl Fn(u64) -> (String, String)) -> usize {
         let mut looked = 0;
         for number in 0..seconds * 1300 {
@@ -86,7 +86,7 @@ fn guesses_are_checked_within_the_rates_of_their_network_and_account() {
         (format!("evil {}", number % 100), "tool".into())
     });
     assert!((70..=16 + 4 * 20).contains(&of_many), "{of_many}");
-    // In any case half of a processor: 20 a second of 25 ms each.
+    // In any case at most half of a processor: 20 checks per second of 25 ms each.
     let mut stage = Stage::new();
     let of_all = stage.flood(20, |number| {
         (format!("evil {}", number % 100), number.to_string())
@@ -125,7 +125,7 @@ fn of_equals_the_newest_is_next_after_accounts_that_the_network_is_trusted_for()
     let first = stage.come("lab", "tool", "a");
     let second = stage.come("lab", "tool", "b");
     assert_eq!((stage.guess(), stage.guess()), (Some(second), Some(first)));
-    // Accounts that many networks guess at wait, unless the network is trusted for them.
+    // Checks for accounts under attack from many networks wait, unless the network is trusted for the account.
     let mut stage = Stage::new();
     stage.come("lab", "tool", "right");
     assert!(stage.admit("tool").is_some());
@@ -162,7 +162,7 @@ fn clients_that_retry_when_told_to_are_checked_before_further_guesses() {
             assert!(tries <= 3, "{name} is kept out");
             let link = stage.come("evil", &name, "right");
             for number in 0..3000 {
-                // Guesses at ever new names from the same network.
+                // Guesses for ever new names from the same network.
                 let guess = format!("{client} {tries} {number}");
                 stage.come("evil", &guess, "guess");
                 if number % 13 == 0 {
@@ -225,7 +225,7 @@ fn waiting_clients_are_limited_and_told_to_retry_later() {
     stage.pass(2000);
     assert_eq!(stage.queue.late(stage.now).len(), 128);
     assert_eq!(stage.queue.due(stage.now), None);
-    // One that has gone is not checked.
+    // The pair of a connection that has ended is not checked.
     let gone = stage.come("evil", "tool", "x");
     stage.queue.forget(gone);
     assert_eq!(stage.queue.next(stage.now), None);
@@ -287,14 +287,14 @@ fn right_ones_are_admitted_and_others_are_not() {
     ] {
         assert_eq!(verdict(&mut passwords, user, password), Verdict::Wrong);
     }
-    // Ada is removed; the other one stays, and is recognized without another check.
+    // Ada is removed; the other account stays, and is accepted without another check.
     passwords.replace(users(&[lab]));
     assert_eq!(verdict(&mut passwords, "ada", "battery"), Verdict::Wrong);
     let known = passwords.ask(7, "lab", "lab", b"correct horse", Instant::now());
     assert_eq!(known, Some(Verdict::Admitted));
 }
 
-/// Seconds that this thread has computed.
+/// Returns the processor time of this thread in seconds.
 fn processor_time() -> f64 {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     #[expect(clippy::cast_precision_loss, reason = "a test takes seconds")]
@@ -311,7 +311,7 @@ fn response_times_do_not_reveal_which_accounts_exist() {
         format!("new:{}", pbkdf2(40_000)),
     ]);
     let mut least = [f64::MAX; 4];
-    // In turns, and in this thread's own time, so that what else this machine does meets none of them more than others.
+    // Take turns, and measure this thread's own time, so that other load on the machine affects all of them equally.
     for _ in 0..15 {
         for (user, least) in ["argon", "old", "new", "absent"].iter().zip(&mut least) {
             let begin = processor_time();

@@ -1,4 +1,5 @@
-//! Arbitrary input of WebSocket clients is passed on or refused, independently of how it is divided, in memory proportional to its length.
+//! Arbitrary input of WebSocket clients is passed on or refused, regardless of how it is split, with memory in
+//! proportion to its length.
 
 use super::Origins;
 use super::websocket::{BINARY, WebSocket, frame};
@@ -8,10 +9,10 @@ use swarmwright_fuzzing::{config, mutated, noise, peak};
 use tungstenite::protocol::frame::coding::OpCode;
 
 const REQUEST: &[u8] = b"GET /mqtt HTTP/1.1\r\nHost: localhost:9001\r\nOrigin: http://localhost\r\nupgrade: WebSocket\r\nConnection: keep-alive, Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: mqtt\r\n\r\n";
-/// A read of the socket at most.
+/// Largest size of one read of the socket.
 const LONGEST: usize = 1 << 14;
 
-/// A frame as clients send them.
+/// Encodes a frame of a client.
 pub fn masked(opcode: OpCode, payload: &[u8], mask: [u8; 4]) -> Vec<u8> {
     let mut bytes = Vec::new();
     frame(&mut bytes, opcode, payload);
@@ -24,7 +25,7 @@ pub fn masked(opcode: OpCode, payload: &[u8], mask: [u8; 4]) -> Vec<u8> {
     bytes
 }
 
-/// Streams of frames of all kinds and lengths, without the request.
+/// Returns streams of frames of all kinds and lengths, without the request.
 fn golden() -> Vec<Vec<u8>> {
     let mask = [0x12, 0x34, 0x56, 0x78];
     let frames = [
@@ -48,7 +49,7 @@ fn golden() -> Vec<Vec<u8>> {
     streams
 }
 
-/// Takes a stream in pieces: MQTT bytes, answers, what is wrong.
+/// Processes a stream in pieces. Returns the MQTT bytes, the answers, and the error, if any.
 fn take(stream: &[u8], pieces: &[usize]) -> (Vec<u8>, Vec<u8>, Option<String>) {
     let mut socket = WebSocket::new(Arc::new(Origins::default()));
     let (mut mqtt, mut replies) = (Vec::new(), Vec::new());
@@ -69,7 +70,7 @@ fn take(stream: &[u8], pieces: &[usize]) -> (Vec<u8>, Vec<u8>, Option<String>) {
 fn check(stream: &[u8], pieces: &[usize]) {
     let ((mqtt, replies, wrong), bytes) = peak(|| take(stream, pieces));
     assert!(mqtt.len() <= stream.len());
-    // A PONG is as long as its PING without mask; a refusal repeats an origin at most.
+    // A PONG is as long as its PING without the mask; a refusal repeats at most an origin.
     assert!(replies.len() <= 3 * stream.len() + 1024);
     assert!(
         bytes <= 24 * stream.len() + 16_384,

@@ -1,4 +1,4 @@
-//! A client for the tests: raw MQTT over any stream, encoded here and not by the broker's own code.
+//! A client for the tests: raw MQTT over any stream, encoded without the broker's own code.
 
 #![allow(
     dead_code,
@@ -57,7 +57,7 @@ pub fn packet(first: u8, body: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// CONNECT, to be filled in.
+/// Fields of a CONNECT.
 pub struct Hello<'a> {
     pub version: u8,
     pub id: &'a str,
@@ -99,7 +99,7 @@ impl Hello<'_> {
     }
 }
 
-/// One client on any stream.
+/// A client on any stream.
 pub struct Client<S> {
     pub stream: S,
     five: bool,
@@ -107,14 +107,14 @@ pub struct Client<S> {
 }
 
 impl Client<TcpStream> {
-    /// Connects and is accepted.
+    /// Connects, and checks that the client is accepted.
     pub fn join(broker: &Broker, hello: &Hello<'_>) -> Self {
         let (client, code) = Self::knock(broker, hello);
         assert_eq!(code, 0, "CONNACK");
         client
     }
 
-    /// Connects; with the code of the CONNACK.
+    /// Connects, and returns the code of the CONNACK as well.
     pub fn knock(broker: &Broker, hello: &Hello<'_>) -> (Self, u8) {
         let stream = TcpStream::connect(("127.0.0.1", broker.port())).unwrap();
         stream.set_nodelay(true).unwrap();
@@ -128,14 +128,14 @@ impl Client<TcpStream> {
 }
 
 impl<S: Read + Write> Client<S> {
-    /// Says hello on a stream that is open.
+    /// Sends CONNECT on an open stream.
     pub fn over(stream: S, hello: &Hello<'_>) -> Self {
         let mut client = Self::new(stream, hello.version == 5);
         client.send(&hello.bytes());
         client
     }
 
-    /// A client that has said nothing yet.
+    /// Creates a client that has sent nothing yet.
     pub fn new(stream: S, five: bool) -> Self {
         Self {
             stream,
@@ -159,7 +159,7 @@ impl<S: Read + Write> Client<S> {
         assert_eq!(answer.last(), Some(&qos), "SUBACK");
     }
 
-    /// A PUBLISH of QoS 0; `properties` only in MQTT 5.
+    /// Encodes a PUBLISH of QoS 0; `properties` are for MQTT 5 only.
     pub fn message(&self, topic: &str, retain: bool, properties: &[u8], payload: &[u8]) -> Vec<u8> {
         let mut body = text(topic);
         if self.five {
@@ -175,7 +175,7 @@ impl<S: Read + Write> Client<S> {
         self.send(&message);
     }
 
-    /// The next packet, or None when the broker has ended the connection.
+    /// Returns the next packet, or `None` if the broker has ended the connection.
     pub fn next(&mut self) -> Option<(u8, Vec<u8>)> {
         loop {
             if let Some((head, length)) = head(&self.buffer)
@@ -202,7 +202,7 @@ impl<S: Read + Write> Client<S> {
         }
     }
 
-    /// The next packet must be a message; retain flag, topic, properties, payload.
+    /// Returns retain flag, topic, properties and payload of the next packet, which must be a message.
     pub fn hear(&mut self) -> (bool, String, Vec<u8>, Vec<u8>) {
         let Some((first, body)) = self.next() else {
             panic!("the broker ended the connection")
@@ -230,7 +230,7 @@ impl<S: Read + Write> Client<S> {
     }
 }
 
-/// Length of the fixed header and of the body.
+/// Returns the lengths of the fixed header and of the body.
 fn head(bytes: &[u8]) -> Option<(usize, usize)> {
     let mut length = 0;
     for (index, byte) in bytes.iter().skip(1).take(4).enumerate() {

@@ -1,8 +1,8 @@
-//! Packets that break a rule of the standards, as bytes, and the answers that the standards demand.
+//! Packets that violate the standards, as bytes, and the answers that the standards require.
 
 use super::*;
 
-/// CONNECT of MQTT 5 with these properties.
+/// Encodes a CONNECT of MQTT 5 with these properties.
 fn connect_with(properties: &[u8], id: &[u8]) -> Vec<u8> {
     let mut body = [&text("MQTT")[..], &[5, 2, 0, 10, properties.len() as u8]].concat();
     body.extend(properties);
@@ -11,7 +11,7 @@ fn connect_with(properties: &[u8], id: &[u8]) -> Vec<u8> {
     packet(0x10, &body)
 }
 
-/// CONNECT of MQTT 3.1.1.
+/// Encodes a CONNECT of MQTT 3.1.1.
 fn connect_three(flags: u8, rest: &[u8]) -> Vec<u8> {
     packet(
         0x10,
@@ -19,7 +19,7 @@ fn connect_three(flags: u8, rest: &[u8]) -> Vec<u8> {
     )
 }
 
-/// What a new connection is answered, whole packets; it is closed in any case where `is_closed`.
+/// Returns the answer to a new connection, in whole packets; checks that the connection is closed if `is_closed`.
 fn answer(stage: &mut Stage, bytes: &[u8], is_closed: bool) -> Vec<u8> {
     let link = stage.hub.open("test".into(), stage.now).unwrap();
     stage.hub.receive(link, bytes, stage.now);
@@ -43,7 +43,7 @@ fn a_connect_is_refused_in_its_own_version() {
     ] {
         assert_eq!(answer(&mut stage, &bytes, true), [0x20, 3, 0, code, 0]);
     }
-    // MQTT 3.1.1 has no code for a CONNECT that breaks its rules: the connection is closed.
+    // MQTT 3.1.1 has no code for a CONNECT that violates the protocol, so the connection is closed.
     for bytes in [
         connect_three(0x42, &text("password without a user")),
         connect_three(0x02, b"more"),
@@ -88,7 +88,7 @@ fn no_packet_is_larger_than_its_client_accepts() {
         let heard = stage.heard(link);
         assert_eq!((heard[0].0, heard[0].1[0]), (DISCONNECT, reason::MALFORMED));
     }
-    // An answer that cannot be left out ends the connection.
+    // An answer that cannot be omitted ends the connection.
     let mut stage = Stage::new(Limits::default());
     let (link, _) = stage.join(&connect_with(&[0x27, 0, 0, 0, 16], b"p"));
     let mut body = vec![0, 7, 0];
@@ -165,7 +165,7 @@ fn an_acknowledgement_must_belong_to_the_qos() {
             "{kind:02x} at QoS {qos}"
         );
         if qos == 2 && is_right {
-            // PUBREC again, then PUBCOMP; an identifier that is not known is answered so.
+            // Send PUBREC again, then PUBCOMP; the answer reports an unknown identifier.
             stage.say(link, &packet(0x50, &[0, 1]));
             stage.say(link, &packet(0x70, &[0, 1]));
             stage.say(link, &packet(0x50, &[0, 1]));

@@ -1,4 +1,4 @@
-//! Which client receives which message, how often, and how far behind.
+//! Delivery: which client receives which message, how often, and how far behind.
 
 use super::*;
 

@@ -1,21 +1,21 @@
-//! Arbitrary sequences of packets, mostly SUBSCRIBE: every answer is a packet, what is stored is counted, and nothing is
-//! left when the clients are gone.
+//! Arbitrary sequences of packets, mostly SUBSCRIBE: every answer is a packet, stored data is counted, and nothing
+//! remains when the clients have left.
 
 use super::*;
 use proptest::prelude::*;
 use swarmwright_fuzzing::packets_of_clients as golden;
 use swarmwright_fuzzing::{config, mutated, peak};
 
-/// Clients that come and go.
+/// Number of clients.
 const CLIENTS: usize = 3;
 
 #[derive(Debug, Clone)]
 enum Step {
-    /// A client sends this; it connects first if necessary.
+    /// A client sends this packet; it connects first if necessary.
     Say(usize, Vec<u8>),
-    /// Its connection ends.
+    /// The client's connection ends.
     Leave(usize),
-    /// It reads what was sent to it.
+    /// The client reads its messages.
     Read(usize),
     Pass(u64),
 }
@@ -82,7 +82,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// Plays it; the most that the broker counted.
+/// Runs the steps and returns the highest memory counted by the broker.
 fn play(steps: &[Step]) -> usize {
     let mut stage = Stage::new(Limits {
         memory: 1 << 20,
@@ -100,7 +100,7 @@ fn play(steps: &[Step]) -> usize {
                         else {
                             continue;
                         };
-                        // Half of them have sessions that outlive the connection.
+                        // Some sessions outlive the connection.
                         let expiry = if *client == 0 { 0 } else { 600 };
                         let hello = connect(&format!("c{client}"), false, 0, expiry, None);
                         stage.hub.receive(link, &hello, stage.now);
@@ -130,7 +130,7 @@ fn play(steps: &[Step]) -> usize {
         }
         stage.hub.take_dirty();
         for link in &mut links {
-            // The server closes what the hub wants closed, once its last packets are sent.
+            // The server closes connections for the hub, once their last packets are sent.
             if let Some(id) = link.filter(|id| stage.hub.is_closing(*id)) {
                 stage.heard(id);
                 stage.hub.closed(id, stage.now);
@@ -148,7 +148,7 @@ fn play(steps: &[Step]) -> usize {
         stage.hub.closed(link, stage.now);
     }
     stage.pass(4000);
-    // Wills may come late.
+    // Wills may be published late.
     stage.pass(4000);
     assert_eq!(stage.hub.memory(), stage.hub.retained.size());
     assert!(stage.hub.sessions.is_empty() && stage.hub.by_client.is_empty());
@@ -163,7 +163,7 @@ proptest! {
     #[test]
     fn clients_that_say_anything(steps in prop::collection::vec(step(), 1..24)) {
         let (counted, bytes) = peak(|| play(&steps));
-        // Tables of the broker itself, and buffers while they grow.
+        // Tables of the broker itself, and growing buffers.
         prop_assert!(bytes <= 4 * counted + (1 << 18), "{} bytes, {} counted", bytes, counted);
     }
 }

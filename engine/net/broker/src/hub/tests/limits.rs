@@ -6,7 +6,7 @@ use crate::session::MOST_FILTERS;
 const SUBACK: u8 = 0x90;
 const MIB: usize = 1 << 20;
 
-/// SUBSCRIBE for many filters at once.
+/// Encodes a SUBSCRIBE with many filters.
 fn subscribe_all(filters: &[String]) -> Vec<u8> {
     let mut body = vec![0, 7, 0];
     for filter in filters {
@@ -40,7 +40,7 @@ fn more_filters_than_a_client_may_have_are_refused_one_by_one() {
         (SUBACK, MOST_FILTERS, 300_000 - MOST_FILTERS)
     );
     assert_eq!(stage.hub.complaints.count(Kind::Full), 1);
-    // A client that unsubscribes from some may subscribe to others.
+    // A client that unsubscribes from some filters may subscribe to others.
     let mut body = vec![0, 8, 0];
     body.extend(text("f/0"));
     stage.say(greedy, &packet(0xa2, &body));
@@ -81,7 +81,7 @@ fn retained_messages_for_many_filters_do_not_delay_other_clients() {
     filters.push("+/x".into());
     stage.say(greedy, &subscribe_all(&filters));
     assert_eq!(stage.heard(greedy)[0].0, SUBACK);
-    // Nothing was found yet, and all other clients are served between the slices.
+    // Nothing has been found yet, and other clients are served between the slices.
     assert!(stage.hub.is_searching() && stage.hub.is_held(greedy, stage.now));
     let reader = stage.reader("reader", "0/x", 0);
     stage.say(writer, &publish("0/x", 0, 0, &[], b"live"));
@@ -233,7 +233,7 @@ fn incomplete_packets_count_towards_the_budget() {
         })
         .collect();
     for &link in &links {
-        // What the server holds of a packet of 4 MiB.
+        // The server's buffer for a packet of 4 MiB.
         stage.hub.note_buffers(link, 4 * MIB, stage.now);
         for &link in &links {
             if stage.hub.is_closing(link) {

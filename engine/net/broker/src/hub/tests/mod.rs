@@ -38,7 +38,7 @@ fn packet(first: u8, body: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A CONNECT of MQTT 5: properties, and the will as (delay, topic) where there is one.
+/// Encodes a CONNECT of MQTT 5 with properties, and the will as (delay, topic) if there is one.
 fn connect(
     id: &str,
     clean: bool,
@@ -87,14 +87,14 @@ impl Stage {
         }
     }
 
-    /// A connection that sent CONNECT; its number, and whether CONNACK reports an earlier session.
+    /// Opens a connection and sends CONNECT. Returns its number, and whether CONNACK reports an earlier session.
     fn join(&mut self, connect: &[u8]) -> (usize, bool) {
         let link = self.hub.open("test".into(), self.now).unwrap();
         self.hub.receive(link, connect, self.now);
         let answer = self.heard(link);
         assert_eq!((answer[0].0, answer[0].1[1]), (CONNACK, 0), "{answer:?}");
         let present = answer[0].1[0] == 1;
-        // What the session brought with it is for the caller.
+        // Leave the session's messages to the caller.
         for (first, body) in answer.into_iter().skip(1) {
             self.hub.links[link].out.end().extend(packet(first, &body));
         }
@@ -112,7 +112,7 @@ impl Stage {
         assert_eq!(self.hub.receive(link, bytes, self.now), bytes.len());
     }
 
-    /// Everything sent to a connection since the last time: first byte and body of each packet.
+    /// Takes everything sent to a connection since the last call: first byte and body of each packet.
     fn heard(&mut self, link: usize) -> Vec<(u8, Vec<u8>)> {
         let pending = self.hub.outbox(link).pending().to_vec();
         self.hub.sent(link, pending.len(), self.now);
@@ -140,7 +140,7 @@ impl Stage {
     }
 }
 
-/// The payload of a PUBLISH of MQTT 5 whose properties are shorter than 128 bytes.
+/// Returns the payload of a PUBLISH of MQTT 5 whose properties are shorter than 128 bytes.
 fn payload(first: u8, body: &[u8]) -> &[u8] {
     let topic = usize::from(u16::from_be_bytes([body[0], body[1]]));
     let properties = 2 + topic + if first & 6 != 0 { 2 } else { 0 };

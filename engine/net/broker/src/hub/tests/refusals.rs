@@ -1,4 +1,4 @@
-//! What is refused, and that arbitrary packets do not break the broker.
+//! Refused packets, and arbitrary packets, which must not break the broker.
 
 use super::*;
 use proptest::prelude::*;
@@ -111,7 +111,7 @@ fn a_client_that_sends_too_fast_is_read_later_and_loses_nothing() {
     let reader = stage.reader("reader", "t", 0);
     let (writer, _) = stage.join(&connect("writer", true, 0, 0, None));
     let burst = publish("t", 0, 0, &[], b"x").repeat(300);
-    // What has come is taken; only the next read waits.
+    // Received bytes are processed; only the next read waits.
     assert!(!stage.hub.is_held(writer, stage.now));
     stage.say(writer, &burst);
     assert_eq!(stage.payloads(reader).len(), 300);
@@ -124,7 +124,7 @@ fn a_client_that_sends_too_fast_is_read_later_and_loses_nothing() {
     );
     stage.now += Duration::from_millis(1100);
     assert!(!stage.hub.is_held(writer, stage.now));
-    // At its pace a client is never held.
+    // A client within its rate is never held back.
     for _ in 0..50 {
         stage.now += Duration::from_millis(500);
         stage.say(writer, &publish("t", 0, 0, &[], b"x").repeat(50));

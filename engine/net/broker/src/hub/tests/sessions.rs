@@ -84,7 +84,7 @@ fn an_absent_client_finds_its_messages_until_the_session_ends() {
     let packets = stage.heard(link);
     assert_eq!(packets.len(), 1);
     assert_eq!(payload(packets[0].0, &packets[0].1), b"kept");
-    // 100 s less the 40 that passed.
+    // 100 s minus the 40 s that have passed.
     assert!(
         packets[0]
             .1
