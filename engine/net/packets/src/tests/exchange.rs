@@ -1,4 +1,4 @@
-//! What one side writes, the other one reads.
+//! Each side decodes the packets that the other one encodes.
 
 use super::*;
 use proptest::option;
@@ -8,7 +8,7 @@ fn version() -> impl Strategy<Value = Version> {
     prop_oneof![Just(Version::Three), Just(Version::Five)]
 }
 
-/// Texts of all lengths of a length.
+/// Generates texts whose lengths cover all sizes of a length field.
 fn text() -> impl Strategy<Value = String> {
     prop_oneof![
         4 => "[a-zä漢/ ]{0,20}",
@@ -33,7 +33,7 @@ fn bytes() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-/// What fits the two bytes of a length.
+/// Generates data that fits a two-byte length.
 fn binary() -> impl Strategy<Value = Vec<u8>> {
     bytes().prop_map(|mut bytes| {
         bytes.truncate(65_535);
@@ -73,7 +73,7 @@ proptest! {
         (user, password) in (option::of(text()), option::of(binary())),
     ) {
         let five = version == Version::Five;
-        // What MQTT 3 cannot say.
+        // MQTT 3 cannot express this.
         let expiry = if five { session_expiry } else if clean { 0 } else { u32::MAX };
         let will = will.as_ref().map(|(topic, payload, properties, qos, retain, delay)| Will {
             topic,
@@ -248,7 +248,7 @@ fn refusals_of_connections_keep_their_reasons() {
             }
             other => panic!("{other:?}"),
         }
-        // MQTT 3 has five of them, and none for a CONNECT that breaks the rules.
+        // MQTT 3 has five codes, and none for a CONNECT that violates the protocol.
         out.clear();
         refuse(&mut out, code, "why", Version::Three, 100);
         if matches!(code, reason::MALFORMED | reason::PROTOCOL_ERROR) {

@@ -1,4 +1,4 @@
-//! Arbitrary bytes are a packet or refused with a reason, in memory proportional to their length.
+//! Arbitrary bytes are decoded as a packet or refused with a reason, with memory in proportion to their length.
 
 use super::*;
 use proptest::prelude::*;
@@ -65,7 +65,7 @@ fn check_by_client(bytes: &[u8], version: Version) {
                     (0, 0, &[][..])
                 );
             }
-            // Its topic is not one.
+            // The topic is not valid.
             ref other => assert!(
                 other.is_err() && std::str::from_utf8(topic).is_err() || topic.contains(&0),
                 "{other:?}"

@@ -1,4 +1,4 @@
-//! Packets written by one side and read by the other, bytes of somebody else's clients and brokers, and bytes of nobody.
+//! Packets encoded by one side and decoded by the other, packets of other implementations, and arbitrary bytes.
 
 mod exchange;
 mod fuzz;
@@ -6,7 +6,7 @@ mod others;
 
 use super::*;
 
-/// The only packet in these bytes: its first byte and its body.
+/// Returns first byte and body of the only packet in these bytes.
 fn only(bytes: &[u8]) -> (u8, &[u8]) {
     let (first, header, length) = frame(bytes, usize::MAX).unwrap().unwrap();
     assert_eq!(bytes.len(), header + length, "{bytes:02x?}");

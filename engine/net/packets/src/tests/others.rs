@@ -1,4 +1,4 @@
-//! The packets of an independent implementation, `rumqttc`: what it writes is read here, and the other way round.
+//! Exchange of packets with an independent implementation, `rumqttc`, in both directions.
 
 use super::*;
 use bytes::BytesMut;
@@ -175,7 +175,7 @@ fn publish_of_five_in_both_directions() {
             } else {
                 assert_eq!(properties, client::Properties::default());
             }
-            // What they write of it, both sides here read. Their order of properties is another one.
+            // Both sides decode the packets of `rumqttc`, which writes the properties in another order.
             let bytes = written_by_v5(v5::Packet::Publish(publish));
             assert_eq!(bytes.len(), out.len());
             let (Ok(client::Packet::Publish(ours)), Ok(Packet::Publish(same))) = (
