@@ -392,8 +392,8 @@ impl Fleet {
 
     /// Suspends the servers in doubt: several candidates have failed on them without a success, or other servers have
     /// finished their unanswered work. They get no new work until they succeed with an evaluation that succeeded
-    /// elsewhere. While nothing has succeeded yet (`has_success` is false), they are suspended only if other servers
-    /// may succeed.
+    /// before. While nothing has succeeded yet (`has_success` is false), they are suspended only if other servers may
+    /// succeed.
     pub fn suspend(&mut self, has_success: bool) {
         if !self.health.has_doubtful() {
             return;
