@@ -47,7 +47,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
-/// A running broker, which stops when it is dropped.
+/// A running broker. It stops when [`stop`](Self::stop) is called, or when it is dropped.
 pub struct Broker {
     address: Option<SocketAddr>,
     websocket: Option<SocketAddr>,
