@@ -1,7 +1,7 @@
-//! What the arena costs: `arena_speed CANDIDATES LEVEL PARAMETERS [modules]`, with EvoStick and weights from -2 to 2, or with
-//! random machines of modules. LEVEL: scalar, or an
-//! instruction set. Prints the
-//! time of the clock, and the sum of all fitness.
+//! Measures the speed of the arena: `arena_speed CANDIDATES LEVEL PARAMETERS [modules]`.
+//!
+//! The controllers are EvoStick networks with weights from -2 to 2, or random state machines if `modules` is given.
+//! LEVEL is `scalar` or the name of an instruction set. Prints the wall-clock time and the sum of all fitness values.
 
 use serde_json::{Value, json};
 use swarmwright_arena::Arena;
@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let parameters = parameters.as_object().ok_or("expected an object")?;
     let count = candidates * architecture.weight_count();
-    // Genes of the number of states, of a state, and of a transition, up to these limits.
+    // Upper limits of the genes for the number of states, for a state, and for a transition.
     let (state, transition) = ([6.0, 100.0, 5.0, 5.0], [4.0, 6.0, 1.0, 10.0, 20.0]);
     let most = |gene: usize| match gene.checked_sub(1).map(|gene| gene % 24) {
         None => 5.0,

@@ -17,7 +17,7 @@ use crate::scene;
 use crate::settings::{self, Settings};
 use crate::swarm::Swarm;
 
-/// The simulation; see the module for its arithmetic.
+/// The arena simulation.
 pub struct Arena {
     pub(crate) settings: Settings,
     pub(crate) swarm: Swarm<f32>,
@@ -61,7 +61,8 @@ impl Arena {
         Ok(())
     }
 
-    /// The value of a metric, before the end that of an episode which ends now: only those who watch ask then.
+    /// Returns the value of a metric. Before the end, returns the value as if the episode ended now; only viewers read
+    /// it then.
     fn value(&self, index: usize) -> f64 {
         let mission = &self.settings.mission;
         let now = |tally: &Tally<f32>| {
@@ -76,7 +77,7 @@ impl Arena {
         }
     }
 
-    /// Measures.
+    /// Updates the metrics with the current state.
     pub(crate) fn count(&mut self) {
         let mission = &self.settings.mission;
         let last = self.swarm.tick == self.settings.ticks;
@@ -172,7 +173,8 @@ impl Simulation for Arena {
         self.start()
     }
 
-    /// The kinds of robots, where there are several. All have the same numbers: 0 for what a kind lacks.
+    /// Returns the kinds of robots if there are several. All kinds have equally many sensors and actuators; missing
+    /// ones are 0.
     fn groups(&self) -> Vec<Group> {
         let team = &self.settings.team;
         if team.groups().len() < 2 {
@@ -251,7 +253,7 @@ impl Simulation for Arena {
 
     fn lanes(&self) -> usize {
         match Level::best() {
-            // One at a time there.
+            // Episodes run one at a time at this level.
             Level::Portable => 1,
             level => level.width() * vectors(self.settings.team.len()),
         }

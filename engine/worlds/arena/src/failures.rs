@@ -1,4 +1,4 @@
-//! Robots that fail in an episode, and links that become worse.
+//! Failures of robots during an episode, and degraded links.
 
 use std::ops::Range;
 
@@ -15,16 +15,16 @@ use crate::mistakes::{Mistakes, mismatch_at};
 use crate::robots::{MOST_ROBOTS, Team};
 use crate::time::LONGEST;
 
-/// The stream of random numbers that choose robots.
+/// Identifies the random stream that chooses the failing robots.
 const STREAM: u64 = 0x0066_6169_6c75_7265;
-/// Most failures of an episode.
+/// Maximum number of failures in an episode.
 const MOST_FAILURES: usize = 16;
 
-/// What happens to some robots for a time.
+/// A failure that affects some robots for a limited time.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(crate) enum Failure {
-    /// They stand.
+    /// The robots stand still.
     Stop {
         share: f64,
         robots: Option<String>,
@@ -32,7 +32,7 @@ pub(crate) enum Failure {
         at: f64,
         until: Option<f64>,
     },
-    /// They drive at this share of what they are told.
+    /// The robots drive at this fraction of the commanded speed.
     Slow {
         share: f64,
         robots: Option<String>,
@@ -41,7 +41,7 @@ pub(crate) enum Failure {
         at: f64,
         until: Option<f64>,
     },
-    /// All that they sense is 0.
+    /// All sensor values of the robots are 0.
     Blind {
         share: f64,
         robots: Option<String>,
@@ -49,7 +49,7 @@ pub(crate) enum Failure {
         at: f64,
         until: Option<f64>,
     },
-    /// No other robot hears them.
+    /// No other robot receives their messages.
     Mute {
         share: f64,
         robots: Option<String>,
@@ -67,7 +67,7 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
-    /// Share of the robots, and begin and end in seconds.
+    /// Returns the share of affected robots, and the start and end in seconds.
     fn scope(&self) -> (f64, f64, Option<f64>) {
         match *self {
             Self::Stop {
@@ -86,7 +86,7 @@ impl Failure {
         }
     }
 
-    /// The kind of robots that it befalls; all where it does not say.
+    /// Returns the kind of robots affected; `None` for all kinds.
     pub(crate) fn robots(&self) -> Option<&str> {
         match self {
             Self::Stop { robots, .. }
@@ -97,7 +97,7 @@ impl Failure {
         }
     }
 
-    /// Whether it is there in a tick, from 1: the start, at 0 s.
+    /// Returns whether the failure is active in a tick. Ticks count from 1, which is the start at 0 s.
     fn active(&self, tick: u32) -> bool {
         let (.., until) = self.scope();
         self.active_by(tick)
@@ -128,14 +128,14 @@ impl Failure {
         }
     }
 
-    /// Number of affected robots among `robots`, whose share is nearest to the requested one.
+    /// Returns the number of affected robots among `robots`: the requested share, rounded to whole robots.
     fn count(&self, robots: usize) -> usize {
         let (share, ..) = self.scope();
         (share * robots as f64).round() as usize
     }
 
-    /// Checks that something can happen in an episode of so many ticks, to so many robots; a share of 0 says itself that
-    /// nothing does.
+    /// Checks that the failure has an effect in an episode with `ticks` ticks and `robots` robots. A share of 0 is
+    /// valid: it asks for no failures.
     pub(crate) fn check_effect(
         &self,
         ticks: u32,
@@ -164,20 +164,20 @@ impl Failure {
         Ok(())
     }
 
-    /// Whether it begins in one of the ticks from 1 to `last`.
+    /// Returns whether the failure begins in one of the ticks from 1 to `last`.
     fn active_by(&self, last: u32) -> bool {
         let (_, at, _) = self.scope();
-        // In tenths of seconds, as whole numbers.
+        // Compare whole tenths of a second.
         (at * 10.0).round() < f64::from(last)
     }
 
-    /// Which of the robots it befalls, chosen by the seed.
+    /// Chooses the affected robots by the seed.
     fn chosen(&self, index: usize, robots: usize, of: Range<usize>, seed: u64) -> Vec<bool> {
         let count = self.count(of.len());
         let mut order: Vec<(u32, usize)> = of
             .map(|robot| {
                 let counter = index as u64 * u64::from(MOST_ROBOTS) + robot as u64;
-                // Of numbers from 0 to 1 the patterns are in their order.
+                // The bit patterns of numbers from 0 to 1 have the same order as the numbers.
                 (uniform(seed, STREAM, counter).to_bits(), robot)
             })
             .collect();
@@ -193,7 +193,7 @@ impl Failure {
 /// Reads a list of failures; `path` is its path in error messages.
 ///
 /// # Errors
-/// All that is wrong with them.
+/// Returns all mistakes in the list.
 pub(crate) fn read(value: &Value, path: &str) -> Result<Vec<Failure>, Mistakes> {
     let Some(items) = value.as_array() else {
         return Err(wrong(
@@ -229,9 +229,9 @@ pub(crate) fn read(value: &Value, path: &str) -> Result<Vec<Failure>, Mistakes> 
     mistakes.or(Some(failures))
 }
 
-/// Which robots fail in the episodes of the lanes.
+/// The robots that fail in the episodes of the lanes.
 pub(crate) struct Failing<L: Lanes> {
-    /// By failure: the lanes of each robot.
+    /// For each failure, the lanes in which it affects each robot.
     befallen: Vec<(Failure, Vec<L::Mask>)>,
 }
 
@@ -266,7 +266,8 @@ impl<L: Lanes> Failing<L> {
         }
     }
 
-    /// Writes what robots are told in a tick, if some do not hear what their controllers say.
+    /// Writes the commands that reach the drives in a tick. Returns `false`, and writes nothing, if no failure changes
+    /// them.
     #[inline(always)]
     pub(crate) fn tell(
         &self,
@@ -305,7 +306,7 @@ impl<L: Lanes> Failing<L> {
         true
     }
 
-    /// Takes from robots what they cannot sense in a tick.
+    /// Sets the sensor values of blind robots to 0.
     #[inline(always)]
     pub(crate) fn blind(&self, tick: u32, width: usize, outputs: &mut [L]) {
         for (failure, masks) in &self.befallen {
@@ -319,7 +320,7 @@ impl<L: Lanes> Failing<L> {
         }
     }
 
-    /// Writes in which lanes no other robot hears a robot in a tick; nothing where all are heard.
+    /// Writes the lanes in which each robot is mute in a tick; leaves `mute` empty if no robot is.
     #[inline(always)]
     pub(crate) fn mute(&self, tick: u32, robots: usize, mute: &mut Vec<L::Mask>) {
         mute.clear();
@@ -333,7 +334,7 @@ impl<L: Lanes> Failing<L> {
         }
     }
 
-    /// Probability with which failures lose messages in a tick; `None` without such failures.
+    /// Returns the probability with which failures lose messages in a tick; `None` without such failures.
     pub(crate) fn loss(&self, tick: u32) -> Option<f32> {
         let losses = self
             .befallen
@@ -347,7 +348,7 @@ impl<L: Lanes> Failing<L> {
 }
 
 impl Failing<f32> {
-    /// Name in scenes of a robot that fails in a tick; of several failures, the most severe one.
+    /// Returns the state shown in scenes for a robot that fails in a tick; of several failures, the most severe one.
     pub(crate) fn state(&self, tick: u32, robot: usize) -> Option<&'static str> {
         let befallen = self.befallen.iter().filter(|(failure, masks)| {
             failure.active(tick) && masks.get(robot).is_some_and(|mask| mask.any())

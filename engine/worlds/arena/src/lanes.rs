@@ -14,34 +14,35 @@ use crate::settings::Settings;
 use crate::start::Starts;
 use crate::swarm::Swarm;
 
-/// Vectors of lanes that are computed side by side, at most.
+/// Maximum number of vectors of lanes that are computed side by side.
 pub const VECTORS: usize = ArenaLanes::VECTORS;
 
 /// Evaluates a block of controllers that fit the robots.
 ///
 /// # Errors
-/// Parameters that are refused, weights that are not finite numbers.
+/// Returns an error if parameters are invalid or weights are not finite.
 pub fn evaluate(block: &Block<'_>, means: Means, create: Create) -> Result<Vec<f64>, RolloutError> {
     block::evaluate::<ArenaLanes>(block, means, create)
 }
 
-/// Evaluates a block in this thread with lanes of one's own: what counts operations has some. None where episodes are not
-/// computed in lanes.
+/// Evaluates a block in this thread with a custom lane type, for example one that counts operations. Returns `None` if
+/// the episodes cannot be computed in lanes.
 ///
 /// # Errors
-/// As [`evaluate`].
+/// See [`evaluate`].
 pub fn evaluate_in<L: Lanes>(block: &Block<'_>) -> Result<Option<Vec<f64>>, RolloutError> {
     block::evaluate_in::<L, ArenaLanes>(block)
 }
 
-/// With more robots than this,
+/// Number of robots above which `FEW_EPISODES` applies.
 const MANY_ROBOTS: usize = 256;
-/// fewer episodes than this are faster one at a time, as all lanes cost the same, also those without an episode of their own.
+/// Fewer episodes than this run faster one at a time with many robots, because unused lanes cost as much as used ones.
 const FEW_EPISODES: usize = 3;
-/// Most robots of episodes in four vectors side by side: of more the state does not fit into the nearest caches.
+/// Maximum number of robots for four vectors side by side; the state of more robots does not fit into the nearest
+/// caches.
 const MOST_IN_FOUR: usize = 64;
 
-/// Number of vectors side by side for episodes with this many robots.
+/// Returns the number of vectors side by side for episodes with this many robots.
 pub(crate) fn vectors(robots: usize) -> usize {
     if robots > MOST_IN_FOUR {
         2
@@ -50,27 +51,27 @@ pub(crate) fn vectors(robots: usize) -> usize {
     }
 }
 
-/// The episodes of a block. They differ in the seed alone.
+/// The episodes of a block. They differ only in the seed.
 pub(crate) struct ArenaLanes {
     settings: Settings,
-    /// For each episode.
+    /// Seed and start positions of each episode.
     starts: Vec<(u64, Starts)>,
-    /// The metrics that are wanted of those that are measured at the end alone.
+    /// The requested metrics that are measured only at the end.
     wanted: Vec<usize>,
 }
 
 pub(crate) struct Workspace<L: Lanes> {
     swarm: Swarm<L>,
     tallies: Vec<Tally<L>>,
-    /// State of the robots' controllers, one after another.
+    /// States of the robots' controllers, one after another.
     states: Vec<L>,
     actuators: Vec<L>,
 }
 
 impl LaneWorld for ArenaLanes {
-    // One vector waits for itself: each contact needs the velocities that the one before left.
+    // A single vector stalls, because each contact needs the velocities that the previous contact left.
     const VECTORS: usize = 4;
-    // In four portable lanes it is slower than one at a time.
+    // Four portable lanes are slower than one episode at a time.
     const PORTABLE: bool = false;
     type Workspace<L: Lanes> = Workspace<L>;
 

@@ -1,4 +1,4 @@
-//! Arena: a swarm of robots like the e-puck among walls, on a floor with colours, under lights.
+//! The arena: a swarm of robots, such as e-pucks, between walls, on a coloured floor and under lights.
 
 #![allow(
     clippy::needless_range_loop,

@@ -1,4 +1,4 @@
-//! Collects what is wrong with parameters, so that all of it is told at once.
+//! Collects all mistakes in parameters, so that they are reported together.
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -6,7 +6,7 @@ use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 use swarmwright_values::Mismatch;
 
-/// Mistakes in the order in which they were found; what would only follow from another one is not among them.
+/// Mistakes in the order in which they were found, without those that only follow from another mistake.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Mistakes(Vec<ParameterError>);
 
@@ -17,7 +17,7 @@ impl From<ParameterError> for Mistakes {
 }
 
 impl Mistakes {
-    /// Notes what is wrong; the value where nothing is.
+    /// Records the mistakes of a result, or returns its value.
     pub(crate) fn take<T>(&mut self, result: Result<T, impl Into<Self>>) -> Option<T> {
         match result {
             Ok(value) => Some(value),
@@ -36,12 +36,12 @@ impl Mistakes {
         self.0.len()
     }
 
-    /// A value, if nothing was wrong with it.
+    /// Returns the value if no mistakes were recorded.
     pub(crate) fn or<T>(self, value: Option<T>) -> Result<T, Self> {
         value.filter(|_| self.0.is_empty()).ok_or(self)
     }
 
-    /// The same where complaints name places of `change`.
+    /// Applies `change` to each mistake.
     pub(crate) fn map(self, change: impl FnMut(ParameterError) -> ParameterError) -> Self {
         Self(self.0.into_iter().map(change).collect())
     }
@@ -50,7 +50,7 @@ impl Mistakes {
         self.0
     }
 
-    /// The first one; there is none only where a value is missing and nothing was noted, which is a fault here.
+    /// Returns the first mistake. If there is none, the reader failed to record a mistake, and the error is generic.
     pub(crate) fn into_first(self) -> ParameterError {
         let unknown = || ParameterError {
             name: String::new(),
@@ -60,12 +60,12 @@ impl Mistakes {
     }
 }
 
-/// Reads a value at a place.
+/// Reads a value; `at` is its path in error messages.
 pub(crate) fn part<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
     swarmwright_values::read(value).map_err(|mismatch| mismatch_at(at, mismatch))
 }
 
-/// Reads a list: the items that can be read, each with its place.
+/// Reads a list. Returns the valid items, each with its path.
 pub(crate) fn items<T: DeserializeOwned>(
     list: Option<&Value>,
     at: &str,
@@ -81,7 +81,7 @@ pub(crate) fn items<T: DeserializeOwned>(
     values.iter().enumerate().filter_map(item).collect()
 }
 
-/// An error about a part of the value at `path`.
+/// Returns an error whose name is prefixed with `path`.
 pub(crate) fn with_place(path: &str, error: ParameterError) -> ParameterError {
     let name = match error.name.as_str() {
         "" => path.to_owned(),
@@ -90,7 +90,7 @@ pub(crate) fn with_place(path: &str, error: ParameterError) -> ParameterError {
     wrong(&name, error.reason)
 }
 
-/// The same of what does not fit its type.
+/// Returns an error about a value at `path` that does not match its type.
 pub(crate) fn mismatch_at(path: &str, mismatch: Mismatch) -> ParameterError {
     wrong(&mismatch.path_in(path), mismatch.reason)
 }

@@ -1,4 +1,4 @@
-//! What the arena looks like.
+//! Scenes of the arena.
 
 use std::borrow::Cow;
 
@@ -12,24 +12,24 @@ use crate::settings::Settings;
 use crate::start::objects::{corners, distance as to_object};
 use crate::swarm::Swarm;
 
-/// With more robots, rays and links are left out: they would hide everything.
+/// Maximum number of robots for which rays and links are shown; more would hide everything else.
 const MOST_IN_DETAIL: usize = 1000;
-/// What is shown around a lamp, metres.
+/// Margin shown around a lamp, metres.
 const AROUND_LIGHT: f32 = 0.1;
-/// Corners of an object that is a disc.
+/// Number of corners that approximate a disc-shaped object.
 const CORNERS: u16 = 48;
-/// The radius of a coloured lamp in pictures, metres.
+/// Radius of a coloured lamp in pictures, metres.
 const LAMP: f32 = 0.015;
-/// The radius of what shows LEDs, of that of their robot.
+/// Radius of the mark for a robot's LEDs, as a fraction of the robot's radius.
 const LED: f32 = 0.45;
-/// Of LEDs that are off, which pictures leave out.
+/// Colour for LEDs that are off, which pictures leave out.
 const DARK: &str = "#8c8c8c";
-/// Of objects.
+/// Colour of objects without a colour of their own.
 const COLOR: &str = "#e69f00";
-/// Ends of faces that are so near, metres, are one corner.
+/// Distance below which ends of faces count as the same corner, metres.
 const SAME: f32 = 1e-4;
 
-/// The scene of an episode in the only lane.
+/// Returns the scene of an episode that runs in a single lane.
 pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     let (layout, team) = (&settings.mission.place, &settings.team);
     let [low, high] = shown(layout);
@@ -37,7 +37,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         let shift = |[x, y]: [f32; 2]| [x - low[0], y - low[1]];
         points.into_iter().map(shift).collect()
     };
-    // The walls around come first.
+    // The outer walls come first.
     let chains = chains(&layout.faces);
     let outline = chains.first().filter(|chain| chain.closed);
     let bodies = (0..swarm.bodies.len()).map(|index| Body {
@@ -99,7 +99,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         scene.walls.push(Wall { points, solid });
     }
     for (pose, form, name, color) in objects(layout, swarm) {
-        // An outline tells it from obstacles, which are filled.
+        // Objects are outlined, to distinguish them from obstacles, which are filled.
         let mut points = shifted(rim(form, pose));
         points.extend(points.first().copied());
         scene.walls.push(Wall {
@@ -130,7 +130,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
             radius: LAMP,
             ..Body::default()
         }));
-    // Each is a line: so far to both sides of its middle.
+    // Each coloured wall is a line that extends by `radius` to both sides of its middle.
     scene.bodies.extend(layout.spots.iter().map(|spot| Body {
         kind: "wall".into(),
         x: spot.at[0] - low[0],
@@ -168,7 +168,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
             ..Style::default()
         });
     }
-    // One of intensity 0 sheds no light: cameras alone see its colour.
+    // A lamp of intensity 0 sheds no light: only cameras see its colour.
     let shining = layout.lights.iter().filter(|light| light.intensity > 0.0);
     scene.lights.extend(shining.map(|light| Light {
         x: light.at[0] - low[0],
@@ -181,7 +181,7 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     scene
 }
 
-/// What tells a robot from others: its kind, where there are several, and how it fares.
+/// Returns the text that distinguishes a robot: its kind, if there are several, and its state.
 fn state(team: &Team, swarm: &Swarm<f32>, index: usize) -> Cow<'static, str> {
     let state = swarm.state(index);
     match team.groups() {
@@ -194,7 +194,8 @@ fn state(team: &Team, swarm: &Swarm<f32>, index: usize) -> Cow<'static, str> {
     }
 }
 
-/// The LEDs of all robots that have some, also those that are off, without a state: bodies are the same in all scenes.
+/// Returns the LEDs of all robots that have some. LEDs that are off are included, without a state, because all scenes
+/// must have the same bodies.
 fn led_bodies<'a>(
     team: &'a Team,
     swarm: &'a Swarm<f32>,
@@ -211,7 +212,7 @@ fn led_bodies<'a>(
     })
 }
 
-/// The colour of a robot's LEDs; empty if they are off.
+/// Returns the colour of a robot's LEDs; empty if they are off.
 fn led(swarm: &Swarm<f32>, index: usize) -> &'static str {
     let code = swarm
         .senses
@@ -222,7 +223,8 @@ fn led(swarm: &Swarm<f32>, index: usize) -> &'static str {
     color.map_or("", |color| color.name())
 }
 
-/// Lower left and upper right corner: the walls with a margin, and lamps beside them that are not far away.
+/// Returns the lower left and upper right corners of the picture: the walls with a margin, and nearby lamps outside of
+/// them.
 fn shown(layout: &Place) -> [[f32; 2]; 2] {
     let [mut low, mut high] = layout.extent();
     let size = [high[0] - low[0], high[1] - low[1]];
@@ -238,7 +240,7 @@ fn shown(layout: &Place) -> [[f32; 2]; 2] {
     [low, high]
 }
 
-/// Positions, names and colours of the objects.
+/// Returns poses, forms, names and colours of the objects.
 fn objects<'a>(
     layout: &'a Place,
     swarm: &'a Swarm<f32>,
@@ -251,7 +253,7 @@ fn objects<'a>(
     })
 }
 
-/// Corners of an object.
+/// Returns the corners of an object's outline.
 fn rim(form: Form, pose: Pose) -> Vec<[f32; 2]> {
     match form {
         Form::Box { half } => corners(half, pose).to_vec(),
@@ -262,16 +264,17 @@ fn rim(form: Form, pose: Pose) -> Vec<[f32; 2]> {
     }
 }
 
-/// Whether nothing that a robot sends arrives now: it is mute, or all messages are lost.
+/// Returns whether a robot's messages reach nobody now: it is mute, or all messages are lost.
 fn silent(swarm: &Swarm<f32>, sender: usize) -> bool {
     let links = &swarm.senses.links;
     let mute = links.mute.get(sender).is_some_and(|mute| mute.any());
     mute || links.failing.is_some_and(|loss| loss >= 1.0)
 }
 
-/// Adds what each robot sees with its proximity sensors, without noise, and whom it can hear.
+/// Adds the rays of the proximity sensors, without noise, and the links on which robots receive messages.
 ///
-/// This is for pictures alone, one robot after the other; what controllers get is computed in lanes elsewhere.
+/// This is only for pictures and handles one robot at a time; the inputs of controllers are computed in lanes
+/// elsewhere.
 fn look(scene: &mut Scene, team: &Team, layout: &Place, swarm: &Swarm<f32>) {
     let bodies = &swarm.bodies;
     let at = |index: usize| [bodies.x[index].0, bodies.y[index].0];
@@ -282,7 +285,7 @@ fn look(scene: &mut Scene, team: &Team, layout: &Place, swarm: &Swarm<f32>) {
             .of(index)
             .iter()
             .map(|other| (at(*other as usize), *other as usize))
-            // Where all are near to all, a robot is among its neighbours.
+            // In small swarms without neighbour lists, a robot is among its own neighbours.
             .filter(|(other, number)| {
                 *number != index && distance(at(index), *other) < robot.range(team.radius())
             })
@@ -353,7 +356,7 @@ fn ahead([x, y]: [f32; 2], along: [f32; 2], far: f32) -> [f32; 2] {
     [x + far * along[0], y + far * along[1]]
 }
 
-/// How far a disc is along a ray that begins outside of it.
+/// Returns the distance to a disc along a ray that begins outside of it.
 fn to_disc(from: [f32; 2], along: [f32; 2], middle: [f32; 2], radius: f32) -> Option<f32> {
     let [dx, dy] = [middle[0] - from[0], middle[1] - from[1]];
     let (forward, aside) = (dx * along[0] + dy * along[1], dx * along[1] - dy * along[0]);
@@ -362,17 +365,17 @@ fn to_disc(from: [f32; 2], along: [f32; 2], middle: [f32; 2], radius: f32) -> Op
     (depth > 0.0 && far >= 0.0).then_some(far)
 }
 
-/// How far a wall is along a ray.
+/// Returns the distance to a wall along a ray.
 fn to_wall(from: [f32; 2], along: [f32; 2], face: &Face) -> Option<f32> {
     let [dx, dy] = [face.middle[0] - from[0], face.middle[1] - from[1]];
     let across = along[0] * face.along[1] - along[1] * face.along[0];
     let far = (dx * face.along[1] - dy * face.along[0]) / across;
     let offset = (dx * along[1] - dy * along[0]) / across;
-    // Of parallel lines neither is a finite number.
+    // For parallel lines the results are not finite.
     (far >= 0.0 && far.is_finite() && offset.abs() <= face.half).then_some(far)
 }
 
-/// How far an object is along a ray; nothing where the ray begins inside of it.
+/// Returns the distance to an object along a ray; `None` if the ray begins inside it.
 fn to_form(from: [f32; 2], along: [f32; 2], form: Form, pose: Pose) -> Option<f32> {
     if to_object((form, pose), from) <= 0.0 {
         return None;
@@ -391,7 +394,8 @@ fn to_form(from: [f32; 2], along: [f32; 2], form: Form, pose: Pose) -> Option<f3
     }
 }
 
-/// Corners of a shape, or the middle of a circle with its radius; what has no end ends where the picture does.
+/// Returns the corners of a shape, or the centre of a circle with its radius. Unbounded shapes are clipped to the
+/// picture.
 fn outline_of(shape: &Shape, least: [f32; 2], most: [f32; 2]) -> (Vec<[f32; 2]>, f32) {
     match shape {
         Shape::Circle { center, radius } => (vec![*center], *radius),
@@ -404,14 +408,14 @@ fn outline_of(shape: &Shape, least: [f32; 2], most: [f32; 2]) -> (Vec<[f32; 2]>,
     }
 }
 
-/// Corners of faces of which each begins where the one before ends.
+/// Consecutive faces, each of which begins where the previous one ends.
 struct Chain {
     points: Vec<[f32; 2]>,
-    /// Whether the last face ends where the first one begins; that corner is there once.
+    /// Whether the last face ends where the first one begins; that corner is stored once.
     closed: bool,
 }
 
-/// Joins neighbouring faces: those of walls around follow each other, those of obstacles come before each other.
+/// Joins adjacent faces. Faces of outer walls are appended to a chain, faces of obstacles are prepended.
 fn chains(faces: &[Face]) -> Vec<Chain> {
     let are_close =
         |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < SAME && (a[1] - b[1]).abs() < SAME;

@@ -16,7 +16,7 @@ use crate::time::LONGEST;
 pub(crate) struct Settings {
     pub mission: Mission,
     pub team: Team,
-    /// Key that sets the number of robots.
+    /// Name of the parameter that sets the number of robots.
     counted: &'static str,
     pub failures: Vec<Failure>,
     /// Ticks of 0.1 s; the first one is the start.
@@ -29,7 +29,7 @@ impl Settings {
     /// Reads parameters.
     ///
     /// # Errors
-    /// The first of those that are wrong.
+    /// Returns the first invalid parameter.
     pub(crate) fn read(parameters: &Parameters) -> Result<Self, ParameterError> {
         Self::read_all(parameters).map_err(Mistakes::into_first)
     }
@@ -37,7 +37,8 @@ impl Settings {
     /// Reads parameters.
     ///
     /// # Errors
-    /// All that are wrong, the mission's first. What needs the mission is not checked against a wrong one.
+    /// Returns all invalid parameters, those of the mission first. Checks that need the mission are skipped if it is
+    /// invalid.
     pub(crate) fn read_all(parameters: &Parameters) -> Result<Self, Mistakes> {
         let read = ParameterReader::new(parameters);
         let mut mistakes = Mistakes::default();
@@ -50,7 +51,7 @@ impl Settings {
         let failures = failures.map(|value| failures::read(value, "failures"));
         let failures = mistakes.take(failures.transpose());
         let Some(mission) = mission else {
-            // Those of any mission, so that what is wrong with the robots themselves is told.
+            // Check against the robots of any mission, so that mistakes in the robots themselves are reported.
             let any = Team::of_mission(None, None)?;
             mistakes.take(any.but(robots, robot));
             return Err(mistakes);
@@ -88,7 +89,7 @@ impl Settings {
         }))
     }
 
-    /// The robots of a mission, or those that the parameters say.
+    /// Returns the robots of the mission, as changed by the parameters.
     fn team(
         mission: &Mission,
         robots: Option<&Value>,
@@ -105,7 +106,7 @@ impl Settings {
         Ok(team)
     }
 
-    /// Checks that a failure can happen to robots of the team.
+    /// Checks that a failure can affect robots of the team.
     fn check_failure(
         failure: &Failure,
         at: &str,
@@ -122,7 +123,7 @@ impl Settings {
 }
 
 impl Settings {
-    /// Where robots and objects are at the start.
+    /// Draws the start positions of robots and objects.
     pub(crate) fn starts(&self) -> Result<Starts, ParameterError> {
         let (mission, robots) = (&self.mission, self.team.len());
         let layout = &mission.place;
@@ -156,7 +157,7 @@ impl Settings {
     }
 }
 
-/// Every parameter, in the order of the documentation.
+/// Returns every parameter, in the order of the documentation.
 pub(crate) fn parameters() -> Vec<ParameterInfo> {
     [
         (

@@ -1,14 +1,14 @@
-//! How time is divided: episodes, ticks, and parts of ticks.
+//! Durations of episodes, ticks, and parts of ticks.
 
 use super::math::random::MOST_TICKS;
 
-/// Longest episode, seconds.
+/// Maximum length of an episode, seconds.
 pub(crate) const LONGEST: f64 = (MOST_TICKS - 1) as f64 / 10.0;
 /// Length of a tick, seconds.
 pub(crate) const TICK: f32 = 0.1;
-/// Substeps of a tick.
+/// Number of substeps in a tick.
 pub(crate) const SUBSTEPS: u32 = 10;
 /// Length of a substep, seconds.
 pub(crate) const SUBSTEP: f32 = 0.01;
-/// Length of a part of a tick in which contacts are solved, seconds.
+/// Length of a part of a tick, in which contacts are solved, seconds.
 pub(crate) const PART: f32 = 2.0 * SUBSTEP;

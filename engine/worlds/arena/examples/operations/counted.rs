@@ -1,11 +1,13 @@
-//! Sixteen lanes that count. Numbers and integers are computed as the engine's single lanes are; what compilers do
-//! without an operation, or in one with another, is not counted: the same number in every lane, loads, stores, bits.
+//! Sixteen lanes that count their operations.
+//!
+//! Numbers and integers are computed as in the engine's scalar lanes. Operations that a compiler removes or merges into
+//! others are not counted: splats, loads, stores, and bitwise operations on masks.
 
 use std::cell::Cell;
 
 use swarmwright_lanes::{Int, Lanes, Mask};
 
-/// Lanes of a vector.
+/// Number of lanes in a vector.
 pub const WIDTH: usize = 16;
 
 /// Kinds of operations.
@@ -29,7 +31,8 @@ fn count(kind: Kind, operations: u64) {
     });
 }
 
-/// Operations of this thread so far: of vectors of numbers, of integers, divisions, roots, loads of one lane.
+/// Returns this thread's operations so far: on vectors of numbers, on integers, divisions, square roots, and scalar
+/// loads.
 pub fn counts() -> [u64; 5] {
     COUNTS.with(|counts| std::array::from_fn(|kind| counts[kind].get()))
 }
@@ -50,7 +53,7 @@ fn each<A: Copy, B: Copy, C>(a: [A; WIDTH], b: [B; WIDTH], f: impl Fn(A, B) -> C
     std::array::from_fn(|lane| f(a[lane], b[lane]))
 }
 
-/// Operations of two vectors, lane by lane: kind, result, names.
+/// Defines lane-wise operations of two vectors; each line gives the kind, the result type and the names.
 macro_rules! binary {
     ($Scalar:ty, $Trait:ident: $($kind:ident $Result:ident $($name:ident)*;)*) => {$($(
         fn $name(self, other: Self) -> $Result {

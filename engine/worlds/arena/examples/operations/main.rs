@@ -1,9 +1,10 @@
-//! Operations of episodes of the arena in lanes, by kind: this example reads one JSON object, `{"parameters", "architecture",
-//! "genomes", "seeds"}`, and prints another one with how many operations of each kind a vector of 16 lanes took, and the
-//! fitness of each episode.
+//! Counts the operations of arena episodes in lanes, by kind.
 //!
-//! Episodes are computed with lanes that count what is done with them, so the counts are those of the operations that
-//! are needed by these episodes and no others: what no lane needs is left out by the algorithm itself.
+//! Reads one JSON object, `{"parameters", "architecture", "genomes", "seeds"}`, and prints another with the number of
+//! operations of each kind for vectors of 16 lanes, and the fitness of each episode.
+//!
+//! The episodes run on lanes that count their operations. Work that the algorithm skips because no lane needs it is not
+//! counted.
 
 mod counted;
 
@@ -14,7 +15,7 @@ use serde_json::{Map, Value, json};
 use swarmwright_controllers::Architecture;
 use swarmwright_simulation::Block;
 
-/// The computation.
+/// The episodes to compute.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Work {

@@ -1,4 +1,4 @@
-//! Bodies as they move: robots, and objects that they push. What they do in a tick is in `contacts`.
+//! Bodies that move: robots, and objects that they push. Their motion within a tick is computed in `contacts`.
 
 mod objects;
 
@@ -11,7 +11,7 @@ use crate::robots::Team;
 
 pub(crate) use objects::{FASTEST, Moving, Object, Objects, Point, Surface, Touch};
 
-/// Robots by index, a vector of lanes for each quantity, and objects.
+/// Robots, with one vector of lanes for each quantity and robot, and objects.
 pub(crate) struct Bodies<L: Lanes> {
     /// Position, metres.
     pub x: Vec<Number<L>>,
@@ -23,10 +23,10 @@ pub(crate) struct Bodies<L: Lanes> {
     /// Velocity, m/s.
     pub vx: Vec<Number<L>>,
     pub vy: Vec<Number<L>>,
-    /// Rotation, rad/s.
+    /// Angular velocity, rad/s.
     pub spin: Vec<Number<L>>,
     pub objects: Objects<L>,
-    /// What kinds of robots are called, and which they are.
+    /// Names of the robot kinds, with the index range of each.
     kinds: Vec<(String, Range<usize>)>,
 }
 
@@ -54,7 +54,7 @@ impl<L: Lanes> Bodies<L> {
         self.x.len()
     }
 
-    /// The robots of a kind, or all.
+    /// Returns the indices of the robots of a kind, or of all robots.
     #[inline(always)]
     pub(crate) fn named(&self, name: Option<&str>) -> Range<usize> {
         let Some(name) = name else {
@@ -68,7 +68,7 @@ impl<L: Lanes> Bodies<L> {
         0..0
     }
 
-    /// From one robot to another.
+    /// Returns the vector from one robot to another.
     #[inline(always)]
     pub(crate) fn between(&self, from: usize, to: usize) -> [Number<L>; 2] {
         [self.x[to] - self.x[from], self.y[to] - self.y[from]]
@@ -76,7 +76,7 @@ impl<L: Lanes> Bodies<L> {
 }
 
 impl Bodies<f32> {
-    /// Where robots are.
+    /// Returns the poses of the robots.
     pub(crate) fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
         (0..self.len()).map(|index| Pose {
             at: [self.x[index].0, self.y[index].0],

@@ -6,28 +6,30 @@ use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
 use crate::place::{Form, Kind, LedColor, Pose};
 use crate::time::PART;
 
-/// m/s^2.
+/// Standard gravity, m/s^2.
 const GRAVITY: f32 = 9.81;
 
-/// Radii a second: nothing pushes a body faster, so that it does not go through a wall or another body in a part.
+/// Maximum speed of a body, in radii per second, so that it cannot pass through a wall or another body in one part of a
+/// tick.
 pub(crate) const FASTEST: f32 = 50.0;
 
-/// What an object is.
+/// The constant properties of an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Object {
-    /// Index of its kind.
+    /// Index of the object's kind.
     pub kind: usize,
     pub form: Form,
     pub height: f32,
-    /// Radius of the circle around it, metres.
+    /// Radius of the circumscribed circle, metres.
     pub radius: f32,
     pub color: Option<LedColor>,
-    /// Nothing pushes it faster, m/s, so that it does not go through a wall.
+    /// Maximum speed, m/s, so that the object cannot pass through a wall.
     pub fastest: f32,
-    /// 1 / kg, and 1 / (kg m^2).
+    /// Inverse mass, 1/kg, and inverse moment of inertia, 1/(kg m^2).
     pub light: f32,
     pub nimble: f32,
-    /// (s/m)^2 and (s/rad)^2: 1 over the square of the largest change by the friction of the floor in a part.
+    /// Inverse squares of the largest changes of speed, (s/m)^2 and (s/rad)^2, that the friction of the floor makes in
+    /// a part.
     pub loose: [f32; 2],
 }
 
@@ -50,20 +52,20 @@ impl Object {
     }
 }
 
-/// Where an object is, and how it moves.
+/// Pose and motion of an object.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Moving<L> {
     pub x: Number<L>,
     pub y: Number<L>,
-    /// Half turns, -1..=1, with its cosine and sine.
+    /// Heading in half turns, -1..=1, with its cosine and sine.
     pub heading: Number<L>,
     pub cos: Number<L>,
     pub sin: Number<L>,
-    /// m/s.
+    /// Velocity, m/s.
     pub velocity: [Number<L>; 2],
-    /// rad/s.
+    /// Angular velocity, rad/s.
     pub spin: Number<L>,
-    /// What the friction of the floor gives in this part: m/s along x and y, rad/s.
+    /// Change of velocity by the friction of the floor in this part: m/s along x and y, and rad/s.
     pub load: [Number<L>; 3],
 }
 
@@ -83,13 +85,13 @@ impl<L: Lanes> Moving<L> {
         }
     }
 
-    /// Along the axes of the arena, of a vector along those of the object.
+    /// Transforms a vector from the object's axes to the arena's axes.
     #[inline(always)]
     pub(crate) fn out(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
         [x * self.cos - y * self.sin, x * self.sin + y * self.cos]
     }
 
-    /// The other way round.
+    /// Transforms a vector from the arena's axes to the object's axes.
     #[inline(always)]
     pub(crate) fn within(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
         [x * self.cos + y * self.sin, y * self.cos - x * self.sin]
@@ -103,7 +105,7 @@ impl<L: Lanes> Moving<L> {
         self.sin = Number(sin_pi(self.heading.0));
     }
 
-    /// Whether it moves in any lane.
+    /// Returns whether the object moves in any lane.
     #[inline(always)]
     pub(crate) fn moves(&self) -> bool {
         let zero = number(0.0);
@@ -115,7 +117,8 @@ impl<L: Lanes> Moving<L> {
         moving
     }
 
-    /// The friction of the floor ends the motion, as far as it can: force and torque lie within an ellipsoid.
+    /// Applies the friction of the floor, which stops the motion as far as it can: force and torque lie within an
+    /// ellipsoid.
     #[inline(always)]
     fn rest(&mut self, object: &Object, before: [Number<L>; 3]) {
         let [vx, vy] = self.velocity;
@@ -130,7 +133,7 @@ impl<L: Lanes> Moving<L> {
     }
 }
 
-/// What has an extent in a contact, by its index.
+/// The extended surface in a contact, by its index.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Surface {
     Object(usize),
@@ -144,46 +147,46 @@ pub(crate) enum Point {
     Robot(usize),
     /// The middle of an object that is a disc.
     Center(usize),
-    /// An object, and which corner of its box.
+    /// An object, and the index of a corner of its box.
     Corner(usize, usize),
-    /// Where a face begins.
+    /// The end at which a face begins.
     End(usize),
 }
 
-/// A contact that is possible in a tick. Impulses in N s.
+/// A contact that is possible in a tick. Impulses are in N s.
 #[derive(Clone, Copy)]
 pub(crate) struct Touch<L: Lanes> {
     pub surface: Surface,
     pub point: Point,
-    /// By which it is found again in the next tick.
+    /// Key that identifies the contact in the next tick.
     pub key: [u32; 3],
-    /// In which lanes it is possible.
+    /// Lanes in which the contact is possible.
     pub lanes: L::Mask,
-    /// Lanes in which the robot holds the object: it pulls as well as pushes, and does not slip.
+    /// Lanes in which the robot holds the object: the contact pulls as well as pushes, and does not slip.
     pub held: L::Mask,
-    /// From the surface to the point.
+    /// Unit vector from the surface to the point.
     pub normal: [Number<L>; 2],
-    /// From the middles of both bodies to where they touch.
+    /// Vectors from the middles of both bodies to the point of contact.
     pub arms: [[Number<L>; 2]; 2],
-    /// kg: the mass that resists along the normal and along the tangent.
+    /// Effective masses along the normal and along the tangent, kg.
     pub masses: [Number<L>; 2],
-    /// The speed of approach at which nothing happens in this part.
+    /// Speed of approach up to which the contact exerts no force in this part.
     pub slack: Number<L>,
-    /// Impulse of a part along the normal and along the tangent.
+    /// Impulses of a part along the normal and along the tangent.
     pub pressed: Number<L>,
     pub rubbed: Number<L>,
     pub active: bool,
 }
 
-/// The objects of as many episodes as there are lanes.
+/// The objects of the episodes in all lanes.
 pub(crate) struct Objects<L: Lanes> {
     pub things: Vec<Object>,
     pub moving: Vec<Moving<L>>,
-    /// What may touch in this tick, ascending by its key, and what could in the one before.
+    /// Possible contacts in this tick, ascending by key, and those of the previous tick.
     pub touches: [Vec<Touch<L>>; 2],
-    /// Whether anything can happen in this tick.
+    /// Whether any object moves or may touch something in this tick.
     pub awake: bool,
-    /// By robot and object: in which lanes it is held; empty where robots have no grippers.
+    /// Lanes in which a robot holds an object, by robot and object; empty if no robot has a gripper.
     pub held: Vec<L::Mask>,
 }
 
@@ -194,7 +197,7 @@ impl<L: Lanes> Default for Objects<L> {
 }
 
 impl<L: Lanes> Objects<L> {
-    /// `grippers`: robots, where some of them have one.
+    /// Creates objects at rest. `grippers` is the number of robots if some have a gripper, else 0.
     pub(crate) fn new(kinds: &[Kind], grippers: usize) -> Self {
         let mut items = Vec::new();
         for (index, kind) in kinds.iter().enumerate() {
@@ -231,19 +234,19 @@ impl<L: Lanes> Objects<L> {
         }
     }
 
-    /// Whether there are any.
+    /// Returns whether there are any objects.
     #[inline(always)]
     pub(crate) fn any(&self) -> bool {
         !self.things.is_empty()
     }
 
-    /// Whether anything can happen in this tick.
+    /// Returns whether any object moves or may touch something in this tick.
     #[inline(always)]
     pub(crate) fn awake(&self) -> bool {
         self.awake
     }
 
-    /// The friction of the floor, at the beginning of a part or again in one of its passes.
+    /// Applies the friction of the floor, at the beginning of a part, or `again` in one of its passes.
     #[inline(always)]
     pub(crate) fn rest(&mut self, again: bool) {
         if !self.awake {
@@ -256,7 +259,7 @@ impl<L: Lanes> Objects<L> {
         }
     }
 
-    /// In which lanes a robot holds something.
+    /// Returns the lanes in which a robot holds an object.
     #[inline(always)]
     pub(crate) fn held_by(&self, robot: usize) -> L::Mask {
         let count = self.things.len();
@@ -269,7 +272,7 @@ impl<L: Lanes> Objects<L> {
         holds
     }
 
-    /// In which lanes robots hold an object.
+    /// Returns the lanes in which a robot holds this object.
     #[inline(always)]
     pub(crate) fn is_held(&self, object: usize) -> L::Mask {
         let mut holds = L::Mask::from_bits(0);
@@ -283,7 +286,7 @@ impl<L: Lanes> Objects<L> {
 }
 
 impl Objects<f32> {
-    /// Their poses.
+    /// Returns the poses of the objects.
     pub(crate) fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
         self.moving.iter().map(|moving| Pose {
             at: [moving.x.0, moving.y.0],
@@ -291,7 +294,7 @@ impl Objects<f32> {
         })
     }
 
-    /// All are elsewhere.
+    /// Moves the objects to new poses.
     pub(crate) fn put(&mut self, poses: impl Iterator<Item = Pose>) {
         for (moving, pose) in self.moving.iter_mut().zip(poses) {
             let [x, y] = pose.at.map(Number);

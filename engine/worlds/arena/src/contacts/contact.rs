@@ -1,26 +1,28 @@
-//! A contact of a robot with another one or with a wall, and what it does in a part of a tick.
+//! A contact of a robot with another robot or with a wall, and its impulses in a part of a tick.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::super::math::functions::square;
 use super::super::time::{PART, SUBSTEP};
 
-/// The part of the smaller radius by which robots may overlap before they are pushed apart; ARGoS leaves overlaps of that size.
+/// Fraction of the smaller radius by which robots may overlap before they are pushed apart; ARGoS leaves overlaps of
+/// that size.
 const TOLERANCE: f32 = 0.2;
-/// The share of an overlap that is not left alone which ends in a part.
+/// Fraction of the excess overlap that is removed in a part.
 pub(crate) const SHARE: f32 = 0.2;
 
-/// A contact for the solver. Impulses are divided by the mass of a robot, of the first kind if two robots touch.
+/// A contact for the solver. Impulses are divided by the mass of the robot; if two robots touch, by the mass of the
+/// first kind.
 #[derive(Clone, Copy)]
 pub(crate) struct Contact<L: Lanes> {
-    /// From the first robot to the other, or into the wall.
+    /// Unit vector from the first robot to the other robot, or into the wall.
     pub normal: [Number<L>; 2],
-    /// The speed of approach at which nothing happens in this part.
+    /// Speed of approach up to which the contact exerts no force in this part.
     slack: Number<L>,
-    /// Impulse of a part along the normal and along the tangent.
+    /// Impulses of a part along the normal and along the tangent.
     pub pressed: Number<L>,
     pub rubbed: Number<L>,
-    /// In which lanes anything can happen in this part, as bits.
+    /// Lanes in which the contact can act in this part, as bits.
     pub active: u64,
 }
 
@@ -36,9 +38,10 @@ impl<L: Lanes> Contact<L> {
         }
     }
 
-    /// At the beginning of a part: `way` between points that touch at a distance of `limit` and move with `speed` along it
-    /// and across. `fastest`: no two bodies approach each other faster, m/s; `smaller`: radius. Returns the impulse that the
-    /// part begins with.
+    /// Begins a part of a tick, and returns the impulse that it starts with.
+    ///
+    /// `way` is the vector between two points that touch at a distance of `limit`; `speed` is their relative velocity.
+    /// `fastest` is the maximum speed of approach, m/s, and `smaller` the smaller radius.
     #[inline(always)]
     pub(crate) fn begin(
         &mut self,
@@ -48,7 +51,7 @@ impl<L: Lanes> Contact<L> {
     ) -> [Number<L>; 2] {
         let square = square(way);
         let far = limit + fastest * PART;
-        // Middles that lie on each other press in no direction.
+        // If the middles coincide, there is no normal.
         let possible = square.lt(far * far).and(number(0.0).lt(square));
         self.active = possible.bits();
         if self.active == 0 {
@@ -61,8 +64,8 @@ impl<L: Lanes> Contact<L> {
         self.normal = [way[0] * inverse, way[1] * inverse];
         let gap = length - limit;
         let closing = -(speed[0] * self.normal[0] + speed[1] * self.normal[1]);
-        // Who overlaps after the first of two substeps approaches in that one alone; who does not, at least so fast that it
-        // just touches.
+        // Bodies that overlap after the first of two substeps may approach for that substep only; others may approach
+        // until they just touch.
         let first = gap.lt(closing * SUBSTEP);
         let slack = (closing * 0.5)
             .select(closing, first)
@@ -76,8 +79,8 @@ impl<L: Lanes> Contact<L> {
         self.along(self.pressed, self.rubbed)
     }
 
-    /// The change of impulse that ends the approach, and what friction adds; `approach` and `slip` are the relative
-    /// velocities along normal and tangent, `share` is the part of them that each body takes.
+    /// Returns the change of impulse that stops the approach, with friction. `approach` and `slip` are the relative
+    /// velocities along the normal and the tangent, `share` is the fraction of them that each body takes.
     #[inline(always)]
     pub(crate) fn solve(
         &mut self,
@@ -95,7 +98,7 @@ impl<L: Lanes> Contact<L> {
         change
     }
 
-    /// The contact of a lane, alone.
+    /// Returns the contact of a single lane.
     #[inline(always)]
     pub(crate) fn lane(&self, lane: usize) -> Contact<f32> {
         let [nx, ny] = &self.normal;
@@ -108,7 +111,7 @@ impl<L: Lanes> Contact<L> {
         }
     }
 
-    /// Impulses of a lane.
+    /// Sets the impulses of a lane.
     #[inline(always)]
     pub(crate) fn set_lane(&mut self, lane: usize, [pressed, rubbed]: [f32; 2]) {
         self.pressed.set_lane(lane, pressed);
@@ -127,7 +130,7 @@ impl<L: Lanes> Contact<L> {
     }
 }
 
-/// Ends what is faster than `most`, m/s: bodies that slip out between heavier ones.
+/// Limits a velocity to `most`, m/s, for bodies that are squeezed out between heavier ones.
 #[inline(always)]
 pub(crate) fn slow_down<L: Lanes>(velocity: &mut [Number<L>; 2], most: f32) {
     let [x, y] = *velocity;

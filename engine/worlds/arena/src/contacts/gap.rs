@@ -1,4 +1,4 @@
-//! Discs and corners of boxes, seen from objects and walls.
+//! Distances of discs and corners of boxes to objects and walls.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -6,19 +6,20 @@ use super::super::bodies::{Moving, Object};
 use super::super::math::functions::{absolute, square};
 use super::super::place::{Face, Form, to_face};
 
-/// Corners of boxes that are further behind a face of an obstacle lie on its other side, metres.
+/// Depth behind a face of an obstacle from which a corner of a box counts as being on the obstacle's other side,
+/// metres.
 const BEHIND: f32 = 0.005;
 
-/// Where a point is seen from a surface.
+/// Position of a point relative to a surface.
 pub(crate) struct Gap<L: Lanes> {
     pub normal: [Number<L>; 2],
     pub size: Number<L>,
-    /// From the middle of the surface to where the point touches it.
+    /// Vector from the middle of the surface's body to the point of contact.
     pub arm: [Number<L>; 2],
     pub valid: L::Mask,
 }
 
-/// How far the rim of a disc is from an object, metres; `at`: where the middle of the disc is.
+/// Returns the distance from the rim of a disc to an object, metres. `at` is the middle of the disc.
 #[inline(always)]
 pub(crate) fn gap<L: Lanes>(
     object: &Object,
@@ -30,7 +31,8 @@ pub(crate) fn gap<L: Lanes>(
     gap.size.select(number(f32::MAX), gap.valid)
 }
 
-/// A disc of this radius beside an object; `way`: from the middle of the object to that of the disc.
+/// Returns the gap between an object and a disc of this radius. `way` is the vector from the middle of the object to
+/// that of the disc.
 #[inline(always)]
 pub(crate) fn to_object<L: Lanes>(
     object: &Object,
@@ -60,7 +62,7 @@ pub(crate) fn to_object<L: Lanes>(
             let (dx, dy) = (x - px, y - py);
             let length = square([dx, dy]).sqrt();
             let outside = zero.lt(length);
-            // From inside of it the nearest side.
+            // For a point inside the box, the nearest side.
             let (depth_x, depth_y) = (number(hx) - absolute(x), number(hy) - absolute(y));
             let across = depth_x.lt(depth_y);
             let (left, below) = (x.lt(zero), y.lt(zero));
@@ -83,7 +85,7 @@ pub(crate) fn to_object<L: Lanes>(
     }
 }
 
-/// A disc of this radius, or the corner of a box, in front of a face.
+/// Returns the gap between a face and a disc of this radius, or the corner of a box.
 #[inline(always)]
 pub(crate) fn to_wall<L: Lanes>(
     face: &Face,
@@ -103,7 +105,7 @@ pub(crate) fn to_wall<L: Lanes>(
         let ahead = face.ahead(x, y);
         let outside = ahead.lt(zero);
         if face.outer && outside.any() {
-            // Whatever was pressed out of the arena comes back.
+            // Pull back a body that was pressed out of the arena.
             let [ax, ay] = face.along;
             normal[0] = number::<L>(-ay).select(normal[0], outside);
             normal[1] = number::<L>(ax).select(normal[1], outside);
@@ -118,7 +120,7 @@ pub(crate) fn to_wall<L: Lanes>(
     }
     let ahead = face.ahead(x, y);
     let [ax, ay] = face.along;
-    // Nothing is behind or beside the side of a convex arena.
+    // Behind the outer wall of a convex arena, and beside its ends, a corner still touches it.
     let valid = if face.outer {
         zero.le(zero)
     } else {

@@ -7,8 +7,10 @@ use super::gap::gap;
 use super::objects::NEAR;
 
 impl<L: Lanes> Objects<L> {
-    /// A robot holds what it held, as far as that is still near, or else the nearest object within reach, in the lanes in
-    /// which that is wanted; in others it lets go. `at`: where its middle is; its radius, and how far it reaches from that.
+    /// Updates which object a robot holds, in the lanes in `grips`; in the others, the robot lets go.
+    ///
+    /// A robot keeps its object while that is near; otherwise it takes the nearest object within reach. The tuple holds
+    /// the position of its middle, its radius, and its reach from the rim.
     #[inline(always)]
     pub(crate) fn grip(
         &mut self,

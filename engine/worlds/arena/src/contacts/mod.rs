@@ -1,6 +1,7 @@
 //! Motion and contacts in a tick.
 //!
-//! `tests/contacts_parts.rs` compiles parts of this folder with other robots and places around it, so paths in it are relative.
+//! `tests/contacts_parts.rs` compiles parts of this folder with substitutes for robots and places, so paths are
+//! relative.
 
 mod contact;
 mod gap;

@@ -1,60 +1,62 @@
-//! Robots that something may touch in a tick. Those of all lanes are put side by side, so that vectors are full of them:
-//! where half of the robots touch something, that takes half of the vectors.
+//! Robots that may touch something in a tick.
+//!
+//! The robots of all lanes are packed side by side, so that vectors are full: if half of the robots may touch
+//! something, half of the vectors are enough.
 
 use swarmwright_lanes::{Lanes, MOST_LANES, Number, lane_of, number};
 
 use super::super::bodies::Bodies;
 use super::super::robots::Team;
 
-/// What may touch in the next tick, in any lane.
+/// Pairs that may touch in the next tick, in any lane.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Close {
-    /// Two robots, ascending.
+    /// Pairs of robots, ascending.
     pub robots: Vec<[u32; 2]>,
-    /// A robot and a face of a wall, ascending.
+    /// Pairs of a robot and a face of a wall, ascending.
     pub faces: Vec<[u32; 2]>,
 }
 
-/// A vector of robots of one kind, while they move in a tick.
+/// A vector of robots of one kind, during a tick.
 #[derive(Clone, Copy)]
 pub(crate) struct Moved<L> {
-    /// One of them.
+    /// Index of one of the robots.
     pub robot: u32,
     pub at: [Number<L>; 2],
     pub velocity: [Number<L>; 2],
-    /// The velocity before this part, how far the drive alone gets in it, and what the drive gives.
+    /// Velocity before this part, distance that the drive alone covers in it, and change of velocity by the drive.
     pub before: [Number<L>; 2],
     pub free: [Number<L>; 2],
     pub load: [Number<L>; 2],
-    /// What the drive aims at.
+    /// Target velocity of the drive.
     pub aim: [Number<L>; 2],
     pub spin: Number<L>,
-    /// In which lanes something touches them in this part, as bits.
+    /// Lanes in which something touches the robots in this part, as bits.
     pub touched: u64,
 }
 
-/// Index of a lane's robot among the moving robots.
+/// Position of a lane's robot among the packed robots.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Spot {
     pub vector: u32,
     pub lane: u32,
 }
 
-/// Orders contacts by robots, then by what each touches, then by lanes: a number, which is compared at once.
+/// Returns a number that orders contacts by robot, then by the other body, then by lane.
 #[inline(always)]
 pub(crate) fn key(robot: u32, other: u32, lane: u32) -> u64 {
     const { assert!(MOST_LANES <= 64) };
     u64::from(robot) << 32 | u64::from(other) << 6 | u64::from(lane)
 }
 
-/// All robots that something may touch in a tick.
+/// All robots that may touch something in a tick.
 pub(crate) struct Near<L: Lanes> {
-    /// By robot: in which lanes something can touch it, as bits.
+    /// Lanes in which each robot may touch something, as bits.
     pub lanes: Vec<u64>,
-    /// The robots, and which vectors are in use.
+    /// The packed robots, and the vectors in use.
     pub moved: Vec<Moved<L>>,
     pub used: Vec<u32>,
-    /// By robot and lane, of those that something can touch.
+    /// Positions by robot and lane, for robots that may touch something.
     spots: Vec<Spot>,
 }
 
@@ -80,17 +82,17 @@ impl<L: Lanes> Near<L> {
         }
     }
 
-    /// Where a robot of a lane is, in which something can touch it.
+    /// Returns the position of a lane's robot, which must be one that may touch something.
     #[inline(always)]
     pub(crate) fn spot(&self, robot: usize, lane: usize) -> Spot {
         self.spots[robot * L::WIDTH + lane]
     }
 
-    /// Puts the robots side by side, in ascending order, kind by kind.
+    /// Packs the robots side by side, in ascending order, kind by kind.
     #[inline(always)]
     pub(crate) fn pack(&mut self, bodies: &Bodies<L>, aims: &[[Number<L>; 2]], team: &Team) {
         self.used.clear();
-        // The vector that is filled, its kind, and its next lane.
+        // The current vector, its kind, and its next free lane.
         let (mut vector, mut kind, mut next) = (usize::MAX, usize::MAX, L::WIDTH);
         for (robot, aim) in aims.iter().enumerate() {
             let mut lanes = self.lanes[robot];
@@ -128,7 +130,7 @@ impl<L: Lanes> Near<L> {
         }
     }
 
-    /// Gives each robot the vector of its own number, in which lanes stay where they are.
+    /// Gives each robot the vector with its own index, and keeps its lanes.
     #[inline(always)]
     pub(crate) fn spread(&mut self, bodies: &Bodies<L>, aims: &[[Number<L>; 2]]) {
         self.used.clear();
@@ -155,7 +157,7 @@ impl<L: Lanes> Near<L> {
         }
     }
 
-    /// Tells bodies where the robots are after the tick.
+    /// Writes the positions and velocities after the tick back to the bodies.
     #[inline(always)]
     pub(crate) fn unpack(&self, bodies: &mut Bodies<L>) {
         for robot in 0..bodies.len() {

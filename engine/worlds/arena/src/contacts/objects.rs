@@ -1,7 +1,7 @@
 //! Contacts of objects with robots, with each other and with walls.
 //!
-//! All are contacts of a point, or a disc around it, with a disc, a box or a face. A contact ends the approach where the two
-//! would begin to overlap in this part; what overlaps nevertheless is pushed apart slowly.
+//! Every contact is between a point, or a disc around it, and a disc, a box or a face. A contact stops the approach
+//! before the two bodies overlap in this part; existing overlap is pushed apart slowly.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -14,23 +14,23 @@ use super::contact::{SHARE, slow_down};
 use super::gap::{to_object, to_wall};
 use super::near::Moved;
 
-/// Coefficients of friction between objects, and with walls.
+/// Coefficients of friction between objects, and between objects and walls.
 const FRICTION: [f32; 2] = [0.49, 0.07];
-/// How far objects may come in a tick, metres; further where robots are faster.
+/// Maximum distance that an object moves in a tick, metres; more if robots are faster.
 const WAY: f32 = 0.05;
-/// What is further apart at the beginning of a part does not touch in it, metres; the same where robots are faster.
+/// Distance at the beginning of a part beyond which bodies do not touch in it, metres; more if robots are faster.
 pub(crate) const NEAR: f32 = 0.02;
-/// Overlap that is left alone, metres, and the largest speed at which the rest ends, m/s.
+/// Overlap that is not corrected, metres, and the maximum speed at which more overlap is pushed apart, m/s.
 const SLOP: f32 = 0.0002;
 const APART: f32 = 0.05;
 
-/// Largest distance that objects move in a tick, metres: as far as the fastest robot pushes them.
+/// Returns the maximum distance that objects move in a tick, metres: as far as the fastest robot pushes them.
 pub(crate) fn way(team: &Team) -> f32 {
     (team.fastest() * (TICK / 2.0)).max(WAY)
 }
 
 impl<L: Lanes> Objects<L> {
-    /// Finds what may touch in this tick. `nearby` gets the lanes in which robots may touch an object.
+    /// Finds the possible contacts of this tick. Adds to `nearby` the lanes in which robots may touch an object.
     #[inline(always)]
     pub(crate) fn find(
         &mut self,
@@ -127,7 +127,7 @@ impl<L: Lanes> Objects<L> {
         self.awake |= !self.touches[0].is_empty();
     }
 
-    /// At the beginning of a part: where all are, and the impulses of the part before.
+    /// Begins a part with the current positions and the impulses of the previous part.
     #[inline(always)]
     pub(crate) fn begin(&mut self, moved: &mut [Moved<L>], at: (&Team, &Place)) {
         if self.held.is_empty() {
@@ -137,7 +137,7 @@ impl<L: Lanes> Objects<L> {
         }
     }
 
-    /// The same; whether robots have grippers.
+    /// Implements [`Self::begin`]; `GRIPS` says whether robots have grippers.
     #[inline(always)]
     fn begin_with<const GRIPS: bool>(
         &mut self,
@@ -169,7 +169,8 @@ impl<L: Lanes> Objects<L> {
             touch.pressed = touch.pressed.only_where(possible);
             touch.rubbed = touch.rubbed.only_where(possible);
             if GRIPS {
-                // Also where no lane has a contact: what a robot loses in a part it does not hold in the next one.
+                // Even without a contact in any lane: an object that slipped away in this part is not held in the next
+                // one.
                 touch.held = touch.held.and(possible);
             }
             if !touch.active {
@@ -177,7 +178,7 @@ impl<L: Lanes> Objects<L> {
             }
             for axis in 0..2 {
                 touch.normal[axis] = gap.normal[axis].only_where(possible);
-                // A disc touches with its rim.
+                // A disc touches at its rim.
                 let rim = gap.normal[axis] * radius;
                 touch.arms[0][axis] = gap.arm[axis].only_where(possible);
                 touch.arms[1][axis] = match touch.point {
@@ -190,7 +191,7 @@ impl<L: Lanes> Objects<L> {
             let slack = before + overlap.at_most(number(0.0));
             touch.slack = slack.select(number(f32::MAX), possible);
             if GRIPS {
-                // What was held pulls no more.
+                // A released object is no longer pulled.
                 let pressed = touch.pressed.at_least(number(0.0));
                 touch.pressed = touch.pressed.select(pressed, touch.held);
                 let closing = (gap.size * (SHARE / PART)).within(-APART, APART);
@@ -218,7 +219,7 @@ impl<L: Lanes> Objects<L> {
         }
     }
 
-    /// The same; whether robots have grippers.
+    /// Implements [`Self::solve`]; `GRIPS` says whether robots have grippers.
     #[inline(always)]
     fn solve_with<const GRIPS: bool>(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let Self {
@@ -279,7 +280,7 @@ impl<L: Lanes> Objects<L> {
         }
     }
 
-    /// The motion of a part.
+    /// Moves the objects by a part of a tick.
     #[inline(always)]
     pub(crate) fn advance(&mut self, team: &Team) {
         if !self.awake {
@@ -300,7 +301,7 @@ impl<L: Lanes> Objects<L> {
     }
 }
 
-/// Where contacts of an object are added.
+/// List to which the contacts of an object are added.
 struct List<'a, L: Lanes> {
     now: &'a mut Vec<Touch<L>>,
     old: &'a [Touch<L>],
@@ -309,7 +310,7 @@ struct List<'a, L: Lanes> {
 }
 
 impl<L: Lanes> List<'_, L> {
-    /// Adds a contact; `rank`: a group, an index in it, and which of several. Takes over impulses of the tick before.
+    /// Adds a contact, with the impulses of the previous tick. The tuple orders contacts: group, index in it, and part.
     #[inline(always)]
     fn add(
         &mut self,
@@ -345,7 +346,7 @@ impl<L: Lanes> List<'_, L> {
         self.now.push(touch);
     }
 
-    /// The robot of the last contact holds the object in some lanes.
+    /// Marks the lanes in which the robot of the last contact holds the object.
     #[inline(always)]
     fn hold(&mut self, lanes: L::Mask) {
         if let Some(touch) = self.now.last_mut() {
@@ -355,7 +356,7 @@ impl<L: Lanes> List<'_, L> {
 }
 
 impl<L: Lanes> Touch<L> {
-    /// The masses that resist.
+    /// Computes the effective masses.
     #[inline(always)]
     fn weigh(&mut self, items: &[Object], team: &Team) {
         let [nx, ny] = self.normal;
@@ -377,7 +378,7 @@ impl<L: Lanes> Touch<L> {
         }
     }
 
-    /// The change of a robot's velocity by 1 N s.
+    /// Returns the change of a robot's velocity by an impulse of 1 N s.
     #[inline(always)]
     fn lightness(&self, robot: usize, items: &[Object], team: &Team) -> f32 {
         let light = 1.0 / team.robot(robot).mass;
@@ -393,7 +394,7 @@ impl<L: Lanes> Touch<L> {
         [nx * pressed - ny * rubbed, ny * pressed + nx * rubbed]
     }
 
-    /// An impulse acts on the point, and on the surface the other way.
+    /// Applies an impulse to the point, and its opposite to the surface.
     #[inline(always)]
     fn push(
         &self,
@@ -422,7 +423,7 @@ impl<L: Lanes> Touch<L> {
 }
 
 impl<L: Lanes> Moving<L> {
-    /// The velocity of a point at this place, seen from the middle.
+    /// Returns the velocity of a point of the object, given relative to its middle.
     #[inline(always)]
     fn speed(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
         [
@@ -438,7 +439,7 @@ impl<L: Lanes> Moving<L> {
         self.spin += cross(arm, impulse) * object.nimble;
     }
 
-    /// From the middle to a corner of a box, 0 to 3 counter-clockwise from the lower left.
+    /// Returns the vector from the middle to a corner of a box, 0 to 3 counter-clockwise from the lower left.
     #[inline(always)]
     fn corner(&self, [x, y]: [f32; 2], corner: usize) -> [Number<L>; 2] {
         let x = if corner == 1 || corner == 2 { x } else { -x };
@@ -452,7 +453,7 @@ fn cross<L: Lanes>(a: [Number<L>; 2], b: [Number<L>; 2]) -> Number<L> {
     a[0] * b[1] - a[1] * b[0]
 }
 
-/// Where the point of a contact is, the radius of the disc around it, and the way to it from the middle of its body.
+/// Returns the point of a contact, the radius of the disc around it, and the vector to it from the middle of its body.
 #[inline(always)]
 fn point<L: Lanes>(
     point: Point,

@@ -1,8 +1,8 @@
-//! Contacts of two robots, each in one lane alone.
+//! Contacts of two robots, each in a single lane.
 //!
-//! Robots touch others in other lanes: of 32 lanes one or two have a contact of the same two robots. Vectors by lane would be
-//! all but empty. What does not depend on other contacts is computed for as many of them side by side as a vector has lanes;
-//! they are solved one by one, in order.
+//! A given pair of robots is usually in contact in only one or two of 32 lanes, so vectors by lane would be nearly
+//! empty. Work that does not depend on other contacts is therefore done for a full vector of contacts side by side; the
+//! contacts are then solved one by one, in order.
 
 use swarmwright_lanes::{Lanes, Mask, Number, lane_of, number};
 
@@ -17,10 +17,10 @@ use super::near::{Moved, Near, Spot, key};
 struct Touch {
     robots: [u32; 2],
     lane: u32,
-    /// Their indices among the moving robots.
+    /// Positions of the robots among the packed robots.
     spots: [Spot; 2],
     pair: Pair,
-    /// How fast the rims of both move along each other when nothing else does, m/s.
+    /// Relative tangential speed of the two rims by rotation alone, m/s.
     rims: f32,
 }
 
@@ -35,7 +35,8 @@ impl Touch {
 struct Touches<L: Lanes> {
     /// Ascending by robots, then by lanes.
     all: Vec<Touch>,
-    /// Their contacts in sequence, with the distances of their middles when they touch, and the smaller radii.
+    /// Contacts in the order of `all`, with the distance between the middles at which the robots touch, and the smaller
+    /// radius.
     contacts: Vec<(Contact<L>, [Number<L>; 2])>,
 }
 
@@ -59,7 +60,7 @@ impl<L: Lanes> Touches<L> {
         self.contacts.clear();
     }
 
-    /// Adds two robots that touched before with these impulses.
+    /// Adds a pair of robots with its impulses from the previous tick.
     #[inline(always)]
     fn push(&mut self, touch: Touch, impulses: [f32; 2]) {
         let lane = self.all.len() % L::WIDTH;
@@ -73,7 +74,7 @@ impl<L: Lanes> Touches<L> {
         self.all.push(touch);
     }
 
-    /// The impulses of two robots.
+    /// Returns the impulses of a contact.
     #[inline(always)]
     fn impulses(&self, index: usize) -> [f32; 2] {
         let (contact, _) = &self.contacts[index / L::WIDTH];
@@ -90,13 +91,13 @@ impl<L: Lanes> Pairs<L> {
         }
     }
 
-    /// Starts an episode.
+    /// Discards the contacts, at the start of an episode.
     #[inline(always)]
     pub(crate) fn forget(&mut self) {
         self.now.clear();
     }
 
-    /// Finds which robots may touch each other in this tick; `pairs` are those that may in any lane.
+    /// Finds the pairs of robots that may touch in this tick. `pairs` are the candidates in any lane.
     #[inline(always)]
     pub(crate) fn find(
         &mut self,
@@ -148,7 +149,7 @@ impl<L: Lanes> Pairs<L> {
         }
     }
 
-    /// Notes where the robots are among those that move.
+    /// Stores the positions of the robots among the packed robots.
     #[inline(always)]
     pub(crate) fn place(&mut self, nearby: &Near<L>) {
         for touch in &mut self.now.all {
@@ -158,7 +159,7 @@ impl<L: Lanes> Pairs<L> {
         }
     }
 
-    /// Begins a part of the tick with the impulses of the one before.
+    /// Begins a part of the tick with the impulses of the previous part.
     #[inline(always)]
     pub(crate) fn begin(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let (fastest, equal) = (team.fastest(), team.equal());
@@ -166,7 +167,7 @@ impl<L: Lanes> Pairs<L> {
         for (index, (contact, [limit, smaller])) in contacts.iter_mut().enumerate() {
             let first = index * L::WIDTH;
             let touches = &all[first..all.len().min(first + L::WIDTH)];
-            // Lanes without one: the bodies lie on each other, which does not count as a contact.
+            // In unused lanes the bodies coincide, which does not count as a contact.
             let (mut way, mut speed) = ([number(0.0); 2], [number(0.0); 2]);
             for (lane, touch) in touches.iter().enumerate() {
                 let [a, b] = touch.spots;
@@ -203,7 +204,7 @@ impl<L: Lanes> Pairs<L> {
             while lanes != 0 {
                 let lane = lane_of::<L>(lanes.trailing_zeros());
                 lanes &= lanes - 1;
-                // Copied, so that they are known to be the same after robots have changed.
+                // Copied, so that the compiler knows that changes of robots do not affect it.
                 let touch = all[index * L::WIDTH + lane];
                 let [a, b] = touch.spots;
                 let (first, second) = (&moved[a.vector as usize], &moved[b.vector as usize]);
@@ -223,7 +224,7 @@ impl<L: Lanes> Pairs<L> {
     }
 }
 
-/// From a lane of the first to a lane of the second.
+/// Returns the vector from a lane of the first to a lane of the second.
 #[inline(always)]
 fn between<L: Lanes>(
     (first, a): (&[Number<L>; 2], Spot),
@@ -236,7 +237,7 @@ fn between<L: Lanes>(
     ]
 }
 
-/// An impulse of the second robot of a pair on itself, and on the first one the other way.
+/// Applies an impulse to the second robot of a pair, and its opposite to the first.
 #[inline(always)]
 fn part_from<L: Lanes>(
     moved: &mut [Moved<L>],
@@ -262,7 +263,7 @@ fn push<L: Lanes>(moved: &mut [Moved<L>], spot: Spot, [x, y]: [f32; 2]) {
     velocity[1].set_lane(lane, velocity[1].lane(lane) + y);
 }
 
-/// Notes of both robots whether something touches them.
+/// Records for both robots whether something touches them.
 #[inline(always)]
 fn note<L: Lanes>(moved: &mut [Moved<L>], spots: [Spot; 2], touching: u64) {
     for spot in spots {

@@ -1,10 +1,11 @@
-//! Motion and collisions in a tick, after the rigid discs of Chipmunk 6 as ARGoS uses them.
+//! Motion and collisions in a tick, modelled on the rigid discs of Chipmunk 6 as used by ARGoS.
 //!
-//! A drive pulls the velocity towards its aim by at most `acceleration` x time, and Coulomb friction acts at the rims.
-//! Contacts end the approach, after the substep in which two begin to overlap; only what overlaps deeply is pushed apart. Robots
-//! that nothing can touch in the tick move in closed form. For the others a tick has `PARTS` parts; in each of them all
-//! drives and all contacts are solved `PASSES` times, in order, beginning with the impulses of the part before. Chipmunk
-//! solves each of ten substeps ten times; beginning with its impulses fewer are enough (docs/decisions/019-arena.md).
+//! A drive accelerates a robot towards its target velocity by at most `acceleration`, and Coulomb friction acts at the
+//! rims. Contacts stop the approach after the substep in which two bodies begin to overlap; only deep overlap is pushed
+//! apart. Robots that can touch nothing in the tick move in closed form. For the others a tick has `PARTS` parts; in
+//! each part, all drives and all contacts are solved `PASSES` times, in order, starting from the impulses of the
+//! previous part. Chipmunk solves each of ten substeps ten times; with the impulses of the previous part, fewer passes
+//! are enough (docs/decisions/019-arena.md).
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -18,19 +19,19 @@ use super::near::{Close, Moved, Near};
 use super::pairs::Pairs;
 use super::walls::Walls;
 
-/// Parts of a tick, each of two substeps of free motion.
+/// Number of parts in a tick, each of two substeps of free motion.
 const PARTS: usize = 5;
-/// How often drives and contacts are solved in a part.
+/// Number of times that drives and contacts are solved in a part.
 const PASSES: usize = 2;
-/// The same where there are objects, or kinds of robots of which one is much heavier than another.
+/// Number of passes if there are objects, or kinds of robots with very different masses.
 const MORE_PASSES: usize = 4;
-/// The most that a drive gives while something touches the robot, m/s^2: wheels slip. Without it robots whose drives have no
-/// limit would be pressed through each other.
+/// Maximum acceleration of a drive while something touches the robot, m/s^2: wheels slip. Without this limit, robots
+/// whose drives have no limit would be pressed through each other.
 const TRACTION: f32 = 10.0;
 
-/// The work of a tick.
+/// The state of the solver.
 pub(crate) struct Contacts<L: Lanes> {
-    /// The velocity that each drive aims at.
+    /// Target velocity of each drive.
     pub aim: Vec<[Number<L>; 2]>,
     near: Near<L>,
     pairs: Pairs<L>,
@@ -47,7 +48,7 @@ impl<L: Lanes> Contacts<L> {
         }
     }
 
-    /// Starts an episode.
+    /// Discards the contacts, at the start of an episode.
     #[inline(always)]
     pub(crate) fn forget(&mut self) {
         self.pairs.forget();
@@ -99,7 +100,7 @@ impl<L: Lanes> Contacts<L> {
         bodies.objects = objects;
     }
 
-    /// A tick of robots that touch nothing, at once.
+    /// Moves the robots by a tick as if they touched nothing.
     #[inline(always)]
     fn move_freely(&mut self, bodies: &mut Bodies<L>, team: &Team) {
         for index in 0..bodies.len() {
@@ -107,7 +108,7 @@ impl<L: Lanes> Contacts<L> {
             let [ax, ay] = self.aim[index];
             let (vx, vy) = (bodies.vx[index], bodies.vy[index]);
             let (dx, dy) = (ax - vx, ay - vy);
-            // The part of the change that a substep brings; infinite where there is none.
+            // Fraction of the change that one substep makes; infinite if there is no change.
             let part = most / square([dx, dy]).sqrt();
             let (mut sum, mut done) = (number(0.0), number(0.0));
             for _ in 1..SUBSTEPS {
@@ -195,7 +196,8 @@ fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
     moved.velocity[1] += y;
 }
 
-/// The drive pulls the velocity to its aim. `velocity` has the impulses of the contacts already: it works against them.
+/// Applies the drive, which pulls the velocity towards its target. `velocity` already includes the impulses of
+/// contacts, so the drive works against them.
 #[inline(always)]
 fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
     let (aim, [x, y]) = (moved.aim, moved.velocity);
@@ -206,7 +208,7 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
         most = number(TRACTION * PART).select(most, L::Mask::from_bits(moved.touched));
     }
     let whole = (inverse * most).at_most(number(1.0));
-    // The first of two substeps still has the previous velocity.
+    // In the first of two substeps, the robot still moves at the previous velocity.
     let half = (inverse * (acceleration * SUBSTEP)).at_most(number(1.0));
     let [vx, vy] = moved.before;
     moved.free = [
@@ -217,7 +219,7 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
     push(moved, moved.load);
 }
 
-/// The drive once more, after contacts, in the lanes that have some: it gives no more than it can in all.
+/// Applies the drive again after contacts, in the lanes that have some. In total it stays within its maximum.
 #[inline(always)]
 fn drive_on<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
     let lanes = L::Mask::from_bits(moved.touched);

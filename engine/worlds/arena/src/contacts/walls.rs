@@ -15,7 +15,7 @@ struct Touch {
     robot: u32,
     face: u32,
     lane: u32,
-    /// Its contact, and its lane there.
+    /// Index of the contact, and the lane in it.
     contact: u32,
     at: u32,
     /// Impulses of the last part of the tick.
@@ -23,7 +23,7 @@ struct Touch {
     rubbed: f32,
 }
 
-/// Robots of a vector that move, each with a face of its own.
+/// Packed robots of a vector, each with its own face.
 #[derive(Clone, Copy)]
 struct WallContact<L: Lanes> {
     vector: u32,
@@ -39,7 +39,7 @@ struct WallContact<L: Lanes> {
 
 /// All contacts with walls.
 pub(crate) struct Walls<L: Lanes> {
-    /// Ascending by robots, faces and lanes, and those of the tick before.
+    /// Ascending by robot, face and lane; `old` holds the contacts of the previous tick.
     now: Vec<Touch>,
     old: Vec<Touch>,
     contacts: Vec<WallContact<L>>,
@@ -47,8 +47,8 @@ pub(crate) struct Walls<L: Lanes> {
     first: Vec<u32>,
 }
 
-/// Lines of walls that are further away at the beginning of a tick matter neither to contacts nor to rays, metres. `gap`: how
-/// far robots come in a tick towards each other.
+/// Returns the distance beyond which walls affect neither contacts nor rays in a tick, metres. `gap` is the maximum
+/// distance by which two robots approach each other in a tick.
 pub(crate) fn reach_of_walls(robot: &Robot, gap: f32) -> f32 {
     let rays = robot.proximity.as_ref().map_or(0.0, |p| p.start + p.range);
     rays.max(robot.radius + gap / 2.0)
@@ -64,13 +64,14 @@ impl<L: Lanes> Walls<L> {
         }
     }
 
-    /// Starts an episode.
+    /// Discards the contacts, at the start of an episode.
     #[inline(always)]
     pub(crate) fn forget(&mut self) {
         self.now.clear();
     }
 
-    /// Finds which walls robots may touch in this tick; `pairs` are a robot and a face that may touch in any lane.
+    /// Finds the walls that robots may touch in this tick. `pairs` are the candidate pairs of a robot and a face in any
+    /// lane.
     #[inline(always)]
     pub(crate) fn find(
         &mut self,
@@ -81,7 +82,7 @@ impl<L: Lanes> Walls<L> {
     ) {
         std::mem::swap(&mut self.now, &mut self.old);
         self.now.clear();
-        // Slow robots may be pushed by faster ones.
+        // Faster robots may push slow ones.
         let gap = team.gap();
         let mut before = 0;
         for [robot, face] in pairs {
@@ -122,7 +123,7 @@ impl<L: Lanes> Walls<L> {
         }
     }
 
-    /// Collects the faces of all robots of a vector, those of a robot in ascending order.
+    /// Collects the faces for each vector of robots; the faces of a robot are in ascending order.
     #[inline(always)]
     pub(crate) fn collect(&mut self, nearby: &Near<L>, layout: &Place) {
         self.contacts.clear();
@@ -154,7 +155,7 @@ impl<L: Lanes> Walls<L> {
         }
     }
 
-    /// Begins a part of the tick with the impulses of the one before.
+    /// Begins a part of the tick with the impulses of the previous part.
     #[inline(always)]
     pub(crate) fn begin(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let fastest = team.fastest();
@@ -215,7 +216,7 @@ impl<L: Lanes> WallContact<L> {
             vector,
             lanes: 0,
             next: 0,
-            // Far away.
+            // Too far away to touch.
             middle: [number(1e6); 2],
             along: [number(1.0), number(0.0)],
             half: number(0.0),
@@ -223,7 +224,7 @@ impl<L: Lanes> WallContact<L> {
         }
     }
 
-    /// Takes a face in a lane.
+    /// Sets the face of a lane.
     #[inline(always)]
     fn take(&mut self, lane: usize, face: &Face, touch: &Touch) {
         self.lanes |= 1 << lane;
@@ -235,7 +236,7 @@ impl<L: Lanes> WallContact<L> {
         self.contact.set_lane(lane, [touch.pressed, touch.rubbed]);
     }
 
-    /// From a point to the nearest one of the face.
+    /// Returns the vector from a point to the nearest point of the face.
     #[inline(always)]
     fn way(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
         let (dx, dy) = (x - self.middle[0], y - self.middle[1]);

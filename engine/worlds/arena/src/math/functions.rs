@@ -1,11 +1,11 @@
-//! Functions that the controllers' arithmetic does not have, as fixed sequences of binary32 operations.
+//! Functions that the arithmetic of controllers lacks, as fixed sequences of binary32 operations.
 //!
-//! Polynomials are Chebyshev fits; the error is at most 2e-7 of the true value (absolute; of the exponential relative).
+//! Polynomials are Chebyshev fits. The error is at most 2e-7: relative for the exponential, absolute for the others.
 
 use swarmwright_controllers::functions::lanes;
 use swarmwright_lanes::{Int, Lanes, Number, number};
 
-/// atan(a) / (pi a) over a^2 in 0..=1.
+/// Coefficients of atan(a) / (pi a) as a polynomial in a^2, for a^2 in 0..=1.
 const ATAN: [f32; 8] = [
     0.318_309_84,
     -0.106_098_92,
@@ -16,7 +16,7 @@ const ATAN: [f32; 8] = [
     0.007_692_337,
     -0.001_486_116_7,
 ];
-/// exp(r) over r in -ln(2)/2..=ln(2)/2.
+/// Coefficients of exp(r) for r in -ln(2)/2..=ln(2)/2.
 const EXP: [f32; 7] = [
     1.0,
     1.0,
@@ -26,7 +26,7 @@ const EXP: [f32; 7] = [
     0.008_375_129,
     0.001_394_858_1,
 ];
-/// Horner's rule, the highest coefficient last.
+/// Evaluates a polynomial by Horner's rule; the highest coefficient is last.
 #[inline(always)]
 fn polynomial<L: Lanes>(coefficients: &[f32], x: Number<L>) -> Number<L> {
     let mut p = number(coefficients[coefficients.len() - 1]);
@@ -36,7 +36,7 @@ fn polynomial<L: Lanes>(coefficients: &[f32], x: Number<L>) -> Number<L> {
     p
 }
 
-/// |x|
+/// Returns |x|.
 #[inline(always)]
 pub(crate) fn absolute<L: Lanes>(x: Number<L>) -> Number<L> {
     Number(L::from_pattern(
@@ -44,13 +44,13 @@ pub(crate) fn absolute<L: Lanes>(x: Number<L>) -> Number<L> {
     ))
 }
 
-/// The angle of a vector in half turns, -1..=1, counter-clockwise from x; 0 for the vector 0, 0.
+/// Returns the angle of a vector in half turns, -1..=1, counter-clockwise from x; 0 for the zero vector.
 #[inline(always)]
 pub(crate) fn bearing<L: Lanes>(x: Number<L>, y: Number<L>) -> Number<L> {
     let (ax, ay) = (absolute(x), absolute(y));
     let steep = ax.lt(ay);
     let (low, high) = (ax.select(ay, steep), ay.select(ax, steep));
-    // The smallest normal number keeps 0, 0 from being no number.
+    // The smallest normal number prevents NaN for the zero vector.
     let a = low / high.at_least(number(f32::MIN_POSITIVE));
     let angle = a * polynomial(&ATAN, a * a);
     let angle = (number(0.5) - angle).select(angle, steep);
@@ -58,37 +58,38 @@ pub(crate) fn bearing<L: Lanes>(x: Number<L>, y: Number<L>) -> Number<L> {
     (-angle).select(angle, y.lt(number(0.0)))
 }
 
-/// e^x for x in -80..=80.
+/// Returns e^x for x in -80..=80.
 #[inline(always)]
 pub(crate) fn exp<L: Lanes>(x: Number<L>) -> Number<L> {
     let whole = (x * std::f32::consts::LOG2_E + 0.5).0.floor();
     let n = Number(L::from_int(whole));
-    // ln(2) in two parts, the first one exact in products with n.
+    // ln(2) is split into two parts; products of the first part with n are exact.
     let r = x - n * 0.693_359_4 + n * 2.121_944_4e-4;
     let scale = whole.add(L::Int::splat(127)).shl(L::Int::splat(23));
     polynomial(&EXP, r) * Number(L::from_pattern(scale))
 }
 
-/// The natural logarithm of a normal number above 0.
+/// Returns the natural logarithm of a normal number above 0.
 #[inline(always)]
 pub(crate) fn ln<L: Lanes>(x: Number<L>) -> Number<L> {
     Number(lanes::ln(x.0))
 }
 
-/// Two independent numbers of the standard normal distribution from two in 0..1, the first above 0.
+/// Returns two independent numbers of the standard normal distribution from two uniform numbers in 0..1, the first
+/// above 0.
 #[inline(always)]
 pub(crate) fn normal<L: Lanes>(length: Number<L>, angle: Number<L>) -> [Number<L>; 2] {
     let half_turns = angle + angle - number(1.0);
     lanes::normal_pair(length.0, half_turns.0).map(Number)
 }
 
-/// The square of the length of a vector.
+/// Returns the square of the length of a vector.
 #[inline(always)]
 pub(crate) fn square<L: Lanes>([x, y]: [Number<L>; 2]) -> Number<L> {
     x * x + y * y
 }
 
-/// The probability of at least one of two independent causes.
+/// Returns the probability of at least one of two independent events.
 #[inline(always)]
 pub(crate) fn either(first: f32, second: f32) -> f32 {
     1.0 - (1.0 - first) * (1.0 - second)

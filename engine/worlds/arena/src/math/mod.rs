@@ -1,4 +1,4 @@
-//! Functions, random numbers and plane geometry in fixed sequences of operations.
+//! Functions, random numbers and plane geometry as fixed sequences of operations.
 
 pub(crate) mod functions;
 pub(crate) mod polygon;

@@ -3,25 +3,25 @@
 /// A point, metres.
 type Point = [f32; 2];
 
-/// Twice the area, exact enough for a sign; positive where the corners are counter-clockwise.
+/// Returns twice the signed area, exact enough for its sign; positive if the corners are counter-clockwise.
 fn doubled_area(corners: &[Point]) -> f64 {
     sides(corners).fold(0.0, |sum, [a, b]| {
         sum + f64::from(a[0]) * f64::from(b[1]) - f64::from(a[1]) * f64::from(b[0])
     })
 }
 
-/// The area, m^2.
+/// Returns the area, m^2.
 pub(crate) fn area(corners: &[Point]) -> f64 {
     doubled_area(corners).abs() / 2.0
 }
 
-/// Twice the area of the triangle a, b, c: positive where c lies left of the way from a to b.
+/// Returns twice the signed area of the triangle a, b, c; positive if c lies to the left of the line from a to b.
 fn left(a: Point, b: Point, c: Point) -> f64 {
     let [a, b, c] = [a, b, c].map(|point| point.map(f64::from));
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Whether two sides have a point in common.
+/// Returns whether two sides have a point in common.
 fn meet([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
     let apart = |p: f64, q: f64| p * q > 0.0;
     let beside = |axis: usize| {
@@ -33,10 +33,10 @@ fn meet([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
         && !apart(left(c, d, a), left(c, d, b))
 }
 
-/// The corners in counter-clockwise order, without a repeated first corner at the end.
+/// Returns the corners in counter-clockwise order, without a repeated first corner at the end.
 ///
 /// # Errors
-/// The problem with the polygon: too few corners, a corner twice in a row, crossing sides, or no area.
+/// Returns the problem with the polygon: too few or too many corners, a repeated corner, or crossing sides.
 pub(crate) fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
     let mut corners = corners.to_vec();
     if corners.len() > 1 && corners.first() == corners.last() {
@@ -62,7 +62,7 @@ pub(crate) fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
             let (edge, other) = (side(first), side(second));
             let neighbours = second == first + 1 || (first == 0 && second == count - 1);
             let crossed = if neighbours {
-                // They share a corner, and nothing else where they do not lie on each other.
+                // Neighbouring sides share a corner; they may not overlap otherwise.
                 let [tip, joint, end] = if second == first + 1 {
                     [edge[0], edge[1], other[1]]
                 } else {
@@ -91,7 +91,7 @@ pub(crate) fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
     Ok(corners)
 }
 
-/// Whether no corner points inwards; corners counter-clockwise.
+/// Returns whether no corner points inwards; the corners must be counter-clockwise.
 pub(crate) fn is_convex(corners: &[Point]) -> bool {
     let count = corners.len();
     (0..count).all(|index| {
@@ -100,7 +100,7 @@ pub(crate) fn is_convex(corners: &[Point]) -> bool {
     })
 }
 
-/// Whether a point lies inside, by the number of sides that a ray from it crosses.
+/// Returns whether a point lies inside, by the parity of the sides that a ray from it crosses.
 pub(crate) fn contains(corners: &[Point], [x, y]: [f64; 2]) -> bool {
     sides(corners).fold(false, |inside, side| {
         let [a, b] = side.map(|corner| corner.map(f64::from));
@@ -110,7 +110,7 @@ pub(crate) fn contains(corners: &[Point], [x, y]: [f64; 2]) -> bool {
     })
 }
 
-/// Whether a side of the one polygon goes through a side of the other one; touching it is not enough.
+/// Returns whether a side of one polygon passes through a side of the other; touching is not enough.
 pub(crate) fn cross(outline: &[Point], other: &[Point]) -> bool {
     let through = |[a, b]: [Point; 2], [c, d]: [Point; 2]| {
         left(a, b, c) * left(a, b, d) < 0.0 && left(c, d, a) * left(c, d, b) < 0.0
@@ -118,7 +118,7 @@ pub(crate) fn cross(outline: &[Point], other: &[Point]) -> bool {
     sides(outline).any(|side| sides(other).any(|another| through(side, another)))
 }
 
-/// The distance of a point from the nearest side.
+/// Returns the distance of a point from the nearest side.
 pub(crate) fn distance(corners: &[Point], point: Point) -> f64 {
     let from = sides(corners).map(|[a, b]| {
         let way =
@@ -130,13 +130,13 @@ pub(crate) fn distance(corners: &[Point], point: Point) -> f64 {
     from.fold(f64::INFINITY, f64::min)
 }
 
-/// From each corner to the next one.
+/// Returns the sides, from each corner to the next one.
 pub(crate) fn sides(corners: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
     let next = corners.iter().cycle().skip(1);
     corners.iter().zip(next).map(|(a, b)| [*a, *b])
 }
 
-/// Lower left and upper right corner of what holds all corners.
+/// Returns the lower left and upper right corners of the bounding box.
 pub(crate) fn extent(corners: &[Point]) -> [Point; 2] {
     let start = [[f32::INFINITY; 2], [f32::NEG_INFINITY; 2]];
     corners.iter().fold(start, |[low, high], corner| {
@@ -147,7 +147,7 @@ pub(crate) fn extent(corners: &[Point]) -> [Point; 2] {
     })
 }
 
-/// Points along the sides, evenly spaced, the first one at the first corner.
+/// Returns evenly spaced points along the sides, starting at the first corner.
 pub(crate) fn along(corners: &[Point], count: usize) -> Vec<[f64; 2]> {
     let sides: Vec<[[f64; 2]; 2]> = sides(corners)
         .map(|side| side.map(|corner| corner.map(f64::from)))

@@ -1,25 +1,25 @@
-//! Random numbers of a tick, addressed by what they are for: nothing depends on what was drawn before.
+//! Random numbers of a tick, addressed by their purpose: no number depends on earlier draws.
 //!
-//! The generator is pcg4d (Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 2020): four 32-bit words become
-//! four random ones. The words are the key of the episode (two, from its seed by SplitMix64), the tick and the purpose, and
-//! the robot.
+//! The generator is pcg4d (Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 2020), which maps four 32-bit
+//! words to four random words. The input words are the key of the episode (two words, from its seed by SplitMix64), the
+//! tick, and the robot with the purpose.
 
 use swarmwright_lanes::{Int, Lanes, Number, number};
 use swarmwright_simulation::counter::splitmix;
 
-/// What the numbers of a robot are for. Each purpose has four 32-bit words.
+/// The use of a robot's random numbers. Each purpose has four 32-bit words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Purpose {
-    /// Noise of both wheels of four robots, a word each.
+    /// Noise of both wheels of four robots, one word per robot.
     Wheels,
-    /// Noise of eight proximity readings, 0 to 15 for the first, second, .. eight.
+    /// Noise of eight proximity readings; block 0 to 15 has the first eight, the next eight, and so on.
     Proximity(u32),
-    /// Noise of eight light readings, in the same way.
+    /// Noise of eight light readings, in the same blocks.
     Light(u32),
-    /// Noise of the ground readings (three halves), what EvoStick reads on grey (three halves), and the number that
-    /// controllers get (a word).
+    /// Noise of the ground readings (three halves of words), EvoStick's readings on grey floor (three halves), and the
+    /// random number given to controllers (one word).
     Ground,
-    /// Noise of up to eight ground readings, for those that have more than three.
+    /// Noise of up to eight ground readings, for robots with more than three.
     Floor,
     /// Noise of the encoders.
     Encoders,
@@ -30,7 +30,7 @@ pub(crate) enum Purpose {
 }
 
 impl Purpose {
-    /// Below 64: at most 128 readings of each kind.
+    /// Returns the code of the purpose, below 64, which allows at most 128 readings of each kind.
     const fn code(self) -> u32 {
         match self {
             Self::Wheels => 0,
@@ -45,28 +45,28 @@ impl Purpose {
     }
 }
 
-/// Most ticks of an episode, so that a tick and a block of links fit into 32 bits.
+/// Maximum number of ticks in an episode, so that a tick and a block of links fit into 32 bits.
 pub(crate) const MOST_TICKS: u32 = 1 << 18;
-/// Links whose numbers come from one draw.
+/// Number of links that share one draw.
 pub(crate) const LINKS: usize = 8;
 
-/// The keys of the episodes in the lanes.
+/// Keys of the episodes in the lanes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Keys<L: Lanes>([L::Int; 2]);
 
-/// A step of a linear congruential generator.
+/// Computes one step of a linear congruential generator.
 const fn step(word: i32) -> i32 {
     word.wrapping_mul(1_664_525).wrapping_add(1_013_904_223)
 }
 
-/// The two words of an episode.
+/// Returns the key of an episode.
 pub(crate) fn key(seed: u64) -> [i32; 2] {
     let bits = splitmix(splitmix(seed) ^ 0x0061_7265_6e61);
     [bits as i32, (bits >> 32) as i32]
 }
 
 impl<L: Lanes> Keys<L> {
-    /// One key for each lane.
+    /// Creates the keys; `of_lane` returns the key of each lane.
     #[inline(always)]
     pub(crate) fn new(mut of_lane: impl FnMut(usize) -> [i32; 2]) -> Self {
         let mut words = [[0; swarmwright_lanes::MOST_LANES]; 2];
@@ -78,19 +78,19 @@ impl<L: Lanes> Keys<L> {
         Self([L::Int::load(&words[0]), L::Int::load(&words[1])])
     }
 
-    /// Four random words for a robot in a tick.
+    /// Draws four random words for a robot in a tick.
     #[inline(always)]
     pub(crate) fn draw(self, tick: u32, robot: usize, purpose: Purpose) -> [L::Int; 4] {
         self.hash(tick, robot as u32 * 64 + purpose.code())
     }
 
-    /// Numbers for the links to a robot from eight others, of which `block` says which.
+    /// Draws random words for the links to a robot from the eight other robots of a block.
     #[inline(always)]
     pub(crate) fn links(self, tick: u32, robot: usize, block: usize) -> [L::Int; 4] {
         self.hash(tick | (1 + block as u32) << 18, robot as u32)
     }
 
-    /// Numbers for what a robot's camera sees of eight things, of which `block` says which.
+    /// Draws random words for eight things that a robot's camera may see, those of a block.
     #[inline(always)]
     pub(crate) fn seen(self, tick: u32, robot: usize, block: usize) -> [L::Int; 4] {
         self.hash(tick | (1 + block as u32) << 18, robot as u32 | 1 << 31)
@@ -98,7 +98,8 @@ impl<L: Lanes> Keys<L> {
 
     #[inline(always)]
     fn hash(self, z: u32, w: u32) -> [L::Int; 4] {
-        // The step of the generator is done for the key in advance; one number for all lanes needs no vector.
+        // The key's step of the generator was done in advance; the other words are the same in all lanes and step as
+        // scalars.
         let [mut x, mut y] = self.0;
         let mut z = L::Int::splat(step(z as i32));
         let mut w = L::Int::splat(step(w as i32));
@@ -119,13 +120,13 @@ impl<L: Lanes> Keys<L> {
     }
 }
 
-/// An odd multiple of 2^-17 in 0..1 from 16 bits.
+/// Returns a number in 0..1, an odd multiple of 2^-17, from 16 bits.
 #[inline(always)]
 fn unit<L: Lanes>(half: L::Int) -> Number<L> {
     Number(L::from_int(half)) * (1.0 / 65536.0) + 0.5 / 65536.0
 }
 
-/// Two numbers in 0..1, odd multiples of 2^-17, from the halves of a word.
+/// Returns two numbers in 0..1, odd multiples of 2^-17, from the halves of a word.
 #[inline(always)]
 pub(crate) fn halves<L: Lanes>(word: L::Int) -> [Number<L>; 2] {
     [
@@ -134,13 +135,13 @@ pub(crate) fn halves<L: Lanes>(word: L::Int) -> [Number<L>; 2] {
     ]
 }
 
-/// A number in 0..1, a multiple of 2^-24.
+/// Returns a number in 0..1, a multiple of 2^-24.
 #[inline(always)]
 pub(crate) fn uniform<L: Lanes>(word: L::Int) -> Number<L> {
     Number(L::from_int(word.shr(L::Int::splat(8)))) * (1.0 / 16_777_216.0)
 }
 
-/// Uniform noise in -extent..extent from a number in 0..1.
+/// Returns uniform noise in -extent..extent from a number in 0..1.
 #[inline(always)]
 pub(crate) fn noise<L: Lanes>(unit: Number<L>, extent: f32) -> Number<L> {
     (unit + unit - number(1.0)) * extent

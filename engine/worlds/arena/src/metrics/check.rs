@@ -1,4 +1,4 @@
-//! Whether metrics make sense in their mission.
+//! Checks that metrics are valid for their mission.
 
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -8,16 +8,16 @@ use super::kind::Metric;
 use crate::math::polygon;
 use crate::place::{Place, Shape};
 
-/// Largest length, metres.
+/// Maximum length, metres.
 const LONGEST: f32 = 1000.0;
-/// Most cells along a side, and on a floor.
+/// Maximum number of cells along a side, and on a floor.
 const MOST_ALONG: u32 = 1000;
 const MOST_CELLS: f32 = 1e6;
-/// Most places of a formation.
+/// Maximum number of positions in a formation.
 const MOST_POINTS: usize = 1000;
 
 impl Metric {
-    /// What is wrong with it in this place, by the field.
+    /// Checks the metric against the place; an error names the field.
     pub(crate) fn check(&self, layout: &Place) -> Result<(), ParameterError> {
         for (field, name) in self.patches() {
             if layout.patch(name).is_none() {
@@ -145,7 +145,7 @@ impl Metric {
         Ok(())
     }
 
-    /// The patches that it is about, with the fields that name them.
+    /// Returns the patches that the metric refers to, with the fields that name them.
     fn patches(&self) -> Vec<(String, &str)> {
         match self {
             Self::RobotsOn { patch, .. }
@@ -181,7 +181,7 @@ impl Metric {
         }
     }
 
-    /// Whether there are the objects that it is about.
+    /// Checks that the objects to which the metric refers exist.
     fn check_object(&self, layout: &Place) -> Result<(), ParameterError> {
         let (Self::ObjectsOn { object, .. }
         | Self::ObjectDistance { object, .. }
@@ -222,7 +222,7 @@ fn has_middle(layout: &Place, field: &str, name: &str) -> Result<(), ParameterEr
     Ok(())
 }
 
-/// A name, and those of a list, with their fields.
+/// Pair a name, or each name of a list, with its field.
 fn one<'a>(field: &str, name: &'a str) -> (String, &'a str) {
     (field.to_owned(), name)
 }

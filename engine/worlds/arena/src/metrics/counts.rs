@@ -1,4 +1,4 @@
-//! Counts of robots in a tick, a vector of lanes at a time.
+//! Counts of robots in a tick, for a vector of lanes at a time.
 
 use std::ops::Range;
 
@@ -8,7 +8,7 @@ use crate::bodies::Bodies;
 use crate::math::functions::absolute;
 use crate::place::{Place, Shape};
 
-/// Robots on a patch, of those in a range.
+/// Returns how many robots of a range are on a patch.
 #[inline(always)]
 pub(super) fn on<L: Lanes>(
     bodies: &Bodies<L>,
@@ -26,9 +26,9 @@ pub(super) fn on<L: Lanes>(
     count
 }
 
-/// The fewest and the most robots that shares of them stand for.
+/// Returns the minimum and maximum number of robots for shares of all robots.
 pub(super) fn bounds(at_least: Option<f64>, at_most: Option<f64>, robots: usize) -> [f32; 2] {
-    // 0.7 of 10 robots are 7, however a product is rounded.
+    // Tolerates rounding: 0.7 of 10 robots are 7.
     const ROUNDING: f64 = 1e-6;
     let all = robots as f64;
     let least = (at_least.unwrap_or(0.0) * all - ROUNDING).ceil();
@@ -36,14 +36,14 @@ pub(super) fn bounds(at_least: Option<f64>, at_most: Option<f64>, robots: usize)
     [least as f32, most as f32]
 }
 
-/// Sets `waits` to 0 in lanes whose count is within bounds; it stays 0.
+/// Sets `waits` to 0, permanently, in lanes whose count is within the bounds.
 #[inline(always)]
 pub(super) fn wait<L: Lanes>(count: Number<L>, [least, most]: [f32; 2], waits: &mut Number<L>) {
     let now = number(least).le(count).and(count.le(number(most)));
     *waits = number(0.0).select(*waits, now);
 }
 
-/// Robots that have come to the nest; `carries` is 1 for those that have been at a source.
+/// Counts robots that arrive at the nest from a source; `carries` is 1 for robots that have been at a source since.
 #[inline(always)]
 pub(super) fn returns<L: Lanes>(
     bodies: &Bodies<L>,
@@ -69,7 +69,7 @@ pub(super) fn returns<L: Lanes>(
     count
 }
 
-/// Robots that are on a patch, or in its extent in x, and have crossed its middle, southward minus northward.
+/// Counts crossings of a patch's middle since the last tick, southward minus northward, within the patch's extent in x.
 #[inline(always)]
 pub(super) fn crossings<L: Lanes>(
     bodies: &Bodies<L>,
@@ -93,8 +93,7 @@ pub(super) fn crossings<L: Lanes>(
     count
 }
 
-/// Robots in the half on the other side of a patch's middle than its colour asks for: not above it where it is black, not
-/// below it elsewhere.
+/// Counts robots in the wrong half: at or below the middle if the patch is black, at or above it otherwise.
 #[inline(always)]
 pub(super) fn wrong_half<L: Lanes>(bodies: &Bodies<L>, middle: f32, color: Number<L>) -> Number<L> {
     let black = color.lt(number(0.5));
@@ -107,12 +106,15 @@ pub(super) fn wrong_half<L: Lanes>(bodies: &Bodies<L>, middle: f32, color: Numbe
     count
 }
 
-/// A robot that moves less than this in a tick stands, metres.
+/// Distance in a tick below which a robot counts as standing, metres.
 const STANDS: f32 = 0.005;
 
-/// Until a robot has been on the patch: all robots, and once more those that stand beside it; then those that move in x and
-/// in y. `state` becomes 1. A robot that moves along one axis alone neither stands nor moves: as in the loop functions of
-/// AutoMoDe-Gianduja, on whose scores the mission is compared.
+/// Counts errors in stopping. Until a robot has been on the patch, all robots count once, and those that stand beside
+/// the patch count twice; afterwards, robots that move both in x and in y count. `state` becomes 1 once a robot has
+/// been on the patch.
+///
+/// A robot that moves along one axis only neither stands nor moves, as in the loop functions of AutoMoDe-Gianduja,
+/// whose published scores serve for comparison.
 #[inline(always)]
 pub(super) fn stop<L: Lanes>(
     bodies: &Bodies<L>,
@@ -141,7 +143,7 @@ pub(super) fn stop<L: Lanes>(
     late.select(early, after)
 }
 
-/// 1 where the condition holds, else 0.
+/// Returns 1 where the condition holds, else 0.
 #[inline(always)]
 fn one_where<L: Lanes>(condition: L::Mask) -> Number<L> {
     if condition.any() {

@@ -1,4 +1,4 @@
-//! How far robots are from a formation.
+//! Distances of robots from a formation.
 
 use serde::Deserialize;
 
@@ -6,37 +6,37 @@ use super::shapes::on_circle;
 use super::state::{State, center, square, sum};
 use crate::math::polygon;
 
-/// Fewest and most points along a circle, a polygon or a line.
+/// Minimum and maximum number of points along a circle, a polygon or a line.
 const POINTS: [usize; 2] = [64, 1024];
-/// Points for each robot: where robots are evenly spaced, four give the exact mean distance.
+/// Number of points for each robot; if robots are evenly spaced, four give the exact mean distance.
 const POINTS_PER_ROBOT: usize = 4;
-/// Directions in which a formation is tried ...
+/// Number of directions in which a formation is tried first.
 const DIRECTIONS: u32 = 36;
-/// ... and how often the angle between the best one and its neighbours is halved then: to 0.04 degrees.
+/// Number of times that the angle around the best direction is then halved, down to 0.04 degrees.
 const HALVINGS: i32 = 8;
 
-/// A formation as missions describe it.
+/// A formation as described in a mission. Exactly one of its forms is given.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Formation {
-    /// Radius of a circle, metres ...
+    /// Radius of a circle, metres.
     pub(super) circle: Option<f32>,
-    /// ... or corners of a polygon ...
+    /// Corners of a polygon.
     pub(super) polygon: Option<Vec<[f32; 2]>>,
-    /// ... or ends of a line ...
+    /// Ends of a line.
     pub(super) line: Option<[[f32; 2]; 2]>,
-    /// ... or a place for each robot.
+    /// A position for each robot.
     pub(super) points: Option<Vec<[f32; 2]>>,
-    /// Whether it stands where its coordinates say; else around the center of the robots.
+    /// Whether the formation is at the given coordinates; else it is centred on the robots.
     #[serde(default)]
     fixed: bool,
-    /// Whether it may be turned: the direction with the least deviation counts.
+    /// Whether the formation may be rotated; the direction with the smallest deviation counts.
     #[serde(default)]
     turned: bool,
 }
 
 impl Formation {
-    /// The formation for this many robots.
+    /// Returns the formation for this many robots.
     pub(super) fn outline(&self, robots: usize) -> Outline {
         let count = (POINTS_PER_ROBOT * robots).clamp(POINTS[0], POINTS[1]);
         let part = |index: usize| (index as f64 + 0.5) / count as f64;
@@ -82,10 +82,10 @@ impl Formation {
     }
 }
 
-/// Both ends, metres.
+/// Both ends of a side, metres.
 type Side = [[f64; 2]; 2];
 
-/// The mean of all points of sides.
+/// Returns the mean of all points on the sides.
 fn centroid(sides: &[Side]) -> [f64; 2] {
     let length = |[from, to]: &Side| square(*from, *to).sqrt();
     let total: f64 = sides.iter().map(length).sum();
@@ -99,26 +99,26 @@ fn centroid(sides: &[Side]) -> [f64; 2] {
 
 #[derive(Debug)]
 enum Form {
-    /// Around the origin.
+    /// A circle around the origin.
     Circle {
         radius: f64,
     },
     Sides(Vec<Side>),
-    /// Those of the outline alone.
+    /// Only the points of the outline.
     Points,
 }
 
-/// A formation as it is measured.
+/// A formation prepared for measurement.
 #[derive(Debug)]
 pub(super) struct Outline {
     form: Form,
-    /// Places of robots, or evenly spaced points of the form.
+    /// Positions for robots, or evenly spaced points of the form.
     points: Vec<[f64; 2]>,
     centroid: [f64; 2],
 }
 
 impl Outline {
-    /// The distance of a point from the nearest one of the formation.
+    /// Returns the distance from a point to the nearest point of the formation.
     fn distance(&self, at: [f64; 2]) -> f64 {
         match &self.form {
             Form::Circle { radius } => (square(at, [0.0; 2]).sqrt() - radius).abs(),
@@ -133,7 +133,8 @@ impl Outline {
         }
     }
 
-    /// The mean distance from formation to robots and from robots to formation.
+    /// Returns the average of the mean distance from formation to robots and the mean distance from robots to
+    /// formation.
     pub(super) fn deviation(&self, robots: &[State], shape: &Formation) -> f64 {
         let center = if shape.fixed {
             self.centroid
@@ -141,7 +142,7 @@ impl Outline {
             center(robots)
         };
         let mut placed = Vec::with_capacity(robots.len());
-        // Turning the robots the other way around is less work than turning the formation.
+        // Rotating the robots the opposite way is cheaper than rotating the formation.
         let mut turned = |part: f64| {
             let [cos, sin] = if part == 0.0 {
                 [1.0, 0.0]
@@ -185,11 +186,11 @@ impl Outline {
     }
 }
 
-/// The point of a side that is nearest to a point.
+/// Returns the point of a side that is nearest to a point.
 fn foot([from, to]: Side, at: [f64; 2]) -> [f64; 2] {
     let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
     let length = dx * dx + dy * dy;
-    // A line whose ends are the same is a point.
+    // The line may have length 0.
     let along = if length > 0.0 {
         (((at[0] - from[0]) * dx + (at[1] - from[1]) * dy) / length).clamp(0.0, 1.0)
     } else {
@@ -198,7 +199,7 @@ fn foot([from, to]: Side, at: [f64; 2]) -> [f64; 2] {
     [from[0] + along * dx, from[1] + along * dy]
 }
 
-/// The mean distance from points to the nearest of some places, which are sorted.
+/// Returns the mean distance from points to the nearest of some places. Sorts the places.
 fn mean_to_nearest(points: &[[f64; 2]], places: &mut [[f64; 2]]) -> f64 {
     let extent = |axis: usize| {
         let numbers = places.iter().map(|spot| spot[axis]);
@@ -213,7 +214,7 @@ fn mean_to_nearest(points: &[[f64; 2]], places: &mut [[f64; 2]]) -> f64 {
     let nearest = |point: &[f64; 2]| {
         let next = places.partition_point(|spot| spot[axis] < point[axis]);
         let mut least = f64::INFINITY;
-        // Outwards until all others are further away along the axis alone.
+        // Search outwards until the distance along the axis alone is too large.
         let mut look = |spot: &[f64; 2]| {
             least = least.min(square(*spot, *point));
             let aside = spot[axis] - point[axis];

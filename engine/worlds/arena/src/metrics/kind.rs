@@ -1,25 +1,25 @@
-//! The kinds of metrics, as missions name them.
+//! The kinds of metrics, as named in missions.
 
 use serde::Deserialize;
 
 use super::formation::Formation;
 
-/// A metric of a mission. "On" a patch is whose middle lies in it.
+/// A metric of a mission. A robot or object is on a patch if its middle lies in it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(crate) enum Metric {
-    /// Robots on a patch.
+    /// The number of robots on a patch.
     RobotsOn {
         patch: String,
-        /// The kind of robots that counts; all where it is left out.
+        /// The kind of robots to count; all kinds if absent.
         robots: Option<String>,
         #[serde(default)]
         when: When,
-        /// Whether it is divided by the number of robots.
+        /// Whether the count is divided by the number of robots.
         #[serde(default)]
         share: bool,
     },
-    /// Robots on that of some patches on which most are.
+    /// The number of robots on the patch that has the most robots.
     MostRobotsOn {
         patches: Vec<String>,
         #[serde(default)]
@@ -27,13 +27,13 @@ pub(crate) enum Metric {
         #[serde(default)]
         share: bool,
     },
-    /// Objects on a patch, those with a name or all.
+    /// The number of objects on a patch: those with a name, or all.
     ObjectsOn {
         patch: String,
         object: Option<String>,
         #[serde(default)]
         when: When,
-        /// Whether it is divided by their number.
+        /// Whether the count is divided by the number of these objects.
         #[serde(default)]
         share: bool,
     },
@@ -44,37 +44,38 @@ pub(crate) enum Metric {
         #[serde(default = "mean")]
         when: When,
     },
-    /// Objects that robots hold, those with a name or all.
+    /// The number of objects that robots hold: those with a name, or all.
     ObjectsHeld {
         object: Option<String>,
         #[serde(default)]
         when: When,
-        /// Whether it is divided by their number.
+        /// Whether the count is divided by the number of these objects.
         #[serde(default)]
         share: bool,
     },
-    /// Seconds until a share of the robots, `at_least` or `at_most`, was on a patch for the first time; those of the
-    /// episode where that did not happen.
+    /// Seconds until the share of robots on a patch first reached `at_least` or fell to `at_most`; the length of the
+    /// episode if that did not happen.
     TimeUntil {
         patch: String,
         at_least: Option<f64>,
         at_most: Option<f64>,
     },
-    /// Times that a robot came to the nest after it had been at a source.
+    /// The number of times that a robot came to the nest after visiting a source.
     Returns { sources: Vec<String>, nest: String },
-    /// Times that a robot crossed the middle of a patch southward, minus northward; not below 0.
+    /// The number of times that a robot crossed the middle of a patch southward, minus northward; at least 0.
     CrossingsSouth { patch: String },
-    /// Robots on the side of the patch's middle where they should not be: south of it when the patch is black, north when
-    /// it is white; summed over ticks.
+    /// The number of robots on the wrong side of the patch's middle, summed over ticks: south if the patch is black,
+    /// north if it is white.
     RobotsInWrongHalf { patch: String },
-    /// Errors in stopping: ticks of robots until one has been on the patch, those in which they stood still before
-    /// that, and those in which they moved after it.
+    /// Errors in stopping, summed over robots and ticks: every tick until a robot has been on the patch, ticks in which
+    /// a robot stood still before that, and ticks in which it moved afterwards.
     StopErrors { patch: String },
-    /// The area, in m^2, that the largest group at the end covers within a circle around the origin: robots are in one
-    /// group that are less than `link` apart, and each covers a disc.
+    /// The area that the largest group covers at the end within a circle around the origin, m^2. Robots less than
+    /// `link` apart are in the same group, and each covers a disc.
     LargestGroupArea { link: f32, disc: f32, within: f32 },
-    /// The mean distance at the end, in metres, from points around the origin, at uniform radii and angles, to the nearest
-    /// robot that is on none of the patches. Each distance is limited to `most`, and is `most` without such a robot.
+    /// The mean distance at the end, in metres, from points around the origin, at uniform radii and angles, to the
+    /// nearest robot that is on none of the patches. Each distance is limited to `most`, which also counts if there is
+    /// no such robot.
     MeanDistance {
         radius: f32,
         most: f32,
@@ -84,14 +85,13 @@ pub(crate) enum Metric {
     /// The mean distance at the end, in metres, from points of a rectangular patch to the nearest robot on it, each limited
     /// to `most`.
     MeanDistanceInside { patch: String, most: f32 },
-    /// The mean distance at the end, in metres, from points of the rim of a circular patch to the nearest robot that is at
-    /// most `near` away from the rim, each limited to `most`.
+    /// The mean distance at the end, in metres, from points on the rim of a circular patch to the nearest robot that is
+    /// at most `near` away from the rim, each limited to `most`.
     MeanDistanceRim { patch: String, near: f32, most: f32 },
-    /// The age of the cells of a square around the origin, in ticks since a robot was there, as a mean over the cells,
-    /// summed over ticks.
+    /// The mean age of the cells of a square around the origin, in ticks since a robot was there, summed over ticks.
     CellAge { side: f32, cells: u32 },
-    /// The length of the mean of the robots' headings as unit vectors: 1 where all look the same way, about 1 / sqrt(n)
-    /// for n robots that look anywhere (the order parameter of Vicsek et al. 1995).
+    /// The length of the mean of the robots' heading vectors: 1 if all robots have the same heading, about 1 / sqrt(n)
+    /// for n random headings (the order parameter of Vicsek et al. 1995).
     Order {
         #[serde(default = "mean")]
         when: When,
@@ -101,8 +101,8 @@ pub(crate) enum Metric {
         #[serde(default = "mean")]
         when: When,
     },
-    /// The length of the sum of the robots' velocities, divided by the number of robots, m/s: the speed at which their
-    /// center moves. With `link` only robots of the largest group count in the sum.
+    /// The length of the sum of the robots' velocities, divided by the number of robots, m/s: the speed of their
+    /// center. With `link`, the sum includes only the largest group.
     GroupSpeed {
         link: Option<f32>,
         #[serde(default = "mean")]
@@ -113,12 +113,13 @@ pub(crate) enum Metric {
         #[serde(default = "mean")]
         when: When,
     },
-    /// The mean distance from a robot to the nearest other one, metres; 0 for a single robot.
+    /// The mean distance from a robot to the nearest other robot, metres; 0 for a single robot.
     NearestDistance {
         #[serde(default = "mean")]
         when: When,
     },
-    /// The number of robots in the largest group, of robots that are less than `link` apart and those linked through them.
+    /// The number of robots in the largest group. Robots less than `link` apart are linked, and groups are the
+    /// connected components.
     LargestGroup {
         link: f32,
         #[serde(default)]
@@ -132,23 +133,23 @@ pub(crate) enum Metric {
         #[serde(default = "mean")]
         when: When,
     },
-    /// The share of the free floor that is at most `radius` away from a robot, by squares of a twentieth of a metre.
+    /// The share of the free floor that is at most `radius` away from a robot, measured on squares of 0.05 m.
     CoveredShare {
         radius: f32,
         #[serde(default = "mean")]
         when: When,
     },
-    /// The share of the squares of side `cell` on the free floor in which a robot has been.
+    /// The share of squares of side `cell` on the free floor that a robot has visited.
     VisitedShare { cell: f32 },
-    /// How far robots are from a formation, metres: the mean distance from its points to the nearest robot, and from the
-    /// robots to the formation, both by halves (the Chamfer distance).
+    /// The deviation of robots from a formation, metres: the average of the mean distance from its points to the
+    /// nearest robot and the mean distance from the robots to the formation (the Chamfer distance).
     ShapeDeviation {
         shape: Formation,
         #[serde(default = "mean")]
         when: When,
     },
-    /// How far a chain of robots reaches from the middle of one patch to that of another, 0..1: links are shorter than
-    /// `link`, and 1 is a chain without a gap.
+    /// The share, 0..1, of the way from the middle of one patch to that of another that a chain of robots spans. Links
+    /// are shorter than `link`; 1 is a complete chain.
     ChainReach {
         from: String,
         to: String,
@@ -162,7 +163,7 @@ fn mean() -> When {
     When::Mean
 }
 
-/// When something is counted.
+/// How a metric is aggregated over time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum When {
@@ -176,7 +177,7 @@ pub(crate) enum When {
 }
 
 impl Metric {
-    /// The kind of robots that it is about, if it is one.
+    /// Returns the kind of robots to which the metric is restricted, if any.
     pub(crate) fn robots(&self) -> Option<&str> {
         match self {
             Self::RobotsOn { robots, .. } => robots.as_deref(),
@@ -184,12 +185,12 @@ impl Metric {
         }
     }
 
-    /// Whether it is measured at the end alone.
+    /// Returns whether the metric is measured only at the end.
     pub(super) fn at_end(&self) -> bool {
         self.when() == Some(When::End)
     }
 
-    /// When it is measured; none for those that need every tick in a way of their own.
+    /// Returns how the metric is aggregated; `None` for metrics with an aggregation of their own.
     pub(super) fn when(&self) -> Option<When> {
         match self {
             Self::RobotsOn { when, .. }

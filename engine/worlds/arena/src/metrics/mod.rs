@@ -1,4 +1,4 @@
-//! What is measured in an episode.
+//! Metrics of an episode.
 
 mod check;
 mod counts;
@@ -21,10 +21,10 @@ pub(crate) use kind::{Metric, When};
 
 /// Ticks per second of an episode.
 const TICKS_PER_SECOND: f64 = 10.0;
-/// Distance of linked robots where a mission does not say another, metres.
+/// Default distance of linked robots, metres.
 const LINK: f32 = 0.35;
 
-/// The metrics that every mission has, at the end of an episode, sorted by name.
+/// Returns the metrics that every mission has, measured at the end of an episode and sorted by name.
 pub(crate) fn general() -> Vec<(String, Metric)> {
     let when = When::End;
     let largest = Metric::LargestGroup {
@@ -45,7 +45,7 @@ pub(crate) fn general() -> Vec<(String, Metric)> {
         .to_vec()
 }
 
-/// Words of Python, whose syntax expressions of the fitness have.
+/// Keywords of Python, because fitness expressions have Python's syntax.
 const KEYWORDS: [&str; 35] = [
     "False", "None", "True", "and", "as", "assert", "async", "await", "break", "class", "continue",
     "def", "del", "elif", "else", "except", "finally", "for", "from", "global", "if", "import",
@@ -53,7 +53,7 @@ const KEYWORDS: [&str; 35] = [
     "with", "yield",
 ];
 
-/// Checks what a mission calls a metric.
+/// Checks the name of a metric.
 pub(crate) fn check_name(name: &str) -> Result<(), String> {
     let mut letters = name.chars();
     let first = letters
@@ -75,17 +75,17 @@ pub(crate) fn check_name(name: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// The value of a metric so far, in each lane, and what it remembers of the tick before.
+/// The value of a metric so far in each lane, with the state that it keeps between ticks.
 pub(crate) struct Tally<L> {
     pub values: [f64; MOST_LANES],
-    /// By robot, or by cell and lane.
+    /// State by robot or lane; its meaning depends on the metric.
     marks: Vec<Number<L>>,
     ages: Vec<u32>,
     before: Vec<[Number<L>; 2]>,
-    /// For means: the sum so far, and of how many ticks.
+    /// For means, the sums and the number of ticks so far.
     sums: [f64; MOST_LANES],
     ticks: u32,
-    /// The robots of each lane.
+    /// The robots of each lane, lane after lane.
     states: Vec<State>,
     cache: MetricCache,
     visits: Option<Visits>,
@@ -106,7 +106,7 @@ impl<L: Lanes> Tally<L> {
         }
     }
 
-    /// After a tick; the first one is the start.
+    /// Updates the metric after a tick; the first call is at the start.
     #[inline(always)]
     pub(crate) fn update(
         &mut self,
@@ -209,7 +209,7 @@ impl<L: Lanes> Tally<L> {
             }
             Metric::StopErrors { patch } => {
                 if self.before.is_empty() {
-                    // As in the original, the tick before the first one is at the origin.
+                    // As in the original, previous positions at the first tick are the origin.
                     self.before = vec![[number(0.0); 2]; bodies.len()];
                     self.marks = vec![number(0.0)];
                 }
@@ -301,7 +301,7 @@ impl<L: Lanes> Tally<L> {
         self.settle(&values[..L::WIDTH], when);
     }
 
-    /// Takes the values of a tick.
+    /// Adds the values of a tick.
     fn settle(&mut self, values: &[f64], when: When) {
         self.ticks += 1;
         for (lane, value) in values.iter().enumerate() {
@@ -329,7 +329,7 @@ impl<L: Lanes> Tally<L> {
 }
 
 impl Tally<f32> {
-    /// The value that the only lane would have if the episode ended now. What is counted so far stays as it is.
+    /// Returns the value as if the episode ended now, without changing the tally.
     pub(crate) fn now(
         &self,
         metric: &Metric,
@@ -349,7 +349,7 @@ impl Tally<f32> {
     }
 }
 
-/// The positions of the robots of a lane.
+/// Returns the positions of the robots of a lane.
 fn points<L: Lanes>(bodies: &Bodies<L>, lane: usize) -> Vec<[f32; 2]> {
     let of = |number: &Number<L>| {
         let mut lanes = [0.0; MOST_LANES];

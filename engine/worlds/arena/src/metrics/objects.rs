@@ -1,11 +1,11 @@
-//! Where objects are in a tick, a vector of lanes at a time.
+//! Metrics of objects in a tick, for a vector of lanes at a time.
 
 use swarmwright_lanes::{Lanes, Number, number};
 
 use crate::bodies::Bodies;
 use crate::place::Place;
 
-/// Objects on a patch, and how many there are: those with a name, or all.
+/// Returns how many objects are on a patch, and how many there are: those with a name, or all.
 #[inline(always)]
 pub(super) fn on<L: Lanes>(
     bodies: &Bodies<L>,
@@ -28,7 +28,7 @@ pub(super) fn on<L: Lanes>(
     (count, all)
 }
 
-/// Objects that robots hold, and how many there are: those with a name, or all.
+/// Returns how many objects are held by robots, and how many there are: those with a name, or all.
 #[inline(always)]
 pub(super) fn held<L: Lanes>(
     bodies: &Bodies<L>,
@@ -46,7 +46,7 @@ pub(super) fn held<L: Lanes>(
     (count, all)
 }
 
-/// The sum of their distances from the middle of a patch, metres, and how many there are.
+/// Returns the sum of the objects' distances from the middle of a patch, metres, and how many objects there are.
 #[inline(always)]
 pub(super) fn distance<L: Lanes>(
     bodies: &Bodies<L>,

@@ -1,14 +1,14 @@
-//! Areas and distances of the robots of one episode. Means over points are taken over fixed ones.
+//! Areas and distances for the robots of one episode, measured at fixed points.
 
 use super::state::square;
 use crate::place::{Patch, Shape};
 
-/// Distance of the points of a grid, metres.
+/// Spacing of the points of a grid, metres.
 const GRID: f64 = 0.02;
-/// Points along a line or a circle.
+/// Number of points along a line or a circle.
 const POINTS: u32 = 64;
 
-/// The distance from a point to the nearest robot, at most `most`.
+/// Returns the distance from a point to the nearest robot, at most `most`.
 fn nearest(point: [f64; 2], robots: &[[f32; 2]], most: f32) -> f64 {
     let most = f64::from(most);
     let least = robots.iter().fold(most * most, |least, robot| {
@@ -17,9 +17,9 @@ fn nearest(point: [f64; 2], robots: &[[f32; 2]], most: f32) -> f64 {
     least.sqrt()
 }
 
-/// Points of a circle by their place on it in 0..1.
+/// Returns the point of a circle at `share` of its circumference, 0..1.
 pub(super) fn on_circle(center: [f32; 2], radius: f64, share: f64) -> [f64; 2] {
-    // The fixed functions, so that all machines have the same points.
+    // Uses the project's own functions, so that all machines have the same points.
     let half_turns = (2.0 * share - 1.0) as f32;
     let cos = f64::from(swarmwright_controllers::functions::cos_pi(half_turns));
     let sin = f64::from(swarmwright_controllers::functions::sin_pi(half_turns));
@@ -29,7 +29,7 @@ pub(super) fn on_circle(center: [f32; 2], radius: f64, share: f64) -> [f64; 2] {
     ]
 }
 
-/// The area that discs of radius `disc` around robots cover within a circle around the origin, m^2.
+/// Returns the area that discs of radius `disc` around robots cover within a circle around the origin, m^2.
 pub(super) fn covered_area(robots: &[[f64; 2]], disc: f32, within: f32) -> f64 {
     let (disc, within) = (f64::from(disc), f64::from(within));
     let cells = (2.0 * within / GRID).ceil() as i64;
@@ -49,7 +49,7 @@ pub(super) fn covered_area(robots: &[[f64; 2]], disc: f32, within: f32) -> f64 {
     covered as f64 * GRID * GRID
 }
 
-/// The mean distance from points around the origin to the nearest robot outside of patches.
+/// Returns the mean distance from points around the origin to the nearest robot that is on none of the patches.
 pub(super) fn distance_around(
     robots: &[[f32; 2]],
     radius: f32,
@@ -73,7 +73,7 @@ pub(super) fn distance_around(
     sum / (parts * parts)
 }
 
-/// The mean distance from points of a rectangle to the nearest robot in it.
+/// Returns the mean distance from points of a rectangle to the nearest robot in it.
 pub(super) fn distance_inside(robots: &[[f32; 2]], shape: &Shape, most: f32) -> f64 {
     let Shape::Box { low, high } = shape else {
         return f64::from(most);
@@ -96,7 +96,7 @@ pub(super) fn distance_inside(robots: &[[f32; 2]], shape: &Shape, most: f32) -> 
     sum / (parts * parts)
 }
 
-/// The mean distance from points of a circle's rim to the nearest robot that is near the rim.
+/// Returns the mean distance from points of a circle's rim to the nearest robot that is near the rim.
 pub(super) fn distance_rim(robots: &[[f32; 2]], shape: &Shape, margin: f32, most: f32) -> f64 {
     let Shape::Circle { center, radius } = shape else {
         return f64::from(most);
@@ -115,7 +115,7 @@ pub(super) fn distance_rim(robots: &[[f32; 2]], shape: &Shape, margin: f32, most
     sum / f64::from(points)
 }
 
-/// The mean age of the cells now; afterwards all are a tick older.
+/// Returns the mean age of the cells, then increments all ages.
 pub(super) fn age(robots: &[[f32; 2]], side: f32, cells: u32, ages: &mut [u32]) -> f64 {
     let width = cells as usize;
     for robot in robots {

@@ -1,21 +1,21 @@
-//! The robots of one episode at a moment, in binary64.
+//! The robots of one episode at one moment, in binary64.
 
 use swarmwright_lanes::{Lanes, MOST_LANES};
 
 use crate::bodies::Bodies;
 
-/// A robot.
+/// The state of a robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct State {
-    /// Metres.
+    /// Position, metres.
     pub(super) at: [f64; 2],
-    /// Unit vector.
+    /// Heading, a unit vector.
     pub(super) heading: [f64; 2],
-    /// m/s.
+    /// Velocity, m/s.
     pub(super) velocity: [f64; 2],
 }
 
-/// Writes the robots of the first lane, then those of the second, and so on.
+/// Writes the robots of the first lane, then those of the second lane, and so on.
 #[inline(always)]
 pub(super) fn gather<L: Lanes>(bodies: &Bodies<L>, states: &mut Vec<State>) {
     let count = bodies.len();
@@ -54,7 +54,7 @@ pub(super) fn length([x, y]: [f64; 2]) -> f64 {
     (x * x + y * y).sqrt()
 }
 
-/// The sum of vectors.
+/// Returns the sum of vectors.
 pub(super) fn sum(vectors: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
     vectors.fold([0.0; 2], |[x, y], vector| [x + vector[0], y + vector[1]])
 }

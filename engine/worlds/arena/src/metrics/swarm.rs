@@ -1,4 +1,4 @@
-//! What a swarm is like at a moment, in one episode. Binary64 throughout, so that lanes and the stepper agree.
+//! Metrics of a swarm at one moment of an episode. They use binary64 throughout, so that lanes and single steps agree.
 
 use swarmwright_lanes::MOST_LANES;
 
@@ -9,20 +9,20 @@ use super::state::{State, center, length, square, sum};
 use crate::math::polygon;
 use crate::place::Place;
 
-/// Side of the squares of the covered floor, metres.
+/// Side of the squares that sample the free floor, metres.
 const SQUARE: f64 = 0.05;
-/// Most squares; larger ones are taken in larger arenas.
+/// Maximum number of squares; larger arenas have larger squares.
 const MOST_SQUARES: f64 = 100_000.0;
 
-/// What a metric computes once and keeps from one call to the next.
+/// Values that a metric computes once and reuses.
 #[derive(Debug, Default)]
 pub(super) struct MetricCache {
-    /// The middles of the squares of the free floor.
+    /// Middles of the squares of the free floor.
     floor: Vec<[f64; 2]>,
     outline: Option<Outline>,
 }
 
-/// The value of a metric now.
+/// Returns the current value of a metric.
 pub(super) fn value(
     metric: &Metric,
     robots: &[State],
@@ -33,7 +33,7 @@ pub(super) fn value(
     match metric {
         Metric::Order { .. } => {
             let mean = length(sum(robots.iter().map(|robot| robot.heading))) / count;
-            // Headings of binary32 may be longer than 1 by a rounding.
+            // Rounding may make binary32 headings slightly longer than 1.
             mean.min(1.0)
         }
         Metric::Speed { .. } => {
@@ -77,7 +77,7 @@ pub(super) fn value(
             let members: Vec<[f64; 2]> = members.map(|robot| robot.at).collect();
             shapes::covered_area(&members, *disc, *within)
         }
-        // `Tally::update` measures these in other ways; a new kind of metric has to be added in one of the two.
+        // `Tally::update` measures these itself. A new kind of metric must be added there or here.
         Metric::RobotsOn { .. }
         | Metric::MostRobotsOn { .. }
         | Metric::ObjectsOn { .. }
@@ -96,17 +96,17 @@ pub(super) fn value(
     }
 }
 
-/// The robots from left to right; those with equal x in their order.
+/// Returns the robots from left to right; robots with equal x keep their order.
 fn from_left(robots: &[State]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..robots.len()).collect();
     order.sort_by(|a, b| robots[*a].at[0].total_cmp(&robots[*b].at[0]));
     order
 }
 
-/// Largest number of robots that are compared in pairs, with sets of robots as bits.
+/// Maximum number of robots for which all pairs are compared, and sets of robots are bit masks.
 const FEW: usize = 64;
 
-/// The mean distance to the nearest other robot.
+/// Returns the mean distance to the nearest other robot.
 fn nearest(robots: &[State]) -> f64 {
     if robots.len() < 2 {
         return 0.0;
@@ -128,7 +128,7 @@ fn nearest(robots: &[State]) -> f64 {
     for (position, index) in order.iter().enumerate() {
         let at = robots[*index].at;
         let mut least = f64::INFINITY;
-        // Outwards until all others are further away in x alone.
+        // Search outwards until the distance in x alone is too large.
         let mut look = |other: &usize| {
             let other = robots[*other].at;
             least = least.min(square(at, other));
@@ -142,16 +142,16 @@ fn nearest(robots: &[State]) -> f64 {
     distances.iter().sum::<f64>() / robots.len() as f64
 }
 
-/// Linked robots.
+/// Groups of linked robots.
 struct Groups {
-    /// The group with the most robots, the first one on ties.
+    /// The largest group; the first one if there are several.
     largest: Members,
     size: usize,
     count: usize,
 }
 
 impl Groups {
-    /// The robots of the largest group.
+    /// Returns the robots of the largest group.
     fn members(self, robots: &[State]) -> impl Iterator<Item = &State> {
         let members = robots.iter().enumerate();
         members
@@ -160,10 +160,10 @@ impl Groups {
     }
 }
 
-/// Robots of a group.
+/// The set of robots in a group.
 enum Members {
     Few(u64),
-    /// The group of each robot, and which one it is.
+    /// The group of each robot, and the index of this group.
     Many(Vec<usize>, usize),
 }
 
@@ -247,7 +247,7 @@ fn many_groups(robots: &[State], link: f64) -> Groups {
     }
 }
 
-/// The first robot of a group; shortens the way to it.
+/// Returns the first robot of a group, and shortens the path to it.
 fn root(first: &mut [usize], mut index: usize) -> usize {
     while first[index] != index {
         first[index] = first[first[index]];
@@ -256,7 +256,7 @@ fn root(first: &mut [usize], mut index: usize) -> usize {
     index
 }
 
-/// The middles of the squares of the free floor.
+/// Returns the middles of the squares of the free floor.
 fn squares(layout: &Place, side: f64) -> impl Iterator<Item = [f64; 2]> + '_ {
     let [low, high] = polygon::extent(&layout.outline).map(|corner| corner.map(f64::from));
     let count = |axis: usize| ((high[axis] - low[axis]) / side).ceil() as u64;
@@ -270,7 +270,7 @@ fn squares(layout: &Place, side: f64) -> impl Iterator<Item = [f64; 2]> + '_ {
         .filter(|point| layout.is_free(*point))
 }
 
-/// The share of squares whose middle is near a robot.
+/// Returns the share of squares whose middle is within `radius` of a robot.
 fn covered(robots: &[State], layout: &Place, radius: f32, points: &mut Vec<[f64; 2]>) -> f64 {
     if points.is_empty() {
         let area = polygon::area(&layout.outline);
@@ -290,17 +290,17 @@ fn covered(robots: &[State], layout: &Place, radius: f32, points: &mut Vec<[f64;
     points.iter().filter(is_covered).count() as f64 / (points.len() as f64).max(1.0)
 }
 
-/// The squares in which robots have been, of each lane.
+/// The visited squares of each lane.
 pub(super) struct Visits {
     low: [f64; 2],
     side: f64,
     columns: usize,
     rows: usize,
-    /// Whether a square is free and no robot has been in it, lane after lane.
+    /// Whether a square is free and not yet visited, lane after lane.
     fresh: Vec<bool>,
-    /// Free squares.
+    /// Number of free squares.
     free: usize,
-    /// Free squares in which robots have been, by lane.
+    /// Number of visited free squares, by lane.
     counts: [usize; MOST_LANES],
 }
 
@@ -337,7 +337,7 @@ impl Visits {
         inside.then(|| row as usize * self.columns + column as usize)
     }
 
-    /// Marks the squares in which the robots of a lane are; the share of free squares in which some have been.
+    /// Marks the squares where the robots of a lane are, and returns the share of free squares visited so far.
     pub(super) fn visit(&mut self, robots: &[State], lane: usize) -> f64 {
         let first = lane * self.columns * self.rows;
         for robot in robots {
@@ -351,7 +351,7 @@ impl Visits {
     }
 }
 
-/// How much of the way from one point to another a chain of robots spans.
+/// Returns the share of the way from one point to another that a chain of robots spans, 0..1.
 fn reach(robots: &[State], from: [f64; 2], to: [f64; 2], link: f64) -> f64 {
     let way = square(from, to).sqrt();
     if way <= link {

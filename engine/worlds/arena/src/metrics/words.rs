@@ -1,4 +1,4 @@
-//! What metrics are called where they are announced.
+//! Units and descriptions of metrics.
 
 use super::kind::{Metric, When};
 
@@ -204,7 +204,7 @@ impl Metric {
     }
 }
 
-/// How a sentence on objects begins.
+/// Returns the beginning of a description of objects.
 fn objects(name: Option<&str>, share: bool) -> String {
     match (name, share) {
         (Some(name), true) => format!("Share of {name}"),

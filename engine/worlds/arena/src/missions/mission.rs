@@ -1,35 +1,35 @@
-//! What a mission is.
+//! Checked missions.
 
 use crate::failures::Failure;
 use crate::metrics::Metric;
 use crate::place::{Place, Start};
 use crate::robots::Team;
 
-/// A mission, checked.
+/// A checked mission.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Mission {
     pub title: String,
-    /// The robots, where the parameters `robots` and `robot` are left out.
+    /// Default robots, for parameters without `robots` and `robot`.
     pub team: Team,
-    /// Seconds, where the parameter `duration` is left out.
+    /// Default duration, seconds, for parameters without `duration`.
     pub duration: f64,
     pub failures: Vec<Failure>,
     pub place: Place,
     pub start: Start,
-    /// Those of the mission, and those that every mission has, each in the order of their names.
+    /// Metrics of the mission, then those that every mission has, each sorted by name.
     pub metrics: Vec<(String, Metric)>,
-    /// How many of them are measured in every episode; the others only where they are asked for, at the end.
+    /// Number of metrics that are measured in every episode; the others are measured only on request, at the end.
     pub counted: usize,
-    /// The fitness: this number, and for each of the first metrics its value times a factor.
+    /// The fitness is `offset` plus the value of each of the first metrics times its factor.
     pub offset: f64,
     pub factors: Vec<f64>,
 }
 
 impl Mission {
-    /// The fitness, from the values of the metrics.
+    /// Returns the fitness, given the values of the metrics.
     pub(crate) fn fitness(&self, value: impl Fn(usize) -> f64) -> f64 {
         let factors = self.factors.iter().enumerate();
-        // What does not count may be anything, infinite too.
+        // Skip metrics with factor 0, whose values may be infinite.
         factors
             .filter(|(_, factor)| **factor != 0.0)
             .fold(self.offset, |sum, (metric, factor)| {

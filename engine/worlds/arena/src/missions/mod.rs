@@ -1,4 +1,4 @@
-//! Missions: a place, where robots start, what is measured, and what is to be reached.
+//! Missions: a place, start positions of robots, metrics, and the fitness.
 
 mod checks;
 mod mission;
@@ -33,7 +33,7 @@ macro_rules! missions {
     };
 }
 
-/// Built-in missions: a file each.
+/// Built-in missions, one file each.
 const MISSIONS: &[BuiltIn] = &missions! {
     "aac" or "aggregation",
     "area_coverage",
@@ -59,28 +59,28 @@ const MISSIONS: &[BuiltIn] = &missions! {
     "two_spots_sum",
 };
 
-/// What is in the files, as `built_in.py` writes it.
+/// The contents of the files, as written by `built_in.py`.
 static OBJECTS: LazyLock<Map<String, Value>> =
     LazyLock::new(|| serde_json::from_str(include_str!("../missions.json")).unwrap_or_default());
 
-/// What a built-in mission is.
+/// Description of a built-in mission.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MissionInfo {
-    /// The name in parameters.
+    /// Name of the mission in parameters.
     pub name: &'static str,
-    /// Another name for it.
+    /// Alternative name of the mission.
     pub also: Option<&'static str>,
-    /// A few words.
+    /// Short title.
     pub title: String,
-    /// Number of robots where parameters do not say another.
+    /// Default number of robots.
     pub robots: u32,
-    /// Seconds, where parameters do not say others.
+    /// Default duration, seconds.
     pub duration: f64,
-    /// The YAML file, to start one's own from.
+    /// Text of the YAML file, as a template for other missions.
     pub text: &'static str,
 }
 
-/// The built-in missions of the arena, sorted by name.
+/// Returns the built-in missions of the arena, sorted by name.
 pub fn missions() -> Vec<MissionInfo> {
     let read = |built_in: &BuiltIn| {
         let mission = Mission::named(built_in.name).ok()?;
@@ -101,7 +101,7 @@ fn sections(fields: &Value, mistakes: &mut Mistakes) -> Text {
     if let Ok(text) = part(fields, "mission") {
         return text;
     }
-    // One at a time: all unknown ones are told, and the others read.
+    // Read each key alone, so that all unknown keys are reported and the others are still read.
     let mut valid = Map::new();
     for (key, value) in fields.as_object().into_iter().flatten() {
         let alone = Value::from(Map::from_iter([(key.clone(), value.clone())]));
@@ -113,10 +113,10 @@ fn sections(fields: &Value, mistakes: &mut Mistakes) -> Text {
 }
 
 impl Mission {
-    /// The mission of the parameter `mission`: the name of a built-in one, or an object.
+    /// Reads the parameter `mission`: the name of a built-in mission, or an object.
     ///
     /// # Errors
-    /// All that is wrong with it.
+    /// Returns all mistakes in the mission.
     pub(crate) fn read(value: Option<&Value>) -> Result<Self, Mistakes> {
         match value {
             None => Self::named("aac"),

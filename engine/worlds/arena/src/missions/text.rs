@@ -1,4 +1,4 @@
-//! Missions as they are written.
+//! Missions as written in files.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::place::LedColor;
 
-/// A mission as written: its sections, which are read separately so that all errors are reported at once.
+/// The sections of a mission, which are read separately so that all errors are reported at once.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Text {
@@ -30,33 +30,33 @@ fn wall_height() -> f32 {
     0.08
 }
 
-/// The walls around.
+/// The outer walls.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Walls {
-    /// A regular polygon around the origin, with a side across the x axis ...
+    /// Number of sides of a regular polygon around the origin, with one side across the x axis. Needs `apothem`.
     pub sides: Option<u32>,
-    /// ... and this distance of its sides from the middle, metres.
+    /// Distance of the polygon's sides from the origin, metres.
     pub apothem: Option<f32>,
     /// Width and height of a rectangle around the origin, metres.
     pub rectangle: Option<[f32; 2]>,
-    /// Corners of a polygon in order.
+    /// Corners of a polygon, in order, metres.
     pub corners: Option<Vec<[f32; 2]>>,
     #[serde(default = "wall_height")]
     pub height: f32,
-    /// What cameras see of some sides.
+    /// Colours of parts of the sides, which cameras see.
     #[serde(default)]
     pub colors: Vec<SideColor>,
 }
 
-/// A stretch of a side that cameras see.
+/// A coloured stretch of a side, which cameras see.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SideColor {
-    /// Its number, from 0, counter-clockwise.
+    /// Index of the side, from 0, counter-clockwise.
     pub side: usize,
     pub color: LedColor,
-    /// Its beginning and end, metres from the first corner of the side; by default the whole side.
+    /// Beginning and end, metres from the first corner of the side; by default the whole side.
     #[serde(default)]
     pub from: f32,
     pub to: Option<f32>,
@@ -67,9 +67,9 @@ pub(super) struct SideColor {
 #[serde(deny_unknown_fields)]
 pub(super) struct Obstacle {
     pub center: [f32; 2],
-    /// Extent along x and y before it is turned, metres.
+    /// Extent along x and y before rotation, metres.
     pub size: [f32; 2],
-    /// Degrees counter-clockwise.
+    /// Rotation, degrees counter-clockwise.
     #[serde(default)]
     pub angle: f32,
     #[serde(default = "wall_height")]
@@ -78,29 +78,29 @@ pub(super) struct Obstacle {
     pub color: Option<LedColor>,
 }
 
-/// An object that robots can push, or several that are drawn.
+/// An object that robots can push, or several objects at random positions.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ObjectText {
     pub name: String,
-    /// Radius of a disc, metres ...
+    /// Radius of a disc, metres. Alternative to `size`.
     pub radius: Option<f32>,
-    /// ... or the extent of a box along x and y before it is turned.
+    /// Extent of a box along x and y before rotation, metres. Alternative to `radius`.
     pub size: Option<[f32; 2]>,
     #[serde(default = "wall_height")]
     pub height: f32,
-    /// Kilograms.
+    /// Mass, kg.
     pub mass: f32,
     /// Coefficient of friction with the floor.
     #[serde(default = "sliding")]
     pub friction: f32,
     /// Colour that cameras see.
     pub color: Option<LedColor>,
-    /// Position of the middle ...
+    /// Position of the middle, metres. Alternative to `start`.
     pub center: Option<[f32; 2]>,
-    /// Degrees counter-clockwise.
+    /// Rotation, degrees counter-clockwise.
     pub angle: Option<f32>,
-    /// ... or where it is drawn, with an angle.
+    /// Region for random positions and angles. Alternative to `center`.
     pub start: Option<StartText>,
     pub count: Option<usize>,
 }
@@ -138,13 +138,13 @@ pub(super) struct Circle {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Rectangle {
-    /// Left and right end.
+    /// Left and right bounds.
     pub x: [f32; 2],
-    /// Lower and upper bound.
+    /// Lower and upper bounds.
     pub y: [f32; 2],
 }
 
-/// The colour of a floor.
+/// The colour of the floor or of a patch.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(
     untagged,
@@ -152,7 +152,7 @@ pub(super) struct Rectangle {
 )]
 pub(super) enum Color {
     Named(Named),
-    /// 0 black to 1 white.
+    /// Grey level from 0 (black) to 1 (white).
     Level(f32),
 }
 
@@ -162,7 +162,7 @@ pub(super) enum Named {
     Black,
     Grey,
     White,
-    /// Black or white by the seed of the episode.
+    /// Black or white, chosen by the seed of the episode.
     Random,
 }
 
@@ -184,7 +184,7 @@ impl Color {
 pub(super) struct Lamp {
     pub at: [f32; 3],
     pub intensity: f32,
-    /// What cameras see.
+    /// Colour that cameras see.
     pub color: Option<LedColor>,
 }
 
@@ -203,7 +203,7 @@ pub(super) struct StartText {
 pub(super) enum Fitness {
     /// The value of a metric.
     Metric(String),
-    /// A number and a factor for each of some metrics.
+    /// The sum of a number and metrics times factors.
     Sum(Sum),
 }
 

@@ -1,4 +1,5 @@
-//! Missions whose robots are moved by another simulator: it gets motions and gives poses, and all the rest stays the arena's.
+//! Missions in other physics simulators: the simulator moves the robots and reports their poses; the arena does
+//! everything else.
 
 mod simulation;
 mod world;
@@ -8,61 +9,62 @@ use swarmwright_simulation::ParameterError;
 pub use simulation::{PhysicsKind, PhysicsSimulation};
 pub use world::{RobotModel, World, WorldLight, WorldObject, WorldPatch, WorldWall};
 
-/// Where something is.
+/// Pose of a robot or object.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C)]
 pub struct Pose {
-    /// Metres.
+    /// Position along x, metres.
     pub x: f32,
-    /// Metres.
+    /// Position along y, metres.
     pub y: f32,
-    /// Radians counter-clockwise from x.
+    /// Heading, radians counter-clockwise from x.
     pub heading: f32,
 }
 
-/// What a drive is to do in a tick, in the frame of the robot, its noise included.
+/// Motion of a drive for a tick, in the frame of the robot, with the drive's noise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C)]
 pub struct Motion {
-    /// m/s.
+    /// Forward speed, m/s.
     pub forward: f32,
-    /// m/s to the left; 0 of robots with wheels.
+    /// Speed to the left, m/s; 0 for robots with wheels.
     pub sideways: f32,
-    /// rad/s counter-clockwise.
+    /// Angular velocity, rad/s counter-clockwise.
     pub turn: f32,
 }
 
-/// How an episode begins.
+/// The start of an episode.
 #[derive(Debug)]
 pub struct Start<'a> {
-    /// What is to be there.
+    /// The world to simulate.
     pub world: &'a World,
-    /// Whether the world is another one than that of the episode before.
+    /// Whether the world differs from that of the previous episode.
     pub changed: bool,
-    /// Where robots stand.
+    /// Start poses of the robots.
     pub robots: &'a [Pose],
-    /// Where objects lie.
+    /// Start poses of the objects.
     pub objects: &'a [Pose],
-    /// The parameter `seed`.
+    /// Value of the parameter `seed`.
     pub seed: u64,
 }
 
-/// A simulator that moves robots and objects. What it cannot go on with it says by [`fail`](swarmwright_simulation::fail).
+/// A simulator that moves robots and objects. It reports fatal errors with [`fail`](swarmwright_simulation::fail).
 pub trait Physics: Send {
-    /// Begins an episode.
+    /// Starts an episode.
     ///
     /// # Errors
-    /// A parameter of the mission that the simulator cannot do: too many robots, objects, ..
+    /// Returns an error about a mission that the simulator does not support, for example with too many robots.
     fn start(&mut self, start: &Start<'_>) -> Result<(), ParameterError>;
 
-    /// Moves on by a tick of the world; a motion for each robot.
+    /// Advances the world by a tick; `robots` has a motion for each robot.
     fn step(&mut self, robots: &[Motion]);
 
-    /// Writes where all are.
+    /// Writes the poses of all robots and objects.
     fn poses(&mut self, robots: &mut [Pose], objects: &mut [Pose]);
 
-    /// Writes how far a robot's proximity rays reach from where they begin, metres, the range of the sensor where they meet
-    /// nothing; false for simulators without rays: the arena computes them then, as at the start of each episode.
+    /// Writes how far a robot's proximity rays reach from their starting points, metres; rays that hit nothing have the
+    /// range of the sensor. Returns `false` if the simulator has no rays; the arena then computes them, as it does at
+    /// the start of each episode.
     fn rays(&mut self, robot: usize, distances: &mut [f32]) -> bool {
         let _ = (robot, distances);
         false

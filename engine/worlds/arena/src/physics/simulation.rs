@@ -1,4 +1,4 @@
-//! The simulation of a mission whose robots another simulator moves.
+//! The simulation of a mission in another physics simulator.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -16,27 +16,27 @@ use crate::place::Pose as At;
 use crate::settings;
 use crate::time::TICK;
 
-/// Makes simulators.
+/// Creates simulators.
 type Create = dyn Fn() -> Result<Box<dyn Physics>, String> + Send + Sync;
 
-/// A kind of simulators, under the name that experiments have for it.
+/// A kind of simulator, with its name in experiments.
 pub struct PhysicsKind {
-    /// The name.
+    /// Name of the simulator in experiments.
     pub title: String,
-    /// Whether the simulator repeats episodes.
+    /// Whether episodes are reproducible.
     pub determinism: Determinism,
-    /// Whether there can be only one simulator in a process.
+    /// Whether a process can have only one simulator.
     pub only_one: bool,
-    /// Makes a simulator, or says why there cannot be one.
+    /// Creates a simulator, or returns the reason why it cannot.
     pub create: Box<Create>,
 }
 
-/// A mission of the arena in a simulator; its parameters, sensors and metrics are those of the arena.
+/// A mission of the arena in another simulator. Parameters, sensors and metrics are those of the arena.
 pub struct PhysicsSimulation {
     kind: Arc<PhysicsKind>,
     physics: Box<dyn Physics>,
     arena: Arena,
-    /// That of the episode before.
+    /// The world of the previous episode.
     world: Option<World>,
     motions: Vec<Motion>,
     robots: Vec<Pose>,
@@ -45,10 +45,10 @@ pub struct PhysicsSimulation {
 }
 
 impl PhysicsSimulation {
-    /// A simulator before its first episode.
+    /// Creates the simulation, before its first episode.
     ///
     /// # Errors
-    /// Why there cannot be one.
+    /// Returns the reason if the simulator cannot be created.
     pub fn new(kind: Arc<PhysicsKind>) -> Result<Self, String> {
         Ok(Self {
             physics: (kind.create)()?,
@@ -62,7 +62,7 @@ impl PhysicsSimulation {
         })
     }
 
-    /// Asks the simulator where all are, and lets the robots look.
+    /// Reads all poses from the simulator and updates the sensors.
     fn look(&mut self) {
         self.physics.poses(&mut self.robots, &mut self.objects);
         for (noun, poses) in [("robot", &self.robots), ("object", &self.objects)] {
@@ -79,7 +79,7 @@ impl PhysicsSimulation {
         self.arena.look(&self.robots, &self.objects, rays);
     }
 
-    /// Asks the simulator for all rays; whether it has some.
+    /// Reads all rays from the simulator. Returns whether it has rays.
     fn measure(&mut self) -> bool {
         let Some(world) = &self.world else {
             return false;
@@ -115,7 +115,7 @@ impl PhysicsSimulation {
 }
 
 impl Arena {
-    /// What the drives are to do with these actuators.
+    /// Computes the motions of the drives for these actuator values.
     fn motions(&mut self, actuators: &[f32], motions: &mut Vec<Motion>) {
         let (team, swarm) = (&self.settings.team, &mut self.swarm);
         swarm.command(team, actuators);
@@ -135,7 +135,7 @@ impl Arena {
         }));
     }
 
-    /// All are here now; looks and measures.
+    /// Moves all robots and objects, then updates sensors and metrics.
     fn look(&mut self, robots: &[Pose], objects: &[Pose], rays: &[f32]) {
         let (mission, team) = (&self.settings.mission, &self.settings.team);
         let at = |pose: &Pose| At {
@@ -151,13 +151,13 @@ impl Arena {
     }
 }
 
-/// Radians in half turns, -1..=1.
+/// Converts radians to half turns, -1..=1.
 fn half_turns(radians: f32) -> f32 {
     let turns = radians / PI;
     turns - 2.0 * (turns / 2.0).round()
 }
 
-/// A pose for the simulator.
+/// Converts a pose to radians, for the simulator.
 fn radians(pose: At) -> Pose {
     Pose {
         x: pose.at[0],
@@ -166,7 +166,7 @@ fn radians(pose: At) -> Pose {
     }
 }
 
-/// Other simulators move objects by themselves, and are not told what robots hold.
+/// Rejects grippers: other simulators move objects themselves and do not know which ones robots hold.
 fn without_grippers(
     kind: &PhysicsKind,
     settings: &settings::Settings,

@@ -1,4 +1,4 @@
-//! What a simulator is to build for a mission.
+//! Description of a mission's world for physics simulators.
 
 use std::f32::consts::TAU;
 
@@ -7,7 +7,7 @@ use crate::robots::{Drive, Robot};
 use crate::settings::Settings;
 use crate::time::TICK;
 
-/// Corners of a polygon that stands for a circle.
+/// Number of corners of a polygon that approximates a circle.
 const CORNERS: usize = 32;
 
 /// A wall: a closed polygon.
@@ -15,16 +15,16 @@ const CORNERS: usize = 32;
 pub struct WorldWall {
     /// Corners counter-clockwise, metres.
     pub points: Vec<[f32; 2]>,
-    /// Metres.
+    /// Height, metres.
     pub height: f32,
 }
 
-/// A part of the floor with a colour of its own, for pictures and for sensors of the simulator's own.
+/// A part of the floor with its own colour, for pictures and for the simulator's own sensors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WorldPatch {
     /// Corners counter-clockwise, metres.
     pub points: Vec<[f32; 2]>,
-    /// 0 black to 1 white; below 0: black or white, drawn anew for each episode.
+    /// Grey level from 0 (black) to 1 (white); negative for black or white, drawn anew for each episode.
     pub grey: f32,
 }
 
@@ -32,70 +32,70 @@ pub struct WorldPatch {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C)]
 pub struct WorldLight {
-    /// Metres.
+    /// Position along x, metres.
     pub x: f32,
-    /// Metres.
+    /// Position along y, metres.
     pub y: f32,
     /// Height, metres.
     pub z: f32,
-    /// 1 of the reference model's.
+    /// Intensity; the lamps of the reference model have 1.
     pub intensity: f32,
 }
 
-/// What robots of a kind are.
+/// Properties of robots of one kind.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotModel {
-    /// Metres.
+    /// Radius, metres.
     pub radius: f32,
-    /// Metres.
+    /// Height, metres.
     pub height: f32,
-    /// Kilograms.
+    /// Mass, kg.
     pub mass: f32,
-    /// Between the wheels of a differential drive, metres; 0 for other drives.
+    /// Distance between the wheels of a differential drive, metres; 0 for other drives.
     pub wheel_base: f32,
-    /// Of a wheel or of the robot, m/s.
+    /// Maximum speed of a wheel, or of the robot, m/s.
     pub top_speed: f32,
-    /// Largest change of velocity by the drive, m/s^2.
+    /// Maximum acceleration of the drive, m/s^2.
     pub acceleration: f32,
     /// Directions of the proximity rays, radians counter-clockwise from ahead.
     pub rays: Vec<f32>,
-    /// Distance of their beginning from the middle, metres.
+    /// Distance from the middle at which rays begin, metres.
     pub ray_start: f32,
-    /// Their length, metres.
+    /// Length of the rays, metres.
     pub ray_range: f32,
 }
 
-/// Something that robots can push: a disc or a box.
+/// An object that robots can push: a disc or a box.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WorldObject {
-    /// Of a disc, metres; 0 for a box.
+    /// Radius of a disc, metres; 0 for a box.
     pub radius: f32,
     /// Sides of a box along its heading and across it, metres.
     pub size: [f32; 2],
-    /// Metres.
+    /// Height, metres.
     pub height: f32,
-    /// Kilograms.
+    /// Mass, kg.
     pub mass: f32,
     /// Coefficient of friction with the floor.
     pub friction: f32,
 }
 
-/// Everything that a simulator is to build; the same for all episodes of a mission.
+/// Everything that a simulator has to build; the same for all episodes of a mission.
 #[derive(Debug, Clone, PartialEq)]
 pub struct World {
-    /// Seconds of a step.
+    /// Length of a step, seconds.
     pub tick: f32,
-    /// Of the floor beside the patches, 0 black to 1 white.
+    /// Grey level of the floor outside the patches, from 0 (black) to 1 (white).
     pub grey: f32,
-    /// The first one is the outline, with the robots inside, the others are obstacles.
+    /// Walls. The first one is the outline, with the robots inside; the others are obstacles.
     pub walls: Vec<WorldWall>,
-    /// Later ones lie on earlier ones.
+    /// Patches of the floor; later patches cover earlier ones.
     pub patches: Vec<WorldPatch>,
     /// Lamps.
     pub lights: Vec<WorldLight>,
     /// The kinds of robots.
     pub models: Vec<RobotModel>,
-    /// The model of each robot.
+    /// Index in `models` for each robot.
     pub robots: Vec<u32>,
     /// Objects that robots can push.
     pub objects: Vec<WorldObject>,
@@ -138,7 +138,7 @@ impl World {
         }
     }
 
-    /// Largest number of rays of a robot.
+    /// Returns the maximum number of rays of a robot.
     #[must_use]
     pub fn most_rays(&self) -> usize {
         let rays = self.models.iter().map(|model| model.rays.len());
@@ -152,7 +152,7 @@ fn walls(layout: &Place) -> Vec<WorldWall> {
     std::iter::once(layout.outline.clone())
         .chain(boxes)
         .map(|points| {
-            // Each has a face for each of its corners, in the same order.
+            // Each wall has one face per corner, in the same order.
             let height = faces.next().map_or(0.0, |face| face.height);
             faces.by_ref().take(points.len() - 1).for_each(drop);
             WorldWall { points, height }

@@ -1,30 +1,31 @@
-//! Where something stands and looks, and where it may stand at the start.
+//! Poses and start regions.
 
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
 
-/// Where a robot stands and looks.
+/// Position and heading of a robot or object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Pose {
-    /// Metres.
+    /// Position, metres.
     pub at: [f32; 2],
-    /// Half turns, -1..1.
+    /// Heading in half turns, -1..1.
     pub heading: f32,
 }
 
-/// Where robots or objects may stand: in a disc, in a rectangle, or in the part of the disc that lies in the rectangle.
+/// A start region for robots or objects: a disc, a rectangle, or the part of the disc that lies in the rectangle.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Start {
-    /// Middle and radius.
+    /// Middle and radius, metres.
     pub disc: Option<([f32; 2], f32)>,
-    /// Lower left and upper right corner.
+    /// Lower left and upper right corners, metres.
     pub rectangle: Option<([f32; 2], [f32; 2])>,
 }
 
-/// A pose from three numbers in 0..1.
+/// Returns a pose in the region, chosen by three numbers in 0..1.
 pub(crate) fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
     let at = match (start.disc, start.rectangle) {
         (Some((center, radius)), _) => {
-            // Uniform in the disc: the larger of two numbers as radius, their quotient as angle.
+            // For a uniform distribution in the disc, the larger number gives the radius, and the quotient of both
+            // gives the angle.
             let (low, high) = if a < b { (a, b) } else { (b, a) };
             let angle = if high > 0.0 { 2.0 * (low / high) } else { 0.0 };
             let angle = if angle > 1.0 { angle - 2.0 } else { angle };
@@ -46,7 +47,7 @@ pub(crate) fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
     }
 }
 
-/// Whether it lies in the rectangle, if there is one.
+/// Returns whether a point lies in the rectangle; true if there is none.
 pub(crate) fn within(at: [f32; 2], start: &Start) -> bool {
     start.rectangle.is_none_or(|(low, high)| {
         (0..2).all(|axis| low[axis] <= at[axis] && at[axis] <= high[axis])

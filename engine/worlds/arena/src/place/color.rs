@@ -1,8 +1,8 @@
-//! Colours that LEDs and lamps, walls and objects show, and cameras see.
+//! Colours of LEDs, lamps, walls and objects, which cameras see.
 
 use serde::Deserialize;
 
-/// What LEDs show, and cameras tell apart.
+/// A colour that LEDs show and cameras distinguish.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum LedColor {
@@ -24,12 +24,12 @@ impl LedColor {
         Self::Yellow,
     ];
 
-    /// Its index among all colours.
+    /// Returns the index of the colour.
     pub(crate) const fn index(self) -> usize {
         self as usize
     }
 
-    /// The number of a robot that shows it; 0 is for none.
+    /// Returns the number that represents the colour in lanes; 0 stands for no colour.
     pub(crate) const fn code(self) -> f32 {
         (self as usize + 1) as f32
     }
@@ -45,7 +45,7 @@ impl LedColor {
         }
     }
 
-    /// In pictures, a little darker than on screens so that it shows on white.
+    /// Returns the colour for pictures, slightly darker than on screens so that it is visible on white.
     pub(crate) const fn shown(self) -> &'static str {
         match self {
             Self::Red => "#e02020",

@@ -2,7 +2,7 @@
 
 use swarmwright_lanes::{Lanes, Number};
 
-/// A face of a wall. Robots are in front of it, where the normal points to, or pass its ends.
+/// A face of a wall. Robots are in front of it, on the side of its normal, or pass its ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Face {
     /// Middle, metres.
@@ -11,9 +11,9 @@ pub(crate) struct Face {
     pub along: [f32; 2],
     /// Half of the length, metres.
     pub half: f32,
-    /// Metres; it hides what lies lower.
+    /// Height, metres; the face hides anything lower.
     pub height: f32,
-    /// Whether it is a side of a convex arena: no robot is behind it, and it is between no two robots.
+    /// Whether the face is a side of a convex arena: no robot is behind it, and it never lies between two robots.
     pub outer: bool,
 }
 
@@ -32,13 +32,13 @@ impl Face {
 }
 
 impl Face {
-    /// How far points are in front of its line.
+    /// Returns the distance of points in front of the face's line.
     #[inline(always)]
     pub(crate) fn ahead<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> Number<L> {
         (y - self.middle[1]) * self.along[0] - (x - self.middle[0]) * self.along[1]
     }
 
-    /// Both ends.
+    /// Returns both ends.
     pub(crate) fn ends(&self) -> [[f32; 2]; 2] {
         [-self.half, self.half].map(|end| {
             let [x, y] = self.middle;
@@ -47,7 +47,7 @@ impl Face {
     }
 }
 
-/// From a point to the nearest point of a face.
+/// Returns the vector from a point to the nearest point of a face.
 #[inline(always)]
 pub(crate) fn to_face<L: Lanes>(face: &Face, x: Number<L>, y: Number<L>) -> [Number<L>; 2] {
     let (dx, dy) = (x - face.middle[0], y - face.middle[1]);

@@ -1,4 +1,4 @@
-//! Where robots are: walls, floor and lights.
+//! The place of a mission: walls, floor, lights and objects.
 
 pub(crate) mod area;
 mod color;
@@ -15,10 +15,10 @@ pub(crate) use color::LedColor;
 pub(crate) use face::{Face, to_face};
 pub(crate) use object::{Form, Kind, MOST_OBJECTS, Places};
 
-/// The stream of random numbers of colours.
+/// Identifies the random stream for colours.
 const COLORS: u64 = 0x636F_6C6F_7273;
 
-/// What is shown around the walls, metres.
+/// Margin around the walls in pictures, metres.
 const MARGIN: f32 = 0.05;
 
 /// A shape on the floor.
@@ -28,19 +28,19 @@ pub(crate) enum Shape {
         center: [f32; 2],
         radius: f32,
     },
-    /// Lower left and upper right corner; infinite where it does not end.
+    /// Lower left and upper right corners; infinite where unbounded.
     Box {
         low: [f32; 2],
         high: [f32; 2],
     },
-    /// Convex, corners counter-clockwise.
+    /// A convex polygon with counter-clockwise corners.
     Polygon {
         corners: Vec<[f32; 2]>,
     },
 }
 
 impl Shape {
-    /// The middle of its extent; infinite or no number where it does not end.
+    /// Returns the middle of the bounding box; infinite or NaN if unbounded.
     pub(crate) fn middle(&self) -> [f64; 2] {
         let [low, high] = match self {
             Self::Circle { center, .. } => [*center; 2],
@@ -50,7 +50,7 @@ impl Shape {
         [0, 1].map(|axis| (f64::from(low[axis]) + f64::from(high[axis])) / 2.0)
     }
 
-    /// Whether points lie in it, the edge included.
+    /// Returns whether points lie in the shape, including its edge.
     #[inline(always)]
     pub(crate) fn holds<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> L::Mask {
         match self {
@@ -76,42 +76,43 @@ impl Shape {
     }
 }
 
-/// A part of the floor with a colour of its own.
+/// A part of the floor with its own colour.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Patch {
     pub name: String,
     pub shape: Shape,
-    /// 0 black to 1 white; `None` for black or white by the seed of the episode.
+    /// Grey level from 0 (black) to 1 (white); `None` for black or white, chosen by the seed of the episode.
     pub grey: Option<f32>,
 }
 
 /// A lamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Light {
-    /// x, y, z, metres.
+    /// Position x, y, z, metres.
     pub at: [f32; 3],
     pub intensity: f32,
-    /// What cameras see at its foot.
+    /// Colour that cameras see at the lamp's foot.
     pub color: Option<LedColor>,
 }
 
-/// A coloured spot on a wall, for cameras alone.
+/// A coloured spot on a wall, visible only to cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Spot {
     pub at: [f32; 2],
     pub color: LedColor,
-    /// The part of the wall that it stands for: unit vector along it, and half of its length, metres.
+    /// The part of the wall that the spot represents: unit vector along it, and half of its length, metres.
     pub along: [f32; 2],
     pub half: f32,
 }
 
-/// Largest distance of spots on a wall, metres.
+/// Maximum spacing of spots on a wall, metres.
 const SPOTS: f32 = 0.1;
-/// How far spots are in front of the wall, metres: it does not hide them.
+/// Distance of spots in front of the wall, metres, so that the wall does not hide them.
 const IN_FRONT: f32 = 0.001;
 
 impl Face {
-    /// The middles of equal parts of a stretch, which is metres from the first end.
+    /// Divides a stretch into equal parts, and returns a spot at the middle of each. The stretch is in metres from the
+    /// first end.
     pub(crate) fn spots(&self, [from, to]: [f32; 2], color: LedColor) -> Vec<Spot> {
         let count = ((to - from) / SPOTS).ceil().max(1.0) as usize;
         let part = (to - from) / count as f32;
@@ -132,16 +133,16 @@ impl Face {
     }
 }
 
-/// Everything that does not move, and what robots can push.
+/// Everything that does not move by itself: the surroundings, and the objects that robots can push.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Place {
-    /// Corners of the walls around, counter-clockwise.
+    /// Corners of the outer walls, counter-clockwise.
     pub outline: Vec<[f32; 2]>,
-    /// Corners of the boxes within, counter-clockwise.
+    /// Corners of the obstacles, counter-clockwise.
     pub boxes: Vec<[[f32; 2]; 4]>,
     pub faces: Vec<Face>,
     pub patches: Vec<Patch>,
-    /// Of the floor beside the patches.
+    /// Grey level of the floor outside the patches.
     pub grey: f32,
     pub lights: Vec<Light>,
     pub spots: Vec<Spot>,
@@ -149,7 +150,7 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// Lower left and upper right corner of all walls, with a margin.
+    /// Returns the lower left and upper right corners of the bounding box of all walls, with a margin.
     pub(crate) fn extent(&self) -> [[f32; 2]; 2] {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for face in &self.faces {
@@ -163,36 +164,36 @@ impl Place {
         [low, high]
     }
 
-    /// The distance in the plane of a point from the corner of the walls that is farthest from it.
+    /// Returns the distance in the plane from a point to the farthest corner of the outer walls.
     pub(crate) fn farthest(&self, [x, y, _]: [f32; 3]) -> f32 {
         let corners = self.outline.iter();
         let far = corners.map(|corner| (corner[0] - x).hypot(corner[1] - y));
         far.fold(0.0, f32::max)
     }
 
-    /// Whether a point is inside of the walls and of no box.
+    /// Returns whether a point is inside the outer walls and outside all obstacles.
     pub(crate) fn is_free(&self, point: [f64; 2]) -> bool {
         let boxed = |corners: &[[f32; 2]; 4]| polygon::contains(corners, point);
         polygon::contains(&self.outline, point) && !self.boxes.iter().any(boxed)
     }
 
-    /// The form of each object, one kind's after another's.
+    /// Returns the form of each object, kind by kind.
     pub(crate) fn forms(&self) -> impl Iterator<Item = Form> + '_ {
         let same = |kind: &Kind| std::iter::repeat_n(kind.form, kind.count());
         self.objects.iter().flat_map(same)
     }
 
-    /// The patch with this name.
+    /// Returns the patch with this name.
     pub(crate) fn patch(&self, name: &str) -> Option<&Patch> {
         self.patches.iter().find(|patch| patch.name == name)
     }
 
-    /// Its index.
+    /// Returns the index of the patch with this name.
     pub(crate) fn index(&self, name: &str) -> Option<usize> {
         self.patches.iter().position(|patch| patch.name == name)
     }
 
-    /// The colours of the patches in an episode.
+    /// Returns the colours of the patches in an episode.
     pub(crate) fn colors(&self, seed: u64) -> impl Iterator<Item = f32> + '_ {
         self.patches.iter().enumerate().map(move |(index, patch)| {
             let drawn = || f32::from(u8::from(uniform(seed, COLORS, index as u64) < 0.5));
@@ -200,7 +201,8 @@ impl Place {
         })
     }
 
-    /// The colour of the floor at points: that of the last patch that holds them. `colors`: of the patches.
+    /// Returns the colour of the floor at points, which is that of the last patch that contains them. `colors` are
+    /// those of the patches.
     #[inline(always)]
     pub(crate) fn floor<L: Lanes>(
         &self,

@@ -1,27 +1,27 @@
-//! Objects as a mission has them: what they look like, and where they start.
+//! Objects of a mission: their properties and start positions.
 
 use super::area::{Pose, Start};
 use super::color::LedColor;
 
-/// Most objects of a mission.
+/// Maximum number of objects in a mission.
 pub(crate) const MOST_OBJECTS: usize = 64;
-/// Points in each direction over which distances from the middle of a box are averaged.
+/// Number of points along each axis for the mean distance from the middle of a box.
 const POINTS: u32 = 64;
 
-/// What an object looks like from above.
+/// The outline of an object, seen from above.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Form {
     Disc {
         radius: f32,
     },
-    /// Half of the extent along its own axes, metres.
+    /// Half of the extent along the object's own axes, metres.
     Box {
         half: [f32; 2],
     },
 }
 
 impl Form {
-    /// Radius of the circle around it, metres.
+    /// Returns the radius of the circumscribed circle, metres.
     pub(crate) fn radius(self) -> f32 {
         match self {
             Self::Disc { radius } => radius,
@@ -29,7 +29,7 @@ impl Form {
         }
     }
 
-    /// Radius of the largest circle in it, metres.
+    /// Returns the radius of the largest inscribed circle, metres.
     pub(crate) fn inner_radius(self) -> f32 {
         match self {
             Self::Disc { radius } => radius,
@@ -37,7 +37,7 @@ impl Form {
         }
     }
 
-    /// Moment of inertia of a kilogram, m^2.
+    /// Returns the moment of inertia per unit of mass, m^2.
     pub(crate) fn inertia(self) -> f32 {
         match self {
             Self::Disc { radius } => radius * radius / 2.0,
@@ -45,7 +45,8 @@ impl Form {
         }
     }
 
-    /// The mean distance of its points from the middle, metres: the lever of the friction of an even pressure.
+    /// Returns the mean distance of the form's points from the middle, metres, which is the lever of friction under
+    /// uniform pressure.
     pub(crate) fn lever(self) -> f32 {
         match self {
             Self::Disc { radius } => radius * (2.0 / 3.0),
@@ -62,12 +63,12 @@ impl Form {
     }
 }
 
-/// Where objects of a kind are at the start.
+/// Start positions of objects of a kind.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Places {
-    /// One, always there.
+    /// One object at a fixed pose.
     Fixed(Pose),
-    /// So many, drawn anew for each episode.
+    /// A number of objects, drawn anew for each episode.
     Drawn(Start, usize),
 }
 
@@ -76,13 +77,13 @@ pub(crate) enum Places {
 pub(crate) struct Kind {
     pub name: String,
     pub form: Form,
-    /// Metres; it hides what lies lower.
+    /// Height, metres; the object hides anything lower.
     pub height: f32,
-    /// Kilograms.
+    /// Mass, kg.
     pub mass: f32,
     /// Coefficient of friction with the floor.
     pub friction: f32,
-    /// What cameras see.
+    /// Colour that cameras see.
     pub color: Option<LedColor>,
     pub places: Places,
 }

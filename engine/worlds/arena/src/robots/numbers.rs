@@ -1,11 +1,11 @@
-//! The numbers that controllers get and give.
+//! Inputs and outputs of controllers, with their names.
 
 use super::outputs::Output;
 use super::parts::Camera;
 use super::robot::Robot;
 
 impl Robot {
-    /// How many numbers an output has.
+    /// Returns the number of values of an output.
     #[inline(always)]
     pub(crate) fn width(&self, output: Output) -> usize {
         match output {
@@ -36,13 +36,13 @@ impl Robot {
         }
     }
 
-    /// The names of the numbers that controllers get.
+    /// Returns the names of the controllers' inputs.
     pub(crate) fn sensor_names(&self) -> Vec<String> {
         let names = self.outputs.iter().map(|output| self.names(*output));
         names.flatten().collect()
     }
 
-    /// The names of the numbers of an output; empty ones of what it has not.
+    /// Returns the names of an output's values; empty strings for an absent sensor.
     pub(crate) fn names(&self, output: Output) -> Vec<String> {
         let width = self.width(output);
         let parts: &[&str] = match output {
@@ -81,7 +81,7 @@ impl Robot {
         parts.iter().map(|name| (*name).to_owned()).collect()
     }
 
-    /// Directions of the numbers of an output, as reported to controllers, in half turns; empty if they have none.
+    /// Returns the directions of an output's values in half turns, as reported to controllers; empty if they have none.
     pub(crate) fn directions(&self, output: Output) -> Vec<f32> {
         let rays = self.proximity.iter().flat_map(|sensors| &sensors.rays);
         let lights = self.light.iter().flat_map(|sensors| &sensors.angles);
@@ -92,12 +92,12 @@ impl Robot {
         }
     }
 
-    /// Numbers that controllers get.
+    /// Returns the number of the controllers' inputs.
     pub(crate) fn sensors(&self) -> usize {
         self.outputs.iter().map(|output| self.width(*output)).sum()
     }
 
-    /// Names of the numbers for LEDs.
+    /// Returns the names of the LED actuators.
     pub(crate) fn led_names(&self) -> Vec<String> {
         let names = self
             .leds
@@ -106,13 +106,13 @@ impl Robot {
         names.collect()
     }
 
-    /// Names of the numbers of a message that is sent.
+    /// Returns the names of the values of a sent message.
     pub(crate) fn message_names(&self) -> Vec<String> {
         numbered("message", self.message).collect()
     }
 }
 
-/// Colour by colour a name for each number.
+/// Returns a name for each value of a camera, colour by colour.
 fn camera_names(camera: &Camera) -> impl Iterator<Item = String> + '_ {
     camera.colors.iter().flat_map(|color| {
         let names = camera.gives.iter().flat_map(|sight| sight.names());
@@ -120,7 +120,7 @@ fn camera_names(camera: &Camera) -> impl Iterator<Item = String> + '_ {
     })
 }
 
-/// A name for each of several sensors of a kind.
+/// Returns numbered names for several sensors of a kind.
 fn numbered(name: &str, count: usize) -> impl Iterator<Item = String> + '_ {
     (0..count).map(move |index| format!("{name} {index}"))
 }

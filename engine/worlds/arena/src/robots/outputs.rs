@@ -1,64 +1,66 @@
-//! The outputs that controllers receive.
+//! Outputs of sensors, which controllers receive.
 
-/// Numbers that controllers get, in the order of a model's list.
+/// An output of a sensor. Controllers receive the outputs in the order of the model's list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Output {
     /// The reading of each proximity sensor, 0..=1.
     Proximity,
-    /// The sum of proximity readings along their rays, at most of length 1: x, y.
+    /// The sum of the proximity readings as vectors along their rays, limited to length 1: x, y.
     ProximityVector,
     /// The reading of each light sensor, 0..=1.
     Light,
-    /// The direction of light, of length 1, or 0, 0 where no reading is above 0.2: x, y.
+    /// The direction of light as a unit vector: x, y; or 0, 0 if no reading is above 0.2.
     LightDirection,
-    /// Three numbers: 0 on black, 1 on white, and on grey draws around 0.407, 0.342 and 0.423.
+    /// Three values: 0 on black, 1 on white, and on grey random draws with means of about 0.407, 0.344 and 0.424.
     GroundDrawn,
     /// 0 on black, 0.5 on grey, 1 on white.
     Ground,
-    /// Number of messages heard in this tick, one of each robot.
+    /// The number of messages received in this tick, at most one from each robot.
     MessageCount,
-    /// 1 - 2 / (1 + e^n) of the messages n heard in this tick.
+    /// 1 - 2 / (1 + e^n) for the n messages received in this tick.
     MessageCountSquashed,
-    /// Sum of 1 / (1 + range in cm) along the bearings of the messages of the last 11 ticks: x, y.
+    /// The sum of 1 / (1 + range in cm) along the bearings of the messages of the last 11 ticks: x, y.
     Attraction,
-    /// The same, squashed to the length tanh(length / 2), along 45, 135, 225 and 315 degrees; 0 where that is negative.
+    /// The components of the attraction along 45, 135, 225 and 315 degrees, after its length is squashed to tanh(length
+    /// / 2); negative components are 0.
     AttractionParts,
-    /// A number in 0..1, drawn anew in each tick.
+    /// A random number in 0..1, drawn anew in each tick.
     Random,
-    /// The reading of each ground sensor, 0 black to 1 white.
+    /// The reading of each ground sensor, from 0 (black) to 1 (white).
     GroundReadings,
-    /// The mean of the messages heard in this tick, number by number, of those that have it; 0 where none is heard.
+    /// The mean of the messages received in this tick, value by value, over the messages that have that value; 0
+    /// without messages.
     Message,
-    /// Number of robots within `neighbour_range`.
+    /// The number of robots within `neighbour_range`.
     NeighbourCount,
-    /// Mean of the positions of those robots in the robot's frame, in ranges: x, y; 0, 0 where there is none.
+    /// The mean position of these robots in the robot's frame, in units of the range: x, y; 0, 0 without neighbours.
     NeighbourCenter,
-    /// Mean of their headings in the robot's frame as unit vectors: x, y.
+    /// The mean of these robots' headings in the robot's frame, as unit vectors: x, y.
     NeighbourHeading,
-    /// The nearest of them in the robot's frame, in ranges: x, y.
+    /// The position of the nearest of these robots in the robot's frame, in units of the range: x, y.
     NeighbourNearest,
-    /// Target of the drive in the previous tick, with its noise: for each actuator of the drive a share of the largest
-    /// speed.
+    /// The target of the drive in the previous tick, with its noise: for each actuator of the drive, a fraction of the
+    /// maximum speed.
     Encoders,
     /// The direction of the x axis in the robot's frame as a unit vector: x, y.
     Compass,
-    /// What the camera gives, colour by colour.
+    /// The values of the camera, colour by colour.
     Camera,
     /// The charge of the battery, 0..=1.
     Battery,
-    /// 1 where the gripper holds something, else 0.
+    /// 1 if the gripper holds an object, else 0.
     Gripper,
-    /// So many numbers of a sensor that other kinds of robots have: what it gives where there is nothing.
+    /// Neutral values for a sensor that only other kinds of robots have, and how many.
     Absent(u8, Neutral),
 }
 
-/// What a sensor gives where there is nothing.
+/// The value of a sensor when there is nothing to sense.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Neutral {
     Zero,
-    /// On a floor that is neither black nor white.
+    /// For sensors of the floor: neither black nor white.
     Half,
-    /// A full battery.
+    /// For the battery: full.
     One,
 }
 
@@ -73,7 +75,7 @@ impl Neutral {
 }
 
 impl Output {
-    /// What a robot without the sensor gets.
+    /// Returns the value for robots without the sensor.
     pub(crate) const fn neutral(self) -> Neutral {
         match self {
             Self::Ground | Self::GroundDrawn | Self::GroundReadings => Neutral::Half,

@@ -4,7 +4,7 @@ use serde::Deserialize;
 
 use crate::place::LedColor;
 
-/// Degrees in half turns.
+/// Converts degrees to half turns.
 pub(super) const fn half_turns(degrees: f32) -> f32 {
     if degrees > 180.0 {
         (degrees - 360.0) / 180.0
@@ -13,35 +13,36 @@ pub(super) const fn half_turns(degrees: f32) -> f32 {
     }
 }
 
-/// A ray in the frame of the robot, x ahead, y to the left.
+/// A ray in the frame of the robot, with x ahead and y to the left.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ray {
     /// Unit vector.
     pub along: [f32; 2],
-    /// The angle that controllers are told, half turns counter-clockwise from ahead.
+    /// Angle reported to controllers, half turns counter-clockwise from ahead.
     pub reported: f32,
 }
 
-/// Proximity sensors: rays that see bodies and walls.
+/// Proximity sensors: rays that detect bodies and walls.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Proximity {
     pub rays: Vec<Ray>,
-    /// Whether each ray of the first half has its opposite in the second one: what one of them meets the other does not.
+    /// Whether each ray of the first half has its opposite in the second half, so that at most one of the two hits a
+    /// given body.
     pub opposed: bool,
-    /// Where rays begin, metres from the middle.
+    /// Distance from the middle at which rays begin, metres.
     pub start: f32,
-    /// Whether a ray that begins inside of a body does not see it, as in ARGoS.
+    /// Whether a ray that begins inside a body does not detect it, as in ARGoS.
     pub blind_inside: bool,
-    /// How far they see from there, metres.
+    /// Length of the rays, metres.
     pub range: f32,
-    /// A reading is c0 + c1 d + c2 d^2 of the distance d, limited to 0..=1.
+    /// Coefficients c0, c1, c2: a reading is c0 + c1 d + c2 d^2 for a distance of d, limited to 0..=1.
     pub response: [f32; 3],
-    /// Uniform noise of +-this, after which the reading is limited again.
+    /// Half-width of the uniform noise, after which the reading is limited again.
     pub noise: f32,
 }
 
 impl Proximity {
-    /// Rays of which one in each pair of opposites is, else all.
+    /// Returns the number of opposite pairs if the rays are opposed, else the number of rays.
     #[inline(always)]
     pub(crate) fn halves(&self) -> usize {
         if self.opposed {
@@ -51,13 +52,14 @@ impl Proximity {
         }
     }
 
-    /// The least distance from where a ray begins at which it sees a body: down to the middle of the robot unless it is blind.
+    /// Returns the minimum distance along a ray at which it detects a body. It is negative, down to the middle of the
+    /// robot, unless the sensor is blind inside bodies.
     #[inline(always)]
     pub(crate) fn least(&self) -> f32 {
         if self.blind_inside { 0.0 } else { -self.start }
     }
 
-    /// The ray opposite to one of the first half.
+    /// Returns the ray opposite to a ray of the first half.
     #[inline(always)]
     pub(crate) fn opposite(&self, ray: usize) -> Option<usize> {
         self.opposed.then_some(ray + self.rays.len() / 2)
@@ -67,82 +69,83 @@ impl Proximity {
 /// Light sensors.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LightSensors {
-    /// Half turns counter-clockwise from ahead.
+    /// Directions, half turns counter-clockwise from ahead.
     pub angles: Vec<f32>,
-    /// Distance divided by intensity up to which light is seen.
+    /// Distance divided by intensity up to which light is detected.
     pub reach: f32,
-    /// How far from a robot another one may stand that hides a lamp of the mission from it, metres from middle to middle.
+    /// Maximum distance, metres from middle to middle, at which another robot can hide a lamp of the mission.
     pub shadow: f32,
-    /// Uniform noise.
+    /// Half-width of the uniform noise.
     pub noise: f32,
 }
 
 /// Sensors that look at the floor.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct GroundSensors {
-    /// Places in the frame of the robot, metres.
+    /// Positions in the frame of the robot, metres.
     pub points: Vec<[f32; 2]>,
-    /// Uniform noise.
+    /// Half-width of the uniform noise.
     pub noise: f32,
 }
 
-/// Range and bearing of neighbours.
+/// Range-and-bearing sensor, which receives messages of neighbours.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Links {
-    /// Largest distance of middles, metres.
+    /// Maximum distance between middles, metres.
     pub range: f32,
     /// Probability that a message is lost, drawn for each link and tick.
     pub loss: f32,
-    /// Further imperfections; `None` if only the range and the loss count.
+    /// Further imperfections; `None` for range and loss only.
     pub radio: Option<Radio>,
 }
 
 impl Links {
-    /// How far messages are ever heard, metres.
+    /// Returns the maximum distance at which messages are received, metres.
     pub(crate) fn reach(&self) -> f32 {
         let radio = self.radio.as_ref();
         radio.map_or(self.range, |radio| self.range * radio.stretch)
     }
 
-    /// How many ticks ago the numbers that arrive were sent.
+    /// Returns the delay of messages, in ticks.
     pub(crate) fn delay(&self) -> u32 {
         self.radio.as_ref().map_or(0, |radio| radio.delay)
     }
 
-    /// Whether robots, walls and objects stop messages.
+    /// Returns whether robots, walls and objects block messages.
     #[inline(always)]
     pub(crate) fn line_of_sight(&self) -> bool {
         self.radio.as_ref().is_none_or(|radio| radio.line_of_sight)
     }
 }
 
-/// How messages fare between the robots of a swarm.
+/// Properties of the radio channel between robots.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Radio {
-    /// The shape of Nakagami fading; 0 for none, so that all within the range is heard.
+    /// Shape parameter of Nakagami fading; 0 without fading, so that all messages within the range are received.
     pub fading: u32,
-    /// Of the path loss.
+    /// Path-loss exponent.
     pub exponent: f32,
-    /// The logarithm of the probability that a message does not collide with another one; 0 where none collide.
+    /// Logarithm of the probability that a message does not collide with another one; 0 without collisions.
     pub crowding: f32,
-    /// Ticks from a robot's message to its next one.
+    /// Ticks between two messages of a robot.
     pub interval: u32,
-    /// Ticks from the sending of numbers to their reception.
+    /// Ticks between sending and reception.
     pub delay: u32,
-    /// Whether robots, walls and objects stop messages.
+    /// Whether robots, walls and objects block messages.
     pub line_of_sight: bool,
-    /// The distance beyond which nothing is ever heard, in ranges.
+    /// Distance beyond which no message is received, in units of the range.
     pub stretch: f32,
 }
 
-/// How a robot moves.
+/// The kinematics of a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Drive {
-    /// Two wheels, left and right, this far apart, metres.
+    /// Two wheels, left and right; `wheel_base` is the distance between them, metres.
     Differential { wheel_base: f32 },
-    /// In any direction, ahead and to the left, while it turns by up to this, rad/s.
+    /// Motion in any direction, with a turn rate of up to `turn`, rad/s.
     Holonomic { turn: f32 },
-    /// A speed and the angle of the front wheels, up to this many half turns to either side; axles this far apart, metres.
+    /// A speed and the angle of the front wheels; `wheel_base` is the distance between the axles, metres, `steering`
+    /// the maximum angle to either side, half turns.
     Car { wheel_base: f32, steering: f32 },
 }
 
@@ -155,12 +158,12 @@ impl Drive {
         }
     }
 
-    /// Whether it moves sideways.
+    /// Returns whether the drive can move sideways.
     pub(crate) const fn is_holonomic(self) -> bool {
         matches!(self, Self::Holonomic { .. })
     }
 
-    /// rad/s, at a speed of the wheels or of the robot.
+    /// Returns the maximum turn rate, rad/s, at a speed of the wheels or of the robot.
     pub(super) fn fastest_turn(self, speed: f32) -> f32 {
         match self {
             Self::Differential { wheel_base } => 2.0 * speed / wheel_base,
@@ -173,19 +176,19 @@ impl Drive {
     }
 }
 
-/// What a camera gives of each colour.
+/// A quantity that a camera measures for each colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Sight {
-    /// How many robots and lamps have it.
+    /// The number of things of the colour.
     Count,
-    /// 1 where one has it, else 0.
+    /// 1 if anything of the colour is in sight, else 0.
     Seen,
-    /// The sum of 1 / (1 + range in cm) along their bearings: x, y.
+    /// The sum of 1 / (1 + range in cm) along the bearings of these things: x, y.
     Attraction,
-    /// The direction of that, of length 1: x, y.
+    /// The direction of the attraction as a unit vector: x, y.
     Direction,
-    /// The same as of range and bearing along 45, 135, 225 and 315 degrees.
+    /// The components of the attraction along 45, 135, 225 and 315 degrees, as in range and bearing.
     Sectors,
 }
 
@@ -198,7 +201,7 @@ impl Sight {
         }
     }
 
-    /// What the numbers are called after the name of the colour.
+    /// Returns the names of the values, without the name of the colour.
     pub(super) const fn names(self) -> &'static [&'static str] {
         match self {
             Self::Count => &["count"],
@@ -213,31 +216,31 @@ impl Sight {
 /// An omnidirectional camera.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Camera {
-    /// Metres from middle to middle.
+    /// Maximum distance, metres from middle to middle.
     pub range: f32,
-    /// Uniform noise of the direction of each thing seen, half turns.
+    /// Half-width of the uniform noise of each direction, half turns.
     pub noise: f32,
     pub colors: Vec<LedColor>,
     pub gives: Vec<Sight>,
 }
 
-/// A battery, full at 1.
+/// A battery; a charge of 1 is full.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Battery {
-    /// Seconds that a full one lasts while the robot stands, and while its drive is told the most.
+    /// Seconds that a full battery lasts while the robot stands, and while its drive is at the maximum.
     pub standing: f32,
     pub driving: f32,
-    /// At the start.
+    /// Charge at the start, 0..=1.
     pub charge: f32,
     pub charging: Option<Charging>,
 }
 
-/// Where batteries charge.
+/// A charging station.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Charging {
-    /// The name of a patch of the floor.
+    /// Name of a patch of the floor.
     pub name: String,
-    /// Its index, once the mission is known.
+    /// Index of the patch, set once the mission is known.
     pub patch: usize,
     /// Seconds from empty to full.
     pub duration: f32,

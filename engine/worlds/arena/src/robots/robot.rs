@@ -1,4 +1,4 @@
-//! Models of robots: body, drive, sensors, and what controllers get of them.
+//! Models of robots: body, drive, sensors, and the inputs of controllers.
 
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -8,58 +8,58 @@ use super::parts::{Battery, Camera, Drive, GroundSensors, LightSensors, Links, P
 use crate::place::{LedColor, Place};
 use crate::time::TICK;
 
-/// Of an e-puck, kilograms, as in ARGoS; of other robots that do not say theirs.
+/// Default mass, kg: that of an e-puck in ARGoS.
 pub(super) const MASS: f32 = 0.4;
-/// Largest change of velocity by the drive, m/s^2, in the same way.
+/// Default maximum acceleration of the drive, m/s^2, as for an e-puck in ARGoS.
 pub(super) const ACCELERATION: f32 = 3.75;
-/// Coefficients of friction with robots and objects, and with walls, in the same way.
+/// Default coefficients of friction with robots and objects, and with walls, as for an e-puck in ARGoS.
 pub(super) const FRICTION: [f32; 2] = [0.49, 0.07];
 
 /// A model of a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Robot {
-    /// Metres.
+    /// Radius, metres.
     pub radius: f32,
-    /// Metres; what lies lower does not hide it.
+    /// Height, metres; lower bodies do not hide the robot.
     pub height: f32,
     /// Mass in kilograms; with the acceleration, it determines how strongly the robot pushes objects.
     pub mass: f32,
     pub drive: Drive,
-    /// Largest speed of a wheel or of the robot, m/s: actuators of 1.
+    /// Maximum speed of a wheel or of the robot, m/s, for actuators of 1.
     pub top_speed: f32,
-    /// Standard deviation of the factor by which the speed of a wheel is off in a tick.
+    /// Standard deviation of the relative error of a wheel's speed in a tick.
     pub wheel_noise: f32,
-    /// Largest change of velocity by the drive, m/s^2.
+    /// Maximum acceleration of the drive, m/s^2.
     pub acceleration: f32,
-    /// Coefficient of friction between robots, and with walls.
+    /// Coefficients of friction with robots and with walls.
     pub friction: [f32; 2],
     pub proximity: Option<Proximity>,
     pub light: Option<LightSensors>,
     pub ground: Option<GroundSensors>,
     pub links: Option<Links>,
-    /// How far robots see others without loss or hiding, metres.
+    /// Distance up to which the robot detects others without loss or occlusion, metres.
     pub neighbour_range: Option<f32>,
     pub camera: Option<Camera>,
-    /// The colours that the LEDs can show, an actuator each.
+    /// Colours that the LEDs can show, with an actuator each.
     pub leds: Vec<LedColor>,
     pub battery: Option<Battery>,
-    /// Uniform noise of its reading.
+    /// Half-width of the uniform noise of the battery's reading.
     pub battery_noise: f32,
-    /// How far from its rim it grips objects, metres.
+    /// Reach of the gripper from the rim, metres.
     pub gripper: Option<f32>,
-    /// Numbers of a message, actuators of their own.
+    /// Number of values in a message, each with its own actuator.
     pub message: usize,
-    /// Numbers that it hears of messages, as many as the longest one of the swarm has.
+    /// Number of values received of messages: that of the longest message in the swarm.
     pub heard: usize,
-    /// Uniform noise of the encoders.
+    /// Half-width of the uniform noise of the encoders.
     pub encoder_noise: f32,
-    /// Uniform noise of the compass, half turns.
+    /// Half-width of the uniform noise of the compass, half turns.
     pub compass_noise: f32,
     pub outputs: Vec<Output>,
 }
 
 impl Robot {
-    /// A robot without sensors and noise, with the friction and the acceleration of an e-puck.
+    /// Returns a robot without sensors and noise, with the mass, friction and acceleration of an e-puck.
     pub(super) fn bare(radius: f32, height: f32, drive: Drive, top_speed: f32) -> Self {
         Self {
             radius,
@@ -88,10 +88,10 @@ impl Robot {
         }
     }
 
-    /// Resolves the parts of a mission that it names; `at` is the robot's path in error messages.
+    /// Resolves references to parts of the mission. `at` is the robot's path in error messages.
     ///
     /// # Errors
-    /// The mission lacks the patch on which batteries charge.
+    /// Returns an error if the mission lacks the patch on which batteries charge.
     pub(crate) fn settle(&mut self, layout: &Place, at: &str) -> Result<(), ParameterError> {
         let battery = self.battery.as_mut();
         let Some(charging) = battery.and_then(|battery| battery.charging.as_mut()) else {
@@ -114,8 +114,8 @@ impl Robot {
         Ok(())
     }
 
-    /// How far anything of another robot matters to the sensors, metres from middle to middle.
-    /// `largest`: the radius of the largest robot.
+    /// Returns the maximum distance, metres from middle to middle, at which another robot affects the sensors.
+    /// `largest` is the radius of the largest robot.
     pub(crate) fn range(&self, largest: f32) -> f32 {
         let proximity = self.proximity.as_ref();
         let proximity = proximity.map_or(0.0, |p| p.start + p.range + largest);
@@ -128,14 +128,14 @@ impl Robot {
             .max(self.light.as_ref().map_or(0.0, |light| light.shadow))
     }
 
-    /// Rims that are further apart than this at the beginning of a tick do not touch in it, metres.
+    /// Returns the distance between rims, metres, beyond which robots cannot touch within a tick.
     pub(crate) fn reach(&self) -> f32 {
         (self.fastest() * TICK).max(0.03)
     }
 
-    /// Upper limit of the speed at which two bodies approach each other, m/s.
+    /// Returns an upper bound for the speed at which two bodies approach each other, m/s.
     pub(crate) fn fastest(&self) -> f32 {
-        // The factor of the noise is at most 4.9 deviations off.
+        // The noise deviates by at most 4.9 standard deviations.
         (2.0 * self.top_speed * (1.0 + 4.9 * self.wheel_noise)).max(0.3)
     }
 }

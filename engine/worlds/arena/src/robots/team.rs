@@ -1,4 +1,5 @@
-//! The robots of a swarm, kind after kind, each with a number of robots. All have the same rows of numbers.
+//! The robots of a swarm, kind by kind, with the number of robots of each kind. All robots have the same inputs and
+//! outputs.
 
 use std::ops::Range;
 
@@ -14,52 +15,52 @@ use super::together::{self, Own, Row};
 use crate::mistakes::{Mistakes, part};
 use crate::place::Place;
 
-/// Most robots.
+/// Maximum number of robots.
 pub(crate) const MOST_ROBOTS: u32 = 100_000;
-/// Most kinds of robots.
+/// Maximum number of kinds of robots.
 const MOST_KINDS: usize = 16;
-/// Where bodies touch, the heavier one counts as at most so many times as heavy as the other: few passes of the solver are
-/// not enough for larger ratios, and the light one would be pressed through walls.
+/// Maximum ratio of masses in a contact. The heavier body counts as at most this many times as heavy as the other: for
+/// larger ratios the solver has too few passes, and the lighter body would be pressed through walls.
 pub(crate) const MOST_RATIO: f32 = 20.0;
-/// Masses whose ratio is larger take more passes.
+/// Ratio of masses above which the solver makes more passes.
 const UNEVEN: f32 = 4.0;
 
-/// What matters where a robot touches another.
+/// Constants of a contact between two robots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Pair {
-    /// Distance of middles at which they touch, metres.
+    /// Distance between middles at which the robots touch, metres.
     pub limit: f32,
-    /// The radius of the smaller one, metres.
+    /// Radius of the smaller robot, metres.
     pub smaller: f32,
-    /// Middles that are further apart at the beginning of a tick do not touch in it, metres.
+    /// Distance between middles beyond which the robots cannot touch within a tick, metres.
     pub reach: f32,
-    /// Impulse that ends an approach of 1 m/s, for robots with the mass of the first kind.
+    /// Impulse that stops an approach of 1 m/s, for robots with the mass of the first kind.
     pub share: f32,
-    /// The change of velocity of each by an impulse that changes that of a robot of the first kind by 1.
+    /// Change of each robot's velocity by an impulse that changes the velocity of a robot of the first kind by 1.
     pub lightness: [f32; 2],
     /// Coefficient of friction.
     pub friction: f32,
-    /// The radius of both, where it is the same.
+    /// Radius of both robots, if equal.
     pub same: Option<f32>,
 }
 
-/// All robots, at least one.
+/// All robots of a swarm, at least one.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Team {
     groups: Vec<Group>,
-    /// By robot: its group.
+    /// Group of each robot.
     of: Vec<u32>,
-    /// By group and group.
+    /// Contact constants, for each pair of groups.
     pairs: Vec<Pair>,
-    /// Whether a kind is much heavier than another one.
+    /// Whether some kind is much heavier than another.
     uneven: bool,
-    /// Ticks that the slowest messages take.
+    /// Maximum delay of messages, in ticks.
     delay: u32,
-    /// What the controller of all gets and gives.
+    /// Inputs and outputs of the shared controller.
     row: Row,
 }
 
-/// A kind of robots as it is written.
+/// A kind of robots as written in a list.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Text {
@@ -68,13 +69,13 @@ struct Text {
     count: u32,
 }
 
-/// A complaint about a model beside a list of kinds.
+/// Returns an error about a model given together with a list of kinds.
 fn both(path: &str) -> ParameterError {
     let reason = "robots lists kinds with a robot each; leave this out or make robots a number";
     wrong(path, reason)
 }
 
-/// A number of robots.
+/// Reads a number of robots.
 fn number(value: &Value, path: &str) -> Result<u32, ParameterError> {
     let whole = value.as_u64().or_else(|| {
         value
@@ -94,7 +95,7 @@ fn number(value: &Value, path: &str) -> Result<u32, ParameterError> {
 }
 
 impl Team {
-    /// Robots of the same model.
+    /// Creates a team of robots of the same model.
     pub(crate) fn uniform(robot: Robot, count: u32) -> Self {
         Self::new(vec![Group {
             name: String::new(),
@@ -156,10 +157,11 @@ impl Team {
         }
     }
 
-    /// The robots of a mission: `robots`, a number or a list of kinds, and `robot`, the model of all.
+    /// Creates the robots of a mission from `robots`, a number or a list of kinds, and `robot`, the model of all
+    /// robots.
     ///
     /// # Errors
-    /// All that is wrong with them.
+    /// Returns all mistakes in them.
     pub(crate) fn of_mission(
         robots: Option<&Value>,
         robot: Option<&Value>,
@@ -185,10 +187,10 @@ impl Team {
         }
     }
 
-    /// The robots where parameters say others.
+    /// Returns the robots as changed by parameters.
     ///
     /// # Errors
-    /// All that is wrong with the parameters; a number where the robots are of several kinds.
+    /// Returns all mistakes in the parameters; also if `robots` is a number but there are several kinds.
     pub(crate) fn but(
         &self,
         robots: Option<&Value>,
@@ -231,7 +233,7 @@ impl Team {
     /// Reads a list of kinds; `path` is its path in error messages.
     ///
     /// # Errors
-    /// All that is wrong with it.
+    /// Returns all mistakes in the list.
     pub(crate) fn read(items: &[Value], path: &str) -> Result<Self, Mistakes> {
         if !(1..=MOST_KINDS).contains(&items.len()) {
             let reason = format!("{} kinds found, expected 1 to {MOST_KINDS}", items.len());
@@ -250,7 +252,7 @@ impl Team {
             return Err(wrong(path, reason).into());
         }
         if groups.iter().all(|group| group.robot.message == 0) {
-            // No kind sends messages: the complaint names the sensor of the kind that is to hear some.
+            // If no kind sends messages, the error names the sensor that expects some.
             for (index, item) in items.iter().enumerate() {
                 Robot::read(&item["robot"], &format!("{path}[{index}].robot"), false)?;
             }
@@ -258,7 +260,7 @@ impl Team {
         Ok(Self::new(groups))
     }
 
-    /// Reads one of a list of kinds.
+    /// Reads one item of a list of kinds.
     fn read_one(
         (index, item): (usize, &Value),
         path: &str,
@@ -291,7 +293,7 @@ impl Team {
         }))
     }
 
-    /// Number of robots.
+    /// Returns the number of robots.
     #[inline(always)]
     pub(crate) fn len(&self) -> usize {
         self.of.len()
@@ -301,7 +303,8 @@ impl Team {
         &self.groups
     }
 
-    /// Names of the robot kinds, with the index range of each; without a list, all robots are of one unnamed kind.
+    /// Returns the names of the robot kinds, with the index range of each. Without a list, all robots are of one
+    /// unnamed kind.
     pub(crate) fn named(&self) -> impl Iterator<Item = (String, Range<usize>)> + '_ {
         let mut first = 0;
         self.groups.iter().map(move |group| {
@@ -311,7 +314,7 @@ impl Team {
         })
     }
 
-    /// How many robots of a kind there are, or in all.
+    /// Returns the number of robots of a kind, or of all robots.
     pub(crate) fn count(&self, name: Option<&str>) -> usize {
         let Some(name) = name else {
             return self.len();
@@ -340,7 +343,7 @@ impl Team {
         ))
     }
 
-    /// The group of a robot.
+    /// Returns the group of a robot.
     #[inline(always)]
     pub(crate) fn group(&self, index: usize) -> usize {
         if self.groups.len() == 1 {
@@ -350,13 +353,13 @@ impl Team {
         }
     }
 
-    /// What a robot is.
+    /// Returns the model of a robot.
     #[inline(always)]
     pub(crate) fn robot(&self, index: usize) -> &Robot {
         &self.groups[self.group(index)].robot
     }
 
-    /// What a robot of a group is.
+    /// Returns the model of a group.
     #[inline(always)]
     pub(crate) fn kind(&self, group: usize) -> &Robot {
         &self.groups[group].robot
@@ -367,12 +370,12 @@ impl Team {
         numbers.fold(0.0, f32::max)
     }
 
-    /// Ticks that the slowest messages take.
+    /// Returns the maximum delay of messages, in ticks.
     pub(crate) fn delay(&self) -> u32 {
         self.delay
     }
 
-    /// Offset of all robots' messages that were sent a number of ticks before a tick, in the ring buffer.
+    /// Returns the offset in the ring buffer of the messages that all robots sent `delay` ticks before `tick`.
     #[inline(always)]
     pub(crate) fn sent_at(&self, tick: u32, delay: u32) -> usize {
         let ticks = self.delay() + 1;
@@ -380,93 +383,93 @@ impl Team {
         slot as usize * self.len() * self.message()
     }
 
-    /// The largest radius, metres.
+    /// Returns the largest radius, metres.
     pub(crate) fn radius(&self) -> f32 {
         self.most(|robot| robot.radius)
     }
 
-    /// Middles that are further apart than this at the beginning of a tick do not touch in it, metres.
+    /// Returns the distance between middles, metres, beyond which no robots can touch within a tick.
     pub(crate) fn reach(&self) -> f32 {
         let reaches = self.pairs.iter().map(|pair| pair.reach);
         reaches.fold(0.0, f32::max)
     }
 
-    /// How far robots come towards each other in a tick at most, metres.
+    /// Returns the maximum distance by which two robots approach each other in a tick, metres.
     pub(crate) fn gap(&self) -> f32 {
         self.most(Robot::reach)
     }
 
-    /// What matters where a robot touches another.
+    /// Returns the constants of a contact between two robots.
     #[inline(always)]
     pub(crate) fn pair(&self, first: usize, second: usize) -> Pair {
         self.pairs[self.group(first) * self.groups.len() + self.group(second)]
     }
 
-    /// No two robots approach each other faster, m/s.
+    /// Returns the maximum speed at which two robots approach each other, m/s.
     pub(crate) fn fastest(&self) -> f32 {
         self.most(Robot::fastest)
     }
 
-    /// How far anything of another robot matters to the sensors of any, metres from middle to middle.
+    /// Returns the maximum distance, metres from middle to middle, at which a robot affects the sensors of another.
     pub(crate) fn range(&self) -> f32 {
         let largest = self.radius();
         self.most(|robot| robot.range(largest))
     }
 
-    /// Whether all weigh the same.
+    /// Returns whether all robots are of one kind, and so have the same mass.
     #[inline(always)]
     pub(crate) fn equal(&self) -> bool {
         self.groups.len() == 1
     }
 
-    /// Whether a kind is much heavier than another one.
+    /// Returns whether some kind is much heavier than another.
     #[inline(always)]
     pub(crate) fn uneven(&self) -> bool {
         self.uneven
     }
 
-    /// Numbers that controllers get.
+    /// Returns the number of the controllers' inputs.
     pub(crate) fn sensors(&self) -> usize {
         self.row.sensors.len()
     }
 
-    /// Numbers that controllers give.
+    /// Returns the number of the controllers' outputs.
     pub(crate) fn actuators(&self) -> usize {
         self.row.actuators.len()
     }
 
-    /// Those of them that are for the drive of a robot.
+    /// Returns which of the controllers' outputs are for the drive of a robot.
     #[inline(always)]
     pub(crate) fn drive(&self, index: usize) -> Range<usize> {
         let first = self.row.drives[self.group(index)];
         first..first + self.robot(index).drive.actuators().len()
     }
 
-    /// Index of the first number for a robot's LEDs among the controllers' outputs.
+    /// Returns the index of the first output for a robot's LEDs.
     pub(crate) fn leds(&self, index: usize) -> usize {
         self.row.leds[self.group(index)]
     }
 
-    /// Index of the number for grippers among the controllers' outputs; `None` if no kind has one.
+    /// Returns the index of the output for grippers; `None` if no kind has one.
     #[inline(always)]
     pub(crate) fn gripper(&self) -> Option<usize> {
         self.row.gripper
     }
 
-    /// Whether any kind is such.
+    /// Returns whether any kind satisfies a predicate.
     pub(crate) fn any(&self, is: impl Fn(&Robot) -> bool) -> bool {
         self.groups.iter().any(|group| is(&group.robot))
     }
 
-    /// Whether they come from a list of kinds.
+    /// Returns whether the robots come from a list of kinds.
     pub(crate) fn is_listed(&self) -> bool {
         self.groups.iter().any(|group| !group.name.is_empty())
     }
 
-    /// Resolves the parts of a mission that the robots name; `at` is their path in error messages.
+    /// Resolves references of robots to parts of the mission. `at` is their path in error messages.
     ///
     /// # Errors
-    /// The mission lacks something.
+    /// Returns an error if the mission lacks something.
     pub(crate) fn settle(&mut self, layout: &Place, at: &str) -> Result<(), ParameterError> {
         let listed = self.is_listed();
         for (index, group) in self.groups.iter_mut().enumerate() {
@@ -481,7 +484,7 @@ impl Team {
         Ok(())
     }
 
-    /// Finds how far from a robot another one may hide a lamp from it.
+    /// Computes how far away another robot can hide a lamp.
     fn cast_shadows(&mut self, layout: &Place) {
         let bodies = self.groups.iter();
         let bodies: Vec<_> = bodies
@@ -501,23 +504,23 @@ impl Team {
                 };
                 bodies.iter().map(shadow)
             });
-            // Robots may be pressed into walls a little.
+            // Margin for robots that are pressed slightly into walls.
             sensors.shadow = 1.01 * shadows.fold(0.0, f32::max);
         }
     }
 
-    /// Numbers of the longest message.
+    /// Returns the number of values in the longest message.
     #[inline(always)]
     pub(crate) fn message(&self) -> usize {
         self.row.message.len()
     }
 
-    /// Index of the first number of messages among the controllers' outputs.
+    /// Returns the index of the first output for messages.
     pub(crate) fn message_at(&self) -> usize {
         self.row.message.start
     }
 
-    /// Largest number of encoders.
+    /// Returns the largest number of encoders of a kind.
     pub(crate) fn encoders(&self) -> usize {
         let encoders = |group: &Group| {
             let has_encoders = group.robot.outputs.contains(&Output::Encoders);
@@ -530,17 +533,17 @@ impl Team {
         self.groups.iter().map(encoders).max().unwrap_or(0)
     }
 
-    /// What controllers get, number by number; where kinds differ, all their names.
+    /// Returns the names of the controllers' inputs; where kinds differ, with all their names.
     pub(crate) fn sensor_names(&self) -> Vec<String> {
         self.row.sensors.clone()
     }
 
-    /// What controllers give, in the same way.
+    /// Returns the names of the controllers' outputs; where kinds differ, with all their names.
     pub(crate) fn actuator_names(&self) -> Vec<String> {
         self.row.actuators.clone()
     }
 
-    /// What a kind calls its own of them.
+    /// Returns a kind's own names of its inputs and outputs.
     pub(crate) fn own_names(&self, kind: usize) -> &Own {
         &self.row.own[kind]
     }

@@ -1,4 +1,4 @@
-//! What one controller gets from robots of several kinds, and gives them.
+//! Inputs and outputs of one controller for robots of several kinds.
 
 use std::mem::discriminant;
 use std::ops::Range;
@@ -6,47 +6,49 @@ use std::ops::Range;
 use super::outputs::Output;
 use super::robot::{Group, Robot};
 
-/// The numbers of a controller for all kinds.
+/// The inputs and outputs of a controller for all kinds.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Row {
-    /// Names of what it gets; where kinds have several things in one place, all their names.
+    /// Names of the inputs; where kinds share a number with different meanings, all their names.
     pub sensors: Vec<String>,
-    /// Names of what it gives.
+    /// Names of the outputs.
     pub actuators: Vec<String>,
-    /// By kind: what it calls its own of them.
+    /// Names of the inputs and outputs that each kind uses.
     pub own: Vec<Own>,
-    /// By kind: where the numbers for its drive begin.
+    /// Index of the first output for the drive, for each kind.
     pub drives: Vec<usize>,
-    /// By kind: where the numbers for its LEDs begin.
+    /// Index of the first output for LEDs, for each kind.
     pub leds: Vec<usize>,
-    /// Index of the number for grippers, if a kind has one.
+    /// Index of the output for grippers, if a kind has one.
     pub gripper: Option<usize>,
-    /// The numbers of the longest message; those of shorter ones are its first ones.
+    /// Outputs for the longest message; shorter messages use the first ones.
     pub message: Range<usize>,
 }
 
-/// The name of the number for grippers.
+/// Name of the output for grippers.
 const GRIPPER: &str = "gripper";
 
-/// What a kind of robots calls the numbers that it has, None for those of other kinds.
+/// A kind's names of its inputs and outputs; `None` for those of other kinds.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Own {
     pub sensors: Vec<Option<String>>,
     pub actuators: Vec<Option<String>>,
 }
 
-/// Numbers that some kinds have.
+/// Numbers that some of the kinds have.
 struct Column<T> {
     of: T,
     names: Vec<String>,
     directions: Vec<f32>,
-    /// Which kinds.
+    /// The kinds that have these numbers.
     owners: Vec<usize>,
 }
 
-/// Puts the numbers of kinds beside each other. Kinds that have as many share them, number by number; else what is of the
-/// same kind, with the same names and directions, is shared, and the other kinds get what is there where there is nothing.
-/// Drives of the same kind share their numbers, other drives have their own. All hear as many numbers as the longest message has.
+/// Arranges the inputs and outputs of all kinds in one row.
+///
+/// If all kinds have equally many numbers, they share them, number by number. Otherwise they share sensors of the same
+/// kind with the same names and directions; kinds without a sensor receive its neutral value. Drives of the same kind
+/// share their numbers. All robots receive as many values of messages as the longest message has.
 pub(crate) fn arrange(groups: &mut [Group]) -> Row {
     let longest = longest(groups);
     for group in groups.iter_mut() {
@@ -136,12 +138,12 @@ pub(crate) fn arrange(groups: &mut [Group]) -> Row {
     }
 }
 
-/// All that a kind has.
+/// Marks all names as the kind's own.
 fn all(names: Vec<String>) -> Vec<Option<String>> {
     names.into_iter().map(Some).collect()
 }
 
-/// What a kind has in all columns.
+/// Returns a kind's own names in all columns.
 fn of_kind<T>(columns: &[Column<T>], kind: usize) -> Vec<Option<String>> {
     let names = columns.iter().flat_map(|column| {
         let has = column.owners.contains(&kind);
@@ -151,23 +153,23 @@ fn of_kind<T>(columns: &[Column<T>], kind: usize) -> Vec<Option<String>> {
     names.collect()
 }
 
-/// The names of the numbers of the longest message.
+/// Returns the names of the values in the longest message.
 fn longest(groups: &[Group]) -> Vec<String> {
     let messages = groups.iter().map(|group| group.robot.message_names());
     messages.max_by_key(Vec::len).unwrap_or_default()
 }
 
-/// What a kind has in a column.
+/// Returns the output of a kind in a column.
 fn output(column: &Column<Output>, kind: usize) -> Output {
     if column.owners.contains(&kind) {
         column.of
     } else {
-        // At most 128 readings.
+        // A sensor has at most 128 readings.
         Output::Absent(column.names.len() as u8, column.of.neutral())
     }
 }
 
-/// Index of the first number of each kind, for columns that begin at `first`.
+/// Returns the index of the first number of each kind, for columns that begin at `first`.
 fn places<T>(columns: &[Column<T>], first: usize, kinds: usize) -> Vec<usize> {
     let mut places = vec![first; kinds];
     let mut at = first;
@@ -180,7 +182,7 @@ fn places<T>(columns: &[Column<T>], first: usize, kinds: usize) -> Vec<usize> {
     places
 }
 
-/// The columns of all kinds, in the order in which they have them.
+/// Returns the columns of all kinds, in order of first use.
 fn columns<T: PartialEq>(
     groups: &[Group],
     of: impl Fn(&Robot) -> Vec<(T, Vec<String>, Vec<f32>)>,
@@ -205,7 +207,7 @@ fn columns<T: PartialEq>(
     columns
 }
 
-/// The names of numbers beside each other; those that are there twice begin with the names of the kinds that have them.
+/// Returns the names of all columns. Ambiguous names are prefixed with the kinds that have them.
 fn named<T>(columns: &[Column<T>], groups: &[Group]) -> Vec<String> {
     let mut names = Vec::new();
     for (index, column) in columns.iter().enumerate() {
@@ -224,14 +226,14 @@ fn named<T>(columns: &[Column<T>], groups: &[Group]) -> Vec<String> {
     names
 }
 
-/// A name that begins with those of the kinds that have it.
+/// Prefixes a name with the kinds that have it.
 fn with_kinds(name: &str, owners: &[usize], groups: &[Group]) -> String {
     let kinds = owners.iter().map(|owner| &groups[*owner].name[..]);
     let kinds = kinds.collect::<Vec<_>>().join(" and ");
     format!("{kinds} {name}")
 }
 
-/// The name of a number that some kinds have: it begins with theirs unless all have it.
+/// Prefixes a name with the kinds that have it, unless all kinds do.
 fn of_kinds(name: &str, owners: &[usize], groups: &[Group]) -> String {
     if owners.len() == groups.len() {
         name.to_owned()
@@ -240,7 +242,7 @@ fn of_kinds(name: &str, owners: &[usize], groups: &[Group]) -> String {
     }
 }
 
-/// The names of as many numbers of each kind, number by number; where kinds differ, all their names.
+/// Returns the names of numbers that kinds share one by one; where kinds differ, with all their names.
 fn beside(groups: &[Group], of: impl Fn(&Robot) -> Vec<String>) -> Vec<String> {
     let mut names: Vec<Vec<String>> = Vec::new();
     for group in groups {

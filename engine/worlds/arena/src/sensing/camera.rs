@@ -1,4 +1,4 @@
-//! The omnidirectional camera: robots, lamps, coloured walls and coloured objects in sight, by their colours.
+//! The omnidirectional camera, which sees robots, lamps, coloured walls and coloured objects by their colours.
 
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Lanes, Mask, Number, number};
@@ -10,14 +10,14 @@ use crate::math::random::{Keys, LINKS, halves, noise};
 use crate::place::{LedColor, Place};
 use crate::robots::{Camera, Robot, Sight, Team};
 
-/// What is seen of a colour: how many things, and the sum over them of 1 / (1 + range in cm) along their bearings.
+/// The things seen of one colour: their number, and the sum of 1 / (1 + range in cm) along their bearings.
 #[derive(Clone, Copy)]
 struct Seen<L> {
     count: Number<L>,
     sum: [Number<L>; 2],
 }
 
-/// The numbers of LEDs by the colours that robots may show: the one with the largest number above 0, else none.
+/// Returns the code of the colour that LEDs show: the one with the largest number above 0, else 0.
 #[inline(always)]
 pub(crate) fn shown<L: Lanes>(colors: &[LedColor], numbers: &[L]) -> Number<L> {
     let (mut most, mut shown) = (number::<L>(0.0), number::<L>(0.0));
@@ -30,36 +30,36 @@ pub(crate) fn shown<L: Lanes>(colors: &[LedColor], numbers: &[L]) -> Number<L> {
     shown
 }
 
-/// What a robot sees in a tick from where it is.
+/// The view of a robot in a tick.
 struct View<'a, L: Lanes> {
     camera: &'a Camera,
     team: &'a Team,
     place: &'a Place,
     bodies: &'a Bodies<L>,
-    /// The robot.
+    /// Index of the robot.
     index: usize,
     others: &'a Others<L>,
     keys: Keys<L>,
     tick: u32,
 }
 
-/// Something that may be in sight.
+/// A thing that may be in sight.
 struct Thing<L: Lanes> {
-    /// From the middle of the robot to it, metres, along the axes of the arena.
+    /// Vector from the middle of the robot to the thing, metres, along the axes of the arena.
     way: [Number<L>; 2],
-    /// The square of its length.
+    /// Square of the vector's length.
     square: Number<L>,
-    /// The code of its colour; 0 for none.
+    /// Code of the colour; 0 for none.
     color: Number<L>,
-    /// The radii of the robot and of the thing together, centimetres.
+    /// Sum of the radii of the robot and the thing, centimetres.
     rims: f32,
-    /// Addresses its noise.
+    /// Index that addresses the noise.
     number: usize,
-    /// Its index among the objects, if it is one: it does not hide itself.
+    /// Index among the objects, for an object, which does not hide itself.
     object: Option<usize>,
 }
 
-/// Writes what a robot sees in a tick: colour by colour what the camera gives. `shown`: the code of each robot's colour.
+/// Writes the values of a robot's camera in a tick, colour by colour. `shown` has the code of each robot's colour.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
 pub(crate) fn see<L: Lanes>(
@@ -99,7 +99,7 @@ pub(crate) fn see<L: Lanes>(
         };
         view.look_at(&target, &mut sights);
     }
-    // What does not move: lamps, then spots on walls.
+    // Fixed things: lamps, then spots on walls.
     let lamps = layout.lights.len();
     for still in 0..lamps + layout.spots.len() {
         let (at, color) = match layout.lights.get(still) {
@@ -178,7 +178,7 @@ pub(crate) fn see<L: Lanes>(
 }
 
 impl<L: Lanes> View<'_, L> {
-    /// Adds a thing to its colour in the lanes in which it is lit, near, and behind no robot, object and wall.
+    /// Adds a thing to its colour in the lanes in which it is lit, in range, and not hidden by a robot, object or wall.
     #[inline(always)]
     fn look_at(&self, target: &Thing<L>, sights: &mut [Seen<L>; LedColor::ALL.len()]) {
         let (camera, bodies, index) = (self.camera, self.bodies, self.index);
@@ -201,7 +201,7 @@ impl<L: Lanes> View<'_, L> {
         let distance = square.sqrt();
         let far = (distance * 100.0 - number(target.rims)).at_least(number(0.0)) + 1.0;
         let weight = number::<L>(1.0) / (far * distance.at_least(number(f32::MIN_POSITIVE)));
-        // In the frame of the robot, turned by the noise.
+        // The vector in the frame of the robot, rotated by the noise.
         let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
         let (mut x, mut y) = (
             (way[0] * cos + way[1] * sin) * weight,

@@ -1,15 +1,17 @@
-//! What EvoStick reads of a grey floor: draws from measured values of the e-puck's three ground sensors.
+//! EvoStick's ground readings on a grey floor: random draws from measured values of the e-puck's three ground sensors.
 
 use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
 
-/// Quantiles of a table, ends included.
+/// Number of quantiles in a table, with both ends.
 const KNOTS: usize = 65;
 
-/// Quantiles of the measured values of each sensor, left, middle, right, at multiples of 1/64; between them draws are
-/// interpolated. From the tables of the NEAT controllers for ARGoS, whose means are 0.407, 0.342, 0.423 and deviations
-/// 0.184, 0.119, 0.179; those of draws are 0.407, 0.344, 0.424 and 0.182, 0.125, 0.181, since the outer intervals are
-/// interpolated, too.
-// What was measured is not the logarithm of 2.
+/// Quantiles of the measured values of each sensor (left, middle, right) at multiples of 1/64; draws are interpolated
+/// between them.
+///
+/// From the tables of the NEAT controllers for ARGoS, whose means are 0.407, 0.342, 0.423 and standard deviations
+/// 0.184, 0.119, 0.179. The draws have means 0.407, 0.344, 0.424 and standard deviations 0.182, 0.125, 0.181, because
+/// the outer intervals are interpolated as well.
+// The values only look like ln(2) by chance.
 #[allow(clippy::approx_constant)]
 #[rustfmt::skip]
 const QUANTILES: [[f32; KNOTS]; 3] = [
@@ -36,7 +38,8 @@ const QUANTILES: [[f32; KNOTS]; 3] = [
     ],
 ];
 
-/// Each quantile in the lower half of a word and the next one in the upper half, in units of 1e-4, for vectors to look up.
+/// Each quantile in the lower half of a word and the next one in the upper half, in units of 1e-4, for lookup by
+/// vectors.
 static PAIRS: [[i32; KNOTS - 1]; 3] = {
     let mut pairs = [[0; KNOTS - 1]; 3];
     let mut sensor = 0;
@@ -53,7 +56,7 @@ static PAIRS: [[i32; KNOTS - 1]; 3] = {
     pairs
 };
 
-/// The inputs for a filtered colour: 0 on black, 1 on white, draws on grey.
+/// Returns the inputs for a filtered colour: 0 on black, 1 on white, random draws on grey.
 #[inline(always)]
 pub(crate) fn drawn<L: Lanes>(color: Number<L>, units: [Number<L>; 3]) -> [Number<L>; 3] {
     let grey = number(0.25).lt(color).and(color.lt(number(0.75)));

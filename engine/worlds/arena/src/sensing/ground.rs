@@ -1,4 +1,4 @@
-//! The colour of the floor, as the reference model filters it.
+//! The colour of the floor, filtered as in the reference model.
 
 use swarmwright_lanes::{Lanes, Number, number};
 
@@ -7,22 +7,22 @@ use crate::math::random::noise;
 use crate::place::Place;
 use crate::robots::GroundSensors;
 
-/// Ticks whose readings count.
+/// Number of ticks whose readings are considered.
 const WINDOW: usize = 5;
-/// The share of the readings that a colour needs more of.
+/// Share of the readings that a colour must exceed.
 const ENOUGH: f32 = 2.0 / 3.0;
-/// A reading below is black.
+/// Readings below this are black.
 const BLACK: f32 = 0.03;
-/// A reading above is white.
+/// Readings above this are white.
 const WHITE: f32 = 0.85;
 
-/// Readings of the last ticks.
+/// Ground readings of the last ticks.
 pub(crate) struct GroundWindow<L> {
-    /// By robot and tick of the window: readings that were black, and white.
+    /// Numbers of black and white readings, by robot and tick of the window.
     counts: Vec<[[Number<L>; 2]; WINDOW]>,
-    /// By robot: 0 black, 0.5 grey, 1 white.
+    /// Filtered colour for each robot: 0 black, 0.5 grey, 1 white.
     pub seen: Vec<Number<L>>,
-    /// Of the robot that looked last.
+    /// Readings of the robot that was processed last.
     pub readings: Vec<Number<L>>,
 }
 
@@ -40,7 +40,7 @@ impl<L: Lanes> GroundWindow<L> {
         self.counts.fill([[number(0.0); 2]; WINDOW]);
     }
 
-    /// A robot looks at the floor.
+    /// Reads the ground sensors of a robot.
     #[inline(always)]
     pub(crate) fn read(
         &mut self,

@@ -1,4 +1,4 @@
-//! Light: the sum over the lamps that no body hides.
+//! Light sensors: the sum over all lamps that nothing hides.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -8,7 +8,7 @@ use crate::math::functions::{absolute, bearing, exp};
 use crate::place::{Light, Place};
 use crate::robots::{LightSensors, Team};
 
-/// Writes the readings of a robot, without noise.
+/// Writes the light readings of a robot, without noise.
 #[inline(always)]
 pub(crate) fn read<L: Lanes>(
     sensors: &LightSensors,
@@ -47,7 +47,7 @@ pub(crate) fn read<L: Lanes>(
             continue;
         }
         let strength = exp((far * -2.0).at_least(number(-80.0))).only_where(visible);
-        // In the frame of the robot.
+        // Direction of the lamp in the frame of the robot.
         let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
         let angle = bearing(dx * cos + dy * sin, dy * cos - dx * sin);
         for index in 0..sensors.angles.len() {
@@ -60,8 +60,8 @@ pub(crate) fn read<L: Lanes>(
     }
 }
 
-/// Whether another robot stands in the line from the foot of the robot to a lamp. `way` points to the lamp, of length
-/// `distance` in the plane.
+/// Returns whether another robot intersects the line from the foot of the robot to a lamp. `way` points to the lamp and
+/// has length `distance` in the plane.
 #[inline(always)]
 fn behind_robot<L: Lanes>(
     (team, range): (&Team, f32),
@@ -75,7 +75,7 @@ fn behind_robot<L: Lanes>(
     let (ux, uy) = (way[0] * inverse, way[1] * inverse);
     for kind in 0..others.kinds() {
         let robot = team.kind(kind);
-        // Up to here the line is not above the robots.
+        // Up to this distance the line is below the top of the robots.
         let below = distance * (robot.height / light.at[2]).min(1.0);
         let radius = number::<L>(robot.radius * robot.radius);
         let reach = (below + robot.radius).at_most(number(range));
@@ -92,7 +92,8 @@ fn behind_robot<L: Lanes>(
             if !meets.any() {
                 continue;
             }
-            // Where the line enters the body: not before its start, since a body around the start does not hide.
+            // The point where the line enters the body. It must not lie before the start of the line, because a body
+            // around the start does not hide the lamp.
             let entry = along - depth.at_least(number(0.0)).sqrt();
             hidden = hidden.or(meets.and(number(0.0).le(entry)).and(entry.le(below)));
         }
@@ -100,7 +101,7 @@ fn behind_robot<L: Lanes>(
     hidden
 }
 
-/// Whether a wall stands in that line.
+/// Returns whether a wall intersects the line to a lamp.
 #[inline(always)]
 fn behind_wall<L: Lanes>(layout: &Place, light: &Light, x: Number<L>, y: Number<L>) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
@@ -113,7 +114,7 @@ fn behind_wall<L: Lanes>(layout: &Place, light: &Light, x: Number<L>, y: Number<
         }
         let (dx, dy) = (x - face.middle[0], y - face.middle[1]);
         let front = dy * ax - dx * ay;
-        // The part of the way at which the line enters the wall, and how high it is there.
+        // Fraction of the way at which the line enters the wall; the height there must be below the top of the wall.
         let part = front / (front - number(behind));
         let low = number(0.0)
             .lt(front)

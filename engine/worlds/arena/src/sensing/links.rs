@@ -1,4 +1,4 @@
-//! Range and bearing: messages of the robots around, where nothing stands between and nothing is lost.
+//! Range and bearing: messages of nearby robots that are neither blocked nor lost.
 
 use swarmwright_controllers::functions::lanes::tanh;
 use swarmwright_lanes::{Lanes, Mask, Number, number};
@@ -12,30 +12,32 @@ use crate::math::random::Keys;
 use crate::place::Place;
 use crate::robots::{Links, Team};
 
-/// Ticks whose messages count for the attraction.
+/// Number of ticks whose messages count for the attraction.
 const WINDOW: usize = 11;
 /// Number of messages that are processed at a time.
 const AT_A_TIME: usize = 4;
 
 /// Messages of the last ticks.
 pub(crate) struct LinkWindow<L: Lanes> {
-    /// By robot and tick of the window: the sum over its messages, in the frame that the robot then had.
+    /// Sum over the messages, by robot and tick of the window, in the robot's frame at that tick.
     sums: Vec<[[Number<L>; 2]; WINDOW]>,
-    /// By robot: messages of this tick.
+    /// Number of messages in this tick, by robot.
     pub heard: Vec<Number<L>>,
-    /// By robot: the sum over the window.
+    /// Sum over the window, by robot.
     pub attraction: Vec<[Number<L>; 2]>,
     sent: Sent<L>,
-    /// In which lanes no other robot hears a robot; empty where all are heard.
+    /// Lanes in which each robot is mute; empty if no robot is.
     pub mute: Vec<L::Mask>,
-    /// Probability with which failures lose messages, in addition to that of the robots; `None` without such failures.
+    /// Probability with which failures lose messages, in addition to the robots' own loss; `None` without such
+    /// failures.
     pub failing: Option<f32>,
 }
 
-/// Messages that were not lost: the way to their sender, and the distance of middles at which its rim touches, centimetres.
+/// Messages that were not lost: vector to the sender, and the distance between middles at which the rims touch,
+/// centimetres.
 type Sent<L> = Slots<L, 3, AT_A_TIME>;
 
-/// Number and sum of the messages that arrive.
+/// Number and sum of the messages that were received.
 #[derive(Clone, Copy)]
 struct Arrived<L> {
     count: Number<L>,
@@ -59,7 +61,7 @@ impl<L: Lanes> LinkWindow<L> {
         self.sums.fill([[number(0.0); 2]; WINDOW]);
     }
 
-    /// The probability with which a robot does not receive a message: by its own loss, or by a failure.
+    /// Returns the probability that a robot does not receive a message, because of its own loss or a failure.
     #[inline(always)]
     pub(crate) fn loss(&self, links: &Links) -> f32 {
         match self.failing {
@@ -68,7 +70,7 @@ impl<L: Lanes> LinkWindow<L> {
         }
     }
 
-    /// A robot hears the others.
+    /// Receives the messages for a robot.
     #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
     #[inline(always)]
     pub(crate) fn hear(
@@ -153,7 +155,7 @@ impl<L: Lanes> LinkWindow<L> {
     }
 }
 
-/// Adds the messages that nothing hides.
+/// Adds the messages that nothing blocks.
 #[inline(always)]
 fn receive<L: Lanes>(
     links: &Links,
@@ -167,7 +169,7 @@ fn receive<L: Lanes>(
     for place_of in 0..slots.used() {
         let ([x, y, rims], nothing) = slots.get(place_of);
         let way = [x, y];
-        // As of all others, so that the sender itself does not stand between.
+        // Computed as for all other robots, so that the sender does not block its own message.
         let square = way[0] * way[0] + way[1] * way[1];
         let mut hidden = nothing;
         if links.line_of_sight() {
@@ -177,7 +179,8 @@ fn receive<L: Lanes>(
                 .or(bodies.objects.hide(at, way));
         }
         let distance = square.sqrt();
-        // From rim to rim, and 1: a sum of two that overlap would be huge, or point away.
+        // The distance between rims plus 1 cm is at least 1; otherwise overlapping robots would get huge or negative
+        // weights.
         let far = (distance * 100.0 + (number::<L>(1.0) - rims)).at_least(number(1.0));
         let weight = number::<L>(1.0) / (far * distance);
         let weight = number::<L>(0.0).select(weight, hidden);
@@ -187,7 +190,7 @@ fn receive<L: Lanes>(
     }
 }
 
-/// Whether a third robot stands between.
+/// Returns whether a third robot stands between the two robots.
 #[inline(always)]
 pub(crate) fn behind_robot<L: Lanes>(
     team: &Team,
@@ -209,7 +212,7 @@ pub(crate) fn behind_robot<L: Lanes>(
     hidden
 }
 
-/// Whether a wall is between two points.
+/// Returns whether a wall lies between two points.
 #[inline(always)]
 pub(crate) fn behind_wall<L: Lanes>(
     layout: &Place,
@@ -236,7 +239,8 @@ pub(crate) fn behind_wall<L: Lanes>(
     hidden
 }
 
-/// A vector squashed to the length tanh(length / 2), along the four diagonals; 0 where that is negative.
+/// Returns the components of a vector along the four diagonals, after its length is squashed to tanh(length / 2);
+/// negative components are 0.
 #[inline(always)]
 pub(crate) fn parts<L: Lanes>([x, y]: [Number<L>; 2]) -> [Number<L>; 4] {
     let length = (x * x + y * y).sqrt();

@@ -7,10 +7,10 @@ use swarmwright_simulation::parameters::wrong;
 
 use crate::mistakes::part;
 
-/// Largest coordinate, metres.
+/// Maximum absolute coordinate, metres.
 pub(super) const FARTHEST: f32 = 1000.0;
 
-/// Checks that numbers are coordinates, not too far away.
+/// Checks that numbers are coordinates within `FARTHEST`.
 pub(super) fn coordinates(path: &str, numbers: &[f32]) -> Result<(), ParameterError> {
     let far = |number: &&f32| number.is_nan() || number.abs() > FARTHEST;
     match numbers.iter().find(far) {
@@ -33,7 +33,7 @@ pub(super) fn length(path: &str, number: f32) -> Result<(), ParameterError> {
     ))
 }
 
-/// Reads a section that every mission has.
+/// Reads a section that every mission must have.
 pub(super) fn required<T: DeserializeOwned>(
     section: Option<&Value>,
     name: &str,

@@ -1,4 +1,4 @@
-//! From what a mission says to what it means, with complaints that name the place.
+//! Checks the sections of a mission; mistakes name their place.
 
 mod limits;
 mod objects;
@@ -22,13 +22,13 @@ use crate::robots::Team;
 use crate::time::LONGEST;
 use limits::required;
 
-/// Seconds, where a mission does not say others.
+/// Default duration of a mission, seconds.
 const DURATION: f64 = 120.0;
 
-/// Reads what is written; `mistakes` has those of its keys.
+/// Checks a mission. `mistakes` contains the mistakes in its keys.
 ///
 /// # Errors
-/// All that is wrong with it, but for what only follows from other mistakes.
+/// Returns all mistakes, except those that only follow from others.
 pub(super) fn check(text: &Text, mut mistakes: Mistakes) -> Result<Mission, Mistakes> {
     let title = mistakes.take(title(text)).flatten();
     let duration = mistakes.take(duration(text.duration.as_ref()));
@@ -87,7 +87,7 @@ fn start(value: Option<&Value>, layout: &Place) -> Result<Start, ParameterError>
     start::start("mission.start", &text, layout)
 }
 
-/// What is measured, and what counts.
+/// Metrics and fitness of a mission.
 struct Scored {
     metrics: Vec<(String, Metric)>,
     counted: usize,
@@ -95,7 +95,7 @@ struct Scored {
     factors: Vec<f64>,
 }
 
-/// Reads metrics and fitness. `layout`: where metrics are measured, none where mistakes leave it unknown.
+/// Reads metrics and fitness. `layout` is `None` if mistakes leave the place unknown.
 fn scored(text: &Text, layout: Option<&Place>, mistakes: &mut Mistakes) -> Option<Scored> {
     let before = mistakes.len();
     let texts = text.metrics.as_ref();
@@ -155,7 +155,7 @@ fn metric(name: &str, value: &Value, layout: Option<&Place>) -> Result<Metric, P
     Ok(metric)
 }
 
-/// An error about an unknown metric.
+/// Returns an error about an unknown metric.
 fn unknown<'a>(name: &str, metrics: impl Iterator<Item = &'a (String, Metric)>) -> ParameterError {
     let names: Vec<_> = metrics.map(|(name, _)| name.as_str()).collect();
     let hint = match metrics::check_name(name) {

@@ -1,4 +1,4 @@
-//! Objects that robots can push, as a mission says them.
+//! Objects that robots can push, as described in a mission.
 
 use serde_json::Value;
 use swarmwright_simulation::ParameterError;
@@ -11,7 +11,7 @@ use crate::mistakes::{Mistakes, items};
 use crate::place::{Form, Kind, MOST_OBJECTS, Place, Places, Pose};
 use crate::start::objects::{free, overlap};
 
-/// Adds them to a place that has its walls, if these are known, and obstacles.
+/// Adds the objects to a place that already has its obstacles and, if valid, its walls.
 pub(super) fn add(texts: Option<&Value>, layout: &mut Place, mistakes: &mut Mistakes) {
     let mut fixed: Vec<(String, Form, Pose)> = Vec::new();
     for (at, text) in items(texts, "mission.objects", mistakes) {
@@ -73,7 +73,7 @@ fn add_one(
     Ok(())
 }
 
-/// Least extent, metres: what is smaller could pass through others.
+/// Minimum extent, metres; smaller objects could pass through others.
 const LEAST: f32 = 0.01;
 
 fn form(at: &str, text: &ObjectText) -> Result<Form, ParameterError> {

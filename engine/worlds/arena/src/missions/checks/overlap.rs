@@ -1,12 +1,12 @@
-//! Whether something lies within the walls.
+//! Checks that shapes lie within the walls.
 
 use crate::math::polygon;
 use crate::place::{Place, Shape};
 
-/// Points of the grid along each axis.
+/// Number of grid points along each axis.
 const SAMPLES: u32 = 41;
 
-/// Whether a shape has points inside of a polygon.
+/// Returns whether a shape has points inside a polygon.
 pub(super) fn overlaps(outline: &[[f32; 2]], shape: &Shape) -> bool {
     let [low, high] = polygon::extent(outline);
     let is_in = |point: [f64; 2]| polygon::contains(outline, point);
@@ -21,7 +21,7 @@ pub(super) fn overlaps(outline: &[[f32; 2]], shape: &Shape) -> bool {
             low: from,
             high: to,
         } => {
-            // An unbounded side ends beyond the walls.
+            // An unbounded side is clipped beyond the walls.
             let from = [0, 1].map(|axis| from[axis].max(low[axis] - 1.0));
             let to = [0, 1].map(|axis| to[axis].min(high[axis] + 1.0));
             let corners = [from, [to[0], from[1]], to, [from[0], to[1]]];
@@ -32,7 +32,7 @@ pub(super) fn overlaps(outline: &[[f32; 2]], shape: &Shape) -> bool {
     thin || is_sampled(outline, shape, [low, high], extent)
 }
 
-/// Whether a convex polygon, however thin it is, crosses a side of the outline or has its middle inside.
+/// Returns whether a convex polygon, however thin, crosses a side of the outline or has its middle inside.
 fn crosses(outline: &[[f32; 2]], corners: &[[f32; 2]]) -> bool {
     let middle = [0, 1].map(|axis| {
         let sum: f64 = corners.iter().map(|corner| f64::from(corner[axis])).sum();
@@ -41,7 +41,8 @@ fn crosses(outline: &[[f32; 2]], corners: &[[f32; 2]]) -> bool {
     polygon::contains(outline, middle) || polygon::cross(outline, corners)
 }
 
-/// The same at the points of a grid over what both extend to: where the one has its corners and sides on those of the other.
+/// Returns whether both contain a point of a grid over their common extent. This detects overlap if corners and sides
+/// coincide.
 fn is_sampled(
     outline: &[[f32; 2]],
     shape: &Shape,
@@ -66,7 +67,7 @@ fn is_sampled(
     })
 }
 
-/// Whether a part of a shape lies within the walls, as far as these are known.
+/// Returns whether a part of a shape lies within the walls; true if the walls are unknown.
 pub(super) fn is_within(layout: &Place, shape: &Shape) -> bool {
     layout.outline.is_empty() || overlaps(&layout.outline, shape)
 }

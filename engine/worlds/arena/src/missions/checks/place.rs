@@ -14,10 +14,10 @@ use crate::missions::text::{
 use crate::mistakes::{Mistakes, items, part};
 use crate::place::{Face, Light, Patch, Place, Shape, Spot};
 
-/// Coloured spots of a mission, at most: cameras look at each.
+/// Maximum number of coloured spots in a mission, because cameras check each of them.
 const MOST_SPOTS: usize = 1000;
 
-/// Reads the place. Where its walls are wrong it has none, and nothing is checked that needs them.
+/// Reads the place. If its walls are invalid, it has none, and checks that need walls are skipped.
 pub(super) fn place(text: &Text, mistakes: &mut Mistakes) -> Place {
     let mut layout = Place::default();
     let walls = required(text.walls.as_ref(), "walls", "{rectangle: [4, 3]}");
@@ -153,7 +153,7 @@ fn add_light(at: &str, lamp: &Lamp, layout: &mut Place) -> Result<(), ParameterE
     Ok(())
 }
 
-/// What cameras see of a stretch of a wall.
+/// Returns the coloured spots of a stretch of a wall.
 fn colored(at: &str, stretch: &SideColor, sides: &[Face]) -> Result<Vec<Spot>, ParameterError> {
     let Some(side) = sides.get(stretch.side) else {
         return Err(wrong(
@@ -167,7 +167,7 @@ fn colored(at: &str, stretch: &SideColor, sides: &[Face]) -> Result<Vec<Spot>, P
     };
     let whole = 2.0 * side.half;
     let (from, to) = (stretch.from, stretch.to.unwrap_or(whole));
-    // A length that is written is not always that of the side to the last bit.
+    // A written length may differ from that of the side by rounding.
     if !(0.0 <= from && from < to && to <= whole * 1.0001) {
         return Err(wrong(
             at,
@@ -216,7 +216,7 @@ fn shape(at: &str, patch: &PatchText) -> Result<Shape, ParameterError> {
     }
 }
 
-/// The corners of the walls around, counter-clockwise.
+/// Returns the corners of the outer walls, counter-clockwise.
 fn outline(walls: &Walls) -> Result<Vec<[f32; 2]>, ParameterError> {
     match (walls.sides, walls.apothem, walls.rectangle, &walls.corners) {
         (Some(sides), Some(apothem), None, None) => {
@@ -252,7 +252,8 @@ fn outline(walls: &Walls) -> Result<Vec<[f32; 2]>, ParameterError> {
     }
 }
 
-/// The sides of a polygon with counter-clockwise corners: seen from inside, with whether it is convex, or from outside.
+/// Returns the faces of a polygon with counter-clockwise corners. `inside` is whether the polygon is convex, for faces
+/// seen from inside; `None` for faces seen from outside.
 fn sides(corners: &[[f32; 2]], height: f32, inside: Option<bool>) -> Vec<Face> {
     let next = corners.iter().cycle().skip(1);
     let side = |(from, to): (&[f32; 2], &[f32; 2])| match inside {
@@ -262,7 +263,7 @@ fn sides(corners: &[[f32; 2]], height: f32, inside: Option<bool>) -> Vec<Face> {
     corners.iter().zip(next).map(side).collect()
 }
 
-/// The corners of a box, counter-clockwise.
+/// Returns the corners of a box, counter-clockwise.
 fn corners(obstacle: &Obstacle) -> [[f32; 2]; 4] {
     let (sin, cos) = f64::from(obstacle.angle).to_radians().sin_cos();
     let [w, h] = obstacle.size.map(|size| f64::from(size) / 2.0);

@@ -1,4 +1,4 @@
-//! Where robots or objects start, as a mission says it.
+//! Start regions of robots or objects, as described in a mission.
 
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -8,7 +8,7 @@ use super::overlap::is_within;
 use crate::missions::text::{Circle, Rectangle, StartText};
 use crate::place::{Place, Shape, Start};
 
-/// Reads where robots or objects start.
+/// Reads a start region.
 pub(super) fn start(at: &str, text: &StartText, layout: &Place) -> Result<Start, ParameterError> {
     let disc = text.disc.as_ref();
     if let Some(disc) = disc {
@@ -48,7 +48,7 @@ pub(super) fn check_circle(at: &str, circle: &Circle) -> Result<(), ParameterErr
     length(&format!("{at}.radius"), circle.radius)
 }
 
-/// Lower left and upper right corner.
+/// Returns the lower left and upper right corners.
 pub(super) fn ends(
     at: &str,
     rectangle: &Rectangle,

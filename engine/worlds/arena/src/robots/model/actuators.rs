@@ -1,4 +1,4 @@
-//! Actuators beside the drive, as they are written.
+//! Actuators other than the drive, as written in a model.
 
 use serde::Deserialize;
 use swarmwright_simulation::ParameterError;
@@ -8,19 +8,19 @@ use super::limits::{each_once, within};
 use crate::place::LedColor;
 use crate::robots::robot::Robot;
 
-/// Most numbers of a message.
+/// Maximum number of values in a message.
 const MOST_NUMBERS: usize = 16;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Actuator {
-    /// Numbers that others hear.
+    /// Values that other robots receive.
     Message { numbers: usize },
-    /// A number for each colour that the robot can show.
+    /// One number for each colour that the robot can show.
     Led { colors: Vec<LedColor> },
-    /// Holds an object while its number is above 0.
+    /// A gripper, which holds an object while its number is above 0.
     Gripper {
-        /// From the rim of the robot to that of the object, metres.
+        /// Maximum gap between the rims of the robot and the object, metres.
         #[serde(default = "reach")]
         reach: f32,
     },
@@ -30,7 +30,7 @@ fn reach() -> f32 {
     0.01
 }
 
-/// Of a gripper, metres: what is held is in contact.
+/// Limits of a gripper's reach, metres, so that a held object is in contact.
 const REACHES: [f32; 2] = [0.001, 0.02];
 
 /// Adds an actuator to a robot; `at` is its path in error messages.

@@ -1,4 +1,4 @@
-//! Batteries as they are written.
+//! Batteries, as written in a model.
 
 use serde::Deserialize;
 use swarmwright_simulation::ParameterError;
@@ -7,7 +7,7 @@ use swarmwright_simulation::parameters::wrong;
 use super::limits::{SHARE, within};
 use crate::robots::parts::{Battery, Charging};
 
-/// Shortest and longest time for which a battery lasts, or charges, seconds.
+/// Limits of the times for discharging and charging, seconds.
 const TIMES: [f32; 2] = [1.0, 1e6];
 
 #[derive(Debug, Deserialize)]
@@ -15,9 +15,9 @@ const TIMES: [f32; 2] = [1.0, 1e6];
 pub(super) struct BatteryText {
     /// Seconds that a full battery lasts while the robot stands.
     standing: f32,
-    /// The same while it drives as fast as it can.
+    /// Seconds that a full battery lasts while the robot drives at its maximum.
     driving: f32,
-    /// At the start, 0..=1.
+    /// Charge at the start, 0..=1.
     #[serde(default = "full")]
     charge: f32,
     charging: Option<ChargingText>,
@@ -26,7 +26,7 @@ pub(super) struct BatteryText {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ChargingText {
-    /// The name of a patch of the mission's floor.
+    /// Name of a patch of the mission's floor.
     patch: String,
     /// Seconds from empty to full.
     duration: f32,

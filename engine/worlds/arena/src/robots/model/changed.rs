@@ -1,4 +1,4 @@
-//! Built-in robots of which something is different: the numbers that controllers get and give stay the same.
+//! Built-in robots with changes. The inputs and outputs of controllers stay the same.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -14,7 +14,7 @@ use crate::robots::outputs::Output;
 use crate::robots::parts::Drive;
 use crate::robots::robot::Robot;
 
-/// The differences; omitted fields are those of the built-in robot.
+/// Changes of a built-in robot; omitted fields keep its values.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Changes {
@@ -88,7 +88,7 @@ struct NoiseChange {
     noise: Option<f32>,
 }
 
-/// Reads a robot that names a built-in one. Complaints name places within it.
+/// Reads a robot that names a built-in one. Errors name places within it.
 pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
     let preset = &value["preset"];
     let mut robot = preset.as_str().and_then(Robot::preset).ok_or_else(|| {
@@ -111,7 +111,7 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
     Ok(robot)
 }
 
-/// Checks that drive and sensors are mappings: lists would be read as their fields in order.
+/// Checks that drive and sensors are mappings, because lists would be read as their fields in order.
 fn check_nesting(value: &Value) -> Result<(), ParameterError> {
     let sensors = value["sensors"].as_object().into_iter().flatten();
     let sensors = sensors.map(|(name, value)| (format!("sensors.{name}"), value));
@@ -144,14 +144,14 @@ fn check_nesting(value: &Value) -> Result<(), ParameterError> {
     Ok(())
 }
 
-/// Applies a given value.
+/// Sets the target, if there is a value.
 fn put<T: Copy>(target: &mut T, value: Option<T>) {
     if let Some(value) = value {
         *target = value;
     }
 }
 
-/// The same after a check.
+/// Sets the target, if there is a value, after checking its limits.
 fn put_within(
     target: &mut f32,
     value: Option<f32>,
@@ -167,7 +167,7 @@ fn put_within(
 
 fn change_body(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterError> {
     if let Some(radius) = changes.radius {
-        // Rays begin as far from the rim as before.
+        // Rays keep their distance from the rim.
         let more = radius - robot.radius;
         if let Some(proximity) = &mut robot.proximity {
             proximity.start += more;
@@ -246,7 +246,7 @@ fn change_sensors(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterE
     if let (Some(part), Some(change)) = (&mut robot.proximity, &sensors.proximity) {
         if let Some(range) = change.range {
             within("sensors.proximity.range", range, RAYS)?;
-            // The same readings at the same shares of the range.
+            // Readings stay the same at equal fractions of the range.
             let share = part.range / range;
             part.response[1] *= share;
             part.response[2] *= share * share;
@@ -294,7 +294,7 @@ fn change_sensors(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterE
     Ok(())
 }
 
-/// The kinds of sensors of a robot that can be changed.
+/// Returns the kinds of the robot's sensors that can be changed.
 fn kinds(robot: &Robot) -> Vec<&'static str> {
     let has = |output| robot.outputs.contains(&output);
     let kinds = [

@@ -1,4 +1,4 @@
-//! Robots as they are written: a body, a drive, and sensors and actuators by name.
+//! Robots composed of a body, a drive, sensors and actuators, as written in a model.
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -14,19 +14,19 @@ use super::sensors::{self, Sensor};
 use crate::mistakes::{Mistakes, mismatch_at, part};
 use crate::robots::robot::{FRICTION, MASS, Robot};
 
-/// A robot.
+/// A robot as written.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Model {
-    /// Metres.
+    /// Radius, metres.
     radius: f32,
-    /// Metres; what lies lower does not hide it. Default: twice the radius.
+    /// Height, metres; lower bodies do not hide the robot. Default: twice the radius.
     height: Option<f32>,
-    /// Kilograms.
+    /// Mass, kg.
     #[serde(default = "mass")]
     mass: f32,
     drive: Value,
-    /// Coefficient of friction with other robots and with walls.
+    /// Coefficients of friction with other robots and with walls.
     #[serde(default = "friction")]
     friction: [f32; 2],
     battery: Option<Value>,
@@ -44,15 +44,16 @@ fn friction() -> [f32; 2] {
     FRICTION
 }
 
-/// One of several kinds, with complaints that name its place.
+/// Reads a value that names its kind; errors begin with the path `at`.
 fn parsed_kind<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
     swarmwright_values::read_kind(value).map_err(|mismatch| mismatch_at(at, mismatch))
 }
 
-/// Reads a robot. Complaints name places within it; `others_send`: whether it may hear messages without sending one.
+/// Reads a robot. Errors name places within it. `others_send` is whether the robot may receive messages without sending
+/// them.
 ///
 /// # Errors
-/// All that is wrong with it.
+/// Returns all mistakes in the robot.
 pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, Mistakes> {
     let model: Model = swarmwright_values::read(value).map_err(|mut mismatch| {
         if mismatch.reason == "missing field `radius`" {
@@ -79,7 +80,7 @@ pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, Mistakes> 
     for (index, sensor) in model.sensors.iter().enumerate() {
         let at = format!("sensors[{index}]");
         let read = parsed_kind::<Sensor>(sensor, &at);
-        // Whether messages can be heard is known only where all actuators are.
+        // If an actuator is invalid, it is unknown whether messages are sent, so skip this check.
         let others_send = others_send || before > 0;
         let added = read.and_then(|sensor| sensors::add(&mut robot, &sensor, &at, others_send));
         mistakes.take(added);
@@ -99,7 +100,7 @@ pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, Mistakes> 
     mistakes.or(Some(robot))
 }
 
-/// A robot without sensors.
+/// Returns a robot without sensors.
 fn body(model: &Model) -> Result<Robot, ParameterError> {
     let height = model.height.unwrap_or(2.0 * model.radius);
     let drive: DriveText = parsed_kind(&model.drive, "drive")?;

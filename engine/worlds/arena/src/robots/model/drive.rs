@@ -1,4 +1,4 @@
-//! Drives as they are written, and what moves with them.
+//! Drives, as written in a model, and the bodies that they move.
 
 use serde::Deserialize;
 use swarmwright_simulation::ParameterError;
@@ -8,10 +8,10 @@ use super::limits::within;
 use crate::robots::parts::Drive;
 use crate::robots::robot::{ACCELERATION, Robot};
 
-/// Fastest turn, rad/s: less than a half turn in a tick, noise included.
+/// Maximum turn rate, rad/s: less than half a turn per tick, with noise.
 const FASTEST_TURN: f32 = 12.0;
 
-/// What all drives have in common.
+/// A drive as written.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum DriveText {
@@ -25,7 +25,7 @@ pub(super) enum DriveText {
     },
     Holonomic {
         max_speed: f32,
-        /// Degrees a second.
+        /// Degrees per second.
         max_turn: f32,
         #[serde(default = "acceleration")]
         acceleration: f32,
@@ -48,19 +48,19 @@ fn acceleration() -> f32 {
     ACCELERATION
 }
 
-/// Degrees a second to rad/s.
+/// Converts degrees per second to rad/s.
 pub(super) fn turn(degrees: f32) -> Result<f32, ParameterError> {
     within("drive.max_turn", degrees, [0.0, 1000.0])?;
     Ok(degrees.to_radians())
 }
 
-/// Degrees to half turns.
+/// Converts degrees to half turns.
 pub(super) fn steering(degrees: f32) -> Result<f32, ParameterError> {
     within("drive.max_steering", degrees, [0.0, 80.0])?;
     Ok(degrees / 180.0)
 }
 
-/// A robot without sensors.
+/// Returns a robot without sensors.
 pub(super) fn body(
     radius: f32,
     height: f32,
@@ -111,7 +111,7 @@ pub(super) fn body(
     Ok(robot)
 }
 
-/// Checks body and drive, which depend on each other.
+/// Checks body and drive, whose limits depend on each other.
 pub(super) fn check(robot: &Robot) -> Result<(), ParameterError> {
     within("radius", robot.radius, [0.001, 10.0])?;
     within("height", robot.height, [0.001, 10.0])?;
@@ -121,7 +121,7 @@ pub(super) fn check(robot: &Robot) -> Result<(), ParameterError> {
     if let Drive::Differential { wheel_base } | Drive::Car { wheel_base, .. } = robot.drive {
         within("drive.wheel_base", wheel_base, [0.001, 10.0])?;
     }
-    // In a substep of 0.01 s bodies must not pass through each other.
+    // Bodies must not pass through each other within a substep of 0.01 s.
     let (top_speed, fastest) = (robot.top_speed, robot.radius * 25.0);
     if !(top_speed > 0.0 && top_speed <= fastest) {
         return Err(wrong(

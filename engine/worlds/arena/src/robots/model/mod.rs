@@ -19,11 +19,11 @@ use crate::mistakes::{Mistakes, with_place};
 pub use presets::robots;
 
 impl Robot {
-    /// A model as a name or an object; `path` is its path in error messages, `others_send` whether other kinds of robots
-    /// send messages that it hears.
+    /// Reads a model, given as a name or an object. `path` is its path in error messages, `others_send` whether other
+    /// kinds of robots send messages that it may receive.
     ///
     /// # Errors
-    /// All that is wrong with it.
+    /// Returns all mistakes in the model.
     pub(crate) fn read(value: &Value, path: &str, others_send: bool) -> Result<Self, Mistakes> {
         let expected = || format!("the name of a robot ({}) or an object", presets::names());
         match value {

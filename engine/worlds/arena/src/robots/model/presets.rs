@@ -10,7 +10,7 @@ use crate::robots::outputs::Output;
 use crate::robots::parts::{Drive, GroundSensors, LightSensors, Links, Proximity, Ray, half_turns};
 use crate::robots::robot::Robot;
 
-/// Models that are composed: a file each, in `robots`; `built_in.py` puts them together.
+/// Models composed of parts: one file each in `robots`, collected by `built_in.py`.
 static MODELS: LazyLock<BTreeMap<String, Value>> =
     LazyLock::new(|| serde_json::from_str(include_str!("../../robots.json")).unwrap_or_default());
 
@@ -18,10 +18,11 @@ static MODELS: LazyLock<BTreeMap<String, Value>> =
 const E_PUCK_ANGLES: [f32; 8] = [17.0, 50.0, 90.0, 150.0, 210.0, 270.0, 310.0, 343.0];
 
 impl Robot {
-    /// The e-puck with reference model RM1.1 or, with what Chocolate's modules get, RM1.2 (`../shared/data/argos`).
+    /// Returns the e-puck of reference model RM1.1 or, with the inputs of Chocolate's modules, RM1.2
+    /// (`../shared/data/argos`).
     fn e_puck(outputs: Vec<Output>) -> Self {
         let rays = (0..8).map(|index| {
-            // Opposites are so to the last bit.
+            // Opposite rays are exact opposites, bit by bit.
             let angle = f64::from(index % 4) * 45.0 + 11.25;
             let (sin, cos) = angle.to_radians().sin_cos();
             let sign = if index < 4 { 1.0 } else { -1.0 };
@@ -66,7 +67,7 @@ impl Robot {
         }
     }
 
-    /// The model with this name.
+    /// Returns the model with this name.
     pub(super) fn preset(name: &str) -> Option<Self> {
         use Output::*;
         match name {
@@ -93,22 +94,22 @@ impl Robot {
     }
 }
 
-/// Models that are not files.
+/// Models defined in code instead of files.
 const CODED: [&str; 2] = ["e-puck-rm1.1", "e-puck-rm1.2"];
 
-/// The names of all built-in models of robots.
+/// Returns the names of all built-in robot models.
 #[must_use]
 pub fn robots() -> Vec<&'static str> {
     let models = MODELS.keys().map(String::as_str);
     CODED.into_iter().chain(models).collect()
 }
 
-/// The same, as complaints list them.
+/// Returns the names of all built-in robot models as a list for error messages.
 pub(super) fn names() -> String {
     robots().join(", ")
 }
 
-/// A suggestion instead of a name that is none of them.
+/// Returns a suggestion for an unknown name.
 pub(super) fn suggestion(name: &str) -> String {
     swarmwright_values::did_you_mean(name, robots())
 }

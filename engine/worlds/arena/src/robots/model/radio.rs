@@ -1,4 +1,4 @@
-//! Radios as they are written.
+//! Radios, as written in a model.
 
 use serde::Deserialize;
 use swarmwright_lanes::Number;
@@ -10,33 +10,33 @@ use crate::math::functions::ln;
 use crate::robots::parts::{Links, Radio};
 use crate::time::TICK;
 
-/// Of the path loss.
+/// Limits and default of the path-loss exponent.
 const EXPONENTS: [f32; 2] = [1.0, 10.0];
 const EXPONENT: f32 = 3.0;
 const MOST_FADING: u32 = 8;
 const MOST_SLOTS: u32 = 10_000;
-/// Seconds.
+/// Limits in seconds.
 const LONGEST_DELAY: f32 = 5.0;
 const LONGEST_INTERVAL: f32 = 10.0;
-/// Of a link whose number has 16 bits; fainter ones are never heard.
+/// Minimum probability of reception that a 16-bit random number can represent; weaker messages are never received.
 const FAINTEST: f64 = 1.0 / 262_144.0;
 
-/// What is imperfect in how robots hear each other.
+/// Imperfections of the communication between robots.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RadioText {
-    /// The shape m of Nakagami fading, 1 for Rayleigh's; left out: a disc.
+    /// Shape parameter m of Nakagami fading, 1 for Rayleigh fading; by default, no fading.
     fading: Option<f64>,
-    /// Of the path loss, with fading.
+    /// Path-loss exponent, with fading.
     exponent: Option<f32>,
-    /// Messages that the channel carries in a tick; left out: any number.
+    /// Number of messages that the channel carries in a tick; unlimited by default.
     slots: Option<f64>,
-    /// Seconds between two messages of a robot; left out: one in each tick.
+    /// Seconds between two messages of a robot; by default, one tick.
     interval: Option<f32>,
-    /// Seconds from the sending of a message to its reception.
+    /// Seconds between sending and reception.
     #[serde(default)]
     delay: f32,
-    /// Whether robots, walls and objects stop messages.
+    /// Whether robots, walls and objects block messages.
     #[serde(default = "yes")]
     line_of_sight: bool,
 }
@@ -48,7 +48,7 @@ fn yes() -> bool {
 impl RadioText {
     /// Adds this radio to links; `at` is its path in error messages.
     pub(super) fn put(self, links: &mut Links, at: &str) -> Result<(), ParameterError> {
-        // Read as any number, so that one complaint says all that is expected.
+        // Read as any number, so that a single error states the full expectation.
         let count = |name: &str, number: f64, low: u32, high: u32| {
             if number.fract() == 0.0 && (f64::from(low)..=f64::from(high)).contains(&number) {
                 return Ok(number as u32);
@@ -77,7 +77,7 @@ impl RadioText {
         links.radio = Some(Radio {
             fading,
             exponent,
-            // ln(1 - 1/slots): what it is per rival, added up, is the logarithm of the chance to be alone in a slot.
+            // ln(1 - 1/slots) per rival; the sum is the logarithm of the probability to be alone in a slot.
             crowding: slots.map_or(0.0, |slots| ln(Number::<f32>(1.0 - 1.0 / slots as f32)).0),
             interval,
             delay,
@@ -88,7 +88,7 @@ impl RadioText {
     }
 }
 
-/// A time as a number of ticks.
+/// Converts a time to a number of ticks.
 fn ticks(seconds: f32, low: f32, high: f32, name: &str) -> Result<u32, ParameterError> {
     within(name, seconds, [low, high])?;
     let ticks = f64::from(seconds) * 10.0;
@@ -99,7 +99,7 @@ fn ticks(seconds: f32, low: f32, high: f32, name: &str) -> Result<u32, Parameter
     Ok(ticks.round() as u32)
 }
 
-/// The distance beyond which no message is ever received, in ranges.
+/// Returns the distance beyond which no message is received, in units of the range.
 fn stretch(fading: u32, exponent: f32) -> f32 {
     if fading == 0 {
         return 1.0;

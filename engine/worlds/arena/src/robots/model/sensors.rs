@@ -1,4 +1,4 @@
-//! Sensors as they are written.
+//! Sensors, as written in a model.
 
 use serde::Deserialize;
 use swarmwright_simulation::ParameterError;
@@ -13,50 +13,50 @@ use crate::robots::parts::{
 };
 use crate::robots::robot::Robot;
 
-/// Most readings of a sensor that has several.
+/// Maximum number of readings of a sensor.
 const MOST_READINGS: usize = 128;
-/// Largest number of places at which the floor is sensed.
+/// Maximum number of points at which the floor is sensed.
 const MOST_POINTS: usize = 8;
 
-/// What a sensor of several readings gives.
+/// The output of a sensor with several readings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Form {
     /// Every reading.
     #[default]
     Values,
-    /// The sum of the readings along their directions.
+    /// The sum of the readings as vectors along their directions.
     Vector,
 }
 
-/// What ground sensors give.
+/// The output of ground sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Shade {
     /// Every reading.
     #[default]
     Values,
-    /// Black, grey or white, by the readings of five ticks.
+    /// Black, grey or white, by the readings of the last five ticks.
     Color,
 }
 
-/// What messages tell.
+/// A quantity derived from received messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Heard {
-    /// How many robots are heard.
+    /// The number n of messages.
     Count,
-    /// The same as 1 - 2 / (1 + e^n).
+    /// The number of messages, squashed to 1 - 2 / (1 + e^n).
     Squashed,
     /// The sum of 1 / (1 + range in cm) along the bearings.
     Attraction,
-    /// The same in four directions.
+    /// The components of the attraction in four directions.
     Sectors,
     /// The mean of the numbers sent.
     Message,
 }
 
-/// What the sensor `neighbours` gives.
+/// A quantity that the sensor `neighbours` measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Seen {
@@ -66,17 +66,18 @@ pub(super) enum Seen {
     Nearest,
 }
 
-/// A sensor.
+/// A sensor as written.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Sensor {
     Proximity {
         count: Option<usize>,
-        /// Degrees counter-clockwise from ahead.
+        /// Directions, degrees counter-clockwise from ahead.
         angles: Option<Vec<f32>>,
-        /// Metres from the rim of the robot.
+        /// Range from the rim of the robot, metres.
         range: f32,
-        /// c0 + c1 d + c2 d^2 of the distance d; default: 1 at the rim, 0 at the end of the range.
+        /// Coefficients of the reading c0 + c1 d + c2 d^2 at distance d. Default: 1 at the rim, 0 at the end of the
+        /// range.
         response: Option<[f32; 3]>,
         #[serde(default)]
         noise: f32,
@@ -86,7 +87,7 @@ pub(super) enum Sensor {
     Light {
         count: Option<usize>,
         angles: Option<Vec<f32>>,
-        /// Distance by intensity up to which light is seen.
+        /// Distance divided by intensity up to which light is detected.
         #[serde(default = "reach")]
         reach: f32,
         #[serde(default)]
@@ -95,7 +96,7 @@ pub(super) enum Sensor {
         gives: Form,
     },
     Ground {
-        /// Places in the frame of the robot, metres; default: its middle.
+        /// Positions in the frame of the robot, metres. Default: its middle.
         #[serde(default = "middle")]
         points: Vec<[f32; 2]>,
         #[serde(default)]
@@ -104,7 +105,7 @@ pub(super) enum Sensor {
         gives: Shade,
     },
     RangeAndBearing {
-        /// Metres from middle to middle.
+        /// Maximum distance, metres from middle to middle.
         range: f32,
         /// Probability that a message is lost.
         #[serde(default)]
@@ -114,7 +115,7 @@ pub(super) enum Sensor {
         gives: Vec<Heard>,
     },
     Neighbours {
-        /// Metres from middle to middle.
+        /// Maximum distance, metres from middle to middle.
         range: f32,
         #[serde(default = "seen")]
         gives: Vec<Seen>,
@@ -124,15 +125,15 @@ pub(super) enum Sensor {
         noise: f32,
     },
     Compass {
-        /// Degrees.
+        /// Half-width of the uniform noise, degrees.
         #[serde(default)]
         noise: f32,
     },
     Random {},
     Camera {
-        /// Metres from middle to middle.
+        /// Maximum distance, metres from middle to middle.
         range: f32,
-        /// Error of each detected direction, degrees.
+        /// Half-width of the uniform noise of each direction, degrees.
         #[serde(default)]
         noise: f32,
         colors: Vec<LedColor>,
@@ -143,7 +144,7 @@ pub(super) enum Sensor {
         #[serde(default)]
         noise: f32,
     },
-    /// Whether the gripper holds something.
+    /// Reports whether the gripper holds an object.
     Gripper {},
 }
 
@@ -167,7 +168,7 @@ fn seen() -> Vec<Seen> {
     vec![Seen::Count, Seen::Center]
 }
 
-/// Directions in degrees, evenly spread from ahead or as they are given.
+/// Returns directions in degrees, either evenly spaced from ahead or as given.
 fn directions(
     at: &str,
     count: Option<usize>,
@@ -200,7 +201,7 @@ fn directions(
     Ok(directions.into_iter().map(positive).collect())
 }
 
-/// Checks that there is no other sensor of this kind.
+/// Checks that the robot has no other sensor of this kind.
 fn only<T>(at: &str, kind: &str, existing: Option<&T>) -> Result<(), ParameterError> {
     if existing.is_none() {
         return Ok(());
@@ -211,7 +212,8 @@ fn only<T>(at: &str, kind: &str, existing: Option<&T>) -> Result<(), ParameterEr
     ))
 }
 
-/// Adds a sensor to a robot; `at` is its path in error messages, `others_send` whether other kinds of robots send messages.
+/// Adds a sensor to a robot. `at` is its path in error messages, `others_send` whether other kinds of robots send
+/// messages.
 pub(super) fn add(
     robot: &mut Robot,
     sensor: &Sensor,
