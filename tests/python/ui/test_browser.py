@@ -215,13 +215,14 @@ def test_a_mission_is_drawn_tried_saved_and_evolved_on(browser: Chrome, tmp_path
         ActionChains(browser).move_to_element_with_offset(board, 60, 30).click().perform()
         yaml = find(browser, "textarea")
         eventually(lambda: "obstacles" in (yaml.get_attribute("value") or ""), "the obstacle is in the text")
+        before = yaml.get_attribute("value")
         ActionChains(browser).move_to_element_with_offset(board, 60, 30).click_and_hold().move_by_offset(
             -50, 0
         ).release().perform()
-        before = yaml.get_attribute("value")
+        eventually(lambda: yaml.get_attribute("value") != before, "the text follows the board")
         browser.execute_script("scrollTo(0, 0)")
         browser.find_element(By.XPATH, "//button[text()='Undo']").click()
-        eventually(lambda: yaml.get_attribute("value") != before, "undo is told to the text")
+        eventually(lambda: yaml.get_attribute("value") == before, "undo is told to the text")
         browser.find_element(By.XPATH, "//button[text()='Try']").click()
         browser.switch_to.frame(find(browser, "iframe"))
         eventually(lambda: "of 1199" in page_text(browser), "an episode is played")

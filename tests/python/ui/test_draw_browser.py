@@ -188,7 +188,12 @@ def test_what_is_typed_is_saved_with_its_comments_and_any_shape_is_survived(
         browser.get(f"{address}#/draw?mission=broken.yaml")
         eventually(lambda: "This text cannot be drawn" in page_text(browser), "a broken file is told")
         assert "# where" in text_of(browser)
-        browser.get(f"{address.partition('?')[0]}#/draw?mission=dispersion")
+        type_text(browser, "walls: 6")
+        missions = Select(find(browser, "[aria-label=Mission]"))
+        for answer, chosen in (("Stay", "broken.yaml"), ("Open", "dispersion")):
+            missions.select_by_value("dispersion")
+            button(browser, answer)
+            eventually(lambda name=chosen: missions.first_selected_option.text == name, chosen)  # type: ignore[misc]
         eventually(lambda: "Nothing is wrong" in page_text(browser), "a mission is opened")
         head = text_of(browser).splitlines()[0]
         assert head.startswith("# ")

@@ -1,5 +1,5 @@
 // The drawing board: a mission of the arena as a picture that is edited, and as YAML, both at once.
-import { ask, change, color, h, problem } from "./dom.js";
+import { ask, askWhether, change, color, h, problem } from "./dom.js";
 import { FLOORS, LEDS, fields, leafField, leaves, nameOf, put, renderer, select } from "./draw_fields.js";
 import { expressionOf, goalsPanel } from "./draw_goals.js";
 import { describe, kindColor, kindsOf, paintRobot, robotsPanel } from "./draw_robots.js";
@@ -740,7 +740,7 @@ export function show(view, query) {
   }
 
   async function open(which) {
-    if (isChanged() && !confirm("Open another mission, and lose what is not saved of this one?")) {
+    if (isChanged() && !await askWhether("Open another mission? What is not saved of this one will be lost.", "Open", "Stay")) {
       choice.value = opened;
       return;
     }

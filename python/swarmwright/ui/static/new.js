@@ -1,5 +1,5 @@
 // A new experiment from a template or a run: a form beside its YAML, checked while one types, then started.
-import { ask, change, h, problem } from "./dom.js";
+import { ask, askWhether, change, h, problem } from "./dom.js";
 import { makeForm } from "./form.js";
 import { makeSweep } from "./sweep.js";
 
@@ -64,8 +64,8 @@ export function show(view, query) {
   const state = () => JSON.stringify([editor.value, sweep.entered()]);
   const isChanged = () => kept !== null && (state() !== kept || form.isChanged());
 
-  function choose() {
-    if (!isChanged() || confirm("Take this template, and lose what is not started of this experiment?")) take({ template: choice.value }, choice.value.replace(/^.*:/, ""));
+  async function choose() {
+    if (!isChanged() || await askWhether("Take this template? What is not started of this experiment will be lost.", "Take", "Stay")) take({ template: choice.value }, choice.value.replace(/^.*:/, ""));
     else choice.value = taken;
   }
 
