@@ -17,7 +17,7 @@ parameters: {seed: 5, "a.b": 2}
 
 def test_names_and_values_keep_their_quotes(tmp_path: Path) -> None:
     """Names with dots, colons and brackets; values that YAML would read as something else."""
-    entries = {
+    entries: dict[str, tuple[str, list[object]]] = {
         "a.b": ("1, 2", [1, 2]),
         "c: d": ("'007', 'yes', '2020-01-01', 'x, y'", ["007", "yes", "2020-01-01", "x, y"]),
         "e[0]": ("yes", ["yes"]),
