@@ -143,7 +143,7 @@ def parse(text: str, name: str, most_values: int | None = None) -> Source:
 
 
 def parse_node(node: Node | None, name: str, most_values: int | None = None) -> Source:
-    """Return the values of a composed text; None composes an empty one. Raises InputError as `parse`."""
+    """Return the values of a composed text; None composes an empty one. Raises InputError as `parse` does."""
     source = Source(name)
     if node is not None:
         source.values = _Builder(source, most_values or _MOST_VALUES).build(node, ())
