@@ -1,7 +1,7 @@
 """A mission is drawn from scratch in a real browser: shapes, robots, objective, an episode, and the file."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -29,22 +29,28 @@ def has_text(browser: Chrome, words: str) -> None:
     eventually(lambda: words in (editor.get_attribute("value") or ""), f"the text has {words!r}")
 
 
+def act(what: str, do: Callable[[], object]) -> None:
+    """Do something with an element, which may be drawn anew meanwhile."""
+    eventually(lambda: do() is None, what)
+
+
 def button(browser: Chrome, label: str) -> None:
-    eventually(
-        lambda: browser.find_element(By.XPATH, f"//button[text()='{label}']"), f"a button {label}"
-    ).click()
+    act(label, lambda: browser.find_element(By.XPATH, f"//button[text()='{label}']").click())
+
+
+def choose(browser: Chrome, selector: str, value: str) -> None:
+    act(value, lambda: Select(browser.find_element(By.CSS_SELECTOR, selector)).select_by_value(value))
 
 
 def fill(browser: Chrome, key: str, value: str) -> None:
     """Type into the field with a key, and leave it."""
 
-    def enter() -> bool:
+    def enter() -> None:
         entry = browser.find_element(By.CSS_SELECTOR, f"[data-key='{key}']")
         entry.send_keys(Keys.CONTROL, "a")
         entry.send_keys(value, Keys.TAB)
-        return True
 
-    eventually(enter, f"a field {key}")  # it may be drawn anew meanwhile
+    act(key, enter)
 
 
 def test_a_mission_is_drawn_from_scratch(browser: Chrome, tmp_path: Path) -> None:
@@ -71,7 +77,7 @@ def test_a_mission_is_drawn_from_scratch(browser: Chrome, tmp_path: Path) -> Non
         button(browser, "start rectangle")
         ActionChains(browser).move_to_element_with_offset(board, -60, 0).click().perform()
         has_text(browser, "rectangle: {x:")
-        Select(find(browser, "[aria-label=Selected]")).select_by_value("start,disc")
+        choose(browser, "[aria-label=Selected]", "start,disc")
         button(browser, "Remove")
         eventually(
             lambda: "disc" not in (find(browser, "textarea").get_attribute("value") or ""), "one area is left"
@@ -81,17 +87,13 @@ def test_a_mission_is_drawn_from_scratch(browser: Chrome, tmp_path: Path) -> Non
             summary.click()
         button(browser, "Add a kind of robots")
         has_text(browser, "robot_2")
-        Select(find(browser, "[data-key='kind.1.model']")).select_by_visible_text("a robot of your own")
-        adding = eventually(
-            lambda: browser.find_element(By.CSS_SELECTOR, "[data-key='kind.1.sensors.add']"),
-            "sensors are offered",
-        )
-        Select(adding).select_by_value("camera")
+        choose(browser, "[data-key='kind.1.model']", "a robot of your own")
+        choose(browser, "[data-key='kind.1.sensors.add']", "camera")
         has_text(browser, "kind: camera")
         fill(browser, "kind.0.count", "4")
         has_text(browser, "count: 4")
 
-        Select(find(browser, "[data-key='metrics.add']")).select_by_value("robots_on")
+        choose(browser, "[data-key='metrics.add']", "robots_on")
         has_text(browser, "patch: area_1")
         fill(browser, "weight.robots_on", "2.5")
         eventually(
