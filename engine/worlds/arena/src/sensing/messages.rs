@@ -1,4 +1,4 @@
-//! The numbers that robots send each other with their messages.
+//! The values that robots send each other in messages.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -10,8 +10,11 @@ use crate::math::random::Keys;
 use crate::place::Place;
 use crate::robots::{Robot, Team};
 
-/// Writes the mean of the messages that a robot hears in a tick, number by number, of those that have it; 0 where none has.
-/// Those arrive that count as heard. `lacking`: memory in which those without a number are counted, empty where all have as many.
+/// Writes the mean of the messages that a robot receives in a tick, value by value, over the messages that have the
+/// value; 0 without messages.
+///
+/// The same messages are received as for the count. `lacking` is scratch memory that counts the messages without each
+/// value; it is empty if all messages have the same length.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
 pub(crate) fn hear<L: Lanes>(

@@ -1,4 +1,4 @@
-//! What robots perceive.
+//! Sensors of the robots.
 
 pub(crate) mod camera;
 mod grey;

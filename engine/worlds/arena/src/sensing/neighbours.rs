@@ -1,4 +1,4 @@
-//! The sensor `neighbours`: the robots within a range, without loss, and through walls and objects.
+//! The sensor `neighbours`, which detects robots within a range, without loss, and through walls and objects.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -6,7 +6,7 @@ use super::others::Others;
 use crate::bodies::Bodies;
 use crate::robots::Output;
 
-/// What a robot senses of the others within a range in metres; of a count only the first number is used.
+/// Returns a quantity of the robots within a range, metres. For the count, only the first number is used.
 #[inline(always)]
 pub(crate) fn see<L: Lanes>(
     output: Output,
@@ -50,7 +50,7 @@ pub(crate) fn see<L: Lanes>(
         Output::NeighbourHeading => [sum[0] * mean, sum[1] * mean],
         _ => [sum[0] * mean * ranges, sum[1] * mean * ranges],
     };
-    // In the frame of the robot.
+    // Transform to the frame of the robot.
     let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
     [x * cos + y * sin, y * cos - x * sin]
 }

@@ -9,10 +9,11 @@ use crate::math::functions::absolute;
 use crate::place::{Form, Light};
 use crate::robots::Proximity;
 
-/// Components of directions that are smaller count as this.
+/// Minimum magnitude of the components of a direction, which avoids division by 0.
 const LEAST: f32 = 1e-12;
 
-/// Where a line is inside of an object, as multiples of its direction; nothing where `meets` does not hold.
+/// The section of a line inside an object, in multiples of the line's direction; undefined in lanes where `meets` is
+/// false.
 struct Crossing<L: Lanes> {
     from: Number<L>,
     to: Number<L>,
@@ -20,7 +21,7 @@ struct Crossing<L: Lanes> {
 }
 
 impl<L: Lanes> Objects<L> {
-    /// Shortens the rays of a robot that meet an object; `readings`: the distance from the start of each ray.
+    /// Shortens the rays of a robot that hit an object. `readings` has the distance from the start of each ray.
     #[inline(always)]
     pub(crate) fn shorten(
         &self,
@@ -54,13 +55,13 @@ impl<L: Lanes> Objects<L> {
         }
     }
 
-    /// In which lanes an object stands between a place and what lies at the end of `way`.
+    /// Returns the lanes in which an object stands between a point and the end of `way`.
     #[inline(always)]
     pub(crate) fn hide(&self, at: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
         self.hide_by(0..self.things.len(), at, way)
     }
 
-    /// The same for an object, which does not hide itself.
+    /// Same as [`Self::hide`] for an object as the target, which does not hide itself.
     #[inline(always)]
     pub(crate) fn hide_object(
         &self,
@@ -89,14 +90,14 @@ impl<L: Lanes> Objects<L> {
         hidden
     }
 
-    /// In which lanes an object stands in the line from the foot of a robot at a place to a lamp.
+    /// Returns the lanes in which an object intersects the line from the foot of a robot to a lamp.
     #[inline(always)]
     pub(crate) fn shade(&self, [x, y]: [Number<L>; 2], light: &Light) -> L::Mask {
         let way = [number(light.at[0]) - x, number(light.at[1]) - y];
         let mut hidden = L::Mask::from_bits(0);
         for object in 0..self.things.len() {
             let (item, moving) = (&self.things[object], &self.moving[object]);
-            // Up to this part of the way the line is not above the object.
+            // Up to this fraction of the way the line is below the top of the object.
             let below = number((item.height / light.at[2]).min(1.0));
             let line = cross(item, moving, [moving.x - x, moving.y - y], way);
             let inside = number(0.0).le(line.from).and(line.from.le(below));
@@ -106,7 +107,8 @@ impl<L: Lanes> Objects<L> {
     }
 }
 
-/// Where a line crosses an object. `way`: from its beginning to the middle of the object.
+/// Returns the crossing of a line with an object. `way` is the vector from the start of the line to the middle of the
+/// object.
 #[inline(always)]
 fn cross<L: Lanes>(
     object: &Object,

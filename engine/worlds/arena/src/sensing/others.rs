@@ -1,8 +1,8 @@
-//! The robots around one that looks.
+//! The robots around a sensing robot.
 
 use swarmwright_lanes::Number;
 
-/// The way to another robot, along the axes of the arena.
+/// Vector to another robot, along the axes of the arena.
 #[derive(Clone, Copy)]
 pub(crate) struct Other<L> {
     pub x: Number<L>,
@@ -10,9 +10,9 @@ pub(crate) struct Other<L> {
     pub square: Number<L>,
 }
 
-/// The robots around one, kind by kind.
+/// The robots around a sensing robot, kind by kind.
 pub(crate) struct Others<L> {
-    /// As many as there ever were; those of the robot that looks come first.
+    /// Reused memory; the first `count` items are valid.
     pub all: Vec<Other<L>>,
     pub count: usize,
     /// End of the index range of each kind's robots.
@@ -29,13 +29,13 @@ impl<L> std::ops::Deref for Others<L> {
 }
 
 impl<L> Others<L> {
-    /// Number of kinds.
+    /// Returns the number of kinds.
     #[inline(always)]
     pub(crate) fn kinds(&self) -> usize {
         self.ends.len()
     }
 
-    /// Those of a kind.
+    /// Returns the robots of a kind.
     #[inline(always)]
     pub(crate) fn of(&self, kind: usize) -> &[Other<L>] {
         let first = if kind == 0 { 0 } else { self.ends[kind - 1] };

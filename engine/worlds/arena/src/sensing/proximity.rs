@@ -1,4 +1,4 @@
-//! Proximity: rays that end at the nearest robot or wall.
+//! Proximity sensors: rays that end at the nearest robot, wall or object.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -9,18 +9,19 @@ use crate::math::functions::absolute;
 use crate::place::Place;
 use crate::robots::{Proximity, Team};
 
-/// Number of robots, or walls, that a lane processes at a time; more are processed in several passes.
+/// Number of robots, or walls, that a lane collects before a pass; more need several passes.
 const AT_A_TIME: usize = 4;
-/// Number of lanes from which most rays hit something, so that a branch costs more than it saves.
+/// Number of lanes from which most rays hit something in some lane, so that a branch costs more than it saves.
 const BRANCHLESS: usize = 8;
-/// Nothing that is so far away is seen, metres.
+/// Distance of empty slots, metres, which no ray reaches.
 const FAR: f32 = 1e6;
 
-/// What the rays of a robot may meet.
+/// Things that the rays of a robot may hit.
 pub(crate) struct Seen<L: Lanes> {
-    /// The ways to robots.
+    /// Vectors to robots.
     robots: Slots<L, 2, AT_A_TIME>,
-    /// How far the robot is in front of a face and beside its middle, half its length, its direction.
+    /// For each face: the robot's distance in front of it and along it from its middle, half of its length, and its
+    /// direction.
     faces: Slots<L, 5, AT_A_TIME>,
 }
 
@@ -33,8 +34,11 @@ impl<L: Lanes> Seen<L> {
     }
 }
 
-/// Writes the distances from where a robot's rays begin, the sensor's range where they meet nothing. Where a ray begins inside
-/// of a body that the robot is pressed to, the distance is negative, or the body is not seen at all ([`Proximity::least`]).
+/// Writes the distances at which a robot's rays end, measured from their starting points; rays that hit nothing have
+/// the range of the sensor.
+///
+/// If a ray begins inside a body that presses against the robot, the distance is negative, or the body is not detected
+/// ([`Proximity::least`]).
 #[expect(
     clippy::too_many_arguments,
     reason = "what rays meet, and where they look"
@@ -78,7 +82,7 @@ pub(crate) fn measure<L: Lanes>(
     slots.clear();
     for [_, face] in faces {
         let face = &layout.faces[*face as usize];
-        // In front of the face: its normal is `along` turned left.
+        // The robot must be in front of the face; the normal is `along` rotated to the left.
         let ahead = face.ahead(x, y);
         let close = ahead.lt(reach).and(number(0.0).lt(ahead));
         if !close.any() {
@@ -103,7 +107,7 @@ pub(crate) fn measure<L: Lanes>(
     bodies.objects.shorten(sensors, bodies, index, readings);
 }
 
-/// Turns distances into readings, without noise.
+/// Converts distances to readings, without noise.
 #[inline(always)]
 pub(crate) fn respond<L: Lanes>(sensors: &Proximity, readings: &mut [Number<L>]) {
     let range = number(sensors.range);
@@ -115,14 +119,14 @@ pub(crate) fn respond<L: Lanes>(sensors: &Proximity, readings: &mut [Number<L>])
     }
 }
 
-/// A vector in the frame of a robot whose heading has this cosine and sine.
+/// Transforms a vector to the frame of a robot with this cosine and sine of its heading.
 #[inline(always)]
 fn turned<L: Lanes>([cos, sin]: [Number<L>; 2], [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
     [x * cos + y * sin, y * cos - x * sin]
 }
 
-/// Shortens a ray, and the one opposite to it if there is one. `distance` holds for the ray in the lanes `forward`, else for
-/// the opposite one, and where something is `visible`.
+/// Shortens a ray, and the opposite ray if there is one. `distance` applies to the ray in the lanes `forward`, to the
+/// opposite ray in the others, and only in the lanes `visible`.
 #[inline(always)]
 fn shorten<L: Lanes>(
     readings: &mut [Number<L>],
@@ -188,7 +192,7 @@ fn to_walls<L: Lanes>(
         let [nx, ny] = turned(turn, [-ay, ax]);
         for index in 0..sensors.halves() {
             let ray = &sensors.rays[index];
-            // How fast the ray comes nearer, and how it drifts along the wall: the normal turned right.
+            // How fast the ray approaches the wall, and how fast it drifts along it (the normal rotated to the right).
             let towards = -(nx * ray.along[0] + ny * ray.along[1]);
             let drift = ny * ray.along[0] - nx * ray.along[1];
             let whole = ahead / absolute(towards);

@@ -1,7 +1,7 @@
-//! Which messages arrive: loss, fading with the distance, collisions, and senders that do not send in every tick.
+//! Reception of messages: loss, fading with distance, collisions, and senders that do not send in every tick.
 //!
-//! Each link has one random number of 16 bits in a tick, which decides on all of these together. What robots without a
-//! `radio` hear follows from the range and the loss alone.
+//! Each link has one 16-bit random number per tick, which decides all of these together. For robots without a `radio`,
+//! only the range and the loss matter.
 
 use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
 
@@ -10,23 +10,24 @@ use crate::math::functions::{exp, ln};
 use crate::math::random::{Keys, LINKS};
 use crate::robots::{Links, Radio, Robot, Team};
 
-/// What a robot receives in a tick, link by link.
+/// Reception of a robot in a tick, link by link.
 pub(crate) struct Reception<'a, L: Lanes> {
     radio: Option<&'a Radio>,
-    /// Below this a link's number means that its message is lost, where only `loss` matters.
+    /// Random numbers up to this mean that a message is lost, if only `loss` matters.
     lost: L::Int,
-    /// Probability that a message arrives, before fading.
+    /// Probability that a message is received, before fading.
     arriving: Number<L>,
     keys: Keys<L>,
     tick: u32,
     receiver: usize,
-    /// The block of links that `words` are for.
+    /// Block of links to which `words` belong.
     block: usize,
     words: [L::Int; 4],
 }
 
 impl<'a, L: Lanes> Reception<'a, L> {
-    /// `loss`: probability of loss in this tick. `mute`: lanes in which robots send nothing; empty if all send.
+    /// Creates the reception of a robot. `loss` is the probability of loss in this tick. `mute` has the lanes in which
+    /// robots do not send; it is empty if all send.
     #[inline(always)]
     pub(crate) fn new(
         links: &'a Links,
@@ -55,8 +56,8 @@ impl<'a, L: Lanes> Reception<'a, L> {
         }
     }
 
-    /// Whether the message of a sender arrives, if nothing stands between. `square`: of the distance, `range`: of the
-    /// distance up to which it is heard, m^2.
+    /// Returns whether a sender's message is received if nothing blocks it. `square` is the square of the distance,
+    /// `range` the square of the maximum distance, m^2.
     #[inline(always)]
     pub(crate) fn arrives(
         &mut self,
@@ -90,14 +91,14 @@ impl<'a, L: Lanes> Reception<'a, L> {
     }
 }
 
-/// Whether a robot sends in a tick: robots with an interval take turns.
+/// Returns whether a robot sends in a tick; robots with an interval take turns.
 #[inline(always)]
 fn sends(robot: &Robot, index: usize, tick: u32) -> bool {
     let radio = robot.links.as_ref().and_then(|links| links.radio.as_ref());
     radio.is_none_or(|radio| (tick + index as u32).is_multiple_of(radio.interval))
 }
 
-/// How many robots within the range send in a tick.
+/// Returns the number of robots within the range that send in a tick.
 #[inline(always)]
 fn senders<L: Lanes>(
     links: &Links,
@@ -128,15 +129,15 @@ fn senders<L: Lanes>(
     count
 }
 
-/// Probability that the received power is above the threshold: its mean falls with the distance, and reaches the threshold
-/// at the range; around the mean it is distributed as by Nakagami (1960), with a whole number as shape.
+/// Returns the probability that the received power is above the threshold. The mean power falls with distance and
+/// equals the threshold at the range. The power follows Nakagami (1960) fading with an integer shape parameter.
 #[inline(always)]
 fn received<L: Lanes>(radio: &Radio, square: Number<L>, range: Number<L>) -> Number<L> {
     let smallest = number(f32::MIN_POSITIVE);
     let ratio = (square / range.at_least(smallest)).at_least(smallest);
     let power = (ln(ratio) * (radio.exponent * 0.5)).within(-80.0, 5.0);
     let threshold = (exp(power) * radio.fading as f32).at_most(number(80.0));
-    // The sum of threshold^k / k! for k below the shape, by Horner's rule.
+    // The sum of threshold^k / k! for all k below the shape parameter, by Horner's rule.
     let mut sum = number::<L>(1.0);
     for k in (1..radio.fading).rev() {
         sum = sum * threshold * (1.0 / k as f32) + 1.0;
@@ -144,7 +145,8 @@ fn received<L: Lanes>(radio: &Radio, square: Number<L>, range: Number<L>) -> Num
     (exp(-threshold) * sum).at_most(number(1.0))
 }
 
-/// The square of the distance up to which a sender is heard, with fading on average, m^2: the shorter range of both; 0 of those that send nothing.
+/// Returns the square of the maximum distance for a sender, m^2 (with fading, of the mean distance): the shorter range
+/// of the two robots counts. It is 0 for robots that send nothing.
 #[inline(always)]
 pub(crate) fn both(links: &Links, sender: &Robot) -> f32 {
     let range = match &sender.links {

@@ -1,4 +1,4 @@
-//! What robots perceive in a tick, and what controllers get of it.
+//! Sensors of all robots in a tick, and the inputs of controllers.
 
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi, tanh};
 use swarmwright_lanes::{Lanes, Mask, Number, number};
@@ -16,32 +16,32 @@ use crate::math::random::{Keys, Purpose, halves, noise, uniform};
 use crate::place::Place;
 use crate::robots::{Group, Links, Output, Team};
 
-/// Readings of the robot that looks, and the numbers of all robots.
+/// Sensor state: readings of the current robot, and inputs for the controllers of all robots.
 pub(crate) struct Senses<L: Lanes> {
-    /// Numbers for controllers, robot after robot.
+    /// Inputs of controllers, robot by robot.
     pub outputs: Vec<L>,
     pub close: Close,
     ground: GroundWindow<L>,
     pub links: LinkWindow<L>,
     others: Others<L>,
-    /// Which robots they are.
+    /// Indices of the robots in `others`.
     indices: Vec<u32>,
     proximity: Vec<Number<L>>,
-    /// By robot: the lengths of its rays where another simulator measured them; empty where they are followed here.
+    /// Lengths of all rays, robot by robot, if another simulator measured them; empty if they are computed here.
     measured: Vec<Number<L>>,
     light: Vec<Number<L>>,
-    /// By group: which controllers are told of both, half turns.
+    /// Directions of proximity and light sensors as reported to controllers, by group, half turns.
     angles: Vec<[Vec<f32>; 2]>,
     seen: Seen<L>,
-    /// By robot: the numbers of its message; as many ticks one after the other as messages take, and one more.
+    /// Values of sent messages, by robot, in a ring buffer with one tick more than the maximum delay.
     pub sent: Vec<Number<L>>,
-    /// By number of a message: how many received messages lack it; empty if all messages have the same length.
+    /// Number of received messages that lack each value; empty if all messages have the same length.
     lacking: Vec<Number<L>>,
-    /// By robot: what the drive aimed at, for encoders.
+    /// Target of each drive, for encoders.
     pub turned: Vec<Number<L>>,
-    /// By robot: the code of the colour that it shows; empty where robots have neither LEDs nor cameras.
+    /// Code of the colour that each robot shows; empty if no robot has LEDs or a camera.
     pub shown: Vec<Number<L>>,
-    /// By robot: the charge of its battery; empty where robots have none.
+    /// Charge of each battery; empty if no robot has one.
     pub charges: Vec<Number<L>>,
 }
 
@@ -94,7 +94,7 @@ impl<L: Lanes> Senses<L> {
         }
     }
 
-    /// Starts an episode.
+    /// Resets the sensors, at the start of an episode.
     #[inline(always)]
     pub(crate) fn forget(&mut self, team: &Team) {
         self.ground.clear();
@@ -104,13 +104,13 @@ impl<L: Lanes> Senses<L> {
         self.turned.fill(number(0.0));
         self.shown.fill(number(0.0));
         for (index, charge) in self.charges.iter_mut().enumerate() {
-            // Robots without a battery have what they need.
+            // Robots without a battery are always charged.
             let battery = team.robot(index).battery.as_ref();
             *charge = number(battery.map_or(1.0, |battery| battery.charge));
         }
     }
 
-    /// All robots look, where they are now.
+    /// Updates the sensors of all robots at their current poses.
     #[inline(always)]
     pub(crate) fn update(
         &mut self,
@@ -126,7 +126,7 @@ impl<L: Lanes> Senses<L> {
         self.close.faces.clear();
         let (reach, largest) = (team.reach(), team.radius());
         let (encoders, gap) = (team.encoders(), team.gap());
-        // Of the kind that robots are of up to now.
+        // Values for the kind of the current robot.
         let (mut kind, mut range, mut beside) = (usize::MAX, 0.0, number(0.0));
         for index in 0..bodies.len() {
             let (group, robot) = (team.group(index), team.robot(index));
@@ -355,7 +355,7 @@ impl<L: Lanes> Senses<L> {
         }
     }
 
-    /// Fills `others` with the robots within a range around one, and notes those within a reach.
+    /// Collects the robots within `range` of a robot in `others`, and records the pairs within `reach`.
     #[inline(always)]
     fn look_around(
         &mut self,
@@ -390,7 +390,7 @@ impl<L: Lanes> Senses<L> {
             }
             let [x, y] = bodies.between(index, *other as usize);
             let square = x * x + y * y;
-            // Written in any case, and overwritten unless it is near: which are near cannot be foreseen.
+            // Always written, and overwritten unless the robot is near: a branch would be unpredictable.
             all[*count] = Other { x, y, square };
             indices[*count] = *other;
             *count += usize::from(square.lt(number(range * range)).any());
@@ -405,8 +405,8 @@ impl<L: Lanes> Senses<L> {
 }
 
 impl Senses<f32> {
-    /// The lengths of the rays of `robots` robots, as many for each as that with most of them has, metres; empty where they
-    /// are to be followed here.
+    /// Stores ray lengths from another simulator, metres: for each of the `robots` robots as many as the maximum number
+    /// of rays. Empty if rays are to be computed here.
     pub(crate) fn measured(&mut self, distances: &[f32], robots: usize) {
         debug_assert!(distances.is_empty() || distances.len() == robots * self.proximity.len());
         self.measured.clear();
@@ -432,7 +432,7 @@ fn add_noise<L: Lanes>(readings: &mut [Number<L>], extent: f32, words: [L::Int; 
     ];
     let units = units.as_flattened();
     if let Ok(readings) = <&mut [Number<L>; 8]>::try_from(&mut *readings) {
-        // Of a known number, which the compiler puts side by side where there is one lane.
+        // With a constant length, the compiler vectorizes this loop when there is a single lane.
         for index in 0..readings.len() {
             readings[index] = (readings[index] + noise(units[index], extent)).within(0.0, 1.0);
         }
@@ -443,7 +443,7 @@ fn add_noise<L: Lanes>(readings: &mut [Number<L>], extent: f32, words: [L::Int; 
     }
 }
 
-/// The sum of readings along their angles.
+/// Returns the sum of the readings as vectors along their angles.
 #[inline(always)]
 fn sum_along<L: Lanes>(angles: &[f32], readings: &[Number<L>]) -> [Number<L>; 2] {
     let (mut x, mut y) = (number(0.0), number(0.0));

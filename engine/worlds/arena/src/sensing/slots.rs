@@ -1,21 +1,21 @@
-//! Places in which each lane collects things of its own, so that work is done for as many as the fullest lane has instead of
-//! for all that any lane has.
+//! Slots in which each lane collects its own things. The work is then proportional to the number of things in the
+//! fullest lane instead of the number in all lanes.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-/// `K` places for things of `N` numbers.
+/// `K` slots for things of `N` numbers.
 pub(crate) struct Slots<L: Lanes, const N: usize, const K: usize> {
     things: [[Number<L>; N]; K],
     /// Lanes with an empty slot, by slot; a lane fills its slots in order.
     empty: [L::Mask; K],
     /// Number of slots that any lane has filled; the content of the others is undefined.
     used: usize,
-    /// What a place holds in lanes that have nothing in it.
+    /// Content of a slot in lanes where it is empty.
     nothing: [f32; N],
 }
 
 impl<L: Lanes, const N: usize, const K: usize> Slots<L, N, K> {
-    /// Empty places; in lanes that have nothing in a place it holds `nothing`.
+    /// Creates empty slots; `nothing` is the content of empty lanes.
     #[inline(always)]
     pub(crate) fn new(nothing: [f32; N]) -> Self {
         Self {
@@ -26,7 +26,7 @@ impl<L: Lanes, const N: usize, const K: usize> Slots<L, N, K> {
         }
     }
 
-    /// Puts a thing into the first empty place of each of these lanes; returns the lanes that have none left.
+    /// Puts a thing into the first empty slot of each of these lanes, and returns the lanes that have no empty slot.
     #[inline(always)]
     pub(crate) fn put(&mut self, item: [Number<L>; N], mut lanes: L::Mask) -> L::Mask {
         let mut slot = 0;
@@ -57,19 +57,19 @@ impl<L: Lanes, const N: usize, const K: usize> Slots<L, N, K> {
         L::Mask::from_bits(0)
     }
 
-    /// Empties all places.
+    /// Empties all slots.
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         self.used = 0;
     }
 
-    /// Places that any lane has filled.
+    /// Returns the number of slots that any lane has filled.
     #[inline(always)]
     pub(crate) fn used(&self) -> usize {
         self.used
     }
 
-    /// What is in a place, and in which lanes there is nothing.
+    /// Returns the content of a slot, and the lanes in which it is empty.
     #[inline(always)]
     pub(crate) fn get(&self, slot: usize) -> ([Number<L>; N], L::Mask) {
         (self.things[slot], self.empty[slot])

@@ -1,43 +1,44 @@
-//! Verlet lists: for each robot the others that can be within reach of it, ascending.
+//! Verlet lists: for each robot the others that may be within reach of it, in ascending order.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use crate::bodies::Bodies;
 
-/// With more robots the memory of all lanes would matter: one episode at a time.
+/// Maximum number of robots in lanes; the state of more robots would take too much memory.
 pub(crate) const MOST_IN_LANES: usize = 16_384;
-/// Largest number of robots for which it is faster to check all others, one episode at a time.
+/// Maximum number of robots for which checking all others is faster, with one episode at a time.
 const FEW: usize = 48;
-/// The same in lanes.
+/// Maximum number of robots for which checking all others is faster, with episodes in lanes.
 const FEW_IN_LANES: usize = 96;
-/// Ticks in which the fastest robots cross the skin: lists serve at least as long.
+/// Minimum number of ticks for which lists stay valid: the time in which the fastest robots cross the skin.
 const SKIN_TICKS: f32 = 6.0;
 
-/// For each robot a list of others. With few robots all are in it, with many those within reach, in any lane, so that work for
-/// a robot does not grow with their number. What is not in it is too far to matter, so that the lists decide nothing.
+/// For each robot, a list of other robots. In small swarms, it contains all robots; in large ones, only those within
+/// reach in any lane, so that the work for a robot does not grow with the swarm. Omitted robots are too far away to
+/// matter, so the lists never change results.
 ///
-/// As lists of Verlet (1967), they have those in a skin beyond the reach, too, and are made anew when a robot has moved by half
-/// of its thickness.
+/// As in Verlet (1967), lists also contain robots in a skin beyond the reach, and are rebuilt when a robot has moved by
+/// half of the skin's thickness.
 pub(crate) struct VerletLists<L: Lanes> {
-    /// Where each robot's list begins, and where the last one ends.
+    /// Start of each robot's list in `others`, and the end of the last list.
     starts: Vec<u32>,
     others: Vec<u32>,
-    /// Distance within which others matter, metres; `None` if all are checked.
+    /// Distance within which robots affect each other, metres; `None` if all are checked.
     reach: Option<f32>,
     /// Thickness of the skin, metres.
     skin: f32,
-    /// Positions of the robots when the lists were made.
+    /// Positions of the robots when the lists were built.
     x: Vec<Number<L>>,
     y: Vec<Number<L>>,
-    /// By lane.
+    /// Grid of each lane.
     cells: Vec<Cells>,
-    /// Robots of a list, as bits.
+    /// Robots of a list, as a bit set.
     marks: Vec<u64>,
 }
 
 impl<L: Lanes> VerletLists<L> {
-    /// Lists for robots of which others within `reach` metres matter; `gap`: how far robots come towards each other in a tick
-    /// at most, metres.
+    /// Creates lists for robots that affect each other within `reach` metres. `gap` is the maximum distance by which
+    /// two robots approach each other in a tick, metres.
     pub(crate) fn new(robots: usize, reach: f32, gap: f32) -> Self {
         let few = if L::WIDTH == 1 { FEW } else { FEW_IN_LANES };
         Self {
@@ -52,7 +53,7 @@ impl<L: Lanes> VerletLists<L> {
         }
     }
 
-    /// Indices of the robots that may be near a robot, ascending; may include the robot itself.
+    /// Returns the indices of the robots that may be near a robot, in ascending order; may include the robot itself.
     #[inline(always)]
     pub(crate) fn of(&self, robot: usize) -> &[u32] {
         if self.reach.is_none() {
@@ -61,7 +62,7 @@ impl<L: Lanes> VerletLists<L> {
         &self.others[self.starts[robot] as usize..self.starts[robot + 1] as usize]
     }
 
-    /// After robots have moved.
+    /// Rebuilds the lists, if robots have moved too far.
     #[inline(always)]
     pub(crate) fn update(&mut self, bodies: &Bodies<L>) {
         let Some(reach) = self.reach else {
@@ -76,7 +77,7 @@ impl<L: Lanes> VerletLists<L> {
                 );
                 most = most.at_least(x * x + y * y);
             }
-            // A little less than half, so that rounding does not matter.
+            // Slightly less than half, to allow for rounding.
             let far = self.skin * 0.499;
             if !number(far * far).lt(most).any() {
                 return;
@@ -89,7 +90,7 @@ impl<L: Lanes> VerletLists<L> {
         self.list(reach + self.skin);
     }
 
-    /// Makes the lists of all robots, of others within `reach`.
+    /// Builds the lists of all robots, with the others within `reach`.
     fn list(&mut self, reach: f32) {
         self.cells.resize_with(L::WIDTH, Cells::default);
         for (lane, cells) in self.cells.iter_mut().enumerate() {
@@ -113,7 +114,7 @@ impl<L: Lanes> VerletLists<L> {
                 self.others[first..].sort_unstable();
                 continue;
             }
-            // Those of all lanes, once.
+            // Merge the robots of all lanes, without duplicates.
             for other in self.others.drain(first..) {
                 self.marks[other as usize / 64] |= 1 << (other % 64);
             }
@@ -128,21 +129,21 @@ impl<L: Lanes> VerletLists<L> {
     }
 }
 
-/// Points in the cells of a grid.
+/// Points sorted into the cells of a grid.
 #[derive(Debug, Clone, Default)]
 struct Cells {
     points: Vec<[f32; 2]>,
     low: [f32; 2],
-    /// Cells in a metre, at most one in a reach, and cells along x and y.
+    /// Cells per metre, with cells of at least the reach; number of cells along x and y.
     scale: f32,
     counts: [usize; 2],
-    /// Where each cell begins in `sorted`.
+    /// Start of each cell in `sorted`.
     begins: Vec<u32>,
     sorted: Vec<([f32; 2], u32)>,
 }
 
 impl Cells {
-    /// Sorts the points into cells of at least `reach`, about as many as there are points at most.
+    /// Sorts the points into cells with a side of at least `reach`; there are at most about as many cells as points.
     fn sort(&mut self, reach: f32) {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for point in &self.points {
@@ -155,7 +156,7 @@ impl Cells {
         let side = (extent[0] * extent[1] / self.points.len() as f32)
             .sqrt()
             .max(extent[0].max(extent[1]) / self.points.len() as f32)
-            // A little more, so that rounding does not put neighbours two cells apart.
+            // Slightly more, so that rounding does not put neighbours two cells apart.
             .max(reach * 1.001);
         self.low = low;
         self.scale = 1.0 / side;
@@ -166,7 +167,7 @@ impl Cells {
             let [column, row] = self.cell(*point);
             self.begins[row * self.counts[0] + column] += 1;
         }
-        // Where each cell ends; putting the points in, the last one first, moves that to where it begins.
+        // First compute the end of each cell. Inserting the points in reverse order then moves it to the start.
         let mut end = 0;
         for begin in &mut self.begins {
             end += *begin;
@@ -189,7 +190,7 @@ impl Cells {
         [of(0), of(1)]
     }
 
-    /// Adds the others that are less than `reach` away.
+    /// Adds the other robots that are less than `reach` away.
     fn around(&self, robot: u32, reach: f32, others: &mut Vec<u32>) {
         let [x, y] = self.points[robot as usize];
         let [column, row] = self.cell([x, y]);

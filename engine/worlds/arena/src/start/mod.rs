@@ -1,11 +1,11 @@
-//! Where robots and objects are at the start of an episode.
+//! Start positions of robots and objects in an episode.
 
 pub(crate) mod objects;
 pub(crate) mod robots;
 
 use crate::place::Pose;
 
-/// Where all that moves is at the start.
+/// Start poses of everything that moves.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Starts {
     pub robots: Vec<Pose>,

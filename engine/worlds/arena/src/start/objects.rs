@@ -1,4 +1,4 @@
-//! Where objects stand at the start: not in walls, not in each other.
+//! Start positions of objects: outside walls and apart from each other.
 
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
 use swarmwright_lanes::Number;
@@ -7,15 +7,16 @@ use swarmwright_simulation::counter::uniform;
 use crate::place::area::{pose, within};
 use crate::place::{Face, Form, Kind, MOST_OBJECTS, Place, Places, Pose, to_face};
 
-/// Draws for an object before it is said that it does not fit.
+/// Number of random draws for an object before it is reported as not fitting.
 const TRIES: u64 = 2_000;
-/// The stream of random numbers of objects.
+/// Identifies the random stream for objects.
 const STREAM: u64 = 0x6F62_6A65_6374_7300;
 
-/// Draws where all objects are, one kind's after another's: those without a fixed place stand apart from walls and others.
+/// Draws the poses of all objects, kind by kind. Objects without a fixed place are kept apart from walls and other
+/// objects.
 ///
 /// # Errors
-/// The index of the kind of which not all found a place, and how many did.
+/// Returns the index of the kind whose objects do not all fit, and how many of them did.
 pub(crate) fn draw(kinds: &[Kind], layout: &Place, seed: u64) -> Result<Vec<Pose>, (usize, usize)> {
     let fixed = kinds.iter().filter_map(|kind| match kind.places {
         Places::Fixed(pose) => Some((kind.form, pose)),
@@ -52,7 +53,7 @@ pub(crate) fn draw(kinds: &[Kind], layout: &Place, seed: u64) -> Result<Vec<Pose
     Ok(poses)
 }
 
-/// Corners of a box, counter-clockwise.
+/// Returns the corners of a box, counter-clockwise.
 pub(crate) fn corners([x, y]: [f32; 2], pose: Pose) -> [[f32; 2]; 4] {
     let (cos, sin) = (cos_pi(pose.heading), sin_pi(pose.heading));
     let corner = |x: f32, y: f32| {
@@ -64,7 +65,7 @@ pub(crate) fn corners([x, y]: [f32; 2], pose: Pose) -> [[f32; 2]; 4] {
     [corner(-x, -y), corner(x, -y), corner(x, y), corner(-x, y)]
 }
 
-/// Whether all of an object is inside of the walls and outside of obstacles.
+/// Returns whether an object is entirely inside the walls and outside obstacles.
 pub(crate) fn free((form, pose): (Form, Pose), layout: &Place) -> bool {
     let off = |face: &Face| match form {
         Form::Disc { radius } => {
@@ -82,7 +83,7 @@ pub(crate) fn free((form, pose): (Form, Pose), layout: &Place) -> bool {
     layout.faces.iter().all(off) && layout.is_free(pose.at.map(f64::from))
 }
 
-/// Whether two objects overlap.
+/// Returns whether two objects overlap.
 pub(crate) fn overlap((a, at): (Form, Pose), (b, other): (Form, Pose)) -> bool {
     match (a, b) {
         (Form::Disc { radius }, _) => distance((b, other), at.at) < radius,
@@ -94,7 +95,7 @@ pub(crate) fn overlap((a, at): (Form, Pose), (b, other): (Form, Pose)) -> bool {
     }
 }
 
-/// From a point to the rim of an object, metres; 0 from inside.
+/// Returns the distance from a point to the rim of an object, metres; 0 inside.
 pub(crate) fn distance((form, pose): (Form, Pose), [x, y]: [f32; 2]) -> f32 {
     let [dx, dy] = [x - pose.at[0], y - pose.at[1]];
     match form {
@@ -108,13 +109,13 @@ pub(crate) fn distance((form, pose): (Form, Pose), [x, y]: [f32; 2]) -> f32 {
     }
 }
 
-/// The directions of the sides of a box.
+/// Returns the directions of the sides of a box.
 fn axes(pose: Pose) -> [[f32; 2]; 2] {
     let (cos, sin) = (cos_pi(pose.heading), sin_pi(pose.heading));
     [[cos, sin], [-sin, cos]]
 }
 
-/// Whether points lie on different sides of a line across one of these axes.
+/// Returns whether the projections of two sets of points on one of these axes are disjoint (separating axis theorem).
 fn apart(first: &[[f32; 2]], second: &[[f32; 2]], axes: &[[f32; 2]]) -> bool {
     axes.iter().any(|[ax, ay]| {
         let extent = |points: &[[f32; 2]]| {

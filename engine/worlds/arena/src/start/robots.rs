@@ -1,4 +1,4 @@
-//! Where robots stand at the start of an episode.
+//! Start positions of robots in an episode.
 
 use swarmwright_simulation::counter::uniform;
 
@@ -7,17 +7,18 @@ use crate::place::area::{pose, within};
 use crate::place::{Form, Place, Pose, Start, to_face};
 use crate::robots::Team;
 
-/// Draws for a robot before it is said that it does not fit.
+/// Number of random draws for a robot before the round fails.
 const TRIES: u64 = 2_000;
-/// How often all begin anew where one of them does not fit: others may stand in such a way that there is no place left.
+/// Number of rounds. If a robot does not fit, all robots are drawn again, because the others may block the remaining
+/// space.
 const ROUNDS: u64 = 8;
-/// The stream of random numbers of the start.
+/// Identifies the random stream for start positions.
 const STREAM: u64 = 0x0073_7461_7274;
 
-/// Draws a pose for each robot; those who overlap another robot, a wall or an object are drawn again.
+/// Draws a pose for each robot. A pose that overlaps another robot, a wall or an object is drawn again.
 ///
 /// # Errors
-/// How many robots found a place, if not all did.
+/// Returns the largest number of robots that were placed, if not all fit.
 pub(crate) fn draw(
     start: &Start,
     team: &Team,
@@ -34,7 +35,7 @@ pub(crate) fn draw(
     Err(most)
 }
 
-/// The same, once, with numbers of a stream.
+/// Makes one round of draws, with a random stream.
 fn round_of(
     start: &Start,
     team: &Team,
@@ -63,17 +64,17 @@ fn round_of(
     Ok(poses)
 }
 
-/// Robots in the cells of a grid, so that a robot is compared with those around it alone.
+/// Robots in the cells of a grid, so that a robot is compared only with those nearby.
 struct OccupiedCells {
     low: [f32; 2],
     side: f32,
     counts: [usize; 2],
-    /// The newest robot of each cell, and for each robot the one before it in its cell.
+    /// The most recently added robot of each cell, and for each robot the previous one in its cell.
     newest: Vec<u32>,
     before: Vec<u32>,
 }
 
-/// No robot.
+/// Marks the absence of a robot.
 const NONE: u32 = u32::MAX;
 
 impl OccupiedCells {
@@ -115,7 +116,7 @@ impl OccupiedCells {
         self.before[robot as usize] = std::mem::replace(newest, robot);
     }
 
-    /// Robots in the cell of a place and in those around.
+    /// Returns the robots in the cell of a point and in the adjacent cells.
     fn around(&self, at: [f32; 2]) -> impl Iterator<Item = u32> + '_ {
         let [column, row] = self.cell(at);
         let rows = row.saturating_sub(1)..=(row + 1).min(self.counts[1] - 1);
@@ -137,7 +138,7 @@ fn fits(
     (layout, objects): (&Place, &[(Form, Pose)]),
 ) -> bool {
     let [x, y] = pose.at;
-    // The next one.
+    // Radius of the robot to place.
     let radius = team.robot(others.len()).radius;
     let apart =
         |way: [f32; 2], distance: f32| way[0] * way[0] + way[1] * way[1] >= distance * distance;

@@ -1,4 +1,4 @@
-//! Batteries: what robots use up in a tick, and where they charge.
+//! Batteries, which discharge over time and charge at stations.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -8,7 +8,7 @@ use crate::place::Place;
 use crate::robots::Team;
 use crate::time::TICK;
 
-/// Takes everything from robots that are told something with an empty battery: they stand, show no colour.
+/// Sets all actuators of robots with an empty battery to 0: they stand still and show no colour.
 #[inline(always)]
 pub(crate) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, commands: &mut [L]) {
     for (robot, row) in commands.chunks_exact_mut(row).enumerate() {
@@ -19,7 +19,7 @@ pub(crate) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, commands: &mut [
     }
 }
 
-/// Writes in which lanes no other robot hears a robot as it has no charge.
+/// Adds the lanes in which each robot is mute because its battery is empty.
 #[inline(always)]
 pub(crate) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
     mute.resize(charges.len(), L::Mask::from_bits(0));
@@ -28,7 +28,8 @@ pub(crate) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
     }
 }
 
-/// A tick: robots discharge by time and by the mean of what their drives are told, or charge on the patch for that.
+/// Updates the charges for a tick. Batteries discharge with time and with the mean effort of the drive, and charge on
+/// their station.
 #[inline(always)]
 pub(crate) fn update<L: Lanes>(
     team: &Team,
@@ -51,7 +52,7 @@ pub(crate) fn update<L: Lanes>(
         let charge = charges[robot];
         let used = effort * more + standing;
         let mut next = charge - used;
-        // What is left of the last tick by rounding is not another one.
+        // A remainder due to rounding does not last another tick.
         next = next.only_where((used * 0.5).lt(next));
         if let Some(charging) = &battery.charging {
             let shape = &layout.patches[charging.patch].shape;

@@ -1,4 +1,4 @@
-//! The robots of as many episodes as there are lanes: where they are, and a tick.
+//! The swarms of the episodes in all lanes, and their motion in a tick.
 
 mod battery;
 
@@ -17,7 +17,7 @@ use crate::sensing::senses::Senses;
 use crate::sensing::verlet::VerletLists;
 use crate::time::{SUBSTEP, SUBSTEPS};
 
-/// The robots and all that they carry.
+/// The robots of a swarm with their sensors and drives.
 pub(crate) struct Swarm<L: Lanes> {
     pub bodies: Bodies<L>,
     pub verlet: VerletLists<L>,
@@ -25,16 +25,16 @@ pub(crate) struct Swarm<L: Lanes> {
     contacts: Contacts<L>,
     keys: Keys<L>,
     failing: Failing<L>,
-    /// What robots are told in place of what their controllers say.
+    /// Commands that reach the drives, if they differ from the controllers' outputs.
     told: Vec<L>,
-    /// Of the patches of the floor.
+    /// Colours of the patches of the floor.
     pub colors: Vec<Number<L>>,
-    /// The tick that the robots are in, from 1.
+    /// Current tick, from 1.
     pub tick: u32,
 }
 
 impl<L: Lanes> Swarm<L> {
-    /// Memory for robots and objects; [`start`](Self::start) places them.
+    /// Allocates robots and objects; [`start`](Self::start) places them.
     #[inline(always)]
     pub(crate) fn new(team: &Team, objects: &[Kind]) -> Self {
         let robots = team.len();
@@ -51,7 +51,7 @@ impl<L: Lanes> Swarm<L> {
         }
     }
 
-    /// The first tick of an episode in each lane: no robot moves, all sense.
+    /// Starts an episode in each lane. In this first tick no robot moves; the sensors are updated.
     #[inline(always)]
     pub(crate) fn start(
         &mut self,
@@ -98,7 +98,7 @@ impl<L: Lanes> Swarm<L> {
         self.sense(team, layout);
     }
 
-    /// One tick: all drive with these actuators, one robot's after another's, each in -1..=1, then all look.
+    /// Advances the swarm by a tick. `actuators` has the values of all robots, robot by robot, each in -1..=1.
     #[inline(always)]
     pub(crate) fn step(&mut self, team: &Team, layout: &Place, actuators: &[L]) {
         self.command(team, actuators);
@@ -112,11 +112,11 @@ impl<L: Lanes> Swarm<L> {
         self.look(team, layout);
     }
 
-    /// The first part of a tick: what drives aim at.
+    /// Applies the actuators, as the first part of a tick.
     #[inline(always)]
     pub(crate) fn command(&mut self, team: &Team, actuators: &[L]) {
         let mut commands = std::mem::take(&mut self.told);
-        // By the time at which the tick begins.
+        // Failures apply by the time at which the tick begins.
         let mut other = self.failing.tell(self.tick, actuators, team, &mut commands);
         self.tick += 1;
         if !self.senses.charges.is_empty() {
@@ -141,7 +141,8 @@ impl<L: Lanes> Swarm<L> {
         self.told = commands;
     }
 
-    /// Robots whose number for the gripper, at this place, is above 0 hold what they held, or what is within reach.
+    /// Updates the grippers. `column` is the index of the gripper's actuator; a gripper holds while its value is above
+    /// 0.
     #[inline(always)]
     fn grip(&mut self, team: &Team, column: usize, actuators: &[L]) {
         let bodies = &mut self.bodies;
@@ -156,7 +157,7 @@ impl<L: Lanes> Swarm<L> {
         }
     }
 
-    /// The last part of a tick: all look, where they are now.
+    /// Updates batteries and sensors at the current poses, as the last part of a tick.
     #[inline(always)]
     pub(crate) fn look(&mut self, team: &Team, layout: &Place) {
         let charges = &mut self.senses.charges;
@@ -174,7 +175,7 @@ impl<L: Lanes> Swarm<L> {
         self.sense(team, layout);
     }
 
-    /// What the drives aim at, with their noise; turns the robots.
+    /// Computes the targets of the drives, with their noise, and rotates the robots.
     #[inline(always)]
     fn drive(&mut self, team: &Team, actuators: &[L]) {
         let bodies = &mut self.bodies;
@@ -188,7 +189,7 @@ impl<L: Lanes> Swarm<L> {
             }
             let [length, angle] = halves(words[index % 4]);
             let noise = normal(length, angle);
-            // No closures: what they do would not be inlined into kernels.
+            // No closures, because they would not be inlined into kernels.
             let noise = [
                 noise[0] * robot.wheel_noise + 1.0,
                 noise[1] * robot.wheel_noise + 1.0,
@@ -205,7 +206,7 @@ impl<L: Lanes> Swarm<L> {
                 }
                 Drive::Holonomic { turn } => {
                     let (x, y) = (Number(command[0]) * noise[0], Number(command[1]) * noise[1]);
-                    // Not faster across than along.
+                    // Diagonal motion is not faster than motion along an axis.
                     let length = (x * x + y * y).sqrt().at_least(number(1.0));
                     let speed = number::<L>(robot.top_speed) / length;
                     let (x, y) = (x * speed, y * speed);
@@ -245,7 +246,7 @@ impl<L: Lanes> Swarm<L> {
                 *slot = Number(*number);
             }
             self.contacts.aim[index] = aim;
-            // The first substep still turns as in the tick before.
+            // In the first substep, the robot still turns at the rate of the previous tick.
             let turn = (bodies.spin[index] + spin * (SUBSTEPS - 1) as f32)
                 * (SUBSTEP * std::f32::consts::FRAC_1_PI);
             let heading = bodies.heading[index] + turn;
@@ -287,13 +288,13 @@ impl<L: Lanes> Swarm<L> {
 }
 
 impl Swarm<f32> {
-    /// What a drive aims at: velocity along the axes of the arena, m/s, and rotation, rad/s.
+    /// Returns the target of a drive: velocity along the axes of the arena, m/s, and angular velocity, rad/s.
     pub(crate) fn aim(&self, robot: usize) -> ([f32; 2], f32) {
         let velocity = self.contacts.aim[robot].map(|number| number.0);
         (velocity, self.bodies.spin[robot].0)
     }
 
-    /// What scenes call a robot that cannot do all, or that holds something.
+    /// Returns the state shown in scenes for a robot that is impaired or holds an object.
     pub(crate) fn state(&self, robot: usize) -> Option<&'static str> {
         let charge = self.senses.charges.get(robot);
         if charge.is_some_and(|charge| charge.0 <= 0.0) {
@@ -304,7 +305,7 @@ impl Swarm<f32> {
         failing.or(holds.then_some("holds an object"))
     }
 
-    /// All are elsewhere, `seconds` later.
+    /// Moves all robots and objects to poses that are `seconds` later.
     pub(crate) fn put(
         &mut self,
         robots: impl Iterator<Item = Pose>,
