@@ -6,7 +6,7 @@ use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
 use crate::place::{Form, Kind, LedColor, Pose};
 use crate::time::PART;
 
-/// Standard gravity, m/s^2.
+/// Gravitational acceleration, m/s^2.
 const GRAVITY: f32 = 9.81;
 
 /// Maximum speed of a body, in radii per second, so that it cannot pass through a wall or another body in one part of a

@@ -43,7 +43,8 @@ pub(super) fn wait<L: Lanes>(count: Number<L>, [least, most]: [f32; 2], waits: &
     *waits = number(0.0).select(*waits, now);
 }
 
-/// Counts robots that arrive at the nest from a source; `carries` is 1 for robots that have been at a source since.
+/// Counts robots that arrive at the nest from a source; `carries` is 1 for robots that have been
+/// at a source since their last return.
 #[inline(always)]
 pub(super) fn returns<L: Lanes>(
     bodies: &Bodies<L>,

@@ -25,7 +25,7 @@ pub(crate) struct Swarm<L: Lanes> {
     contacts: Contacts<L>,
     keys: Keys<L>,
     failing: Failing<L>,
-    /// Commands that reach the drives, if they differ from the controllers' outputs.
+    /// Commands that robots carry out, if they differ from the controllers' outputs.
     told: Vec<L>,
     /// Colours of the patches of the floor.
     pub colors: Vec<Number<L>>,

@@ -18,7 +18,7 @@ const MOST_SLOTS: u32 = 10_000;
 /// Limits in seconds.
 const LONGEST_DELAY: f32 = 5.0;
 const LONGEST_INTERVAL: f32 = 10.0;
-/// Minimum probability of reception that a 16-bit random number can represent; weaker messages are never received.
+/// Probability of reception so small that the 16-bit number of a link never lets a message through.
 const FAINTEST: f64 = 1.0 / 262_144.0;
 
 /// Imperfections of the communication between robots.
