@@ -207,15 +207,21 @@ export function askToLeave() {
 }
 
 /** Asks a question with two answers; resolves to whether it was the first. Frames in other pages may not use `confirm`. */
-export function askWhether(question, yes, no) {
+export async function askWhether(question, yes, no) {
+  return await openDialog(question, null, yes, no) !== null;
+}
+
+/** Asks for a text; resolves to null where it was not given. */
+export function askFor(question, yes) {
+  return openDialog(question, h("input", { "aria-label": question }), yes, "Cancel");
+}
+
+/** Resolves to the text of a field, empty without one; to null where the dialog was closed or the answer is no. */
+function openDialog(question, field, yes, no) {
   return new Promise((resolve) => {
-    const answer = (isYes) => () => {
-      resolve(isYes);
-      dialog.close();
-    };
-    const dialog = h("dialog", { "aria-label": question, close: () => { resolve(false); dialog.remove(); } },
-      h("p", {}, question), h("div", { class: "tools" },
-        h("button", { type: "button", click: answer(false) }, no), h("button", { type: "button", class: "primary", click: answer(true) }, yes)));
+    const dialog = h("dialog", { "aria-label": question, close: () => { resolve(null); dialog.remove(); } },
+      h("form", { submit: (event) => { event.preventDefault(); resolve(field?.value ?? ""); dialog.close(); } }, h("p", {}, question), field, h("div", { class: "tools" },
+        h("button", { type: "button", click: () => dialog.close() }, no), h("button", { type: "submit", class: "primary" }, yes))));
     document.body.append(dialog);
     dialog.showModal();
   });

@@ -1,5 +1,5 @@
 // The list of runs: filter, sort, select several.
-import { change, color, date, duration, figure, h, problem } from "./dom.js";
+import { askFor, askWhether, change, color, date, duration, figure, h, problem } from "./dom.js";
 import { shareOf } from "./colors.js";
 import { store } from "./store.js";
 import { onTheme } from "./theme.js";
@@ -144,7 +144,7 @@ export function show(view, query) {
   async function deleteSelected() {
     const names = [...selected];
     const few = names.slice(0, 5).join(", ") + (names.length > 5 ? ` and ${names.length - 5} more` : "");
-    if (!confirm(`Delete ${names.length === 1 ? "the run" : `${names.length} runs`} ${few}? Their records cannot be brought back.`)) return;
+    if (!await askWhether(`Delete ${names.length === 1 ? "the run" : `${names.length} runs`} ${few}? Their records cannot be brought back.`, "Delete", "Cancel")) return;
     try {
       await change("delete", { runs: names });
       message.replaceChildren(h("p", { class: "hint" }, "Deleting… ", h("a", { href: "#/jobs" }, "Jobs")));
@@ -154,7 +154,7 @@ export function show(view, query) {
   }
 
   async function tagSelected() {
-    const tags = prompt(`Tags for ${selected.size === 1 ? "the run" : `${selected.size} runs`}, separated by commas:`);
+    const tags = await askFor(`Tags for ${selected.size === 1 ? "the run" : `${selected.size} runs`}, separated by commas:`, "Add");
     if (!tags) return;
     try {
       await change("annotate", { runs: [...selected], add: tags });
