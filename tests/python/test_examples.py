@@ -17,7 +17,8 @@ FUNCTIONS = [
     name for name in swarmwright.__all__ if inspect.isfunction(getattr(swarmwright, name)) and name[0] != "_"
 ]
 STARTS = {"export_bundle", "sweep", "verify_bundle"}
-"""Those whose examples start processes."""
+"""Those whose examples start processes: compilers, mostly, which take half a minute on a quiet machine."""
+MARKS = (pytest.mark.journey, pytest.mark.timeout(180))
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,7 @@ def functions() -> dict[str, Callable[..., Any]]:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.journey) if name in STARTS else name for name in FUNCTIONS]
+    "name", [pytest.param(name, marks=MARKS) if name in STARTS else name for name in FUNCTIONS]
 )
 def test_the_examples_of_a_public_function_run(
     name: str, prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -35,7 +35,7 @@ def serving(folder: Path, **options: object) -> Iterator[Window]:
         yield window
     finally:
         window.end()
-        thread.join(20)
+        thread.join(45)
         assert not thread.is_alive()
 
 
