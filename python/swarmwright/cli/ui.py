@@ -3,7 +3,6 @@
 import contextlib
 import tempfile
 import webbrowser
-from html import escape
 from pathlib import Path
 
 import click
@@ -111,10 +110,8 @@ def write_opening_page(folder: Path, address: str) -> str:
 
     folder: that only this user can read.
     """
+    from swarmwright.ui.guard import forwarding_page
+
     page = folder / "open.html"
-    page.write_text(
-        f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={escape(address)}">'
-        f'<title>Swarmwright</title><a href="{escape(address)}">Swarmwright</a>',
-        encoding="utf-8",
-    )
+    page.write_text(forwarding_page(address), encoding="utf-8")
     return page.as_uri()

@@ -214,7 +214,8 @@ class Brokers:
 
     def require(self, url: str) -> None:
         """Raise InputError for a broker that is not of this window, whatever the prefix."""
-        if url not in [address for address, _ in self.list_addresses()]:
+        endpoints = list_endpoints(url)
+        if endpoints not in [list_endpoints(address) for address, _ in self.list_addresses()]:
             raise InputError(
                 "broker: this window does not show the broker that the run names, and sends it no account; "
                 "enter its address on the page Servers if you trust it"
@@ -226,11 +227,11 @@ class Brokers:
         Of others than those of the window it never is: the experiment that names the broker may come from
         somebody who wants to know the account.
         """
-        locations = list_locations(url)
+        endpoints = list_endpoints(url)
         with self._lock:
             watches = list(self._watches.values())
         for watch in watches:
-            if watch.prefix == prefix and list_locations(watch.url) == locations:
+            if watch.prefix == prefix and list_endpoints(watch.url) == endpoints:
                 return watch.count()
         return None
 
@@ -245,9 +246,12 @@ class Brokers:
             watch.close(end - time.monotonic())
 
 
-def list_locations(urls: str) -> list[str]:
-    """Return hosts and ports of a broker's address, or of several: `mqtt://lab` is `mqtt://lab:1883`."""
-    return [location_of(url) for url in urls.split(",")]
+def list_endpoints(urls: str) -> list[tuple[str, str]]:
+    """Return scheme and location of a broker's address, or of several: `mqtt://lab` is `mqtt://lab:1883`.
+
+    The scheme belongs to it: an account that goes to a broker by TLS must not go there without.
+    """
+    return [(url.strip().partition("://")[0].lower(), location_of(url)) for url in urls.split(",")]
 
 
 def describe(view: View, last: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:

@@ -172,7 +172,9 @@ class Guard:
             rest = urlencode([(key, value) for key, value in query if key != "token"])
             address = f"./?{rest}" if rest else "./"
             if headers.get("sec-fetch-site") == "cross-site":
-                return self._with_cookie(scope, continue_page(address), self._pass)
+                # After a link on another site, as of the file that `--open` opens, browsers keep the new
+                # cookie back from a redirect, but not from a page's own request.
+                return self._with_cookie(scope, HTMLResponse(forwarding_page(address)), self._pass)
             return self._with_cookie(scope, RedirectResponse(address, 303), self._pass)
         kind, _, token = headers.get("authorization", "").partition(" ")
         if kind.lower() == "bearer" and self._is_token(token):
@@ -241,15 +243,12 @@ def derive_pass(token: str, cookie: str) -> str:
     return hmac.new(token.encode(), cookie.encode(), hashlib.sha256).hexdigest()
 
 
-def continue_page(address: str) -> Response:
-    """Return a page that goes on to an address by itself.
-
-    After a link on another site, as of the file that `--open` opens, browsers keep the new cookie back from a
-    redirect, but not from a page's own request.
-    """
-    return HTMLResponse(
-        f'<!doctype html><meta http-equiv="refresh" content="0; url={escape(address)}">'
-        '<link rel="icon" href="data:,"><title>Swarmwright</title>'
+def forwarding_page(address: str) -> str:
+    """Return a page that leads to an address by itself, or where browsers do not allow that, by a link."""
+    return (
+        '<!doctype html><meta charset="utf-8">'
+        f'<meta http-equiv="refresh" content="0; url={escape(address)}"><link rel="icon" href="data:,">'
+        f'<title>Swarmwright</title><a href="{escape(address)}">Swarmwright</a>'
     )
 
 

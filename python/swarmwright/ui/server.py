@@ -223,8 +223,8 @@ class Window:
     @property
     def address(self) -> str:
         """The address for browsers of this machine, or of others where it listens for those."""
-        shown = f"[{self._host}]" if ":" in self._host else self._host
-        return f"{self._scheme}://{shown}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"{self._scheme}://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def run(self) -> None:
         """Answer until `end`, or in the main thread until SIGINT or SIGTERM."""

@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 
 from swarmwright import InputError, _engine
+from swarmwright.servers.broker.credentials import location_of
 from swarmwright.servers.broker.watching import Watch
 from swarmwright.ui import brokers
 from swarmwright.ui.app import create_app
-from swarmwright.ui.brokers import MOST_BROKERS, MOST_ROWS, Brokers, BrokerWatch, describe, list_locations
+from swarmwright.ui.brokers import MOST_BROKERS, MOST_ROWS, Brokers, BrokerWatch, describe, list_endpoints
 from tests.python.servers.broker.test_watching import presence, status, work
 from tests.python.ui.client import call
 
@@ -130,7 +131,7 @@ def test_brokers_are_those_of_the_owner_and_not_many() -> None:
     for number in range(3 * MOST_BROKERS):
         chosen.add(f"mqtt://host-{number}", "")
     addresses = chosen.list_addresses()
-    assert list_locations("mqtt://lab,mqtts://lab") == list_locations("mqtt://lab:1883, mqtts://lab:8883")
+    assert list_endpoints("mqtt://lab,mqtts://lab") == list_endpoints("mqtt://lab:1883, mqtts://lab:8883")
     assert addresses[0] == ("mqtt://localhost:1883", "lab")
     assert len(addresses) == MOST_BROKERS
 
@@ -149,6 +150,10 @@ def test_one_more_than_all_brokers_that_are_watched_is_refused(monkeypatch: pyte
 def test_the_queue_asks_only_brokers_of_the_window(broker: Any) -> None:
     chosen = Brokers(broker.url)
     assert chosen.count_servers("mqtt://elsewhere", "") is None
+    chosen.require(f" {broker.url}/")
+    for other in (f"mqtts://{location_of(broker.url)}", "mqtt://elsewhere", f"{broker.url},mqtt://elsewhere"):
+        with pytest.raises(InputError, match="sends it no account"):
+            chosen.require(other)
     assert chosen.list_addresses() == [(broker.url, "")]
     assert chosen.count_servers(broker.url, "elsewhere") is None
     assert until(lambda: chosen.count_servers(broker.url, ""), lambda count: count is not None) == 0

@@ -177,8 +177,8 @@ def test_a_run_is_watched_while_it_goes_on(browser: Chrome, tmp_path: Path) -> N
                 words = re.search(r"generation (\d+)", find(browser, ".words").text)
                 return int(words[1]) if words else -1
 
-            shown = last_generation()
-            eventually(lambda: last_generation() > max(shown, 0), "the tab goes on, too")
+            generation = last_generation()
+            eventually(lambda: last_generation() > max(generation, 0), "the tab goes on, too")
         finally:
             process.kill()
             process.wait()

@@ -385,8 +385,8 @@ def test_files_of_the_folder_take_the_place_of_no_module(jobs: Jobs) -> None:
 @pytest.mark.slow
 def test_what_code_prints_while_it_is_imported_is_no_mistake(jobs: Jobs) -> None:
     (jobs.folder / "chatty.py").write_text("print('loading the model')\n")
-    found = jobs.check("simulation: chatty.py:Sim\nservers: in-process\n")
-    assert ["chatty.py: has no class 'Sim'" in problem["message"] for problem in found] == [True], found
+    problems = jobs.check("simulation: chatty.py:Sim\nservers: in-process\n")
+    assert ["chatty.py: has no class 'Sim'" in problem["message"] for problem in problems] == [True], problems
 
 
 def test_a_run_that_waits_is_not_queued_again(jobs: Jobs) -> None:

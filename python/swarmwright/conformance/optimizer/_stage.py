@@ -22,7 +22,7 @@ def make_sensors(turn: int, count: int) -> list[float]:
 class Played:
     """An episode of a simulated server.
 
-    asked: (agent, turn) in order. answers: received messages by agent and turn. ended: `fitness` or
+    questions: (agent, turn) in order. answers: received messages by agent and turn. ended: `fitness` or
     `stopped`; empty while the episode lasts.
     """
 

@@ -53,14 +53,14 @@ def test_elites_and_indicators_are_those_of_the_library(
             _, (value,) = measure(by, [run])  # type: ignore[arg-type]
             assert states["indicators"][name][-1] == pytest.approx(value)
     for generation, count in zip(states["generations"], states["counts"], strict=True):
-        shown = call(app, f"/api/{POINTS[tab]}", run=tab, generation=generation).values
+        points = call(app, f"/api/{POINTS[tab]}", run=tab, generation=generation).values
         expected = compute_elites(run, run.history[generation].evaluations).candidates
         assert count == len(expected)
-        assert [*zip(shown["born"], shown["candidate"], shown["columns"]["fitness"], strict=True)] == [
+        assert [*zip(points["born"], points["candidate"], points["columns"]["fitness"], strict=True)] == [
             (elite.generation, elite.candidate, elite.fitness) for elite in expected
         ]
         if tab == "archive":
-            assert all(0 <= cell < 5 for cell in shown["bins"]["steps"])
+            assert all(0 <= cell < 5 for cell in points["bins"]["steps"])
 
 
 @pytest.mark.parametrize(

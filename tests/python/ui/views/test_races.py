@@ -24,8 +24,8 @@ def test_races_and_their_candidates(
     run = optimize(Experiment.from_mapping(values), out=tmp_path / "race")
     app = open_app(tmp_path)
     assert "races" in call(app, "/api/tabs", run="race").values["tabs"]
-    shown = call(app, "/api/races", run="race").values
-    assert (shown["unit"], shown["numbers"], shown["steps"]) == ("episodes", [0, 1, 2], [1, 2, 3, 4, 5, 6])
+    counts = call(app, "/api/races", run="race").values
+    assert (counts["unit"], counts["numbers"], counts["steps"]) == ("episodes", [0, 1, 2], [1, 2, 3, 4, 5, 6])
     entered = call(app, "/api/race_entrants", run="race", race=1).values
     assert [entrant["candidate"] for entrant in entered["entrants"]] == [
         entrant.candidate for entrant in entrants(run, 1)

@@ -211,8 +211,8 @@ def test_episodes_of_any_simulation_end_in_time(endless: Path, monkeypatch: pyte
         422,
         "these episodes take more than 0 s; choose fewer or shorter ones",
     )
-    shown = call(app, "/api/episode", run="endless", parameters=json.dumps(changes))
-    assert "this takes more than 0 s" in shown.body.decode()
+    refusal = call(app, "/api/episode", run="endless", parameters=json.dumps(changes))
+    assert "this takes more than 0 s" in refusal.body.decode()
     exported = post(app, "export", run="endless", to=".html", parameters=changes)
     assert "this takes more than 0 s" in exported.values["error"]
 
