@@ -161,9 +161,8 @@ def export_replay(run: Run, ending: str, options: Mapping[str, Any], speed: floa
     """
     if not SLOWEST <= speed <= FASTEST:
         raise InputError(f"speed: must be from {SLOWEST:g} to {FASTEST:g}, not {speed:g}")
-    with limit_replay():
-        replay = run.replay(**options, speed=speed)
     with TemporaryDirectory() as folder, limit_replay():
+        replay = run.replay(**options, speed=speed)
         file = Path(folder) / f"replay{ending}"
         replay.save(file)
         numbers = options.get("generation"), options.get("candidate")
