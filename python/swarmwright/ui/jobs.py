@@ -110,28 +110,30 @@ class Job:
 class Process:
     """Where the process of a job is."""
 
-    process: int
-    moment: str
-    """When it was started, in ticks since the machine was."""
-    boot: str
+    pid: int
+    start_time: str
+    """In clock ticks since the machine started, which tells it from later processes with its number."""
+    boot_id: str
+    """Of the start of the machine, after which the numbers begin anew."""
     host: str
 
     @classmethod
-    def of(cls, process: int) -> "Process":
+    def of(cls, pid: int) -> "Process":
         """Return where a process of this machine is."""
-        return cls(process, start_time(process), read_boot(), socket.gethostname())
+        return cls(pid, read_start_time(pid), read_boot_id(), socket.gethostname())
 
     @property
-    def is_here(self) -> bool:
-        """Whether it is a process of this machine, if it is any."""
+    def is_local(self) -> bool:
+        """Whether it was started on this machine."""
         return self.host == socket.gethostname()
 
     @property
-    def is_there(self) -> bool:
-        """Whether it still is, as far as is known; later, and after a reboot, others have its number."""
-        if not self.is_here:
+    def is_running(self) -> bool:
+        """Whether it still runs; one of another machine counts as running, since nothing is known of it."""
+        if not self.is_local:
             return True
-        return self.boot == read_boot() and self.moment != "" and start_time(self.process) == self.moment
+        is_same_boot = self.boot_id == read_boot_id()
+        return is_same_boot and self.start_time != "" and read_start_time(self.pid) == self.start_time
 
 
 class Jobs:
@@ -333,11 +335,11 @@ class Jobs:
             current = self._read(job)
             process = self._read_process(job)
             if current is not None and current.state == "running" and process is not None:
-                if not process.is_here:
+                if not process.is_local:
                     raise InputError(f"the job runs on {process.host}; stop it in a window there")
                 (self._jobs / job / "stopped").touch()
                 with contextlib.suppress(ProcessLookupError):
-                    os.killpg(process.process, signal.SIGINT)
+                    os.killpg(process.pid, signal.SIGINT)
             elif current is not None and current.state == "waiting":
                 (self._jobs / job / "stopped").touch()
                 (self._jobs / job / "status").write_text("130\n")
@@ -421,14 +423,14 @@ class Jobs:
         status = self._status(folder)
         process = self._read_process(name)
         is_started = (folder / "process").exists()
-        if status is None and is_started and (process is None or not process.is_there):
+        if status is None and is_started and (process is None or not process.is_running):
             status = self._status(folder)  # between the two looks it may have ended
             state = "failed"
         else:
             state = "running" if is_started else "waiting"
         if status is not None:
             state = "done" if status == 0 else "stopped" if (folder / "stopped").exists() else "failed"
-        host = "" if process is None or process.is_here else process.host
+        host = "" if process is None or process.is_local else process.host
         line = last_line(tail(folder / "output.txt", LINE_BYTES))
         job = replace(job, state=state, status=status, line=line, host=host)
         if status is not None:
@@ -446,10 +448,10 @@ class Jobs:
         """Return where the process of a job is, or was; None before it is started."""
         try:
             values = json.loads((self._jobs / name / "process").read_text("utf-8"))
-            process = Process(**{**values, "process": int(values["process"])})
+            process = Process(**{**values, "pid": int(values["pid"])})
         except (OSError, ValueError, TypeError, KeyError):
             return None
-        return process if process.process > 1 else None  # the others mean many processes at once
+        return process if process.pid > 1 else None  # the others mean many processes at once
 
     @contextlib.contextmanager
     def _lock(self) -> Iterator[None]:
@@ -489,7 +491,7 @@ def require_name(name: str) -> None:
         )
 
 
-def start_time(process: int) -> str:
+def read_start_time(process: int) -> str:
     """Return when a process was started, in ticks since the computer was; empty where it has ended."""
     try:
         fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
@@ -498,7 +500,7 @@ def start_time(process: int) -> str:
     return "" if fields[0] == "Z" else fields[19]
 
 
-def read_boot() -> str:
+def read_boot_id() -> str:
     """Return what tells this start of the machine from all others; empty where that is not known."""
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

@@ -131,7 +131,7 @@ def test_a_job_that_is_killed_has_failed(jobs: Jobs) -> None:
     until(jobs, lambda now: now[0].state == "running")
     process = jobs._read_process(job.id)
     assert process is not None
-    os.killpg(process.process, signal.SIGKILL)
+    os.killpg(process.pid, signal.SIGKILL)
     until(jobs, lambda now: now[0].state == "failed")
 
 
@@ -202,16 +202,16 @@ def test_only_jobs_of_the_queue_are_stopped(jobs: Jobs, job: str) -> None:
         ("job.json", '{"id": 1}'),
         ("process", "1 2"),
         ("process", "[]"),
-        ("process", '{"process": "1", "moment": "", "boot": "", "host": ""}'),
-        ("process", '{"process": -1, "moment": "", "boot": "", "host": ""}'),
-        ("process", '{"process": 1, "moment": ""}'),
+        ("process", '{"pid": "1", "start_time": "", "boot_id": "", "host": ""}'),
+        ("process", '{"pid": -1, "start_time": "", "boot_id": "", "host": ""}'),
+        ("process", '{"pid": 1, "start_time": ""}'),
         ("process", ""),
         ("status", "soon"),
     ],
 )
 def test_damaged_files_of_a_job_harm_nothing(jobs: Jobs, file: str, content: str) -> None:
     [job] = jobs.start(SMALL, "small", [])
-    process = replace(Process.of(os.getpid()), moment="0")
+    process = replace(Process.of(os.getpid()), start_time="0")
     (jobs._jobs / job.id / "process").write_text(json.dumps(asdict(process)))
     (jobs._jobs / job.id / file).write_text(content)
     states = [known.state for known in jobs.list_jobs()]
@@ -222,10 +222,10 @@ def test_damaged_files_of_a_job_harm_nothing(jobs: Jobs, file: str, content: str
     ("changes", "state"),
     [
         ({}, "running"),
-        ({"moment": "1"}, "failed"),
-        ({"boot": "of yesterday"}, "failed"),
+        ({"start_time": "1"}, "failed"),
+        ({"boot_id": "of yesterday"}, "failed"),
         ({"host": "node7"}, "running"),
-        ({"host": "node7", "boot": "of node7", "moment": "1"}, "running"),
+        ({"host": "node7", "boot_id": "of node7", "start_time": "1"}, "running"),
     ],
 )
 def test_a_job_belongs_to_its_machine_and_the_time_since_it_was_started(
@@ -238,14 +238,14 @@ def test_a_job_belongs_to_its_machine_and_the_time_since_it_was_started(
     (jobs._jobs / job.id / "process").write_text(json.dumps(asdict(process)))
     [_, current] = jobs.list_jobs()
     assert (current.state, current.host) == (state, changes.get("host", ""))
-    is_here = state == "running" and not current.host
-    assert len([*jobs._choose(jobs.list_jobs())]) == (0 if is_here else 1), "another machine's processors"
+    is_local = state == "running" and not current.host
+    assert len([*jobs._choose(jobs.list_jobs())]) == (0 if is_local else 1), "another machine's processors"
     if current.host:
         with pytest.raises(InputError, match="the job runs on node7; stop it in a window there"):
             jobs.stop(job.id)
     else:
         jobs.stop(job.id)
-    assert signals == ([os.getpid()] if is_here else [])
+    assert signals == ([os.getpid()] if is_local else [])
     (jobs._jobs / job.id / "status").write_text("0\n")
     assert jobs.list_jobs()[1].state == "done"
 
