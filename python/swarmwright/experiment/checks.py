@@ -15,8 +15,9 @@ from swarmwright.common.simulation_names import is_command
 from swarmwright.common.yaml import Path_, parse_path
 from swarmwright.controllers import Representation
 from swarmwright.controllers.kinds.parameter_set import ParameterSetOptions
-from swarmwright.controllers.kinds.team import TeamOptions, check_counts, largest_number, with_groups
+from swarmwright.controllers.kinds.team import Team, TeamOptions, check_counts, largest_number, with_groups
 from swarmwright.controllers.networks import NetworkOptions
+from swarmwright.experiment import competition
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
 from swarmwright.experiment.evolved import iter_problems, iter_unknown
@@ -26,6 +27,7 @@ from swarmwright.experiment.start_from import genomes_of, samples_around_start
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.methods.rankings.multi_fidelity import MultiFidelityOptions
+from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.catalogue import steers_itself, titles
 from swarmwright.simulations.fitness import FitnessExpression
@@ -131,6 +133,7 @@ def check_values(
         else:
             _fill_in(checked, is_available, report)
             _check_groups(checked, is_available, report)
+        competition.resolve(checked, values, is_available, report)
         reads_code = not ask and getattr(checked.get("controller"), "in_files", False)
         representation = None if reads_code else _check_representation(checked, report)
         _check_method(checked, representation, report)
@@ -301,7 +304,10 @@ def _check_method(checked: Checked, representation: Representation | None, repor
     If sensors and actuators are unknown, this is checked when a server has announced them.
     """
     method = checked.get("method")
-    if method is not None:
+    if isinstance(checked.get("ranking"), TournamentOptions):
+        if isinstance(representation, Team):
+            competition.check_representations(checked, representation, report)
+    elif method is not None:
         component = REGISTRIES["method"].get(method.kind)
         for name, reason in component.problems(method, representation).items():
             report(("method", name), reason)

@@ -12,6 +12,7 @@ from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.broker_address import broker_problem, prefix_problem
 from swarmwright.experiment.launchers import LauncherOptions
+from swarmwright.methods.rankings.tournament import MOST_SIDES
 from swarmwright.simulations.fitness import FitnessExpression
 
 _NAME_CHARACTERS = 1000
@@ -269,6 +270,25 @@ class Validate(Options):
         return self
 
 
+class PopulationSection(Options):
+    """A population of a competition, which plays one side of the matches."""
+
+    controller: dict[str, Any] = Field(default={})
+    """The representation of its controllers, as in `controller`."""
+    method: dict[str, Any] = Field(default={})
+    """Its optimization algorithm, as in `method`, which has the defaults and all limits."""
+    fitness: str | None = Field(default=None, min_length=1)
+    """Its fitness in a match, an expression as in `fitness`. Default: that of the side in `ranking.sides`, or
+    the one that the simulation announces."""
+
+    @field_validator("fitness")
+    @classmethod
+    def _fitness(cls, value: str | None) -> str | None:
+        if value is not None:
+            FitnessExpression(value)  # raises a ValueError
+        return value
+
+
 class Document(Options):
     """An experiment: simulation, controller, method and servers."""
 
@@ -301,6 +321,11 @@ class Document(Options):
     """
     controller: dict[str, Any] = Field(default={})
     """The representation of controllers by genomes."""
+    populations: dict[str, PopulationSection] = Field(default={}, max_length=MOST_SIDES)
+    """Populations that evolve at the same time, each of which plays the side of its name in the matches of a
+    tournament: {predators: {controller: {hidden: [8]}}, prey: {}}. They compete, or cooperate if they have
+    the same fitness. Default: one population.
+    """
     method: dict[str, Any] = Field(default={})
     """The optimization algorithm and its budget. The default, nnga, evolves every representation and is
     FREVO's method; for networks, snes needs fewer evaluations.

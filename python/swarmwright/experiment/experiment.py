@@ -43,6 +43,7 @@ from swarmwright.experiment.unavailable import (
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.rankings import Ranking, RankingOptions
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
+from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import name_of
 from swarmwright.simulations.near_names import describe_other_file
@@ -138,6 +139,8 @@ class Experiment:
     """Controllers to start from, with their weights; None for random ones."""
     controller: RepresentationOptions
     """Options of the representation, such as `LayeredOptions`."""
+    populations: dict[str, MethodOptions]
+    """Options of the method of each population of a competition, by side; empty for one population."""
     method: MethodOptions
     """Options of the method, such as `CmaEsOptions`."""
     ranking: RankingOptions
@@ -278,6 +281,10 @@ class Experiment:
                     del value["fitness"]
             if item.name == "servers" and isinstance(value, tuple):
                 value = to_file_value(value)
+            if item.name == "populations":
+                if value:
+                    result[item.name] = {name: {"method": _dump(options)} for name, options in value.items()}
+                continue
             if item.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)
                 if item.name == "method" and self.method.generation_limit is None:
@@ -437,6 +444,10 @@ class Experiment:
         require_method(self.method, None if self.path is None else self.path.parent)
         if representation is None:
             representation = self.representation()
+        if isinstance(self.ranking, TournamentOptions):
+            from swarmwright.experiment.competition import new_competition  # noqa: PLC0415 - it imports this module
+
+            return new_competition(self, representation)
         options = options_with_code("method", self.method)
         method = method_of(options)(options, representation, seed=self.seed)
         start = find_start_genomes(self, representation)
@@ -555,6 +566,13 @@ def with_source(
         values[key] = {**values.get(key, {}), **value} if both else value
     merged = dataclasses.replace(source, values=values)
     return Experiment._check_source(merged, None, ask=ask, lenient=experiment._keeps_unavailable(values))
+
+
+def _dump(options: MethodOptions) -> dict[str, Any]:
+    """Return the options of a population's method without limits, `kind` first."""
+    values = options.model_dump(exclude_none=True, exclude={"generations"})
+    result: dict[str, Any] = plain_values({"kind": values.pop("kind"), **values})
+    return result
 
 
 def shorten(value: object) -> str:

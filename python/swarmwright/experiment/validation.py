@@ -10,6 +10,7 @@ from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.problems import Report, format_value
 from swarmwright.common.simulation_names import LIBRARIES, definition_in, is_definition, is_in_file, is_python
 from swarmwright.common.yaml import Path_, Source
+from swarmwright.experiment import competition
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, STORE, Checked
 from swarmwright.experiment.launcher_entries import entries_of, names_launchers
@@ -65,7 +66,8 @@ def check(
         values = _with_modules(source, values, folder, report)
         values = _with_classes(source, values, folder, report, ask=ask)
         values = _with_launchers(source, values, folder, report)
-        placed = _report_in_sections(values, is_available, _report_in_files(files, report))
+        values, report_side = competition.expand(values, is_available, report)
+        placed = _report_in_sections(values, is_available, _report_in_files(files, report_side))
         with _use_stand_ins({"method", "ranking"} if not ask else lenient):
             checked = check_values(values, is_available, placed, ask=ask, unread=unread)
         if ask and "method" not in lenient and checked.get("method") is not None:  # not needed to read a run

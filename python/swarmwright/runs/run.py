@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from swarmwright.runs.elites import Elites
+    from swarmwright.runs.matches import Champion
     from swarmwright.runs.metric_curves import Names
     from swarmwright.runs.page import ReplayPage
     from swarmwright.runs.post_evaluation import PostEvaluation
@@ -200,6 +201,15 @@ class Run:
         experiment = restore_experiment(self, best.generation)
         specification = experiment.representation().specification(best.genome)
         return Best(best.fitness, best.generation, best.candidate, specification)
+
+    def champions(self, side: str) -> "list[Champion]":
+        """Return the best candidate of a side of a competition in each generation.
+
+        Raises InputError if the run is no competition, or has no such side.
+        """
+        from swarmwright.runs.matches import champions
+
+        return champions(self, side)
 
     @cached_property
     def validation(self) -> "Validation | None":

@@ -418,3 +418,21 @@ def parameter_mistakes(simulation: str, parameters: dict[str, Any]) -> list[Para
         return [
             ParameterMistake(*mistake) for mistake in _engine.parameter_mistakes(engine_title, parameters)
         ]
+
+
+def sides(simulation: str, parameters: dict[str, Any]) -> dict[str, str | None]:
+    """Return the sides of a match in a local simulation, each with the metric that is its fitness, if any.
+
+    Without declared sides, each kind of agents is one. Errors as for `groups`.
+    """
+    engine_title = _engine_title(simulation)
+    if engine_title is None:
+        declared = getattr(_python_description(simulation), "sides", {})
+        if declared:
+            return {name: side.fitness for name, side in declared.items()}
+    else:
+        with engine_errors():
+            announced: Any = _engine.describe(engine_title, parameters).get("sides", [])
+        if announced:
+            return {side["name"]: side.get("fitness") for side in announced}
+    return dict.fromkeys(group.name for group in groups(simulation, parameters))

@@ -17,6 +17,7 @@ RANKINGS: Registry[Ranking] = Registry(
         "absolute": "swarmwright.methods.rankings.absolute:Absolute",
         "multi_fidelity": "swarmwright.methods.rankings.multi_fidelity:MultiFidelity",
         "race": "swarmwright.methods.rankings.race:Race",
+        "tournament": "swarmwright.methods.rankings.tournament:Tournament",
         "transferability": "swarmwright.methods.rankings.transferability:Transferability",
     },
     "swarmwright.methods.rankings:Ranking",

@@ -1,7 +1,7 @@
 """Pairings of tournaments: who meets whom."""
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -88,7 +88,9 @@ class HallOfFame(Pairing):
         """All matches at once; champion k has the number candidates + k."""
         rounds = _count_rounds(options)
         champions = min(options.archive, (rounds + 1) // 2 if candidates > 1 else rounds)
-        opponents = np.sort(random.choice(options.archive, champions, replace=False)) if champions else []
+        opponents: Any = (
+            np.sort(random.choice(options.archive, champions, replace=False)) if champions else []
+        )
         pairs = [
             (candidate, candidates + int(champion))
             if place % 2 == 0

@@ -26,6 +26,7 @@ from swarmwright.experiment.budget import EndReason
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
 from swarmwright.methods.rankings import Ranking
+from swarmwright.methods.rankings.tournament import Tournament
 from swarmwright.runs.optimization.account import Account
 from swarmwright.runs.optimization.evaluators import create_evaluator
 from swarmwright.runs.optimization.failures import Failures, FirstEvaluations, FirstFailedError
@@ -110,7 +111,8 @@ class Loop:
         self.name = store.folder.resolve().name
         """Name of the run."""
         self.budget = experiment.budget
-        reevaluates = self.ranking.options.reevaluate
+        # Champions have beaten the opponents of their generation only.
+        reevaluates = self.ranking.options.reevaluate or isinstance(self.ranking, Tournament)
         self.account = Account(self.method, self.budget, reevaluates=reevaluates)
         self.failures = Failures(store.folder)
         self.first = FirstEvaluations(self.ranking.options.failure_fitness)

@@ -29,14 +29,17 @@ from swarmwright.experiment.derived import (
     steers_agents,
 )
 from swarmwright.experiment.experiment import Experiment, as_experiment, check_again
+from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.runs import picture
 from swarmwright.runs.code import Continuation, collect_code, find_copy, plan_continuation
 from swarmwright.runs.folders import check_names, default_folder, is_replaceable, is_run, remove_run
+from swarmwright.runs.matches import column_names
 from swarmwright.runs.optimization.audit import audit
+from swarmwright.runs.optimization.competing import Competing
 from swarmwright.runs.optimization.generation import Generation, OnGeneration
 from swarmwright.runs.optimization.generational import Generational
 from swarmwright.runs.optimization.hash_seeds import warn_of_hash_seed
-from swarmwright.runs.optimization.loop import Loop
+from swarmwright.runs.optimization.loop import Loop, Strategy
 from swarmwright.runs.optimization.memory import check_memory, estimate_stored_bytes
 from swarmwright.runs.optimization.notebook_progress import show_progress
 from swarmwright.runs.optimization.resuming import DivergedError, Resumption, extend_experiment
@@ -180,7 +183,12 @@ def optimize(
                     remove_run(folder.path)
                 with (
                     StoreWriter.create(
-                        folder.absolute, resolved, backend.metrics, code, size, _channels(resolved)
+                        folder.absolute,
+                        resolved,
+                        _record_metrics(resolved, backend),
+                        code,
+                        size,
+                        _channels(resolved),
                     ) as store,
                     report_failures(),
                 ):
@@ -566,5 +574,16 @@ def _report_interruption(run: Run) -> None:
 
 def _new_loop(experiment: Experiment, representation: Representation, store: StoreWriter) -> Loop:
     """Create the loop for an experiment's mode of operation."""
-    strategy = SteadyState if experiment.method.operation == "steady_state" else Generational
+    strategy: type[Strategy] = Generational
+    if isinstance(experiment.ranking, TournamentOptions):
+        strategy = Competing
+    elif experiment.method.operation == "steady_state":
+        strategy = SteadyState
     return Loop(experiment, representation, store, strategy)
+
+
+def _record_metrics(experiment: Experiment, backend: Backend) -> tuple[str, ...]:
+    """Return the names of the metrics in the record."""
+    ranking = experiment.ranking
+    columns = column_names(ranking) if isinstance(ranking, TournamentOptions) else ()
+    return (*backend.metrics, *columns)

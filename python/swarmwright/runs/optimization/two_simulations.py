@@ -10,11 +10,13 @@ from typing import Any
 from swarmwright import _engine
 from swarmwright.common.engine_types import AttemptFields, WarningFields
 from swarmwright.common.errors import InputError, RunError, SimulationError, with_message
+from swarmwright.experiment.competition import needed_metrics
 from swarmwright.experiment.derived import fitness_expression, place_of, steers_agents, with_environment
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, slow_of
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowRanking
+from swarmwright.methods.rankings.tournament import Tournament
 from swarmwright.servers.evaluation.base import (
     BROKERLESS,
     AuditedEpisode,
@@ -253,7 +255,8 @@ def find_needed_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
 def _list_extra_metrics(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]:
     """Return the metrics evaluated for the ranking and the method."""
     descriptor = ranking.descriptor if isinstance(ranking, SlowRanking) else ()
-    return (*descriptor, *experiment.method.needed_metrics)
+    sides = needed_metrics(ranking.options) if isinstance(ranking, Tournament) else ()
+    return (*descriptor, *experiment.method.needed_metrics, *sides)
 
 
 def _find_columns(metrics: Sequence[str], ranking: Ranking, experiment: Experiment) -> list[int]:

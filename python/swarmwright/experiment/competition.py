@@ -1,0 +1,339 @@
+"""Competitions: the sides of matches, and the populations whose candidates play them.
+
+In an experiment, a competition is a `team` with a group for each side, whose controllers come from one or
+several populations, and a ranking `tournament` with the fitness of each side.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import Report, format_value, problems_of
+from swarmwright.common.random_numbers import Stream
+from swarmwright.common.suggestions import unknown
+from swarmwright.common.yaml import Path_
+from swarmwright.controllers.kinds.team import Team, TeamOptions
+from swarmwright.controllers.teams import TEAM
+from swarmwright.experiment.document import DEFAULT_KINDS, Checked, PopulationSection
+from swarmwright.methods import METHODS, Method, MethodOptions
+from swarmwright.methods.competition import Competition, Population
+from swarmwright.methods.rankings.tournament import BETWEEN_POPULATIONS, TournamentOptions
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.fitness import FITNESS_NAME, FitnessExpression
+
+if TYPE_CHECKING:
+    from swarmwright.controllers import Representation
+    from swarmwright.experiment.experiment import Experiment
+
+TOURNAMENT = "tournament"
+"""Kind of the ranking of every competition."""
+_LIMITS = ("generations", "evaluations", "seconds", "target")
+"""Options of the run's method that its populations cannot have."""
+
+
+def expand(values: dict[str, Any], is_available: bool, report: Report) -> tuple[dict[str, Any], Report]:
+    """Write the controllers of a competition as a team; return the values and a report in the file's terms.
+
+    Args:
+        values: values of an experiment file.
+        is_available: whether the simulation can be asked.
+        report: called with each problem.
+    """
+    ranking, populations = values.get("ranking", {}), values.get("populations") or {}
+    kind = ranking.get("kind") if isinstance(ranking, Mapping) else None
+    if not isinstance(populations, Mapping) or not (populations or kind == TOURNAMENT):
+        return values, report
+    if kind is None and isinstance(ranking, Mapping):
+        values = {**values, "ranking": {"kind": TOURNAMENT, **ranking}}
+    elif kind != TOURNAMENT:
+        report(
+            ("ranking", "kind"),
+            f"must be {TOURNAMENT} in an experiment with populations, not {format_value(kind)}; leave it out",
+        )
+        return values, report
+    controller = values.get("controller", {})
+    if not isinstance(controller, Mapping):
+        return values, report
+    if controller.get("kind") == TEAM:
+        return values, report
+    names = list(populations) or _name_sides(values, is_available)
+    if not names:
+        report(("ranking", "sides"), "missing; name the sides of a match, [left, right]")
+        return values, report
+    groups = {}
+    for name in names:
+        section = populations.get(name, {})
+        own = section.get("controller") if isinstance(section, Mapping) else None
+        groups[name] = own if isinstance(own, Mapping) and own else dict(controller)
+
+    def report_side(path: Path_, message: str) -> None:
+        if path[:2] == ("controller", "groups") and len(path) > 2:
+            side = str(path[2])
+            own = populations.get(side, {})
+            has_own = isinstance(own, Mapping) and own.get("controller")
+            before = ("populations", side, "controller") if has_own else ("controller",)
+            path = (*before, *path[3:])
+        elif path[:2] == ("controller", "groups"):
+            path = ("populations",) if populations else ("ranking", "sides")
+        report(path, message)
+
+    return {**values, "controller": {"kind": TEAM, "groups": groups}}, report_side
+
+
+def _name_sides(values: Mapping[str, Any], is_available: bool) -> list[str]:
+    """Return the names of the sides in the file, or else those of the simulation."""
+    sides = values["ranking"].get("sides") or ()
+    if isinstance(sides, list | tuple | Mapping) and sides:
+        return [name for name in sides if isinstance(name, str)]
+    if not is_available:
+        return []
+    try:
+        return [
+            group.name for group in catalogue.groups(values["simulation"], dict(values.get("parameters", {})))
+        ]
+    except (InputError, TypeError, ValueError):  # is reported elsewhere
+        return []
+
+
+def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, report: Report) -> None:
+    """Fill in the fitness of each side and the methods of the populations, and check them.
+
+    Args:
+        checked: values of the experiment, checked by themselves.
+        values: the same as written.
+        is_available: whether the simulation can be asked.
+        report: called with each problem.
+    """
+    populations: Mapping[str, PopulationSection] = checked.get("populations") or {}
+    checked["populations"] = {}
+    ranking, controller = checked.get("ranking"), checked.get("controller")
+    if not isinstance(ranking, TournamentOptions):
+        return
+    _check_method(checked.get("method"), ("method",), report)
+    if not isinstance(controller, TeamOptions):
+        return
+    names = list(controller.groups)
+    if len(names) < 2:
+        report(("ranking", "sides"), f"a match needs at least two sides, but there is only {names[0]}")
+        return
+    for key, given in (("populations", populations), ("ranking.sides", ranking.sides or {})):
+        for name in given:
+            if name not in names:
+                report((*key.split("."), name), unknown("side", name, names))
+                return
+        if given and (missing := [name for name in names if name not in given]):
+            report(tuple(key.split(".")), f"{', '.join(missing)} missing; name all sides: {', '.join(names)}")
+            return
+    if populations:
+        _check_populations(populations, ranking, report)
+        checked["populations"] = {
+            name: options
+            for name in names
+            if (options := _method_of(name, populations[name], values, report)) is not None
+        }
+    else:
+        _check_mirrored(controller, report)
+    sides = _find_fitness(checked, populations, names, is_available, report)
+    if sides is not None:
+        checked["ranking"] = ranking.model_copy(update={"sides": sides})
+        checked["fitness"] = sides[names[0]] if sides[names[0]] != FITNESS_NAME else checked.get("fitness")
+    if checked.get("start_from") is not None:
+        report(("start_from",), "is not possible in a competition; leave it out")
+
+
+def _find_fitness(
+    checked: Checked,
+    populations: Mapping[str, PopulationSection],
+    names: list[str],
+    is_available: bool,
+    report: Report,
+) -> dict[str, str] | None:
+    """Return the fitness of each side as an expression; None after a report."""
+    announced = _announced_fitness(checked) if is_available else {}
+    given = checked["ranking"].sides or {}
+    sides: dict[str, str] = {}
+    first = names[0]
+    for name in names:
+        own = populations[name].fitness if name in populations else None
+        text = own or given.get(name) or announced.get(name)
+        if text is None and name == first:
+            text = checked.get("fitness") or FITNESS_NAME
+        if text is None and len(names) == 2:
+            text = f"-{FITNESS_NAME}"
+        if text is None:
+            field = ("populations", name, "fitness") if populations else ("ranking", "sides", name)
+            report(
+                field, f"missing; only a match of two sides has the negative fitness of {first} by default"
+            )
+            return None
+        sides[name] = text
+        field = ("populations", name, "fitness") if own else ("ranking", "sides", name)
+        try:
+            expression = FitnessExpression(text)
+        except ValueError as error:
+            report(field, str(error))
+            return None
+        if is_available:
+            described = catalogue.description(checked["simulation"], checked["parameters"])
+            problem = expression.unknown(list(described["metrics"]), described["title"])
+            if problem is not None:
+                report(field, problem)
+                return None
+    return sides
+
+
+def _announced_fitness(checked: Checked) -> dict[str, str]:
+    """Return the metric that is the fitness of each side, where the simulation announces one."""
+    try:
+        sides = catalogue.sides(checked["simulation"], checked["parameters"])
+    except InputError:  # has been reported
+        return {}
+    return {name: fitness for name, fitness in sides.items() if fitness is not None}
+
+
+def _check_mirrored(controller: TeamOptions, report: Report) -> None:
+    """Check that candidates of one population can play all sides."""
+    groups = list(controller.groups.items())
+    name, first = groups[0]
+    for other, group in groups[1:]:
+        if group.options != first.options:
+            report(
+                ("controller", "groups", other),
+                f"differs from that of {name}; one population has one kind of controller: use populations",
+            )
+            return
+        for noun in ("sensors", "actuators"):
+            counts = getattr(first, noun), getattr(group, noun)
+            if counts[0] != counts[1]:
+                report(
+                    ("ranking", "sides"),
+                    f"{name} has {counts[0]} {noun} and {other} has {counts[1]}, so one controller cannot "
+                    "play both; use populations with a controller for each side",
+                )
+                return
+    if len(groups) != 2:
+        report(("ranking", "sides"), f"one population plays two sides, not {len(groups)}; use populations")
+
+
+def _check_populations(
+    populations: Mapping[str, PopulationSection],
+    ranking: TournamentOptions,
+    report: Report,
+) -> None:
+    if ranking.pairing not in BETWEEN_POPULATIONS:
+        report(
+            ("ranking", "pairing"),
+            f"{ranking.pairing} is for one population; use {', '.join(sorted(BETWEEN_POPULATIONS))}",
+        )
+    if ranking.score in {"elo", "bradley_terry"}:
+        report(("ranking", "score"), f"{ranking.score} is for one population; use fitness or points")
+    if len(populations) < 2:
+        report(("populations",), "needs at least two populations")
+
+
+def _method_of(
+    name: str, population: PopulationSection, values: Mapping[str, Any], report: Report
+) -> MethodOptions | None:
+    """Return the options of a population's method, without limits; None after a report."""
+    path: Path_ = ("populations", name, "method")
+    own = dict(population.method)
+    for key in _LIMITS:
+        if own.pop(key, None) is not None and key != "generations":
+            report((*path, key), "limits are those of the whole run; move it to method")
+            return None
+    common = values.get("method", {})
+    common = dict(common) if isinstance(common, Mapping) else {}
+    if own.get("kind", common.get("kind")) != common.get("kind"):
+        common = {}
+    section = {**{key: value for key, value in common.items() if key not in _LIMITS}, **own}
+    kind = section.get("kind", DEFAULT_KINDS["method"])
+    if not isinstance(kind, str):
+        report((*path, "kind"), f"must be text, not {format_value(kind)}")
+        return None
+    try:
+        model = METHODS.get(kind).options_model
+    except InputError as error:
+        report((*path, "kind"), str(error))
+        return None
+    try:
+        options: MethodOptions = model.model_validate(section, context={"ask": True})
+    except ValidationError as error:
+        for inner, message in problems_of(error, model, path, {}):
+            report(inner, message)
+        return None
+    _check_method(options, path, report)
+    return options
+
+
+def _check_method(options: object, path: Path_, report: Report) -> None:
+    """Check that a method can evolve a population of a competition."""
+    if not isinstance(options, MethodOptions):
+        return
+    if options.operation == "steady_state":
+        report((*path, "operation"), "a competition has generations; leave the key out")
+    elif METHODS.get(options.kind).by_instance or options.needed_metrics:
+        kind: str = options.kind
+        report((*path, "kind"), f"{kind} cannot evolve a population of a competition; use another method")
+
+
+def check_representations(checked: Checked, representation: Team, report: Report) -> None:
+    """Check that each population's method can evolve its controllers."""
+    populations: Mapping[str, MethodOptions] = checked.get("populations") or {}
+    for name, part in representation.parts.items():
+        options = populations.get(name, checked.get("method"))
+        path: Path_ = ("populations", name, "method") if name in populations else ("method",)
+        if isinstance(options, MethodOptions):
+            for key, reason in METHODS.get(options.kind).problems(options, part).items():
+                report((*path, key), reason)
+        if not populations:
+            break
+
+
+def new_competition(experiment: "Experiment", representation: "Representation") -> Competition:
+    """Return the method of a competition in its initial state.
+
+    representation: of the joined genomes.
+    """
+    assert isinstance(representation, Team)
+    assert isinstance(experiment.ranking, TournamentOptions)
+    parts = representation.parts
+    names = list(parts)
+    limit = {"generations": experiment.method.generations}
+    if experiment.populations:
+        chosen: list[tuple[str, MethodOptions, tuple[int, ...]]] = [
+            (name, experiment.populations[name], (side,)) for side, name in enumerate(names)
+        ]
+    else:
+        chosen = [(names[0], experiment.method, tuple(range(len(names))))]
+    populations = []
+    for number, (name, options, sides) in enumerate(chosen):
+        unlimited = options.model_copy(
+            update={
+                **limit,
+                "evaluations": None,
+                "seconds": None,
+                "target": None,
+                "operation": "generational",
+            }
+        )
+        seed = experiment.seed
+        if number:  # another one for each population, unrelated to those of other experiments
+            seed = int(Stream(seed, "competition.population", 0, number).raw(1)[0]) % 2**63
+        method: Method = METHODS.get(options.kind)(unlimited, parts[name], seed=seed)
+        populations.append(Population(name, method, sides))
+    return Competition(
+        experiment.method,
+        representation,
+        populations=populations,
+        sizes=[part.genome_size for part in parts.values()],
+        tournament=experiment.ranking,
+        seed=experiment.seed,
+    )
+
+
+def needed_metrics(options: TournamentOptions) -> tuple[str, ...]:
+    """Return the metrics that the fitness of the sides needs."""
+    expressions = [FitnessExpression(text) for text in (options.sides or {}).values() if text]
+    return tuple(dict.fromkeys(name for each in expressions for name in each.metrics))

@@ -1,0 +1,359 @@
+"""Competitions: one or several populations whose candidates meet in matches.
+
+A generation of each population is asked from a method of its own. The candidates meet in rounds of matches;
+their results are the fitness that the methods are told. Members that survive compete again, as their earlier
+results were against other opponents. At the end of each generation, the champions of all sides meet, and
+become possible opponents of later generations.
+
+Sources: Rosin and Belew, "New methods for competitive coevolution", Evolutionary Computation 5(1), 1997, for
+the hall of fame; Potter and De Jong, "Cooperative coevolution: an architecture for evolving coadapted
+subcomponents", Evolutionary Computation 8(1), 2000, for populations with a common fitness, whose partners are
+the best or random ones.
+"""
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.common.arrays import Fitness, Genomes
+from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers import Representation
+from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.methods.rankings.match_scores import score_matches
+from swarmwright.methods.rankings.pairings import DEFAULT_ROUNDS, PAIRINGS, PairingOptions
+from swarmwright.methods.rankings.tournament import TournamentOptions
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Matches to play at the same time, and the candidates of each side."""
+
+    candidates: Indices
+    """(matches, sides): the candidate's index in its population, survivors after new ones; -1 - k is the
+    champion of generation k."""
+    genomes: Genomes
+    """(matches, genome_size): the genomes of all sides, joined."""
+
+
+Rounds = Generator[Matches, NDArray[np.float64], None]
+"""Yields matches; receives the fitness of each side, (matches, sides), NaN where a match failed."""
+
+
+@dataclass(frozen=True)
+class Population:
+    """A population of a competition."""
+
+    name: str
+    method: Method
+    sides: tuple[int, ...]
+    """Sides that its candidates play; several only if there is one population."""
+
+
+class Competition(Method):
+    """The method of a competition: the methods of its populations, and their matches.
+
+    Call `matches` in place of `ask`, and `finish` in place of `tell`.
+
+    Args:
+        options: the experiment's method, whose limits are those of the run.
+        representation: of the joined genomes of all sides.
+        populations: the populations; their methods have no limits of their own.
+        sizes: number of genes of each side, in the order of the joined genome.
+        tournament: options of the ranking.
+        seed: seed of the experiment.
+    """
+
+    kind = "competition"
+
+    def __init__(
+        self,
+        options: MethodOptions,
+        representation: Representation,
+        *,
+        populations: Sequence[Population],
+        sizes: Sequence[int],
+        tournament: TournamentOptions,
+        seed: int,
+    ) -> None:
+        super().__init__(options, representation, seed=seed)
+        self.populations = tuple(populations)
+        used = (name for population in populations for name in population.method.libraries)
+        self.libraries = tuple(dict.fromkeys(used))  # type: ignore[misc] # differs
+        self._population_of_side = [0] * len(sizes)
+        for number, population in enumerate(populations):
+            for side in population.sides:
+                self._population_of_side[side] = number
+        self._ends = np.cumsum(sizes).tolist()
+        self._starts = [end - size for end, size in zip(self._ends, sizes, strict=True)]
+        self._tournament = tournament
+        self._archives: list[list[NDArray[np.float32]]] = [[] for _ in populations]
+        self._members: list[Genomes] = []
+        self._new: list[int] = []
+        self._scores: list[Fitness] = []
+        self._champions: list[int] = []
+
+    @property
+    def sides(self) -> int:
+        """Number of sides of a match."""
+        return len(self._population_of_side)
+
+    @property
+    def budget(self) -> int:
+        """Number of matches of a run whose generations all have as many as the first."""
+        return self.options.generations * max(self.most_matches, 1)
+
+    @property
+    def most_matches(self) -> int:
+        """Upper bound of the matches of the next generation; 0 if a method cannot tell its size."""
+        sizes = self._sizes()
+        if self._is_mirrored:
+            legs = 2 if self._tournament.both_sides else 1
+            return 1 + legs * self._count_pairs(sizes[0])
+        opponents = self._count_opponents(sizes)
+        return 1 + sum(size * each for size, each in zip(sizes, opponents, strict=True))
+
+    @property
+    def population_fitness(self) -> Fitness:
+        """Scores of the first population after the last generation."""
+        return self._scores[0] if self._scores else np.empty(0)
+
+    def scores_of(self, matches: Matches) -> NDArray[np.float64]:
+        """Return the scores of this generation's candidates, (matches, sides); NaN for earlier champions."""
+        scores = np.full(matches.candidates.shape, np.nan)
+        for side, number in enumerate(self._population_of_side):
+            column = matches.candidates[:, side]
+            present = column >= 0
+            scores[present, side] = self._scores[number][column[present]]
+        return scores
+
+    def matches(self) -> Rounds:
+        """Play a generation: yield its matches, last those of the champions alone; see `Rounds`."""
+        self._members, self._new = [], []
+        for population in self.populations:
+            new = population.method.ask()
+            survivors = population.method.survivors()
+            self._members.append(np.concatenate([new, survivors]))
+            self._new.append(len(new))
+        self._scores = yield from self._play_mirrored() if self._is_mirrored else self._play_populations()
+        self._champions = [_best(scores) for scores in self._scores]
+        row = np.array([[self._champions[number] for number in self._population_of_side]], dtype=np.intp)
+        yield self._join(row)
+
+    def finish(self) -> None:
+        """Tell the methods the scores of the generation whose matches are over."""
+        values = zip(self.populations, self._members, self._new, self._scores, strict=True)
+        for (population, members, new, scores), champion, archive in zip(
+            values, self._champions, self._archives, strict=True
+        ):
+            archive.append(members[champion].copy())
+            survivors = scores[new:] if len(scores) > new else None
+            population.method.tell(scores[:new], survivors)
+        played = sum(self._new)
+        target = self.options.target
+        self.reached = target is not None and bool((self._scores[0] >= target).any())
+        self.evaluations += played
+        self.done = self.reached or self._is_exhausted()
+        if not self.done:
+            self.generation += 1
+
+    @property
+    def _is_mirrored(self) -> bool:
+        """Whether one population plays all sides."""
+        return len(self.populations) == 1
+
+    def _sizes(self) -> list[int]:
+        """Candidates of each population in the next generation, including survivors, as far as known."""
+        if self._members:
+            return [len(members) for members in self._members]
+        sizes = []
+        for population in self.populations:
+            method = population.method
+            sizes.append(method.first_generation(method.options, method.representation) or 0)
+        return sizes
+
+    def _stream(self, purpose: str, number: int = 0) -> Stream:
+        return Stream(self.seed, f"competition.{purpose}", self.generation, number)
+
+    # One population against itself.
+
+    def _play_mirrored(self) -> Generator[Matches, NDArray[np.float64], list[Fitness]]:
+        count = len(self._members[0])
+        pairs: list[Indices] = []
+        results: list[NDArray[np.float64]] = []
+        for round_number, pair_rows in enumerate(self._pairs(count, results)):
+            first = np.asarray(pair_rows, dtype=np.intp)
+            if self._tournament.both_sides:
+                rows = np.concatenate([first, first[:, ::-1]])
+            else:
+                swap = self._stream("sides", round_number).unit(len(first)) < 0.5
+                rows = np.where(swap[:, np.newaxis], first[:, ::-1], first)
+            fitness = yield self._join(rows)
+            if self._tournament.both_sides:
+                own = np.stack([fitness[: len(first)], fitness[len(first) :, ::-1]])
+                pairs += [first, first]
+                results += [*own]
+            else:
+                pairs.append(first)
+                results.append(np.where(swap[:, np.newaxis], fitness[:, ::-1], fitness))
+        met = np.concatenate(pairs) if pairs else np.empty((0, 2), dtype=np.intp)
+        outcome = np.concatenate(results) if results else np.empty((0, 2))
+        met = np.where(met < 0, count - 1 - met, met)  # champions come after the candidates
+        return [score_matches(self._tournament.score, count, met, outcome) + 0.0]
+
+    def _pairs(self, count: int, results: list[NDArray[np.float64]]) -> Iterator[Indices]:
+        """Yield the pairs of each round; `results` has those of the rounds so far, a block or two each."""
+        options, archive = self._tournament, self._archives[0]
+        if options.pairing in {"hall_of_fame", "best"} and archive:
+            opponents = self._choose_champions(0, len(archive))
+            everybody = np.arange(count, dtype=np.intp)
+            for opponent in opponents:
+                yield np.stack([everybody, np.full(count, -1 - opponent)], axis=1)
+            return
+        kind = "random" if options.pairing in {"hall_of_fame", "best"} else options.pairing
+        random = np.random.Generator(np.random.PCG64(self._stream("pairs").raw(4).tolist()))
+        rounds = PAIRINGS[kind].rounds(count, self._pairing_options, random)
+        blocks = 2 if options.both_sides else 1
+        try:
+            pairs = next(rounds)
+            while True:
+                yield pairs
+                pairs = rounds.send(_mean_of(results[-blocks:]))
+        except StopIteration:
+            return
+
+    @property
+    def _pairing_options(self) -> PairingOptions:
+        return PairingOptions(rounds=self._tournament.rounds, sessions=self._tournament.tournaments)
+
+    @property
+    def _rounds(self) -> int:
+        """Opponents of a candidate where the number does not follow from the pairing."""
+        if self._tournament.pairing == "best":
+            return 1
+        return self._tournament.rounds or DEFAULT_ROUNDS
+
+    def _count_pairs(self, count: int) -> int:
+        pairing = self._tournament.pairing
+        if pairing in {"hall_of_fame", "best"}:
+            return count * self._rounds
+        matches = PAIRINGS[pairing].most_matches(count, self._pairing_options)
+        return -(-count * matches // 2)
+
+    # Several populations.
+
+    def _play_populations(self) -> Generator[Matches, NDArray[np.float64], list[Fitness]]:
+        sums = [np.zeros(len(members)) for members in self._members]
+        played = [np.zeros(len(members)) for members in self._members]
+        if self._tournament.pairing == "round_robin":
+            rows = _combinations([len(members) for members in self._members])
+            fitness = yield self._join(rows)
+            for side, number in enumerate(self._population_of_side):
+                self._add(sums[number], played[number], rows[:, side], self._values(fitness, side))
+        else:
+            blocks = [self._opponents_of(number) for number in range(len(self.populations))]
+            fitness = yield self._join(np.concatenate(blocks))
+            first = 0
+            for number, block in enumerate(blocks):
+                part = fitness[first : first + len(block)]
+                side = self.populations[number].sides[0]
+                self._add(sums[number], played[number], block[:, side], self._values(part, side))
+                first += len(block)
+        if self._tournament.score == "points":
+            return [np.where(count > 0, total, np.nan) for total, count in zip(sums, played, strict=True)]
+        with np.errstate(invalid="ignore"):
+            return [total / count for total, count in zip(sums, played, strict=True)]
+
+    def _values(self, fitness: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+        """Return the results of a side, (matches,): its fitness or its points."""
+        own = fitness[:, side]
+        if self._tournament.score != "points":
+            return own
+        others = np.delete(fitness, side, axis=1)
+        best = others.max(axis=1)
+        points = np.where(own > best, 1.0, np.where(own == best, 0.5, 0.0))
+        return np.where(np.isfinite(own) & np.isfinite(best), points, np.nan)
+
+    @staticmethod
+    def _add(
+        sums: NDArray[np.float64],
+        played: NDArray[np.float64],
+        candidates: Indices,
+        values: NDArray[np.float64],
+    ) -> None:
+        finished = np.isfinite(values)
+        np.add.at(sums, candidates[finished], values[finished])
+        np.add.at(played, candidates[finished], 1.0)
+
+    def _opponents_of(self, number: int) -> Indices:
+        """Return the matches of a population's candidates, (matches, sides)."""
+        count, options = len(self._members[number]), self._tournament
+        rounds = self._rounds
+        columns = []
+        for side, other in enumerate(self._population_of_side):
+            if other == number:
+                columns.append(np.tile(np.arange(count, dtype=np.intp), rounds))
+                continue
+            generations = len(self._archives[other])
+            if options.pairing in {"best", "hall_of_fame"} and generations:
+                chosen = self._choose_champions(other, generations, number)
+                chosen = [*chosen, *(generations - 1 for _ in range(rounds - len(chosen)))]
+                columns.append(np.repeat(-1 - np.array(chosen, dtype=np.intp), count))
+            else:
+                drawn = self._stream("opponents", number * self.sides + side).integers(
+                    len(self._members[other]), rounds
+                )
+                # In a generation, all candidates of a population meet the same opponents.
+                columns.append(np.repeat(np.array(drawn, dtype=np.intp), count))
+        return np.stack(columns, axis=1)
+
+    def _choose_champions(self, other: int, generations: int, number: int = 0) -> list[int]:
+        """Return the generations whose champions are opponents: the last, and random earlier ones."""
+        if self._tournament.pairing == "best":
+            return [generations - 1]
+        order = np.argsort(
+            self._stream("hall_of_fame", number * self.sides + other).unit(generations - 1), kind="stable"
+        )
+        return [generations - 1, *order[: self._rounds - 1].tolist()]
+
+    def _count_opponents(self, sizes: Sequence[int]) -> list[int]:
+        """Return the matches of each candidate of each population that count for it alone."""
+        pairing = self._tournament.pairing
+        if pairing == "round_robin":
+            return [int(np.prod(sizes[1:])), *([0] * (len(sizes) - 1))]
+        return [self._rounds] * len(sizes)
+
+    def _join(self, candidates: Indices) -> Matches:
+        """Return matches with the joined genomes of all sides."""
+        joined = np.empty((len(candidates), self._ends[-1]), dtype=np.float32)
+        for side, number in enumerate(self._population_of_side):
+            column, part = candidates[:, side], joined[:, self._starts[side] : self._ends[side]]
+            present = column >= 0
+            part[present] = self._members[number][column[present]]
+            for row in np.flatnonzero(~present).tolist():
+                part[row] = self._archives[number][-1 - int(column[row])]
+        return Matches(candidates, joined)
+
+    def _ask(self) -> Genomes:
+        raise NotImplementedError("a competition asks by `matches`")
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
+        raise NotImplementedError("a competition tells by `finish`")
+
+
+def _best(scores: Fitness) -> int:
+    """Return the index of the best candidate, the first if none has a score."""
+    return int(np.argmax(np.where(np.isfinite(scores), scores, -np.inf)))
+
+
+def _mean_of(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.asarray(np.mean(blocks, axis=0))
+
+
+def _combinations(sizes: Sequence[int]) -> Indices:
+    """Return all combinations of a candidate of each population, (combinations, populations)."""
+    grids = np.meshgrid(*(np.arange(size) for size in sizes), indexing="ij")
+    return np.stack([grid.ravel() for grid in grids], axis=1).astype(np.intp)

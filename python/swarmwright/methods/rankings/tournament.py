@@ -1,0 +1,117 @@
+"""Tournaments: candidates meet in matches, and their results against each other are their fitness.
+
+A match is an episode with several sides, each controlled by a candidate of its own. See
+`swarmwright.methods.competition` for who meets whom.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from swarmwright import _engine
+from swarmwright.common.arrays import Fitness
+from swarmwright.common.problems import format_value
+from swarmwright.methods.rankings._base import Ranking, RankingOptions
+
+MOST_SIDES = 16
+"""Upper limit of sides of a match."""
+Pairing = Literal["round_robin", "swiss", "multi_swiss", "merge_sort", "random", "hall_of_fame", "best"]
+BETWEEN_POPULATIONS = frozenset({"round_robin", "random", "hall_of_fame", "best"})
+"""Pairings that several populations can use."""
+
+
+def _parse_sides(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if value is None or value == {}:
+        return None
+    if isinstance(value, list | tuple):
+        for name in value:
+            if not isinstance(name, str) or not name:
+                raise ValueError(f"must be a list of names such as [left, right], not {format_value(value)}")
+            if list(value).count(name) > 1:
+                raise ValueError(f"names {name!r} twice")
+        value = dict.fromkeys(value)
+    if not isinstance(value, Mapping):
+        raise ValueError(f"must be a list of names such as [left, right], not {format_value(value)}")
+    if not 2 <= len(value) <= MOST_SIDES:
+        raise ValueError(f"a match has 2 to {MOST_SIDES} sides, not {len(value)}")
+    for name, fitness in value.items():
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"the name of a side must be text, not {format_value(name)}")
+        if fitness is not None and (not isinstance(fitness, str) or not fitness):
+            raise ValueError(f"{name}: must be a fitness expression, not {format_value(fitness)}")
+    return dict(value)
+
+
+class TournamentOptions(RankingOptions):
+    """Candidates meet in matches; their results against each other are their fitness."""
+
+    kind: Literal["tournament"] = "tournament"
+    sides: Annotated[
+        Any,
+        BeforeValidator(_parse_sides),
+        WithJsonSchema(
+            {
+                "anyOf": [
+                    {"type": "array", "items": {"type": "string"}},
+                    {"type": "object", "additionalProperties": {"type": ["string", "null"]}},
+                    {"type": "null"},
+                ]
+            }
+        ),
+    ] = None
+    """Sides of a match: groups of agents of the simulation, [left, right], or with the fitness of each, an
+    expression over metrics: {left: left_goals - right_goals, right: right_goals - left_goals}. Default: the
+    populations, or all sides of the simulation, with the fitness that it announces. Of two sides without
+    any, the first has the simulation's fitness and the second its negative.
+    """
+    pairing: Pairing = "random"
+    """Who meets whom. round_robin: everybody everybody. random: `rounds` random opponents. swiss: `rounds`
+    opponents with similar results so far; multi_swiss: the mean of several such tournaments. merge_sort:
+    matches are the comparisons of a merge sort. hall_of_fame: the last champion and random earlier ones,
+    `rounds` together. best: the last champion. With populations: round_robin, random, hall_of_fame, best.
+    """
+    rounds: int | None = Field(default=None, ge=1, le=10_000)
+    """Opponents of a candidate. Default: 10 with random and hall_of_fame; with swiss and multi_swiss as many
+    as a knock-out tournament would have rounds; with round_robin all."""
+    tournaments: int = Field(default=3, ge=1, le=1000)
+    """Tournaments of multi_swiss."""
+    both_sides: bool = True
+    """Whether two candidates of one population meet twice, with exchanged sides. Without it, sides are drawn
+    by lot."""
+    score: Literal["points", "fitness", "elo", "bradley_terry"] = "fitness"
+    """A candidate's fitness from its matches. points: 1 for a victory, 0.5 for a draw. fitness: mean of its
+    own fitness. elo, bradley_terry: a rating that takes the opponents'
+    strength into account, only within one population."""
+
+    @model_validator(mode="after")
+    def _check_reevaluate(self) -> "TournamentOptions":
+        if self.reevaluate:
+            raise ValueError("reevaluate: survivors always compete again in a tournament; leave the key out")
+        return self
+
+
+class Tournament(Ranking):
+    """The mean fitness of a match's first side over its episodes; see `competition` for candidates.
+
+    Sources: tournaments as rankings are those of FREVO (Sobe, Fehervari and Elmenreich, "FREVO: a tool for
+    evolving and evaluating self-organizing systems", 2012); the hall of fame is that of Rosin and Belew, "New
+    methods for competitive coevolution", Evolutionary Computation 5(1), 1997.
+    """
+
+    kind: ClassVar[str] = "tournament"
+    options_model = TournamentOptions
+    options: TournamentOptions
+
+    def samples(self, episodes: Sequence[float]) -> Fitness:
+        """Return one fitness value per episode."""
+        return np.array(episodes, dtype=np.float64)
+
+    def _score_array(self, episodes: NDArray[np.float64]) -> Fitness:
+        return _engine.aggregates(np.ascontiguousarray(episodes), "mean", 0.25)
+
+    def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
+        rows = (np.array([row], dtype=np.float64) for row in episodes)
+        return np.concatenate([self._score_array(row) for row in rows])

@@ -1,0 +1,163 @@
+"""Matches of competitions: those of a run's record, and new ones between any controllers."""
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmwright.common.arguments import check_arguments
+from swarmwright.common.arrays import Genome
+from swarmwright.common.errors import InputError
+from swarmwright.controllers.kinds.team import Team
+from swarmwright.experiment.competition import needed_metrics
+from swarmwright.experiment.experiment import Experiment, as_experiment
+from swarmwright.methods.rankings.tournament import TournamentOptions
+from swarmwright.runs.run import Run
+from swarmwright.servers.evaluation.base import Controllers, Progress, Results, Servers
+from swarmwright.servers.evaluation.evaluate import log_failures
+from swarmwright.servers.evaluation.opening import open_backend
+from swarmwright.simulations.fitness import FitnessExpression
+
+COLUMNS = ("candidate", "fitness", "score")
+"""Columns of each side in the record, after the metrics: SIDE.candidate and so on."""
+
+
+def column_names(options: TournamentOptions) -> list[str]:
+    """Return the names of the columns that a competition adds to the metrics of its record."""
+    return [f"{side}.{column}" for side in options.sides or () for column in COLUMNS]
+
+
+_CHUNK = 4096
+"""Matches that are evaluated at once."""
+
+
+class SideFitness:
+    """Computes the fitness of each side of matches.
+
+    options: with an expression for each side but the first, whose fitness is the experiment's.
+    """
+
+    def __init__(self, options: TournamentOptions) -> None:
+        self._expressions = [FitnessExpression(text) for text in list(options.sides.values())[1:]]
+
+    def __call__(self, names: Sequence[str], results: Results) -> NDArray[np.float64]:
+        """Return the fitness of each side, (matches, episodes, sides), NaN where an episode failed.
+
+        Args:
+            names: names of the measured metrics.
+            results: of matches.
+        """
+        measured = np.isfinite(results.fitness)
+        values = np.full((*results.fitness.shape, 1 + len(self._expressions)), np.nan)
+        values[..., 0] = results.fitness
+        for side, expression in enumerate(self._expressions, start=1):
+            columns = [names.index(name) for name in expression.metrics]
+            values[measured, side], _ = expression(
+                results.fitness[measured], results.metrics[measured][:, columns]
+            )
+        return values
+
+
+class Champion(NamedTuple):
+    """The best candidate of a side in a generation."""
+
+    generation: int
+    evaluation: int
+    """Number of its match in the run, from 0."""
+    genome: Genome
+    """Its own genes, (genes of the side,)."""
+
+
+def sides_of(experiment: Experiment) -> list[str]:
+    """Return the names of the sides of a competition, in the order of the joined genome.
+
+    Raises InputError if the experiment is no competition.
+    """
+    if not isinstance(experiment.ranking, TournamentOptions):
+        raise InputError(
+            "the experiment is no competition: it has no ranking of the kind tournament and no populations"
+        )
+    return list(experiment.ranking.sides)
+
+
+def slices_of(experiment: Experiment) -> dict[str, slice]:
+    """Return the genes of each side in the joined genome. Raises InputError as `sides_of`."""
+    sides = sides_of(experiment)
+    representation = experiment.representation()
+    assert isinstance(representation, Team)
+    slices, first = {}, 0
+    for name in sides:
+        last = first + representation.parts[name].genome_size
+        slices[name] = slice(first, last)
+        first = last
+    return slices
+
+
+def champions(run: Run, side: str) -> list[Champion]:
+    """Return the champion of a side in each generation, in order.
+
+    Raises InputError if the run is no competition, or has no such side.
+    """
+    slices = slices_of(run.experiment)
+    if side not in slices:
+        raise InputError(f"side: {side!r} is none of {', '.join(slices)}")
+    return [
+        Champion(summary.generation, summary.evaluations - 1, evaluation.genome[slices[side]])
+        for summary in run.history
+        for evaluation in (run._store.evaluation(summary.evaluations - 1, None),)
+    ]
+
+
+@check_arguments
+def play(
+    experiment: Experiment | str | PathLike[str],
+    genomes: ArrayLike,
+    seeds: Sequence[int],
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> NDArray[np.float64]:
+    """Play matches, and return the fitness of each side, (matches, seeds, sides), NaN after failures.
+
+    Args:
+        experiment: a competition.
+        genomes: joined genomes of all sides, (matches, genome_size).
+        seeds: seeds of the episodes of each match.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`.
+
+    Raises:
+        InputError: the experiment is no competition, or the genomes have another size.
+        RunError: no broker or no matching server.
+    """
+    experiment = as_experiment(experiment)
+    sides = sides_of(experiment)
+    options = experiment.ranking
+    assert isinstance(options, TournamentOptions)
+    rows = np.ascontiguousarray(genomes, dtype=np.float32)
+    seeds = [int(seed) for seed in seeds]
+    fitness = SideFitness(options)
+    values = np.full((len(rows), len(seeds), len(sides)), np.nan)
+    names = needed_metrics(options)
+    whole = len(rows) * len(seeds)
+    with open_backend(experiment, broker=broker, servers=servers, metrics=names) as backend:
+        representation = experiment.representation(backend.sensors, backend.actuators)
+        if rows.ndim != 2 or rows.shape[1] != representation.genome_size:
+            raise InputError(
+                f"genomes: shape is {rows.shape}; expected (matches, {representation.genome_size})"
+            )
+        for first in range(0, len(rows), _CHUNK):
+
+            def progress(done: int, _: int, waiting_for: str, before: int = first * len(seeds)) -> None:
+                if on_progress is not None:
+                    on_progress(before + done, whole, waiting_for)
+
+            controllers = Controllers.from_genomes(representation, rows[first : first + _CHUNK])
+            results = backend.evaluate(controllers, seeds, progress)
+            log_failures(backend, results)
+            values[first : first + _CHUNK] = fitness(backend.metrics, results)
+    return values
