@@ -353,7 +353,7 @@ class Method(SteadyState):
         population = getattr(options, "population", None)
         if not isinstance(population, int):
             return None
-        return population * int(getattr(options, "populations", 1))
+        return population * int(getattr(options, "islands", 1))
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:

@@ -137,8 +137,8 @@ class NngaOptions(MethodOptions):
     kind: Literal["nnga"] = "nnga"
     population: int = Field(default=50, ge=2, le=_MOST_MEMBERS)
     """Members of each population."""
-    populations: int = Field(default=1, ge=1, le=10_000)
-    """Number of populations that evolve in parallel."""
+    islands: int = Field(default=1, ge=1, le=10_000)
+    """Number of islands, populations that evolve in parallel."""
     exchange_interval: int = Field(default=10, ge=0, le=1_000_000_000)
     """Generations between exchanges of genes among populations, beginning with generation 1; 0 for never."""
     exchange: float = Field(default=1.0, ge=0, le=1)
@@ -166,8 +166,8 @@ class NngaOptions(MethodOptions):
         total = math.fsum([self.elite, self.random, self.mutate, self.crossover, self.renew])
         if abs(total - 1) > 1e-6:
             raise ValueError(f"elite, random, mutate, crossover and renew must add up to 1, not {total:.6g}")
-        if self.operation == "steady_state" and self.populations > 1:
-            raise ValueError("steady state allows only one population; leave populations out")
+        if self.operation == "steady_state" and self.islands > 1:
+            raise ValueError("steady state allows only one population; leave islands out")
         shares = self.shares()
         if shares.survivors < 1:
             raise ValueError("no candidate survives; increase elite, random or the population")
@@ -176,9 +176,9 @@ class NngaOptions(MethodOptions):
                 "no new candidates are created; increase mutate, crossover, renew or the population above "
                 f"{self.population}"
             )
-        if self.populations * self.population > _MOST_MEMBERS:
+        if self.islands * self.population > _MOST_MEMBERS:
             raise ValueError(
-                f"{self.populations} populations of {self.population} have more than {_MOST_MEMBERS} members"
+                f"{self.islands} populations of {self.population} have more than {_MOST_MEMBERS} members"
             )
         return self
 
@@ -232,7 +232,7 @@ class Nnga(KeepsMembers):
         if self._is_steady_state:
             return self.options.population * self.options.generations
         new = self.options.population + (self.options.generations - 1) * self.options.shares().new
-        return self.options.populations * new
+        return self.options.islands * new
 
     @property
     def population_fitness(self) -> Fitness:
@@ -269,13 +269,13 @@ class Nnga(KeepsMembers):
 
     def _begin(self) -> _engine.Search:
         options, shares = self.options, self.options.shares()
-        first = self.initials(range(options.populations * options.population))
+        first = self.initials(range(options.islands * options.population))
         return _engine.Search.genetic(
             self.seed,
             self.kind,
             first=np.ascontiguousarray(first, dtype=np.float32),
             operators=self._native or self.representation,
-            populations=options.populations,
+            populations=options.islands,
             shares=(shares.elite, shares.random, shares.mutate, shares.crossover),
             severity=options.severity,
             probability=options.probability,

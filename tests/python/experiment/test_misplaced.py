@@ -12,7 +12,7 @@ BASE = "simulation: minisim\nmethod: {kind: nnga, population: 6}\n"
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("population=30", "unknown key; it belongs to another section: method.population"),
+        ("population=30", "did you mean 'populations'? Another section has method.population"),
         ("numAgents=3", "unknown key; it belongs to another section: parameters.numAgents"),
         ("episodes=3", "it belongs to another section: ranking.episodes or validate.episodes"),
         ("hidden=[4]", "it belongs to another section: controller.hidden"),

@@ -41,7 +41,7 @@ class PlainNnga(Nnga):
 
     def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
-        self._members: list[list[tuple[Genome, float]]] = [[] for _ in range(options.populations)]
+        self._members: list[list[tuple[Genome, float]]] = [[] for _ in range(options.islands)]
 
     @property
     def population_fitness(self) -> Fitness:
@@ -119,7 +119,7 @@ class PlainNnga(Nnga):
         genomes = [[genome for genome, _ in members] for members in self._members]
         mother, home = genomes[number][stream.integer(len(genomes[number]))], number
         interval = options.exchange_interval
-        if options.populations > 1 and interval and (self.generation - 1) % interval == 0:
+        if options.islands > 1 and interval and (self.generation - 1) % interval == 0:
             exchange = self.stream("nnga.exchange", address)
             peopled = [one for one, members in enumerate(genomes) if members]
             other = peopled[exchange.integer(len(peopled))]

@@ -61,7 +61,7 @@ def test_the_size_of_the_first_generation_is_known_before(kind: str) -> None:
 
 def test_no_method_starts_from_more_controllers_than_its_first_generation_has() -> None:
     component = METHODS.get("nnga")
-    options = component.options_model.model_validate({"population": 4, "populations": 2})
+    options = component.options_model.model_validate({"population": 4, "islands": 2})
     assert component.no_start(options, 8) is None
     assert component.no_start(options, 9) == "9 controllers exceed the 8 candidates of the first generation"
 

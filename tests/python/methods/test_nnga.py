@@ -126,7 +126,7 @@ def test_partners_are_the_most_different() -> None:
     [
         ({"elite": 0.5}, "must add up to 1, not 1.35"),
         ({"population": 2}, "no new candidates are created"),
-        ({"populations": 1000, "population": 100_000}, "1000 populations of 100000 have more than 10000000"),
+        ({"islands": 1000, "population": 100_000}, "1000 populations of 100000 have more than 10000000"),
         (
             {"elite": 0.0, "random": 0.0, "mutate": 1.0, "crossover": 0.0, "renew": 0.0},
             "no candidate survives",
@@ -172,7 +172,7 @@ def told(method: Nnga, generations: int) -> list[Genomes]:
 def test_populations_evolve_side_by_side() -> None:
     # The first of several is the same as one alone, unless genes are exchanged.
     alone = told(new(generations=9), 8)
-    method = new(generations=9, populations=3, exchange_interval=0)
+    method = new(generations=9, islands=3, exchange_interval=0)
     assert method.budget == 3 * (50 + 8 * 37)
     several = told(method, 8)
     sizes = [len(genomes) for genomes in several]
@@ -197,7 +197,7 @@ def test_exchange_happens_at_its_interval(interval: int, exchanging: list[int]) 
         size = genomes.shape[1]
         return bool((signs[0] < size).any() or (signs[1] > -size).any())
 
-    method = new(populations=2, exchange_interval=interval, mutate=0.0, crossover=0.7, renew=0.0, random=0.15)
+    method = new(islands=2, exchange_interval=interval, mutate=0.0, crossover=0.7, renew=0.0, random=0.15)
     first = np.abs(method.initials(range(100))) + np.float32(0.1)
     first[50:] *= -1
     method.start_from(first)
@@ -214,7 +214,7 @@ def test_exchange_happens_at_its_interval(interval: int, exchanging: list[int]) 
 
 def test_exchange_says_how_many_fathers_come_from_anywhere() -> None:
     def foreigners(exchange: float) -> int:
-        method = new(populations=4, exchange_interval=1, exchange=exchange, elite=0.2, random=0.0, mutate=0.0,
+        method = new(islands=4, exchange_interval=1, exchange=exchange, elite=0.2, random=0.0, mutate=0.0,
                      crossover=0.8, renew=0.0, population=200, partners=1)  # fmt: skip
         parents = np.repeat(np.arange(1, 5, dtype=np.float32), 200)[:, None] * np.ones(
             (1, method.representation.genome_size), dtype=np.float32
@@ -232,7 +232,7 @@ def test_exchange_says_how_many_fathers_come_from_anywhere() -> None:
 
 
 def test_a_population_that_failed_as_a_whole_starts_anew() -> None:
-    method = new(populations=2, exchange_interval=1)
+    method = new(islands=2, exchange_interval=1)
     method.ask()
     fitness = np.arange(100.0)
     fitness[50:] = np.nan
@@ -317,4 +317,4 @@ def test_steady_state_gets_better() -> None:
 
 def test_steady_state_has_one_population() -> None:
     with pytest.raises(ValidationError, match="steady state allows only one population"):
-        NngaOptions(operation="steady_state", populations=2)
+        NngaOptions(operation="steady_state", islands=2)

@@ -29,7 +29,7 @@ SHARES: list[dict[str, Any]] = [
     {"elite": 0.0, "random": 0.3},
     {"severity": 0.0},  # children that are the same as members
     {"probability": 0.3, "partners": 2, "renew": 0.15, "mutate": 0.3},
-    {"populations": 3, "exchange_interval": 2, "exchange": 0.6, "population": 20},
+    {"islands": 3, "exchange_interval": 2, "exchange": 0.6, "population": 20},
 ]
 TORI: list[dict[str, Any]] = [
     {},

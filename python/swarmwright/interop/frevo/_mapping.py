@@ -146,7 +146,7 @@ def _map_nnga(session: Session, mapped: Mapped) -> None:
     mapped.not_method.append(
         f"xoverMethod = {crossover}: crossovers exchange sequences of nodes or of table rows"
     )
-    add(Line("populations", method.take_integer("populationnumber", 1, 1), "populationnumber"))
+    add(Line("islands", method.take_integer("populationnumber", 1, 1), "populationnumber"))
     every = method.take_integer("interXover_frequency", 10)
     # Java's remainder is 0 in the same generations for either sign.
     add(Line("exchange_interval", abs(every), "interXover_frequency"))

@@ -59,7 +59,7 @@ def count_candidates(experiment: Experiment) -> int:
     population = getattr(options, "population", None)
     if not isinstance(population, int) or options.operation == "steady_state":
         return 0
-    return population * int(getattr(options, "populations", 1))
+    return population * int(getattr(options, "islands", 1))
 
 
 def _count_results(experiment: Experiment) -> int:

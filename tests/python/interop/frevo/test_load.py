@@ -32,7 +32,7 @@ def test_the_stadium_session(data: Path) -> None:
     assert experiment.method.model_dump() == {
         "kind": "nnga",
         "population": 50,
-        "populations": 1,
+        "islands": 1,
         "exchange_interval": 10,
         "exchange": 1.0,
         "generations": 300,
@@ -149,7 +149,7 @@ def test_several_populations_are_taken_over(edited: Edited) -> None:
     imported = frevo.load(path)
     method = imported.experiment.method
     assert isinstance(method, NngaOptions)
-    assert (method.populations, method.exchange_interval, method.exchange) == (3, 5, 1.0)
+    assert (method.islands, method.exchange_interval, method.exchange) == (3, 5, 1.0)
     assert not any("population" in note for note in imported.notes)
 
 

@@ -21,7 +21,7 @@ from tests.python.records import same_record
 KINDS = [name for name in METHODS.names() if issubclass(METHODS.get(name), SearchMethod)]
 SHARES: list[dict[str, Any]] = [
     {"population": 1024, "generations": 6},
-    {"population": 20, "generations": 30, "populations": 3, "exchange_interval": 2, "exchange": 0.6},
+    {"population": 20, "generations": 30, "islands": 3, "exchange_interval": 2, "exchange": 0.6},
     {"population": 20, "generations": 30, "severity": 0.0},
     {"population": 30, "generations": 20, "partners": 2, "probability": 0.3, "elite": 0.0, "random": 0.25},
     {"population": 30, "generations": 200, "target": -1.0},
