@@ -44,6 +44,7 @@ Overview:
     Episodes, environments      episodes that your code controls; PettingZoo and Gymnasium environments
     Simulation, BatchSimulation, CommandSimulation, Parameter   base classes of custom simulations
     Group                       agents of one kind in a custom simulation
+    Side                        side of a match in a custom simulation
     Physics                     base class of simulators that move the robots of the arena's missions
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
@@ -101,7 +102,7 @@ if TYPE_CHECKING:
         evaluate_episodes,
         simulate,
     )
-    from swarmwright.simulations.base import BatchSimulation, Group, Simulation
+    from swarmwright.simulations.base import BatchSimulation, Group, Side, Simulation
     from swarmwright.simulations.command.simulation import CommandSimulation
     from swarmwright.simulations.parameters import Parameter
     from swarmwright.simulations.physics import Physics
@@ -132,6 +133,7 @@ __all__ = [
     "Repetition",
     "Run",
     "RunError",
+    "Side",
     "Simulation",
     "SimulationError",
     "SwarmwrightError",
@@ -189,6 +191,7 @@ _LAZY = {
     "PostEvaluation": "runs.post_evaluation",
     "Repetition": "runs.repeat",
     "Run": "runs.run",
+    "Side": "simulations.base",
     "Simulation": "simulations.base",
     "SweepResult": "analysis.sweep.result",
     "Transfer": "analysis.transfer.result",

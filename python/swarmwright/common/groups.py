@@ -1,4 +1,4 @@
-"""Agents of a simulation: their kinds, their sensors and actuators."""
+"""Agents of a simulation: their kinds, their sensors and actuators, and the sides of a match."""
 
 from dataclasses import dataclass
 
@@ -25,6 +25,17 @@ class DeclaredGroup:
     """If all kinds share one list of sensor values, this kind's names of those it has."""
     own_actuator_names: Names = ()
     """The same for actuator values."""
+
+
+@dataclass(frozen=True)
+class DeclaredSide:
+    """A side of a match: groups of agents that are evaluated together."""
+
+    name: str
+    groups: tuple[str, ...]
+    """Names of its groups; a group belongs to one side."""
+    fitness: str | None = None
+    """The metric that is its fitness, larger is better; None if the simulation does not define one."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Base classes of simulations in Python, and the groups of agents that they declare."""
+"""Base classes of simulations in Python, and the groups of agents and sides of a match that they declare."""
 
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.groups import DeclaredGroup, DeclaredSide
 from swarmwright.common.ranges import ranges_of
+from swarmwright.common.suggestions import suggest_or_list
 from swarmwright.simulations.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
 
 _LARGEST_COUNT = 1_000_000
 """Largest number of agents, sensors or actuators of a group."""
+_MOST_SIDES = 256
+"""Largest number of sides, which servers announce: `protocol/schemas/server.schema.json`."""
+_LONGEST_NAME = 100
+"""Largest number of characters of the names of a side, its groups and its fitness, likewise."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,19 @@ class Group:
                 f"{self.agents}: {value!r} found, expected a number of agents, 0 to {_LARGEST_COUNT}"
             )
         return value
+
+
+@dataclass(frozen=True)
+class Side:
+    """A side of a match in a simulation whose groups compete: a value of its `sides`.
+
+    sides = {"predators": Side(fitness="caught"), "prey": Side(fitness="survived")}
+    """
+
+    groups: Sequence[str] = ()
+    """Names of its groups of agents; empty for the group of the same name."""
+    fitness: str | None = None
+    """The metric that is its fitness, larger is better; None if experiments define it."""
 
 
 def check_groups(groups: Any, parameters: Mapping[str, Parameter], where: str) -> dict[str, Group]:  # noqa: ANN401 - whatever the class says
@@ -121,6 +139,90 @@ def _check(group: Any, parameters: Mapping[str, Parameter], at: str) -> None:  #
         )
 
 
+def check_sides(
+    sides: Any,  # noqa: ANN401 - whatever the class says
+    groups: Mapping[str, Group],
+    metrics: Collection[str],
+    where: str,
+) -> tuple[DeclaredSide, ...]:
+    """Check the sides of a class and return them.
+
+    Args:
+        sides: name -> Side.
+        groups: the groups of the class. Without `sides`, each of several groups is a side.
+        metrics: names of the metrics of the class.
+        where: the class's name, for messages.
+
+    Raises InputError, with class and attribute.
+    """
+    if not isinstance(sides, Mapping):
+        raise InputError(f"{where}.sides: {sides!r} found, expected a mapping from names to Side(..)")
+    if not sides:
+        return _imply_sides(groups)
+    if not 2 <= len(sides) <= _MOST_SIDES:
+        raise InputError(f"{where}.sides: {len(sides)} found, expected 2 to {_MOST_SIDES} sides")
+    declared: list[DeclaredSide] = []
+    side_of: dict[str, str] = {}
+    for name, side in sides.items():
+        side_declared = _check_side(name, side, groups, metrics, where)
+        for group in side_declared.groups:
+            other = side_of.setdefault(group, name)
+            if other != name:
+                raise InputError(
+                    f"{where}.sides[{name!r}].groups: {group!r} belongs to the side {other!r}, too; a group "
+                    "belongs to one side"
+                )
+        declared.append(side_declared)
+    rest = [group for group in groups if group not in side_of]
+    if rest:
+        raise InputError(f"{where}.sides: {', '.join(rest)} missing; each group belongs to a side")
+    return tuple(declared)
+
+
+def _imply_sides(groups: Mapping[str, Group]) -> tuple[DeclaredSide, ...]:
+    """Return a side for each group; none for a single group, and if they could not be announced."""
+    if not 2 <= len(groups) <= _MOST_SIDES or any(len(name) > _LONGEST_NAME for name in groups):
+        return ()
+    return tuple(DeclaredSide(name, (name,)) for name in groups)
+
+
+def _check_side(
+    name: Any,  # noqa: ANN401 - as above
+    side: Any,  # noqa: ANN401
+    groups: Mapping[str, Group],
+    metrics: Collection[str],
+    where: str,
+) -> DeclaredSide:
+    if not _is_name(name):
+        raise InputError(
+            f"{where}.sides: the name {name!r} found, expected text of 1 to {_LONGEST_NAME} characters"
+        )
+    at = f"{where}.sides[{name!r}]"
+    if not isinstance(side, Side):
+        raise InputError(f"{at}: {side!r} found, expected Side(groups=.., fitness=..)")
+    if isinstance(side.groups, str) or not isinstance(side.groups, Sequence):
+        raise InputError(f"{at}.groups: {side.groups!r} found, expected names of groups")
+    names = tuple(side.groups) or (name,)
+    for index, group in enumerate(names):
+        if group not in groups:
+            raise InputError(f"{at}.groups: there is no group {group!r}{suggest_or_list(str(group), groups)}")
+        if group in names[:index]:
+            raise InputError(f"{at}.groups: {group!r} found twice")
+        if not _is_name(group):
+            raise InputError(f"{at}.groups: {group!r} has more than {_LONGEST_NAME} characters")
+    if side.fitness is not None and side.fitness not in metrics:
+        raise InputError(
+            f"{at}.fitness: there is no metric {side.fitness!r}{suggest_or_list(str(side.fitness), metrics)}"
+        )
+    if side.fitness is not None and not _is_name(side.fitness):
+        raise InputError(f"{at}.fitness: {side.fitness!r} has more than {_LONGEST_NAME} characters")
+    return DeclaredSide(name, names, side.fitness)
+
+
+def _is_name(name: object) -> bool:
+    return isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME
+
+
 def count_groups(groups: Mapping[str, Group], parameters: Mapping[str, Any]) -> list[DeclaredGroup]:
     """Return the groups with their numbers of agents. Raises InputError like `Group.count`."""
     return [
@@ -155,6 +257,10 @@ class Described(ABC):
     """Kinds of agents that differ in sensors, actuators or controllers: name -> Group(agents, sensors,
     actuators). The agents of the first group come first. `sensors` and `actuators` are then the maxima over
     the groups. Experiments use `controller: {kind: team, groups: {..}}`."""
+    sides: Mapping[str, "Side"] = {}
+    """Sides of a match, if groups compete: name -> Side(groups, fitness), which experiments name in
+    `ranking: {kind: tournament, sides: [..]}` or in `populations`. Each group belongs to a side. Default:
+    each group is a side, without a fitness."""
     sensor_names: Sequence[str] = ()
     """Names of all sensors of an agent, for drawings of controllers; empty: they are numbered."""
     actuator_names: Sequence[str] = ()

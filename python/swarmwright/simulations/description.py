@@ -10,9 +10,17 @@ from typing import Any
 
 from swarmwright.common import metric_names
 from swarmwright.common.errors import InputError
+from swarmwright.common.groups import DeclaredSide
 from swarmwright.common.ranges import Range, ranges_of
 from swarmwright.common.suggestions import similar
-from swarmwright.simulations.base import BatchSimulation, Described, Group, Simulation, check_groups
+from swarmwright.simulations.base import (
+    BatchSimulation,
+    Described,
+    Group,
+    Simulation,
+    check_groups,
+    check_sides,
+)
 from swarmwright.simulations.parameters import Parameter, parse_parameters
 
 _LARGEST_COUNT = 1_000_000
@@ -53,6 +61,8 @@ class Description:
     """Whether `reset` receives the controller, because the simulation runs it itself."""
     groups: Mapping[str, Group]
     """Kinds of agents, in the order of the agents; empty if all are alike."""
+    sides: tuple[DeclaredSide, ...]
+    """Sides of a match; empty unless there are several kinds of agents."""
     padded: bool
     """Whether the rows of all agents are padded to the same length in messages."""
     steers_itself: bool | None
@@ -99,6 +109,7 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
             ) from None
     max_agents, steps = simulation.max_agents, getattr(simulation, "most_steps", Described.most_steps)
     groups = check_groups(getattr(simulation, "groups", {}), parameters, where)
+    metrics = _metrics(where, simulation.metrics)
     sensors, actuators = (
         _count_channels(where, simulation, groups, name) for name in ("sensors", "actuators")
     )
@@ -131,7 +142,7 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         sensor_ranges=ranges("sensor_ranges", sensors),
         actuator_ranges=ranges("actuator_ranges", actuators),
         parameters=parameters,
-        metrics=_metrics(where, simulation.metrics),
+        metrics=metrics,
         copies=bool(simulation.copies),
         determinism=_determinism(where, simulation.determinism),
         tolerance=_tolerance(where, simulation.tolerance),
@@ -141,6 +152,7 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         step_seconds=_step_seconds(where, simulation),
         takes_controller=bool(getattr(simulation, "takes_controller", False)),
         groups=groups,
+        sides=check_sides(getattr(simulation, "sides", {}), groups, metrics, where),
         padded=bool(getattr(simulation, "padded", False)),
         steers_itself=True if sensors == 0 else getattr(simulation, "steers_itself", None),
     )

@@ -208,6 +208,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         self.tolerance = description.tolerance
         self.takes_controller = description.takes_controller
         self.has_groups = bool(description.groups)
+        self.sides = [(side.name, list(side.groups), side.fitness) for side in description.sides]
         self.steers_itself = description.steers_itself
         self.has_scenes = overrides(kind, "scene")
         is_declared = any("most_steps" in vars(base) for base in kind.__mro__ if base is not Described)
