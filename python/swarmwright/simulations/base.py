@@ -156,7 +156,7 @@ def check_sides(
     Raises InputError, with class and attribute.
     """
     if not isinstance(sides, Mapping):
-        raise InputError(f"{where}.sides: {sides!r} found, expected a mapping from names to Side(..)")
+        raise InputError(f"{where}.sides: {_cut(sides)} found, expected a mapping from names to Side(..)")
     if not sides:
         return _imply_sides(groups)
     if not 2 <= len(sides) <= _MOST_SIDES:
@@ -181,7 +181,7 @@ def check_sides(
 
 def _imply_sides(groups: Mapping[str, Group]) -> tuple[DeclaredSide, ...]:
     """Return a side for each group; none for a single group, and if they could not be announced."""
-    if not 2 <= len(groups) <= _MOST_SIDES or any(len(name) > _LONGEST_NAME for name in groups):
+    if not 2 <= len(groups) <= _MOST_SIDES or not all(map(_is_name, groups)):
         return ()
     return tuple(DeclaredSide(name, (name,)) for name in groups)
 
@@ -193,34 +193,43 @@ def _check_side(
     metrics: Collection[str],
     where: str,
 ) -> DeclaredSide:
-    if not _is_name(name):
-        raise InputError(
-            f"{where}.sides: the name {name!r} found, expected text of 1 to {_LONGEST_NAME} characters"
-        )
+    _check_name(name, f"{where}.sides: the name")
     at = f"{where}.sides[{name!r}]"
     if not isinstance(side, Side):
-        raise InputError(f"{at}: {side!r} found, expected Side(groups=.., fitness=..)")
+        raise InputError(f"{at}: {_cut(side)} found, expected Side(groups=.., fitness=..)")
     if isinstance(side.groups, str) or not isinstance(side.groups, Sequence):
-        raise InputError(f"{at}.groups: {side.groups!r} found, expected names of groups")
+        raise InputError(f"{at}.groups: {_cut(side.groups)} found, expected names of groups")
     names = tuple(side.groups) or (name,)
     for index, group in enumerate(names):
+        _check_name(group, f"{at}.groups")
         if group not in groups:
-            raise InputError(f"{at}.groups: there is no group {group!r}{suggest_or_list(str(group), groups)}")
+            raise InputError(f"{at}.groups: there is no group {group!r}{suggest_or_list(group, groups)}")
         if group in names[:index]:
             raise InputError(f"{at}.groups: {group!r} found twice")
-        if not _is_name(group):
-            raise InputError(f"{at}.groups: {group!r} has more than {_LONGEST_NAME} characters")
-    if side.fitness is not None and side.fitness not in metrics:
-        raise InputError(
-            f"{at}.fitness: there is no metric {side.fitness!r}{suggest_or_list(str(side.fitness), metrics)}"
-        )
-    if side.fitness is not None and not _is_name(side.fitness):
-        raise InputError(f"{at}.fitness: {side.fitness!r} has more than {_LONGEST_NAME} characters")
+    if side.fitness is not None:
+        _check_name(side.fitness, f"{at}.fitness")
+        if side.fitness not in metrics:
+            raise InputError(
+                f"{at}.fitness: there is no metric {side.fitness!r}{suggest_or_list(side.fitness, metrics)}"
+            )
     return DeclaredSide(name, names, side.fitness)
 
 
+def _check_name(name: object, at: str) -> None:
+    if not _is_name(name):
+        raise InputError(
+            f"{at}: {_cut(name)} found, expected text of 1 to {_LONGEST_NAME} printable characters"
+        )
+
+
+def _cut(value: object) -> str:
+    """Return the representation of a value, which may be long, in at most 60 characters."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
 def _is_name(name: object) -> bool:
-    return isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME
+    return isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME and name.isprintable()
 
 
 def count_groups(groups: Mapping[str, Group], parameters: Mapping[str, Any]) -> list[DeclaredGroup]:
