@@ -43,6 +43,8 @@ def test_groups_that_could_not_be_announced_are_no_sides() -> None:
         assert check({}, {name: Group(1, 1, 1), "b": Group(1, 1, 1)}) == {}
 
 
+SIDE: Any = Side
+"""For arguments of wrong types."""
 RED = Side(("red", "ball boys"))
 
 
@@ -58,12 +60,12 @@ RED = Side(("red", "ball boys"))
         ({"red": Side(("red", "red")), "blue": Side()}, r"sides\['red'\].groups: 'red' found twice"),
         ({"red": Side(), "blue": Side()}, "Soccer.sides: ball boys missing; each group belongs to a side"),
         ({"red": RED, "blue": Side("blue")}, "groups: 'blue' found, expected names of groups"),
-        ({"red": RED, "blue": Side({"blue"})}, "groups: {'blue'} found, expected names of groups"),
-        ({"red": RED, "blue": Side(([1],))}, r"groups: \[1\] found, expected text of 1 to 100 printable"),
+        ({"red": RED, "blue": SIDE({"blue"})}, "groups: {'blue'} found, expected names of groups"),
+        ({"red": RED, "blue": SIDE(([1],))}, r"groups: \[1\] found, expected text of 1 to 100 printable"),
         ({"red": RED, "blue": Side(fitness="goals")}, "fitness: there is no metric 'goals'; did you mean"),
         ({"red": RED, "blue": Side(fitness="fitness")}, "no metric 'fitness'; available: red_goals, blue_g"),
         ({"red": RED, "blue": Side(fitness="")}, r"\['blue'\].fitness: '' found, expected text of 1 to 100"),
-        ({"red": RED, "blue": Side(fitness=["x"])}, r"fitness: \['x'\] found, expected text"),
+        ({"red": RED, "blue": SIDE(fitness=["x"])}, r"fitness: \['x'\] found, expected text"),
         ({"red": RED, "blue": ("blue",)}, r"\['blue'\]: \('blue',\) found, expected Side\(groups="),
         ({"red": RED, "": Side(("blue",))}, "Soccer.sides: the name: '' found, expected text of 1 to 100 pr"),
         ({"red": RED, "\x1b[2J": Side(("blue",))}, r"the name: '\\x1b\[2J' found, expected text"),
