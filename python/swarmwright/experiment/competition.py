@@ -58,9 +58,8 @@ def expand(values: dict[str, Any], is_available: bool, report: Report) -> tuple[
         return values, report
     if controller.get("kind") == TEAM:
         return values, report
-    names = list(populations) or _name_sides(values, is_available)
+    names = _name_sides(values, is_available, report)
     if not names:
-        report(("ranking", "sides"), "missing; name the sides of a match, [left, right]")
         return values, report
     groups = {}
     for name in names:
@@ -68,33 +67,56 @@ def expand(values: dict[str, Any], is_available: bool, report: Report) -> tuple[
         own = section.get("controller") if isinstance(section, Mapping) else None
         groups[name] = own if isinstance(own, Mapping) and own else dict(controller)
 
+    return {**values, "controller": {"kind": TEAM, "groups": groups}}, _wrap(report, populations)
+
+
+def _name_sides(values: Mapping[str, Any], is_available: bool, report: Report) -> list[str]:
+    """Return the names of the sides in the file, or else those of the simulation; empty after a report."""
+    known = _name_groups(values) if is_available else []
+    populations, sides = values.get("populations") or {}, values["ranking"].get("sides")
+    named = list(populations) or ([*sides] if isinstance(sides, list | tuple | Mapping) else [])
+    names = list(dict.fromkeys(map(str, named or known)))
+    place: Path_ = ("populations",) if populations else ("ranking", "sides")
+    if len(names) < 2:
+        if is_available and len(known) < 2:
+            subject = f"{values['simulation']} has only one kind of agents with these parameters"
+            report(place, f"{subject}, so there are no sides that could meet")
+        elif populations or not named:  # else the ranking reports it
+            report(place, "a match needs at least two sides; name them all")
+        return []
+    for name in names:
+        if known and name not in known:
+            report((*place, name) if populations else place, unknown("side", name, known))
+            return []
+    return names
+
+
+def _name_groups(values: Mapping[str, Any]) -> list[str]:
+    """Return the names of the simulation's groups; empty if all agents are alike, or after a mistake."""
+    try:
+        groups = catalogue.groups(values["simulation"], dict(values.get("parameters", {})))
+    except (InputError, TypeError, ValueError):  # is reported elsewhere
+        return []
+    return [group.name for group in groups]
+
+
+def _wrap(report: Report, populations: Mapping[str, Any]) -> Report:
+    """Wrap a report, so that problems of the team's groups are those of the file's controllers."""
+    reported = set()
+
     def report_side(path: Path_, message: str) -> None:
         if path[:2] == ("controller", "groups") and len(path) > 2:
-            side = str(path[2])
-            own = populations.get(side, {})
+            own = populations.get(path[2], {})
             has_own = isinstance(own, Mapping) and own.get("controller")
-            before = ("populations", side, "controller") if has_own else ("controller",)
+            before: Path_ = ("populations", path[2], "controller") if has_own else ("controller",)
             path = (*before, *path[3:])
         elif path[:2] == ("controller", "groups"):
             path = ("populations",) if populations else ("ranking", "sides")
-        report(path, message)
+        if (path, message) not in reported:  # both sides may have the same controller
+            reported.add((path, message))
+            report(path, message)
 
-    return {**values, "controller": {"kind": TEAM, "groups": groups}}, report_side
-
-
-def _name_sides(values: Mapping[str, Any], is_available: bool) -> list[str]:
-    """Return the names of the sides in the file, or else those of the simulation."""
-    sides = values["ranking"].get("sides") or ()
-    if isinstance(sides, list | tuple | Mapping) and sides:
-        return [name for name in sides if isinstance(name, str)]
-    if not is_available:
-        return []
-    try:
-        return [
-            group.name for group in catalogue.groups(values["simulation"], dict(values.get("parameters", {})))
-        ]
-    except (InputError, TypeError, ValueError):  # is reported elsewhere
-        return []
+    return report_side
 
 
 def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, report: Report) -> None:
@@ -111,7 +133,8 @@ def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, rep
     ranking, controller = checked.get("ranking"), checked.get("controller")
     if not isinstance(ranking, TournamentOptions):
         return
-    _check_method(checked.get("method"), ("method",), report)
+    if not populations:
+        _check_method(checked.get("method"), ("method",), report)
     if not isinstance(controller, TeamOptions):
         return
     names = list(controller.groups)
@@ -185,12 +208,12 @@ def _find_fitness(
 
 
 def _announced_fitness(checked: Checked) -> dict[str, str]:
-    """Return the metric that is the fitness of each side, where the simulation announces one."""
+    """Return the metric that is the fitness of each group's side, where the simulation announces one."""
     try:
         sides = catalogue.sides(checked["simulation"], checked["parameters"])
     except InputError:  # has been reported
         return {}
-    return {name: fitness for name, fitness in sides.items() if fitness is not None}
+    return {group: side.fitness for side in sides for group in side.groups if side.fitness is not None}
 
 
 def _check_mirrored(controller: TeamOptions, report: Report) -> None:
@@ -260,7 +283,7 @@ def _method_of(
     try:
         options: MethodOptions = model.model_validate(section, context={"ask": True})
     except ValidationError as error:
-        for inner, message in problems_of(error, model, path, {}):
+        for inner, message in problems_of(error, model, path, {"populations": {name: {"method": section}}}):
             report(inner, message)
         return None
     _check_method(options, path, report)

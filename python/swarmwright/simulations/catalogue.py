@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from swarmwright import _engine
 from swarmwright.common.errors import InputError, engine_errors
-from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.groups import DeclaredGroup, DeclaredSide
 from swarmwright.common.simulation_names import MISSIONS, is_command, is_python
 from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.parameters import Parameter, ParameterMistake, fill_parameters, find_mistakes
@@ -420,19 +420,21 @@ def parameter_mistakes(simulation: str, parameters: dict[str, Any]) -> list[Para
         ]
 
 
-def sides(simulation: str, parameters: dict[str, Any]) -> dict[str, str | None]:
-    """Return the sides of a match in a local simulation, each with the metric that is its fitness, if any.
+def sides(simulation: str, parameters: dict[str, Any]) -> tuple[DeclaredSide, ...]:
+    """Return the sides of a match that a local simulation declares with these parameters.
 
-    Without declared sides, each kind of agents is one. Errors as for `groups`.
+    Without any, each kind of agents is a side. Errors as for `groups`.
     """
     engine_title = _engine_title(simulation)
     if engine_title is None:
-        declared = getattr(_python_description(simulation), "sides", {})
-        if declared:
-            return {name: side.fitness for name, side in declared.items()}
+        declared = _python_description(simulation).sides
     else:
         with engine_errors():
             announced: Any = _engine.describe(engine_title, parameters).get("sides", [])
-        if announced:
-            return {side["name"]: side.get("fitness") for side in announced}
-    return dict.fromkeys(group.name for group in groups(simulation, parameters))
+        declared = tuple(
+            DeclaredSide(side["name"], tuple(side["groups"]), side["fitness"]) for side in announced
+        )
+    if declared:
+        return declared
+    names = [group.name for group in groups(simulation, parameters)]
+    return tuple(DeclaredSide(name, (name,), None) for name in names)

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from swarmwright import _engine
 from swarmwright.common.arrays import Fitness
-from swarmwright.common.problems import format_value
+from swarmwright.common.problems import FieldError, format_value
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 MOST_SIDES = 16
@@ -89,7 +89,9 @@ class TournamentOptions(RankingOptions):
     @model_validator(mode="after")
     def _check_reevaluate(self) -> "TournamentOptions":
         if self.reevaluate:
-            raise ValueError("reevaluate: survivors always compete again in a tournament; leave the key out")
+            raise FieldError(
+                ("reevaluate",), "survivors always compete again in a tournament; leave the key out"
+            )
         return self
 
 

@@ -1,0 +1,111 @@
+"""Competitions: who meets whom, and what the methods are told."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmwright import Experiment
+from swarmwright.methods.competition import Competition
+
+MINISIM = {
+    "simulation": "minisim",
+    "parameters": {"numAgents": 1, "numDefenders": 1, "defenderSteering": "controller"},
+    "controller": {"hidden": [2]},
+    "servers": "in-process",
+    "method": {"population": 7, "generations": 30},
+}
+ONE = ("round_robin", "swiss", "multi_swiss", "merge_sort", "random", "hall_of_fame", "best")
+SEVERAL = ("round_robin", "random", "hall_of_fame", "best")
+
+
+def create(populations: bool = False, **options: Any) -> Competition:
+    values: dict[str, Any] = {**MINISIM, "ranking": {"kind": "tournament", **options}}
+    if populations:
+        values["populations"] = {"agents": {}, "defenders": {"method": {"population": 5}}}
+    method = Experiment.from_mapping(values).new_method()
+    assert isinstance(method, Competition)
+    return method
+
+
+def play(method: Competition) -> NDArray[np.intp]:
+    """Play a generation in which the larger first gene wins; return who met, (matches, sides)."""
+    half = method.representation.genome_size // 2
+    rounds, met = method.matches(), []
+    matches = next(rounds)
+    while True:
+        strengths = matches.genomes[:, [0, half]].astype(np.float64)
+        met.append(matches.candidates)
+        try:
+            matches = rounds.send(strengths - strengths[:, ::-1])
+        except StopIteration:
+            method.finish()
+            return np.concatenate(met)
+
+
+@pytest.mark.parametrize("pairing", ONE)
+@pytest.mark.parametrize("both_sides", [True, False])
+def test_every_candidate_of_one_population_plays(pairing: str, both_sides: bool) -> None:
+    method = create(pairing=pairing, both_sides=both_sides)
+    for generation in range(3):
+        bound = method.most_matches
+        met = play(method)
+        assert len(met) <= bound or generation == 0
+        assert {*range(7)} <= {*met.ravel().tolist()}
+        assert met.min() >= -generation, "only champions of finished generations are opponents"
+        lone = met[:-1]
+        if both_sides:
+            assert sorted(map(tuple, lone.tolist())) == sorted(map(tuple, lone[:, ::-1].tolist()))
+        assert met[-1, 0] == met[-1, 1], "the champion meets itself"
+
+
+@pytest.mark.parametrize("pairing", SEVERAL)
+def test_every_candidate_of_each_population_plays(pairing: str) -> None:
+    method = create(populations=True, pairing=pairing, rounds=3)
+    for _ in range(3):
+        met = play(method)
+        assert {*range(7)} <= {*met[:, 0].tolist()}
+        assert {*range(5)} <= {*met[:, 1].tolist()}
+
+
+@pytest.mark.parametrize("populations", [True, False])
+@pytest.mark.parametrize("pairing", SEVERAL)
+@pytest.mark.parametrize("score", ["fitness", "points"])
+def test_the_stronger_win_over_generations(pairing: str, score: str, populations: bool) -> None:
+    method = create(populations=populations, pairing=pairing, rounds=3, score=score)
+    strengths = []
+    half = method.representation.genome_size // 2
+    for _ in range(30):
+        rounds = method.matches()
+        matches = next(rounds)
+        while True:
+            pair = matches.genomes[:, [0, half]].astype(np.float64)
+            try:
+                matches = rounds.send(pair - pair[:, ::-1])
+            except StopIteration:
+                break
+        method.finish()
+        strengths.append(pair[-1].max())
+    assert max(strengths[-3:]) > strengths[0]
+
+
+def test_the_same_results_make_the_same_genomes() -> None:
+    methods = [create(populations=True, pairing="hall_of_fame") for _ in range(2)]
+    for _ in range(4):
+        first, second = (play(method) for method in methods)
+        assert (first == second).all()
+
+
+def test_failed_matches_do_not_count() -> None:
+    method = create(pairing="round_robin", both_sides=False)
+    rounds = method.matches()
+    matches = next(rounds)
+    results = np.ones(matches.candidates.shape)
+    involved = (matches.candidates == 3).any(axis=1)
+    results[involved] = np.nan
+    final = rounds.send(results)
+    assert (final.candidates != 3).all()
+    scores = method.scores_of(matches)
+    assert np.isnan(scores[matches.candidates == 3]).all()
+    assert np.isfinite(scores[matches.candidates != 3]).all()
