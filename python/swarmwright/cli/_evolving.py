@@ -225,6 +225,7 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> int
 def _print_results(output: Output, run: "Run", broker: str | None, where: str) -> None:
     """Print the results, the location of the files, and the next steps."""
     from swarmwright.runs import picture
+    from swarmwright.runs.matches import describe_champions
 
     best = run.best
     unseen, validation, transfer = run.unseen, run.validation, transfer_of(run)
@@ -246,7 +247,15 @@ def _print_results(output: Output, run: "Run", broker: str | None, where: str) -
         output.text("Interrupted; the results so far are kept. Continue with:")
         output.text(f"  {_resume(run.path, where)}")
     label = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
-    output.text(f"Best fitness {best.fitness + 0.0:.6g} ({label}).")
+    champions = describe_champions(run)
+    if champions is None:
+        output.text(f"Best fitness {best.fitness + 0.0:.6g} ({label}).")
+    else:
+        output.text(f"The champions of generation {best.generation} met: {champions}.")
+        output.text(
+            "Fitness depends on the opponents; to see whether a side has become better, run "
+            f"{program()} progress {shlex.quote(str(run.path))}."
+        )
     for line in _validation_lines(run):
         output.text(line)
     if transfer is not None:

@@ -335,6 +335,7 @@ def _generation(event: dict[str, Any]) -> str:
 def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     """Print the progress and the results of a run."""
     from swarmwright.runs.instances import averages_instances
+    from swarmwright.runs.matches import describe_champions
 
     best = run.best if run.generations else None
     validation = run.validation
@@ -359,7 +360,13 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
             f"  steady state: candidate n was created from the results of candidates 0 to n - {window}"
         )
     if best is not None:
-        output.text(f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})")
+        champions = describe_champions(run)
+        if champions is None:
+            output.text(
+                f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})"
+            )
+        else:
+            output.text(f"  champions of generation {best.generation}: {champions}")
     for row in () if best is None else _controller(best.specification):
         output.text(f"    {row}")
     if run.audit is not None:

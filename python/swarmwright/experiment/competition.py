@@ -16,7 +16,7 @@ from swarmwright.common.suggestions import unknown
 from swarmwright.common.yaml import Path_
 from swarmwright.controllers.kinds.team import Team, TeamOptions
 from swarmwright.controllers.teams import TEAM
-from swarmwright.experiment.document import DEFAULT_KINDS, Checked, PopulationSection
+from swarmwright.experiment.document import AUTO, DEFAULT_KINDS, Checked, PopulationSection
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.methods.competition import Competition, Population
 from swarmwright.methods.rankings.tournament import BETWEEN_POPULATIONS, TournamentOptions
@@ -162,6 +162,11 @@ def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, rep
     if sides is not None:
         checked["ranking"] = ranking.model_copy(update={"sides": sides})
         checked["fitness"] = sides[names[0]] if sides[names[0]] != FITNESS_NAME else checked.get("fitness")
+    validate = checked.get("validate")
+    if (
+        validate is not None and validate.episodes == AUTO
+    ):  # fitness depends on the opponents, not only on seeds
+        checked["validate"] = validate.model_copy(update={"episodes": 0})
     if checked.get("start_from") is not None:
         report(("start_from",), "is not possible in a competition; leave it out")
 

@@ -110,6 +110,20 @@ def champions(run: Run, side: str) -> list[Champion]:
     ]
 
 
+def describe_champions(run: Run) -> str | None:
+    """Return the result of the last match of champions: `hunters -0.39, prey 0.39`.
+
+    None if the run is no competition, or has no generation.
+    """
+    options = run.experiment.ranking
+    if not isinstance(options, TournamentOptions) or not run.history:
+        return None
+    evaluation = run._store.evaluation(run.history[-1].evaluations - 1, None)
+    columns = evaluation.metrics[:, -len(COLUMNS) * len(options.sides) :]
+    means = columns.reshape(len(columns), -1, len(COLUMNS))[..., 1].mean(axis=0)
+    return ", ".join(f"{side} {mean + 0.0:.6g}" for side, mean in zip(options.sides, means, strict=True))
+
+
 @check_arguments
 def play(
     experiment: Experiment | str | PathLike[str],
