@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import LIBRARIES, SimulationName, is_command
-from swarmwright.simulations.environments import NEW_EACH_EPISODE
+from swarmwright.simulations.environments import CLASS_OPTIONS
 
 if TYPE_CHECKING:
     from swarmwright.simulations.base import BatchSimulation, Simulation
@@ -21,7 +21,7 @@ __all__ = ["load_adapter"]
 
 _EXAMPLES = {
     "gymnasium": "as gymnasium:CartPole-v1",
-    "pettingzoo": "a module that has parallel_env, as pettingzoo:mpe2.simple_spread_v3",
+    "pettingzoo": "a module that has parallel_env or env, as pettingzoo:mpe2.simple_spread_v3",
     "vmas": "as vmas:navigation",
 }
 
@@ -75,12 +75,15 @@ def _pop_class_options(
     name: str, base: "type[Simulation | BatchSimulation]", options: dict[str, Any]
 ) -> dict[str, Any]:
     """Remove options that are attributes of the class from the environment's options; return them."""
-    if not hasattr(base, NEW_EACH_EPISODE) or NEW_EACH_EPISODE not in options:
-        return {}
-    value = options.pop(NEW_EACH_EPISODE)
-    if not isinstance(value, bool):
-        raise InputError(f"{name}: {NEW_EACH_EPISODE}={value} found, expected true or false")
-    return {NEW_EACH_EPISODE: value}
+    attributes: dict[str, Any] = {}
+    for option, values in CLASS_OPTIONS.items():
+        if hasattr(base, option) and option in options:
+            value = options.pop(option)
+            if not any(type(value) is type(possible) and value == possible for possible in values):
+                expected = " or ".join(str(possible).lower() for possible in values)
+                raise InputError(f"{name}: {option}={value} found, expected {expected}")
+            attributes[option] = value
+    return attributes
 
 
 @cache

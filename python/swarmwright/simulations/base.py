@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _LARGEST_COUNT = 1_000_000
 """Largest number of agents, sensors or actuators of a group."""
-_MOST_SIDES = 256
+MOST_SIDES = 256
 """Largest number of sides, which servers announce: `protocol/schemas/server.schema.json`."""
 _LONGEST_NAME = 100
 """Largest number of characters of the names of a side, its groups and its fitness, likewise."""
@@ -159,8 +159,8 @@ def check_sides(
         raise InputError(f"{where}.sides: {_cut(sides)} found, expected a mapping from names to Side(..)")
     if not sides:
         return _imply_sides(groups)
-    if not 2 <= len(sides) <= _MOST_SIDES:
-        raise InputError(f"{where}.sides: {len(sides)} found, expected 2 to {_MOST_SIDES} sides")
+    if not 2 <= len(sides) <= MOST_SIDES:
+        raise InputError(f"{where}.sides: {len(sides)} found, expected 2 to {MOST_SIDES} sides")
     declared: list[DeclaredSide] = []
     side_of: dict[str, str] = {}
     for name, side in sides.items():
@@ -181,7 +181,7 @@ def check_sides(
 
 def _imply_sides(groups: Mapping[str, Group]) -> tuple[DeclaredSide, ...]:
     """Return a side for each group; none for a single group, and if they could not be announced."""
-    if not 2 <= len(groups) <= _MOST_SIDES or not all(map(_is_name, groups)):
+    if not 2 <= len(groups) <= MOST_SIDES or not all(map(is_side_name, groups)):
         return ()
     return tuple(DeclaredSide(name, (name,)) for name in groups)
 
@@ -216,7 +216,7 @@ def _check_side(
 
 
 def _check_name(name: object, at: str) -> None:
-    if not _is_name(name):
+    if not is_side_name(name):
         raise InputError(
             f"{at}: {_cut(name)} found, expected text of 1 to {_LONGEST_NAME} printable characters"
         )
@@ -228,7 +228,8 @@ def _cut(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _is_name(name: object) -> bool:
+def is_side_name(name: object) -> bool:
+    """Return whether a name can be that of a side, of one of its groups, or of its fitness."""
     return isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME and name.isprintable()
 
 

@@ -1,6 +1,6 @@
-"""PettingZoo's parallel environments as simulations.
+"""PettingZoo's environments as simulations, both parallel ones and those whose agents act in turn.
 
-Source: https://pettingzoo.farama.org/api/parallel/
+Sources: https://pettingzoo.farama.org/api/parallel/, https://pettingzoo.farama.org/api/aec/
 """
 
 import re
@@ -8,17 +8,19 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from importlib import import_module
 from itertools import groupby
 from pkgutil import iter_modules
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common import metric_names
 from swarmwright.common.errors import InputError, SimulationError
 from swarmwright.common.ranges import intersect_ranges
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.tracebacks import locate_error
-from swarmwright.simulations.base import Group
+from swarmwright.simulations.base import MOST_SIDES, Group, Side, is_side_name
 from swarmwright.simulations.calls import summarize
+from swarmwright.simulations.environments import GROUP_BY
 from swarmwright.simulations.environments._environment import (
     Actions,
     Actuators,
@@ -32,26 +34,34 @@ from swarmwright.simulations.environments._environment import (
     single,
     with_mask,
 )
+from swarmwright.simulations.environments._in_turn import InTurn, acts_in_turn
 
+_PLAYER = "player"
+"""Kind of the agents of a game, by convention of PettingZoo: they are opponents, not a swarm."""
 _STEP_RESULTS = ("observations", "rewards", "terminations", "truncations")
 
 
 class PettingZoo(Environment):
-    """A parallel environment; the fitness is the mean over agents of each one's sum of rewards.
+    """An environment of PettingZoo; the fitness is the mean over agents of each one's sum of rewards.
 
         class Spread(PettingZoo):
             environment = "mpe2.simple_spread_v3"
 
-    `environment` is the module that has `parallel_env`. Agents form groups by their names without the number
-    at the end: adversary_0, adversary_1 and agent_0 are the groups `adversary` and `agent`, if the agents of
-    a group follow each other and have the same spaces. `controller: {kind: team}` gives each group a
-    controller, and the metrics `reward_adversary`, .. are the mean sums of rewards of a group. Any other
-    controller controls all agents, with as many sensors and actuators as the agent with the most: missing
-    sensors are 0, and surplus actuators have no effect. An agent that the environment drops, or flags as
-    terminated or truncated, stops acting and gets no further rewards. A parameter may change the number of
-    agents if all have the same spaces; `max_agents` is therefore not declared.
+    `environment` is the module that has `parallel_env` or, if agents act in turn, `env` alone. Agents form
+    groups by their names without the number at the end: adversary_0, adversary_1 and agent_0 are the groups
+    `adversary` and `agent`, if the agents of a group follow each other and have the same spaces. The players
+    of a game, player_0 and player_1, are a group each. `controller: {kind: team}` gives each group a
+    controller, and the metrics `reward_adversary`, .. are the mean sums of rewards of a group. Each group is
+    a side of a match, whose fitness is this metric. Any other controller controls all agents, with as many
+    sensors and actuators as the agent with the most: missing sensors are 0, and surplus actuators have no
+    effect. An agent that the environment drops, or flags as terminated or truncated, stops acting and gets no
+    further rewards. A parameter may change the number of agents if all have the same spaces; `max_agents` is
+    therefore not declared. If agents act in turn, a step is the action of one agent.
     """
 
+    group_by: ClassVar[Literal["agent", "kind"] | None] = None
+    """Which agents form a group: `kind`, those whose names differ only in the number at the end; `agent`,
+    each agent alone. None: `agent` if all are called player, else `kind`."""
     padded = True
 
     metrics = {  # noqa: RUF012 - as in the base class
@@ -61,7 +71,7 @@ class PettingZoo(Environment):
     }
 
     def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - parallel environments, or what acts like one
-        """Return a new environment; override it to add wrappers."""
+        """Return a new environment, parallel or with agents in turn; override it to add wrappers."""
         name = self._environment_name()
         try:
             module = import_module(name)
@@ -70,17 +80,18 @@ class PettingZoo(Environment):
             if not hint:
                 raise
             raise InputError(f"PettingZoo {name}: {locate_error(error)}{hint}") from error
-        if not hasattr(module, "parallel_env"):
-            if hasattr(module, "env"):
-                raise InputError(
-                    f"{name}: has no parallel_env, because its agents act in turn (AEC) rather than at once. "
-                    "If it can be converted, derive a class whose make() returns "
-                    "pettingzoo.utils.conversions.aec_to_parallel(MODULE.env(**options))"
-                )
-            raise InputError(
-                f"{name}: has no parallel_env; name a module of this package that has{_suggest_module(name)}"
-            )
-        return module.parallel_env(**options)
+        for function in ("parallel_env", "env"):
+            if callable(getattr(module, function, None)):
+                return getattr(module, function)(**options)
+        raise InputError(
+            f"{name}: has no parallel_env and no env; name a module of this package that has one"
+            f"{_suggest_module(name)}"
+        )
+
+    def _new_environment(self, parameters: dict[str, Any], *, rendering: bool) -> Any:  # noqa: ANN401 - types of libraries
+        """Return a new environment, parallel or as one. Raises InputError like the base class."""
+        env = super()._new_environment(parameters, rendering=rendering)
+        return InTurn(env, self.environment) if acts_in_turn(env) else env
 
     def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
         """Start an episode."""
@@ -110,6 +121,7 @@ class PettingZoo(Environment):
             actions_by_name[name] = act.act(row, self._masks.get(name))
         # Some environments still return rewards and observations of agents that they dropped.
         alive = {name for name in self.env.agents if name not in self._ended}
+        earning = self._agents.keys() if isinstance(self.env, InTurn) else alive
         returned = self.env.step(actions_by_name)
         check_step(self.environment, returned, "PettingZoo in its first versions")
         self._check_dicts(returned)
@@ -117,7 +129,7 @@ class PettingZoo(Environment):
         self._steps += 1
         self._check_possible_agents((*rewards, *observations))
         for name, reward in rewards.items():
-            if name in alive:
+            if name in earning:
                 self._rewards[self._agents[name]] += single(self.environment, reward, self._steps)
         flagged = {name for ends in flags for name, ended in ends.items() if ended}
         # An agent that leaves the environment may come back later.
@@ -150,12 +162,12 @@ class PettingZoo(Environment):
     def measure(self) -> dict[str, float]:
         """Return the metrics."""
         metrics = {"steps": self._steps, "worst": self._rewards.min(), "best": self._rewards.max()}
-        names = list(self._agents)
-        for group in self.groups:
-            rewards = [
-                reward for name, reward in zip(names, self._rewards, strict=True) if _kind(name) == group
-            ]
-            metrics[_metric(group)] = mean_reward(np.array(rewards))
+        first = 0
+        for group, metric in self._reward_metrics.items():
+            count = self.groups[group].count({**self.options, **(self._env_parameters or {})})
+            rewards = self._rewards[first : first + count]
+            metrics[metric] = mean_reward(rewards) if len(rewards) else np.nan
+            first += count
         return metrics
 
     def _trial(self, env: Any, seed: int, actions: Actions) -> Iterator[bytes]:  # noqa: ANN401 - an environment
@@ -229,6 +241,10 @@ class PettingZoo(Environment):
             raise InputError(f"{where}: {locate_error(error)}") from error
 
     def _sizes(self) -> tuple[int, int]:
+        if self.group_by not in {None, *GROUP_BY}:
+            raise InputError(
+                f"{type(self).__name__}.group_by: {self.group_by!r} found, expected agent, kind or None"
+            )
         names = getattr(self.env, "possible_agents", None)
         if not names:
             raise InputError(
@@ -243,20 +259,38 @@ class PettingZoo(Environment):
             inputs, self._allowed[name] = with_mask(observations, actions, observations_label)
             self._spaces[name] = inputs, actuators(actions, actions_label)
         self.groups = type(self).groups or self._kinds()  # a class may declare its own
+        self._reward_metrics = _name_metrics(self.groups)
         if type(self).metrics is PettingZoo.metrics:
             self.metrics = PettingZoo.metrics | {
-                _metric(group): f"Sum of rewards of an agent of the group {group}, mean."
-                for group in self.groups
+                metric: f"Sum of rewards of an agent of the group {group}, mean."
+                for group, metric in self._reward_metrics.items()
             }
+        self.sides = type(self).sides or self._make_sides()
         both = self._spaces.values()
         self.sensor_ranges = intersect_ranges([inputs.ranges for inputs, _ in both])
         self.actuator_ranges = intersect_ranges([outputs.ranges for _, outputs in both])
         return max(inputs.width for inputs, _ in both), max(outputs.width for _, outputs in both)
 
+    def _make_sides(self) -> dict[str, Side]:
+        """Return a side for each of several groups, whose fitness is the mean reward of an agent."""
+        if not 2 <= len(self.groups) <= MOST_SIDES or not all(map(is_side_name, self.groups)):
+            return {}
+        return {
+            group: Side(fitness=metric if metric in self.metrics and is_side_name(metric) else None)
+            for group, metric in self._reward_metrics.items()
+        }
+
+    def _group_of(self, agent: str) -> str:
+        """Return the name of the group that an agent belongs to, if it is one."""
+        by_agent = all(_kind(name) == _PLAYER for name in self._agents)
+        if self.group_by is not None:
+            by_agent = self.group_by == "agent"
+        return str(agent) if by_agent else _kind(agent)
+
     def _kinds(self) -> dict[str, Group]:
         """Return the groups of agents in order; empty if there is a single kind, or if kinds are mixed."""
         groups: dict[str, Group] = {}
-        for kind, names in groupby(self._agents, _kind):
+        for kind, names in groupby(self._agents, self._group_of):
             spaces = [self._spaces[name] for name in names]
             widths = {(inputs.width, outputs.width) for inputs, outputs in spaces}
             if not kind or kind in groups or len(widths) != 1:
@@ -286,5 +320,14 @@ def _kind(agent: str) -> str:
     return re.sub(r"_?\d+$", "", str(agent))
 
 
-def _metric(group: str) -> str:
-    return "reward_" + re.sub(r"\W", "_", group)
+def _name_metrics(groups: Iterable[str]) -> dict[str, str]:
+    """Return the name of the metric that has the rewards of each group; names are valid, and differ."""
+    names: dict[str, str] = {}
+    for group in groups:
+        name = plain = metric_names.suggest_name(f"reward_{group}")
+        number = 1
+        while name in names.values():
+            number += 1
+            name = f"{plain}_{number}"
+        names[group] = name
+    return names

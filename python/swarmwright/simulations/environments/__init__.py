@@ -2,3 +2,7 @@
 
 NEW_EACH_EPISODE = "new_each_episode"
 """The option in a name that sets this attribute of the class, and is not passed to the environment."""
+GROUP_BY = ("agent", "kind")
+"""Values of the option `group_by`."""
+CLASS_OPTIONS = {NEW_EACH_EPISODE: (True, False), "group_by": GROUP_BY}
+"""Options in a name that set attributes of the class, with their values."""
