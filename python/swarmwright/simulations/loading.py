@@ -56,9 +56,10 @@ def suggest_environment_name(value: object, name: str) -> str:
         if library == "gymnasium" and base.__name__ == "Env":
             return _suggest_gymnasium_name(value, module, parsed.member)
         if library == "pettingzoo" and base.__name__ in {"ParallelEnv", "AECEnv"}:
+            function = "env" if base.__name__ == "AECEnv" else "parallel_env"
             return (
                 "is a PettingZoo environment, which needs no simulation class: return it from "
-                f"parallel_env() in the module, and write pettingzoo:{module}; {_GUIDE}"
+                f"{function}() in the module, and write pettingzoo:{module}; {_GUIDE}"
             )
     return ""
 
