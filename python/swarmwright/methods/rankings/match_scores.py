@@ -20,7 +20,10 @@ _SCALE: Final = 400.0 / math.log(10.0)
 _PRIOR: Final = 0.2
 """Draws with an average player that every player of bradley_terry is credited with."""
 _TOLERANCE: Final = 1e-9
-_MOST_STEPS: Final = 10_000
+"""Step, in logarithms of strengths, after which the maximum is reached."""
+_MOST_STEPS: Final = 200
+_DECIMALS: Final = 6
+"""Ratings are rounded, so that they are the same on every machine, and the same for the same results."""
 
 
 def score_matches(
@@ -85,7 +88,7 @@ def fitness(players: int, pairs: Pairs, results: Results) -> Scores:
 def elo(players: int, pairs: Pairs, results: Results, factor: float = ELO_FACTOR) -> Scores:
     """Return Elo's ratings after all matches, in the order played, from 0 for everybody.
 
-    The better player of two whose ratings differ by 400 is expected to get ten of eleven points. The order of
+    The better of two whose ratings differ by 400 is expected to get ten of eleven points. The order of
     matches changes the result, unless nobody plays in two of them: `bradley_terry` does not depend on it.
 
     Source: Elo, "The rating of chessplayers, past and present", 1978.
@@ -93,11 +96,10 @@ def elo(players: int, pairs: Pairs, results: Results, factor: float = ELO_FACTOR
     ratings = [0.0] * players
     first_points = points_of(results)[:, 0].tolist()
     for (first, second), actual in zip(pairs.tolist(), first_points, strict=True):
-        expected = 1.0 / (1.0 + 10.0 ** ((ratings[second] - ratings[first]) / 400.0))
-        change = factor * (actual - expected)
+        change = factor * (actual - _win_chance((ratings[first] - ratings[second]) / _SCALE))
         ratings[first] += change
         ratings[second] -= change
-    return np.array(ratings, dtype=np.float64)
+    return np.round(ratings, _DECIMALS)
 
 
 def bradley_terry(players: int, pairs: Pairs, results: Results, prior: float = _PRIOR) -> Scores:
@@ -108,18 +110,107 @@ def bradley_terry(players: int, pairs: Pairs, results: Results, prior: float = _
     which those who won all of their matches would have no finite rating.
 
     Source: Hunter, "MM algorithms for generalized Bradley-Terry models", The Annals of Statistics 32(1),
-    2004, doi:10.1214/aos/1079120141.
+    2004, doi:10.1214/aos/1079120141. The maximum is that of the source; it is reached by Newton's method,
+    since MM takes thousands of steps where the better of two nearly always wins.
     """
-    wins = _add_up(pairs, points_of(results), players) + prior / 2.0
-    strengths = np.ones(players)
+    model = _BradleyTerry(players, pairs, points_of(results)[:, 0], prior)
+    logarithms = np.zeros(players)
     for _ in range(_MOST_STEPS):
-        both = 1.0 / strengths[pairs].sum(axis=1)
-        updated = wins / (_add_up(pairs, np.column_stack([both, both]), players) + prior / (strengths + 1.0))
-        change = np.max(np.abs(updated - strengths) / updated, initial=0.0)
-        strengths = updated
-        if change < _TOLERANCE:
+        gradient, curvature, own_curvature = model.derive(logarithms)
+        step = model.solve(curvature, own_curvature, gradient)
+        logarithms = model.search(logarithms, step, float((gradient * step).sum()))
+        if np.abs(step).max(initial=0.0) < _TOLERANCE:
             break
-    return _SCALE * np.log(strengths)
+    return np.round(_SCALE * logarithms, _DECIMALS)
+
+
+class _BradleyTerry:
+    """The likelihood of logarithms of strengths, with its prior.
+
+    Args:
+        players: how many.
+        pairs: (matches, 2).
+        first_points: (matches,) 1, 0.5 or 0.
+        prior: draws against a player of strength 1.
+    """
+
+    def __init__(self, players: int, pairs: Pairs, first_points: Scores, prior: float) -> None:
+        self._players = players
+        self._firsts, self._seconds = pairs.T
+        self._points = first_points
+        self._prior = prior
+
+    def derive(self, logarithms: Scores) -> tuple[Scores, Scores, Scores]:
+        """Return the gradient, and minus the second derivatives by match and by player, for the prior."""
+        chances = _win_chances(logarithms[self._firsts] - logarithms[self._seconds])
+        own = _win_chances(logarithms)
+        gradient = self._spread(self._points - chances) + self._prior * (0.5 - own)
+        return gradient, chances * (1.0 - chances), self._prior * own * (1.0 - own)
+
+    def solve(self, curvature: Scores, own_curvature: Scores, gradient: Scores) -> Scores:
+        """Return the step of Newton's method, by conjugate gradients scaled by the diagonal.
+
+        Sums have a fixed order, other than those of a library for linear algebra.
+        """
+        diagonal = (
+            own_curvature + self._count(self._firsts, curvature) + self._count(self._seconds, curvature)
+        )
+        solution, rest = np.zeros_like(gradient), gradient.copy()
+        direction = rest / diagonal
+        size = float((rest * direction).sum())
+        end = size * 1e-24
+        for _ in range(2 * self._players + 10):
+            if not size > end:
+                break
+            change = direction[self._firsts] - direction[self._seconds]
+            image = own_curvature * direction + self._spread(curvature * change)
+            length = size / float((direction * image).sum())
+            solution += length * direction
+            rest -= length * image
+            scaled = rest / diagonal
+            size, last = float((rest * scaled).sum()), size
+            direction = scaled + size / last * direction
+        return solution
+
+    def search(self, logarithms: Scores, step: Scores, slope: float) -> Scores:
+        """Go along the step, or the greatest of its halves that improves the likelihood."""
+        before = self._measure(logarithms)
+        part = 1.0
+        for _ in range(30):
+            if self._measure(logarithms + part * step) >= before + 1e-4 * part * slope:
+                break
+            part /= 2.0
+        return logarithms + part * step
+
+    def _measure(self, logarithms: Scores) -> float:
+        """Return the logarithm of the likelihood."""
+        gaps = logarithms[self._firsts] - logarithms[self._seconds]
+        matches = (self._points - 0.5) * gaps - _half_log_cosh(gaps)
+        return float(matches.sum() - self._prior * _half_log_cosh(logarithms).sum())
+
+    def _spread(self, values: Scores) -> Scores:
+        """Return (players,) sums of (matches,) values, which count against the second player."""
+        return self._count(self._firsts, values) - self._count(self._seconds, values)
+
+    def _count(self, places: NDArray[np.intp], values: Scores) -> Scores:
+        return np.bincount(places, weights=values, minlength=self._players).astype(np.float64)
+
+
+def _win_chance(gap: float) -> float:
+    """Return the chance of the first of two players whose logarithms of strengths differ by `gap`."""
+    odds = math.exp(-abs(gap))
+    return 1.0 / (1.0 + odds) if gap >= 0.0 else odds / (1.0 + odds)
+
+
+def _win_chances(gaps: Scores) -> Scores:
+    # NumPy's exp has other last digits on processors with other instruction sets.
+    return np.fromiter(map(_win_chance, gaps.tolist()), np.float64, len(gaps))
+
+
+def _half_log_cosh(gaps: Scores) -> Scores:
+    """Return ln(2 cosh(gap / 2)): minus the logarithm of the chance of a win, averaged over both players."""
+    sizes = np.abs(gaps)
+    return sizes / 2.0 + np.log1p(np.exp(-sizes))
 
 
 def order(players: int, pairs: Pairs, results: Results) -> Scores:

@@ -1,7 +1,7 @@
 """Pairings of tournaments: who meets whom."""
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -88,13 +88,11 @@ class HallOfFame(Pairing):
         """All matches at once; champion k has the number candidates + k."""
         rounds = _count_rounds(options)
         champions = min(options.archive, (rounds + 1) // 2 if candidates > 1 else rounds)
-        opponents: Any = (
-            np.sort(random.choice(options.archive, champions, replace=False)) if champions else []
-        )
+        opponents: list[int] = []
+        if champions:
+            opponents = sorted(random.choice(options.archive, champions, replace=False).tolist())
         pairs = [
-            (candidate, candidates + int(champion))
-            if place % 2 == 0
-            else (candidates + int(champion), candidate)
+            (candidates + champion, candidate) if place % 2 else (candidate, candidates + champion)
             for place, champion in enumerate(opponents)
             for candidate in range(candidates)
         ]
