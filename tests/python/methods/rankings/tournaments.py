@@ -21,6 +21,7 @@ def play(
     candidates: int,
     decide: Callable[[Pairs], Results],
     seed: int = 0,
+    /,
     **options: float | None,
 ) -> Tournament:
     """Play all rounds; `decide` returns the fitness of both of (matches, 2)."""
