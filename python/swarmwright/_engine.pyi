@@ -19,6 +19,7 @@ from swarmwright.common.engine_types import (
     SceneArrays,
     SceneFields,
     ServerEvent,
+    SideFields,
     WarningFields,
 )
 from swarmwright.servers.evaluation.served_modules import ServedModules
@@ -1131,6 +1132,11 @@ class Pool:
         """Incidents so far."""
     def determinism(self) -> list[tuple[int, str | None, float | None]]:
         """What each server declares: (server, determinism, tolerance); None where it declares nothing."""
+    def announced_sides(self) -> list[tuple[int, list[SideFields]]]:
+        """Sides of a match that each server with this simulation announces, also if it does not fit.
+
+        (server, sides), by server; empty lists for those that announce none.
+        """
     def announced_metrics(self) -> list[str]:
         """Metrics that servers with this simulation announce, those that do not fit too; sorted."""
     def stream(

@@ -31,6 +31,7 @@ ANNOUNCED: Json = {
     "sensors": 4,
     "actuators": 1,
     "metrics": ["steps"],
+    "sides": [{"name": "prey", "groups": ["sheep"], "fitness": "steps"}],
     "determinism": "statistical",
     "tolerance": 0.5,
     "scenes": True,

@@ -23,6 +23,7 @@ ANNOUNCEMENT = (
     "sensors",
     "actuators",
     "metrics",
+    "sides",
     "instance",
     "host",
     "pid",
@@ -98,9 +99,33 @@ def lenient(value: Json) -> Json:
         if not isinstance(announced.get("metrics", []), list):
             announced = {key: item for key, item in announced.items() if key != "metrics"}
             value["capabilities"] = {**capabilities, "swarmwright": announced}
+        if "sides" in announced and not are_sides(announced["sides"]):
+            announced = {key: item for key, item in announced.items() if key != "sides"}
+            value["capabilities"] = {**capabilities, "swarmwright": announced}
     if "metrics" in value:
         value["metrics"] = measured(value["metrics"])
     return value
+
+
+def are_sides(value: Value) -> bool:
+    """Whether these are sides of a match: of other names and other groups."""
+
+    def is_name(name: Value) -> bool:
+        return isinstance(name, str) and 1 <= len(name) <= 100
+
+    if not isinstance(value, list) or len(value) > 256:
+        return False
+    names: list[str] = []
+    groups: list[str] = []
+    for side in value:
+        own = side.get("groups") if isinstance(side, dict) else None
+        if not isinstance(own, list) or not 1 <= len(own) <= 256:
+            return False
+        if not all(is_name(name) for name in [side.get("name"), side.get("fitness", "x"), *own]):
+            return False
+        names.append(side["name"])
+        groups += own
+    return len(set(names)) == len(names) and len(set(groups)) == len(groups)
 
 
 def measured(value: Value) -> Json:
@@ -126,6 +151,10 @@ def capabilities(value: Json) -> Json:
     """Capabilities with the extension."""
     extension = value.get("swarmwright")
     known = None if extension is None else {key: extension.get(key) for key in ANNOUNCEMENT}
+    if known and known["sides"]:
+        known["sides"] = [
+            {key: side.get(key) for key in ("name", "groups", "fitness")} for side in known["sides"]
+        ]
     return {**offer(value), "swarmwright": known}
 
 

@@ -268,6 +268,15 @@ class GroupDescription(TypedDict):
     own_actuator_names: list[str | None]
 
 
+class SideFields(TypedDict):
+    """A side of a match."""
+
+    name: str
+    groups: list[str]
+    fitness: NotRequired[str | None]
+    """The metric that is its fitness; missing or None if the simulation does not define one."""
+
+
 class Description(TypedDict):
     """Description of a simulation."""
 
@@ -285,6 +294,7 @@ class Description(TypedDict):
     determinism: str | None
     varies: bool
     groups: list[GroupDescription]
+    sides: list[SideFields]
 
 
 class Mission(TypedDict):

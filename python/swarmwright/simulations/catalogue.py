@@ -345,6 +345,24 @@ def groups(simulation: str, parameters: dict[str, Any]) -> list[DeclaredGroup]:
     ]
 
 
+def sides(simulation: str, parameters: dict[str, Any]) -> list[DeclaredSide]:
+    """Return the sides of a match of a local simulation with these parameters.
+
+    If it declares none, each of several groups is a side, without a fitness; empty if all agents are alike.
+    Raises InputError for a class that cannot be loaded, and for parameters that the simulation refuses.
+    """
+    engine_title = _engine_title(simulation)
+    if engine_title is None:
+        return list(_python_description(simulation).sides)
+    with engine_errors():
+        announced = _engine.describe(engine_title, parameters)
+    if announced["sides"]:
+        return [
+            DeclaredSide(side["name"], tuple(side["groups"]), side["fitness"]) for side in announced["sides"]
+        ]
+    return [DeclaredSide(group["name"], (group["name"],)) for group in announced["groups"]]
+
+
 def parameter_names(simulation: str) -> list[str]:
     """Return the names of the parameters of a local simulation, including the seed."""
     return list(dict.fromkeys([*description(simulation)["parameters"], "seed"]))

@@ -10,7 +10,7 @@ use swarmwright_controllers::Controller;
 use swarmwright_protocol::ModuleCode;
 use swarmwright_worlds::{
     Block, Describer, Description, Group, Means, ParameterError, ParameterInfo, Parameters,
-    RolloutError, Scene, Simulation, Together, fail,
+    RolloutError, Scene, Side, Simulation, Together, fail,
 };
 use swarmwright_wrapper::Progress;
 
@@ -132,6 +132,10 @@ impl Simulation for WithModules {
             return Vec::new();
         }
         self.inner.groups()
+    }
+
+    fn sides(&self) -> Vec<Side> {
+        self.inner.sides()
     }
 
     fn take_controller(&mut self, controller: &Controller) {

@@ -8,7 +8,7 @@ use pyo3::types::PyDict;
 use serde::Serialize;
 use serde_json::Value;
 use swarmwright_pool::{About, Demand, Options, Pool, PoolError, Repetition, Report, Timeouts};
-use swarmwright_protocol::Requirements;
+use swarmwright_protocol::{AnnouncedSide, Requirements};
 
 use crate::account::{Account, settings};
 use crate::errors::{NoServerError, engine, input, unconnected};
@@ -199,6 +199,16 @@ impl PyPool {
 
     fn announced_metrics(&mut self) -> PyResult<Vec<String>> {
         Ok(self.pool()?.metrics())
+    }
+
+    /// The sides of a match that each server announces: (server, sides).
+    fn announced_sides<'py>(
+        &mut self,
+        py: Python<'py>,
+    ) -> PyResult<Vec<(u64, Bound<'py, PyAny>)>> {
+        let announced = self.pool()?.sides().into_iter();
+        let fields = |(server, sides): (u64, &[AnnouncedSide])| Ok((server, to_python(py, &sides)?));
+        announced.map(fields).collect()
     }
 
     /// What each server declares: (server, determinism, tolerance).

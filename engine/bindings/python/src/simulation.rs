@@ -11,7 +11,7 @@ use swarmwright_controllers::Controller;
 use swarmwright_pool::check_work;
 use swarmwright_worlds::{
     Block, Description, Determinism, Failure, Group, Means, MetricInfo, ParameterError, Parameters,
-    RolloutError, Scene, Simulation, Together, fail, measure, rollout,
+    RolloutError, Scene, Side, Simulation, Together, fail, measure, rollout,
 };
 use swarmwright_wrapper::{Progress, guarded};
 
@@ -69,6 +69,8 @@ pub struct Hosted {
     takes_controller: bool,
     /// Whether there are several kinds of agents.
     has_groups: bool,
+    /// Sides of a match.
+    sides: Vec<Side>,
     /// The specification of the next episode's, as JSON.
     controller: Option<String>,
 }
@@ -89,6 +91,9 @@ type Seen<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray2<'py, f32>, bool);
 
 /// A group of agents: its name, agents, sensors, actuators, and whether rows are padded.
 type HostedGroup = (String, u32, usize, usize, bool);
+
+/// A side of a match: its name, groups, and metric that is its fitness.
+type HostedSide = (String, Vec<String>, Option<String>);
 
 /// Why a call did not return anything.
 pub enum Trouble {
@@ -133,6 +138,7 @@ pub fn call<T>(
 
 impl Hosted {
     fn new(host: Bound<'_, PyAny>) -> PyResult<Self> {
+        let sides: Vec<HostedSide> = host.getattr("sides")?.extract()?;
         let metrics: Vec<(String, String)> = host.getattr("metrics")?.extract()?;
         Ok(Self {
             description: Description {
@@ -159,6 +165,7 @@ impl Hosted {
             progress: None,
             takes_controller: host.getattr("takes_controller")?.extract()?,
             has_groups: host.getattr("has_groups")?.extract()?,
+            sides: sides.into_iter().map(side).collect(),
             controller: None,
             host: host.unbind(),
         })
@@ -216,6 +223,15 @@ fn metric((name, description): (String, String)) -> MetricInfo {
     }
 }
 
+/// A side of a match.
+fn side((name, groups, fitness): HostedSide) -> Side {
+    Side {
+        name: name.into(),
+        groups: groups.into_iter().map(Into::into).collect(),
+        fitness: fitness.map(Into::into),
+    }
+}
+
 /// Formats a refusal of parameters: "name: reason".
 pub fn refused(text: &str) -> ParameterError {
     let (name, reason) = text.split_once(": ").unwrap_or(("", text));
@@ -257,6 +273,10 @@ impl Simulation for Hosted {
             own_actuator_names: Vec::new(),
         };
         groups.into_iter().map(group).collect()
+    }
+
+    fn sides(&self) -> Vec<Side> {
+        self.sides.clone()
     }
 
     fn take_controller(&mut self, controller: &Controller) {

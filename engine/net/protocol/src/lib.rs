@@ -25,7 +25,7 @@ pub use extension::{
 };
 pub use hash::EpisodeHasher;
 pub use messages::{
-    Announcement, Capabilities, Control, Discovery, Message, ModuleCode, ParametersMessage,
+    AnnouncedSide, Announcement, Capabilities, Control, Discovery, Message, ModuleCode, ParametersMessage,
     Requirements, SCENE_PARTS, ServerMessage, missing_module,
 };
 pub use presence::{Presence, State};

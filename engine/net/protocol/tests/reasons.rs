@@ -176,6 +176,12 @@ fn what_is_announced_in_a_wrong_type_is_named() {
             json!(1),
             "\"scenes\" is 1, expected true or false",
         ),
+        (
+            "sides",
+            json!([{"name": "prey", "groups": "prey"}]),
+            "\"sides\" is [{\"groups\":\"prey\",\"name\":\"prey\"}], expected a list of at most 256 sides, each {name, groups, \
+             fitness}, with names of 1 to 100 characters and each group in one side",
+        ),
     ] {
         assert_eq!(announced(key, value), [words]);
     }

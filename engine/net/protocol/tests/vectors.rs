@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use base64::Engine;
 use serde_json::{Value, json};
 use swarmwright_protocol::{
-    Capabilities, EpisodeHasher, Message, State, Status, Topic, Topics, Used, Waiting,
+    AnnouncedSide, Capabilities, EpisodeHasher, Message, State, Status, Topic, Topics, Used, Waiting,
 };
 
 fn vectors() -> PathBuf {
@@ -37,6 +37,10 @@ fn topic(name: &str) -> Topic {
     }
 }
 
+fn side(side: &AnnouncedSide) -> Value {
+    json!({"name": side.name, "groups": side.groups, "fitness": side.fitness})
+}
+
 fn capabilities(capabilities: &Capabilities) -> Value {
     json!({
         "dimensions": capabilities.dimensions,
@@ -44,7 +48,8 @@ fn capabilities(capabilities: &Capabilities) -> Value {
         "swarmwright": capabilities.swarmwright.as_ref().map(|announced| json!({
             "version": announced.version, "modes": announced.modes,
             "controllers": Some(&announced.controllers).filter(|kinds| !kinds.is_empty()), "batch": announced.batch, "sensors": announced.sensors,
-            "actuators": announced.actuators, "metrics": Some(&announced.metrics).filter(|names| !names.is_empty()), "instance": announced.instance, "host": announced.host, "pid": announced.pid,
+            "actuators": announced.actuators, "metrics": Some(&announced.metrics).filter(|names| !names.is_empty()),
+            "sides": Some(announced.sides.iter().map(side).collect::<Vec<_>>()).filter(|sides| !sides.is_empty()), "instance": announced.instance, "host": announced.host, "pid": announced.pid,
         })),
     })
 }

@@ -19,6 +19,7 @@ mod refusals;
 mod retries;
 mod samples;
 mod shares;
+mod sides;
 mod sizes;
 mod turns;
 mod twins;

@@ -1,8 +1,8 @@
 //! Identity of a server: its id, and an instance that distinguishes it from others with the same id.
 
 use swarmwright_controllers::{KINDS, PYTHON_MODULES, TEAM};
-use swarmwright_protocol::{Announcement, Capabilities, ModuleCode, NORMAL};
-use swarmwright_worlds::Description;
+use swarmwright_protocol::{AnnouncedSide, Announcement, Capabilities, ModuleCode, NORMAL};
+use swarmwright_worlds::{Description, Side};
 
 /// Id of a server, and its process.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,14 +32,15 @@ impl Identity {
         }
     }
 
-    /// Returns the capabilities announced for a simulation. `varies`: its description depends on parameters; `batch`:
-    /// largest number of episodes per batch; `lanes`: number of episodes computed in about the time of one; `scenes`:
+    /// Returns the capabilities announced for a simulation. `varies`: its description depends on parameters; `sides`: those of
+    /// a match; `batch`: largest number of episodes per batch; `lanes`: number of episodes computed in about the time of one; `scenes`:
     /// whether it has scenes.
     #[must_use]
     pub fn capabilities(
         &self,
         simulation: &Description,
         varies: bool,
+        sides: &[Side],
         batch: usize,
         lanes: usize,
         scenes: bool,
@@ -68,6 +69,7 @@ impl Identity {
                     .filter(|_| !varies)
                     .map(|metric| metric.name.to_string())
                     .collect(),
+                sides: sides.iter().filter(|_| !varies).map(announced).collect(),
                 determinism: simulation.determinism.name().map(str::to_owned),
                 tolerance: simulation.determinism.tolerance(),
                 scenes,
@@ -77,6 +79,14 @@ impl Identity {
                 pid: Some(self.pid),
             }),
         }
+    }
+}
+
+fn announced(side: &Side) -> AnnouncedSide {
+    AnnouncedSide {
+        name: side.name.to_string(),
+        groups: side.groups.iter().map(ToString::to_string).collect(),
+        fitness: side.fitness.as_ref().map(ToString::to_string),
     }
 }
 

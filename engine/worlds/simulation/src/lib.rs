@@ -17,7 +17,7 @@ pub use parameters::ParameterReader;
 pub use rollout::{Episode, RolloutError, rollout, rollout_until};
 pub use scene::{Body, Light, Patch, Ray, Scale, Scene, Style, Wall};
 pub use simulation::{
-    Description, Determinism, Group, MetricInfo, ParameterError, ParameterInfo, Parameters,
+    Description, Determinism, Group, MetricInfo, ParameterError, ParameterInfo, Parameters, Side,
     Simulation, UnknownMetric, measure,
 };
 pub use together::Together;

@@ -109,6 +109,29 @@ pub struct Group {
     pub own_actuator_names: Vec<Option<String>>,
 }
 
+/// A side of a match: groups of agents that are evaluated together, against those of the other sides.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Side {
+    /// The name in experiments.
+    pub name: Cow<'static, str>,
+    /// Names of its groups, see [`Group::name`]; a group belongs to one side.
+    pub groups: Vec<Cow<'static, str>>,
+    /// Name of the metric that is its fitness, larger is better; None where the simulation has none for it.
+    pub fitness: Option<Cow<'static, str>>,
+}
+
+impl Side {
+    /// A side of a simulation that is built in.
+    #[must_use]
+    pub fn new(name: &'static str, groups: &[&'static str], fitness: &'static str) -> Self {
+        Self {
+            name: name.into(),
+            groups: groups.iter().copied().map(Cow::Borrowed).collect(),
+            fitness: Some(fitness.into()),
+        }
+    }
+}
+
 /// What a simulation says of one of its metrics: a number that it measures in an episode.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct MetricInfo {
@@ -223,6 +246,12 @@ pub trait Simulation: Send {
     /// The kinds of agents of the episode that [`reset`](Self::reset) began, where there are several: the first has the agents
     /// from 0 on, the next one those after them. The description has the most sensors and actuators of any.
     fn groups(&self) -> Vec<Group> {
+        Vec::new()
+    }
+
+    /// The sides of a match, where groups compete; the same at any time, but for those whose description depends on
+    /// parameters: then as after the last [`reset`](Self::reset). Where there are none, each group may be a side.
+    fn sides(&self) -> Vec<Side> {
         Vec::new()
     }
 

@@ -116,7 +116,7 @@ pub fn vectors(title: &str) -> Option<usize> {
 /// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, their names and units,
 /// parameters (name to type, default, description), metrics (name to unit, description), varies (whether sensors, actuators
 /// and metrics depend on parameters), groups (of agents, where there are several kinds: name, agents, sensors, actuators and their
-/// names); None for an unknown title. It is that of these parameters, or of the default ones.
+/// names), sides (of a match: name, groups, fitness); None for an unknown title. It is that of these parameters, or of the default ones.
 ///
 /// # Errors
 /// A parameter that the simulation refuses.
@@ -157,5 +157,6 @@ pub fn describe(
         "determinism": description.determinism.name(),
         "varies": entry.varies,
         "groups": simulation.groups(),
+        "sides": simulation.sides(),
     })))
 }

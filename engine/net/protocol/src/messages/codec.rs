@@ -7,9 +7,10 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
 use super::{
-    Announcement, Capabilities, Control, Discovery, Message, ParametersMessage, Requirements,
+    AnnouncedSide, Announcement, Capabilities, Control, Discovery, Message, ParametersMessage, Requirements,
     ServerMessage,
 };
+use super::sides::are_valid;
 use crate::numbers::Id;
 use crate::place;
 use crate::{
@@ -53,6 +54,7 @@ const MOST_VALUE: usize = 60;
 enum Expected {
     Whole(u64),
     Names,
+    Sides,
     Number,
     Flag,
     Text,
@@ -63,6 +65,10 @@ impl fmt::Display for Expected {
         match self {
             Self::Whole(least) => write!(formatter, "an integer from {least}"),
             Self::Names => formatter.write_str("a list of names"),
+            Self::Sides => formatter.write_str(
+                "a list of at most 256 sides, each {name, groups, fitness}, with names of 1 to 100 characters and each group in \
+                 one side",
+            ),
             Self::Number => formatter.write_str("a number from 0"),
             Self::Flag => formatter.write_str("true or false"),
             Self::Text => formatter.write_str("text"),
@@ -70,12 +76,13 @@ impl fmt::Display for Expected {
     }
 }
 
-const TYPES: [(&str, Expected); 16] = [
+const TYPES: [(&str, Expected); 17] = [
     ("version", Expected::Whole(1)),
     ("modes", Expected::Names),
     ("controllers", Expected::Names),
     ("distributions", Expected::Names),
     ("metrics", Expected::Names),
+    ("sides", Expected::Sides),
     ("batch", Expected::Whole(1)),
     ("lanes", Expected::Whole(1)),
     ("sensors", Expected::Whole(1)),
@@ -289,6 +296,10 @@ impl Announcement {
             sensors: keys.whole("sensors"),
             actuators: keys.whole("actuators"),
             metrics: keys.lenient("metrics").unwrap_or_default(),
+            sides: keys
+                .lenient("sides")
+                .filter(|sides: &Vec<AnnouncedSide>| are_valid(sides))
+                .unwrap_or_default(),
             determinism: keys.lenient("determinism"),
             tolerance: keys
                 .lenient("tolerance")
@@ -324,6 +335,9 @@ impl Announcement {
             Expected::Names => !value
                 .as_array()
                 .is_some_and(|list| list.iter().all(Value::is_string)),
+            Expected::Sides => {
+                !Vec::deserialize(value).is_ok_and(|sides: Vec<AnnouncedSide>| are_valid(&sides))
+            }
             Expected::Number => !value.as_f64().is_some_and(|number| number >= 0.0),
             Expected::Flag => !value.is_boolean(),
             Expected::Text => !value.is_string(),
@@ -353,6 +367,8 @@ impl Announcement {
         insert(&mut object, "actuators", self.actuators);
         let metrics = Some(self.metrics.clone()).filter(|names| !names.is_empty());
         insert(&mut object, "metrics", metrics);
+        let sides = (!self.sides.is_empty()).then(|| json!(self.sides));
+        insert(&mut object, "sides", sides);
         insert(&mut object, "determinism", self.determinism.clone());
         insert(&mut object, "tolerance", self.tolerance);
         insert(&mut object, "scenes", self.scenes.then_some(true));

@@ -4,12 +4,14 @@
 
 mod codec;
 mod modules;
+mod sides;
 
 use serde_json::{Map, Value};
 
 use crate::{Actuator, Fitness, Presence, Sensor, Status, ToServer, ToTool};
 
 pub use modules::{ModuleCode, missing_module};
+pub use sides::AnnouncedSide;
 
 /// Any message, by topic.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,6 +86,8 @@ pub struct Announcement {
     pub actuators: Option<usize>,
     /// Names of the metrics of an episode besides the fitness.
     pub metrics: Vec<String>,
+    /// Sides of a match; empty if not announced.
+    pub sides: Vec<AnnouncedSide>,
     /// Agreement between two evaluations of one episode: bitwise, statistical or none; `None` if not announced.
     pub determinism: Option<String>,
     /// With `statistical`: largest difference of fitness and metrics, relative to the larger value, or absolute if that

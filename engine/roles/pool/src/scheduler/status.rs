@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{Activity, MOST_LISTED, NoServer, Status, Used, Waiting};
+use swarmwright_protocol::{Activity, AnnouncedSide, MOST_LISTED, NoServer, Status, Used, Waiting};
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
@@ -106,6 +106,12 @@ impl Scheduler {
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
         self.fleet.metrics()
+    }
+
+    /// Returns the sides of a match that each server with this simulation announces, including servers that do not fit.
+    #[must_use]
+    pub fn sides(&self) -> Vec<(u64, &[AnnouncedSide])> {
+        self.fleet.sides()
     }
 
     /// Returns the determinism and the tolerance that each server declares.

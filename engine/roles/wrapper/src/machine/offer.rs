@@ -1,6 +1,6 @@
 //! Simulations that the server offers.
 
-use swarmwright_worlds::{Describer, Description, ParameterError, Parameters, Simulation};
+use swarmwright_worlds::{Describer, Description, ParameterError, Parameters, Side, Simulation};
 
 use super::MAX_BATCH;
 use crate::guard::guarded;
@@ -16,6 +16,8 @@ pub(super) struct Offer {
     pub(super) together: bool,
     /// Number of episodes that are computed in about the time of one.
     pub(super) lanes: usize,
+    /// Sides of a match.
+    pub(super) sides: Vec<Side>,
     /// Whether it has scenes.
     pub(super) scenes: bool,
     /// The simulation; `None` while a job or a batch uses it.
@@ -40,6 +42,7 @@ impl Offer {
             batch: if several { most } else { 1 },
             together,
             lanes,
+            sides: guarded(|| simulation.sides()).unwrap_or_default(),
             scenes: simulation.has_scenes(),
             simulation: Some(simulation),
             spares: Vec::new(),

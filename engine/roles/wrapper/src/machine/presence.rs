@@ -34,11 +34,12 @@ impl Machine {
             describer,
             batch,
             lanes,
+            sides,
             scenes,
             ..
         } = offer;
         self.identity
-            .capabilities(description, describer.is_some(), *batch, *lanes, *scenes)
+            .capabilities(description, describer.is_some(), sides, *batch, *lanes, *scenes)
     }
 
     /// Returns whether no tool holds the server.

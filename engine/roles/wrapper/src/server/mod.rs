@@ -149,7 +149,7 @@ pub struct SimulationServer {
 /// Whether a server of this process has warned that the password travels unencrypted.
 static WARNED: AtomicBool = AtomicBool::new(false);
 
-/// Returns the last will. A will is limited to 64 KiB, so the names of many metrics are omitted.
+/// Returns the last will. A will is limited to 64 KiB, so the names of many metrics and sides are omitted.
 fn last_words(mut presence: Presence) -> Vec<u8> {
     let whole = presence.encode();
     if whole.len() <= usize::from(u16::MAX) {
@@ -157,6 +157,7 @@ fn last_words(mut presence: Presence) -> Vec<u8> {
     }
     if let Some(announced) = &mut presence.capabilities.swarmwright {
         announced.metrics.clear();
+        announced.sides.clear();
     }
     presence.encode()
 }

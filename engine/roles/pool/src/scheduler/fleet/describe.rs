@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use swarmwright_protocol::State;
+use swarmwright_protocol::{AnnouncedSide, State};
 
 use crate::demand::Demand;
 use crate::scheduler::fleet::Fleet;
@@ -104,6 +104,12 @@ impl Fleet {
         names.sort();
         names.dedup();
         names
+    }
+
+    /// Returns the sides that each server announces, by id.
+    pub fn sides(&self) -> Vec<(u64, &[AnnouncedSide])> {
+        let sides = self.sides.iter();
+        sides.map(|(id, sides)| (*id, sides.as_slice())).collect()
     }
 
     /// Returns the titles that servers offer, sorted, to suggest corrections of misspelt names.

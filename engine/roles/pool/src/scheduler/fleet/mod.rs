@@ -19,7 +19,7 @@ pub(crate) mod slot;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::Presence;
+use swarmwright_protocol::{AnnouncedSide, Presence};
 
 use crate::scheduler::fleet::health::Health;
 use crate::scheduler::fleet::lag::Lag;
@@ -52,6 +52,8 @@ pub(crate) struct Fleet {
     health: Health,
     /// Metrics that servers announced for this simulation, by id, whether the servers fit or not.
     metrics: BTreeMap<u64, Vec<String>>,
+    /// Sides that servers announced for this simulation, likewise.
+    sides: BTreeMap<u64, Vec<AnnouncedSide>>,
     /// Servers that may still wait for this tool although its connection broke.
     left_behind: LeftBehind,
     /// Servers that last announced that they receive control messages on their own topics. They are kept after

@@ -56,7 +56,9 @@ impl Fleet {
         if message.simulations.contains(&demand.simulation) {
             let announced = message.capabilities.swarmwright.as_ref();
             let names = announced.map(|announced| announced.metrics.clone());
+            let sides = announced.map(|announced| announced.sides.clone());
             self.metrics.insert(id, names.unwrap_or_default());
+            self.sides.insert(id, sides.unwrap_or_default());
         }
         let distrusted = self.health.distrusted(id).map(str::to_owned);
         let misfit = || self.misfit(demand, &message.simulations, &message.capabilities);
@@ -344,6 +346,7 @@ impl Fleet {
         self.unfit.remove(&id);
         self.unmatched.remove(&id);
         self.metrics.remove(&id);
+        self.sides.remove(&id);
         self.seen.remove(&id);
         self.remove(id)
     }

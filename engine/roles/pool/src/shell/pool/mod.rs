@@ -7,7 +7,7 @@ mod telling;
 use std::time::{Duration, Instant};
 
 use swarmwright_mqtt::{Connection, Event, QoS, Subscription, Waker, Will};
-use swarmwright_protocol::{Activity, Status, Topic, Topics};
+use swarmwright_protocol::{Activity, AnnouncedSide, Status, Topic, Topics};
 
 use crate::config::Config;
 use crate::counts::Counts;
@@ -262,6 +262,12 @@ impl Pool {
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
         self.scheduler.metrics()
+    }
+
+    /// Returns the sides of a match that each server with this simulation announces, by id.
+    #[must_use]
+    pub fn sides(&self) -> Vec<(u64, &[AnnouncedSide])> {
+        self.scheduler.sides()
     }
 
     /// Returns the determinism and the tolerance that each server declares.

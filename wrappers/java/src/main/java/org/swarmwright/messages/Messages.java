@@ -8,6 +8,7 @@ import com.google.gson.ToNumberPolicy;
 import com.google.gson.reflect.TypeToken;
 import java.nio.charset.StandardCharsets;
 import java.util.ArrayList;
+import java.util.HashSet;
 import java.util.List;
 import java.util.Map;
 import java.util.Set;
@@ -20,6 +21,12 @@ import java.util.function.DoubleFunction;
  * keys. Every {@code read} method throws {@link MessageException}, which says what is wrong.
  */
 public final class Messages {
+  /** Most sides of a match, and most groups of a side. */
+  private static final int MOST_SIDES = 256;
+
+  /** Most characters of the names of a side, its groups and its fitness. */
+  private static final int MOST_NAME = 100;
+
   private static final Set<String> ADDRESS = Set.of("server", "simulation_hash");
   private static final Gson GSON = gson(Decimals::shortest);
 
@@ -197,6 +204,41 @@ public final class Messages {
     return result;
   }
 
+  private static List<Side> sides(Fields fields) {
+    List<Fields> sides = fields.optionalObjects("sides");
+    if (sides == null) {
+      return null;
+    }
+    List<Side> result = new ArrayList<>(sides.size());
+    Set<String> names = new HashSet<>();
+    Set<String> groups = new HashSet<>();
+    for (Fields fieldsOfSide : sides) {
+      Side side =
+          new Side()
+              .withName(fieldsOfSide.text("name"))
+              .withGroups(fieldsOfSide.texts("groups"))
+              .withFitness(fieldsOfSide.optionalText("fitness"));
+      boolean isValid =
+          isName(side.getName())
+              && side.getGroups().size() <= MOST_SIDES
+              && side.getGroups().stream().allMatch(Messages::isName)
+              && (side.getFitness() == null || isName(side.getFitness()));
+      if (!isValid || !names.add(side.getName()) || !side.getGroups().stream().allMatch(groups::add)) {
+        throw new MessageException("\"sides\" are not sides of a match");
+      }
+      result.add(side);
+    }
+    if (result.size() > MOST_SIDES) {
+      throw new MessageException("\"sides\" are too many");
+    }
+    return result;
+  }
+
+  private static boolean isName(String text) {
+    int characters = text.codePointCount(0, text.length());
+    return characters > 0 && characters <= MOST_NAME;
+  }
+
   private static Swarmwright announcement(Fields capabilities) {
     Fields fields = capabilities.object("swarmwright");
     return new Swarmwright()
@@ -210,6 +252,7 @@ public final class Messages {
         .withSensors(count(fields, "sensors"))
         .withActuators(count(fields, "actuators"))
         .withMetrics(fields.lenient(() -> fields.optionalTexts("metrics")))
+        .withSides(fields.lenient(() -> sides(fields)))
         .withDeterminism(fields.lenient(() -> determinism(fields)))
         .withTolerance(
             fields.has("tolerance") ? fields.lenient(() -> fields.number("tolerance")) : null)
