@@ -202,12 +202,10 @@ impl PyPool {
     }
 
     /// The sides of a match that each server announces: (server, sides).
-    fn announced_sides<'py>(
-        &mut self,
-        py: Python<'py>,
-    ) -> PyResult<Vec<(u64, Bound<'py, PyAny>)>> {
+    fn announced_sides<'py>(&mut self, py: Python<'py>) -> PyResult<Vec<(u64, Bound<'py, PyAny>)>> {
         let announced = self.pool()?.sides().into_iter();
-        let fields = |(server, sides): (u64, &[AnnouncedSide])| Ok((server, to_python(py, &sides)?));
+        let fields =
+            |(server, sides): (u64, &[AnnouncedSide])| Ok((server, to_python(py, &sides)?));
         announced.map(fields).collect()
     }
 

@@ -25,8 +25,8 @@ pub use extension::{
 };
 pub use hash::EpisodeHasher;
 pub use messages::{
-    AnnouncedSide, Announcement, Capabilities, Control, Discovery, Message, ModuleCode, ParametersMessage,
-    Requirements, SCENE_PARTS, ServerMessage, missing_module,
+    AnnouncedSide, Announcement, Capabilities, Control, Discovery, Message, ModuleCode,
+    ParametersMessage, Requirements, SCENE_PARTS, ServerMessage, missing_module,
 };
 pub use presence::{Presence, State};
 pub use readings::{Actuator, Fitness, ReadingWriter, Sensor, SensorReading};

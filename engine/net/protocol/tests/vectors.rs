@@ -7,7 +7,8 @@ use std::path::PathBuf;
 use base64::Engine;
 use serde_json::{Value, json};
 use swarmwright_protocol::{
-    AnnouncedSide, Capabilities, EpisodeHasher, Message, State, Status, Topic, Topics, Used, Waiting,
+    AnnouncedSide, Capabilities, EpisodeHasher, Message, State, Status, Topic, Topics, Used,
+    Waiting,
 };
 
 fn vectors() -> PathBuf {

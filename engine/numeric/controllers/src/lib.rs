@@ -22,7 +22,7 @@ pub use kinds::{
     Layered, MealyFsm, Module, Modules, Neat, Needed, PYTHON_MODULES, Parameter, ParameterKind,
     ParameterSet, PythonModules, TEAM, Team, TeamGroup,
 };
-pub use lanes::LaneController;
+pub use lanes::{LaneController, LaneControllers, LaneGroup};
 pub use output_range::OutputRange;
 pub use specification::{MAX_WEIGHTS, Specification, SpecificationError, VERSION};
 pub use swarm::SwarmControllers;

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use swarmwright_controllers::LaneController;
+use swarmwright_controllers::LaneControllers;
 use swarmwright_lanes::Lanes;
 use swarmwright_simulation::block::{self, Block, Create, LaneWorld};
 use swarmwright_simulation::rollout::stopped;
@@ -65,6 +65,7 @@ pub(crate) struct Workspace<L: Lanes> {
     tallies: Vec<Tally<L>>,
     /// States of the robots' controllers, one after another.
     states: Vec<L>,
+    /// (robots, actuators), row-major; those that a robot's controller does not have are 0.
     actuators: Vec<L>,
 }
 
@@ -100,12 +101,16 @@ impl LaneWorld for ArenaLanes {
         vectors(self.settings.team.len())
     }
 
-    fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Workspace<L> {
+    fn agents(&self) -> usize {
+        self.settings.team.len()
+    }
+
+    fn workspace<L: Lanes>(&self, controllers: &LaneControllers<'_, L>) -> Workspace<L> {
         let robots = self.settings.team.len();
         Workspace {
             swarm: Swarm::new(&self.settings.team, &self.settings.mission.place.objects),
             tallies: Vec::new(),
-            states: vec![L::splat(0.0); robots * controllers.state_length()],
+            states: vec![L::splat(0.0); controllers.state_length()],
             actuators: vec![L::splat(0.0); robots * self.settings.team.actuators()],
         }
     }
@@ -114,7 +119,7 @@ impl LaneWorld for ArenaLanes {
     fn rollout<L: Lanes>(
         &self,
         workspace: &mut Workspace<L>,
-        controllers: &mut LaneController<'_, L>,
+        controllers: &mut LaneControllers<'_, L>,
         episodes: &[usize],
         stop: Option<&AtomicBool>,
         fitness: &mut [f64],
@@ -156,14 +161,16 @@ impl LaneWorld for ArenaLanes {
             if last || stopped(stop) {
                 break;
             }
-            let state = controllers.state_length();
             let (sensors, actuators) = (team.sensors(), team.actuators());
-            for index in 0..team.len() {
-                controllers.step_slice(
-                    &mut workspace.states[index * state..][..state],
-                    &workspace.swarm.senses.outputs[index * sensors..][..sensors],
-                    &mut workspace.actuators[index * actuators..][..actuators],
-                );
+            for group in controllers.groups_mut() {
+                for index in group.agents.clone() {
+                    let state = group.state_of(index);
+                    group.controllers.step_slice(
+                        &mut workspace.states[state],
+                        &workspace.swarm.senses.outputs[index * sensors..][..group.sensors],
+                        &mut workspace.actuators[index * actuators..][..group.actuators],
+                    );
+                }
             }
             workspace.swarm.step(team, layout, &workspace.actuators);
         }

@@ -1,7 +1,7 @@
 //! Failures, metrics and robots of all kinds give the same bits in lanes as one episode at a time.
 #![allow(clippy::unwrap_used)] // helpers of tests
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use swarmwright_arena::{Arena, evaluate};
 use swarmwright_controllers::Architecture;
 use swarmwright_lanes::Level;
@@ -11,8 +11,54 @@ use swarmwright_simulation::{Block, Means, Simulation};
 pub(super) fn check(parameters: &Value) {
     let parameters = parameters.as_object().unwrap();
     let description = Arena::default().described(parameters).unwrap();
-    let architecture = json!({"kind": "layered", "version": 1, "hidden": [3], "activation": "tanh", "output_range": [-1, 1],
-        "sensors": description.sensors, "actuators": description.actuators});
+    let layered = layered(description.sensors, description.actuators, 3);
+    check_controller(parameters, &layered);
+}
+
+fn layered(sensors: usize, actuators: usize, hidden: usize) -> Value {
+    json!({"kind": "layered", "version": 1, "hidden": [hidden], "activation": "tanh", "output_range": [-1, 1],
+        "sensors": sensors, "actuators": actuators})
+}
+
+/// As [`check`], with a network of its own for each kind of robots; if there is one kind, for a robot, for two others, which sense
+/// and do less, and for the rest.
+fn check_team(parameters: &Value) {
+    let parameters = parameters.as_object().unwrap();
+    let mut arena = Arena::default();
+    arena.reset(parameters).unwrap();
+    let description = arena.description();
+    let (sensors, actuators) = (description.sensors, description.actuators);
+    let network = |index: usize, sensors: usize, actuators: usize| match index % 3 {
+        0 => layered(sensors, actuators, 2),
+        1 => {
+            json!({"kind": "fully_meshed", "version": 1, "hidden": 1, "iterations": 2, "activation": "tanh",
+                "output_range": [-1, 1], "sensors": sensors, "actuators": actuators})
+        }
+        _ => json!({"kind": "evostick", "version": 1, "sensors": sensors, "actuators": actuators}),
+    };
+    let mut groups: Vec<Value> = arena
+        .groups()
+        .iter()
+        .enumerate()
+        .map(|(index, group)| {
+            assert!(group.padded);
+            json!({"name": group.name, "agents": group.agents,
+                "controller": network(index, group.sensors, group.actuators)})
+        })
+        .collect();
+    if groups.is_empty() {
+        groups = vec![
+            json!({"name": "leader", "agents": 1, "controller": network(2, sensors, actuators)}),
+            json!({"name": "simple", "agents": 2, "controller": network(1, sensors / 2, actuators - 1)}),
+            json!({"name": "others", "agents": null, "controller": network(0, sensors, actuators)}),
+        ];
+    }
+    let team = json!({"kind": "team", "version": 1, "groups": groups});
+    check_controller(parameters, &team);
+}
+
+fn check_controller(parameters: &Map<String, Value>, architecture: &Value) {
+    let description = Arena::default().described(parameters).unwrap();
     let architecture = Architecture::from_json(&architecture.to_string()).unwrap();
     let length = architecture.weight_count();
     let genomes: Vec<f32> = (0..length * 9)
@@ -61,7 +107,10 @@ fn robots_of_all_kinds_that_fail() {
         "point",
         "turtlebot3",
     ] {
-        check(&json!({"robot": robot, "robots": 7, "duration": 6, "failures": failures()}));
+        let parameters =
+            json!({"robot": robot, "robots": 7, "duration": 6, "failures": failures()});
+        check(&parameters);
+        check_team(&parameters);
     }
 }
 
@@ -196,6 +245,7 @@ fn many_robots() {
         check(
             &json!({"mission": mission, "robots": robots, "duration": 5.2, "failures": failures()}),
         );
+        check_team(&json!({"mission": mission, "robots": robots, "duration": 1}));
     }
 }
 
@@ -229,6 +279,7 @@ fn robots_of_several_kinds() {
         "fitness": "small",
     });
     check(&json!({"mission": mission, "duration": 12}));
+    check_team(&json!({"mission": mission, "duration": 12}));
     // Both together, and robots that lack some of it.
     let mut unequal = mission.clone();
     unequal["robots"][1]["robot"]["sensors"] = json!([
@@ -239,6 +290,7 @@ fn robots_of_several_kinds() {
     unequal["robots"][0]["robot"]["actuators"] =
         json!([{"kind": "message", "numbers": 1}, {"kind": "led", "colors": ["red", "blue"]}]);
     check(&json!({"mission": unequal, "duration": 12, "failures": failures()}));
+    check_team(&json!({"mission": unequal, "duration": 12, "failures": failures()}));
     // One kind shows colours and has a battery, the other one sees colours.
     let leds = json!([{"kind": "led", "colors": ["red", "blue"]}]);
     let mut mission = mission;
@@ -259,6 +311,7 @@ fn robots_of_several_kinds() {
 #[test]
 fn grippers() {
     check(&json!({"mission": "object_retrieval", "duration": 15, "failures": failures()}));
+    check_team(&json!({"mission": "object_retrieval", "duration": 15}));
     let robot = json!({
         "radius": 0.04, "drive": {"kind": "differential", "wheel_base": 0.06, "max_speed": 0.2, "noise": 0.1},
         "battery": {"standing": 12, "driving": 6},
@@ -328,6 +381,27 @@ fn radios() {
         check(
             &json!({"mission": {"walls": {"rectangle": [4, 4]}, "start": {"rectangle": {"x": [-1.9, 1.9], "y": [-1.9, 1.9]}},
             "fitness": "order"}, "robots": kinds, "duration": 3}),
+        );
+    }
+}
+
+/// Three kinds with a network each, also as many that four vectors do not lie side by side.
+#[test]
+fn teams_of_three_kinds() {
+    for counts in [[1, 3, 2], [20, 30, 25]] {
+        let names = ["e-puck-rm1.2", "kilobot", "turtlebot3"];
+        let kinds: Vec<Value> = names
+            .iter()
+            .zip(counts)
+            .map(|(name, count)| json!({"robot": name, "count": count}))
+            .collect();
+        let mission = json!({
+            "walls": {"rectangle": [4, 4]}, "start": {"rectangle": {"x": [-1.9, 1.9], "y": [-1.9, 1.9]}},
+            "fitness": "order",
+        });
+        let duration = if counts[0] == 1 { 8 } else { 1 };
+        check_team(
+            &json!({"mission": mission, "robots": kinds, "duration": duration, "failures": failures()}),
         );
     }
 }

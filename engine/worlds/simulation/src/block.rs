@@ -5,10 +5,10 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
-use swarmwright_controllers::{Architecture, Controller, ControllerError, LaneController};
+use swarmwright_controllers::{Architecture, Controller, ControllerError, LaneControllers};
 use swarmwright_lanes::{IS_FOR_PORTABLE, Kernel, Lanes, Level, MOST_LANES, Pair, prefetch};
 
-use crate::rollout::{check_sizes, rollout_until, stopped};
+use crate::rollout::{check_groups, check_sizes, rollout_until, stopped};
 use crate::{Description, ParameterError, Parameters, RolloutError, Simulation, measure};
 
 /// Many controllers of one architecture, each to be run in the same episodes.
@@ -118,14 +118,17 @@ pub trait LaneWorld: Sync + Sized {
         Self::VECTORS
     }
 
+    /// Number of agents, which controllers steer; the same in all episodes.
+    fn agents(&self) -> usize;
+
     /// A workspace for lanes.
-    fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Self::Workspace<L>;
+    fn workspace<L: Lanes>(&self, controllers: &LaneControllers<'_, L>) -> Self::Workspace<L>;
 
     /// Runs the given episode in each lane, until `stop`, and writes each lane's fitness.
     fn rollout<L: Lanes>(
         &self,
         workspace: &mut Self::Workspace<L>,
-        controllers: &mut LaneController<'_, L>,
+        controllers: &mut LaneControllers<'_, L>,
         episodes: &[usize],
         stop: Option<&AtomicBool>,
         fitness: &mut [f64],
@@ -214,7 +217,7 @@ fn groups<L: Lanes, W: LaneWorld>(
         return true;
     }
     let episodes_each = block.seeds.len();
-    let mut controllers = LaneController::<L>::new(block.architecture);
+    let mut controllers = LaneControllers::<L>::new(block.architecture, world.agents());
     let mut workspace = world.workspace::<L>(&controllers);
     let mut lanes = [0.0; MOST_LANES];
     let numbers = block.numbers();
@@ -335,6 +338,7 @@ pub fn evaluate<W: LaneWorld>(
     let level = means
         .level
         .filter(|level| W::PORTABLE || *level != Level::Portable);
+    let world = world.filter(|world| fits_agents(block, world.agents(), create));
     if let (Some(level), Some(world)) = (level, &world) {
         let numbers = block.numbers();
         let mut results = vec![0.0; block.len() * numbers];
@@ -362,8 +366,21 @@ pub fn evaluate<W: LaneWorld>(
     one_by_one(block, means, create)
 }
 
+/// Whether every agent has a controller that was made for it; if not, an episode says what is wrong.
+fn fits_agents(block: &Block<'_>, agents: usize, create: Create) -> bool {
+    let Some(team) = block.architecture.team() else {
+        return true;
+    };
+    if block.is_empty() || team.agents().is_some_and(|count| (count as usize) < agents) {
+        return false;
+    }
+    let mut simulation = create();
+    simulation.reset(&block.parameters_of(0)).is_ok()
+        && check_groups("", team, &simulation.groups()).is_ok()
+}
+
 /// Evaluates a block in this thread with lanes of one's own, as measurements have them, a vector at a time; none where the
-/// simulation does not compute these episodes in lanes.
+/// simulation does not compute these episodes in lanes. Teams must be made for its agents.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -388,7 +405,7 @@ pub type Create = fn() -> Box<dyn Simulation>;
 /// Evaluates a block of controllers that fit the simulation.
 pub type Evaluate = fn(&Block<'_>, Means, Create) -> Result<Vec<f64>, RolloutError>;
 
-/// Evaluates a block with `evaluate`, or one episode at a time where its controllers do not steer, or differ between agents.
+/// Evaluates a block with `evaluate`, or one episode at a time where its controllers do not steer, or are not computed here.
 ///
 /// # Errors
 /// Parameters that the simulation refuses, controllers that do not fit its `description`.
@@ -408,8 +425,7 @@ pub fn evaluate_fitting<D: Borrow<Description>>(
         architecture.sensors(),
         architecture.actuators(),
     )?;
-    if architecture.team().is_some() || architecture.in_python().is_some() {
-        // Lanes have one controller for all agents, which they compute.
+    if architecture.in_python().is_some() {
         return one_by_one(block, means, create);
     }
     evaluate(block, means, create)

@@ -98,7 +98,11 @@ pub fn check_sizes(
 }
 
 /// Whether the controllers of a team are for these agents; a simulation without groups takes any.
-fn check_groups(simulation: &str, team: &Team, groups: &[Group]) -> Result<(), RolloutError> {
+pub(crate) fn check_groups(
+    simulation: &str,
+    team: &Team,
+    groups: &[Group],
+) -> Result<(), RolloutError> {
     let wrong = |reason: String| RolloutError::Groups {
         simulation: simulation.to_owned(),
         reason,

@@ -13,7 +13,8 @@ pub use swarmwright_simulation::simulation::Describer;
 pub use swarmwright_simulation::{
     Block, Body, Description, Determinism, Episode, Failure, Group, Light, Means, MetricInfo, Pace,
     ParameterError, ParameterInfo, ParameterReader, Parameters, Patch, Ray, RolloutError, Scale,
-    Scene, Side, Simulation, Style, Together, UnknownMetric, Wall, fail, measure, rollout, rollout_until,
+    Scene, Side, Simulation, Style, Together, UnknownMetric, Wall, fail, measure, rollout,
+    rollout_until,
 };
 use swarmwright_simulation::{block, counter, parameters, simulation};
 pub use text::{TextStyle, render};

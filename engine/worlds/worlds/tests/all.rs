@@ -11,5 +11,6 @@ mod pace;
 mod parameters;
 mod steering_rule;
 mod taken;
+mod teams;
 mod text;
 mod vectors;

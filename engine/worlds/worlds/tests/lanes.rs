@@ -10,7 +10,7 @@ use swarmwright_lanes::Level;
 use swarmwright_worlds::{Block, Means, RolloutError, create, described, evaluate};
 
 /// All ways of evaluating a block agree with the plain one; returns its fitness.
-fn check(
+pub(super) fn check(
     title: &str,
     architecture: &Value,
     parameters: &Value,
@@ -67,7 +67,7 @@ fn check(
     plain
 }
 
-fn network(sensors: usize, actuators: usize) -> impl Strategy<Value = Value> {
+pub(super) fn network(sensors: usize, actuators: usize) -> impl Strategy<Value = Value> {
     let layered = (prop::collection::vec(1usize..5, 0..3), prop::sample::select(vec!["tanh", "relu", "sigmoid", "clamp", "linear"]))
         .prop_map(|(hidden, activation)| json!({"kind": "layered", "hidden": hidden, "activation": activation}));
     let meshed = (0usize..4, 1u32..4, prop::sample::select(vec!["tanh", "clamp", "relu", "sigmoid"])).prop_map(
@@ -120,14 +120,14 @@ fn machine(sensors: usize) -> impl Strategy<Value = Value> {
     })
 }
 
-fn weights() -> impl Strategy<Value = Vec<f32>> {
+pub(super) fn weights() -> impl Strategy<Value = Vec<f32>> {
     prop::collection::vec(
         prop_oneof![8 => -3.0f32..3.0, 1 => Just(0.0f32), 1 => -1e20f32..1e20],
         300..900,
     )
 }
 
-fn minisim() -> impl Strategy<Value = Value> {
+pub(super) fn minisim() -> impl Strategy<Value = Value> {
     let bodies = (
         1u32..12,
         prop_oneof![4 => 0u32..6, 1 => 30u32..40],
@@ -143,7 +143,7 @@ fn minisim() -> impl Strategy<Value = Value> {
     )
 }
 
-fn emergency_exit() -> impl Strategy<Value = Value> {
+pub(super) fn emergency_exit() -> impl Strategy<Value = Value> {
     let sizes = (1u32..12, 1u32..6, 0u32..20, 4u32..24);
     (sizes, 1u32..30, any::<bool>(), 0u32..3).prop_map(|((agents, exits, blockades, side), steps, together, more)| {
         let agents = agents.min(side).min(side * side - exits - blockades.min(side));
@@ -152,7 +152,7 @@ fn emergency_exit() -> impl Strategy<Value = Value> {
     })
 }
 
-fn arena() -> impl Strategy<Value = Value> {
+pub(super) fn arena() -> impl Strategy<Value = Value> {
     // One at a time, more than 48 robots are sorted into cells.
     let robots = prop_oneof![6 => 1u32..24, 1 => 44u32..70];
     let missions = [

@@ -6,11 +6,11 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
-use super::{
-    AnnouncedSide, Announcement, Capabilities, Control, Discovery, Message, ParametersMessage, Requirements,
-    ServerMessage,
-};
 use super::sides::are_valid;
+use super::{
+    AnnouncedSide, Announcement, Capabilities, Control, Discovery, Message, ParametersMessage,
+    Requirements, ServerMessage,
+};
 use crate::numbers::Id;
 use crate::place;
 use crate::{

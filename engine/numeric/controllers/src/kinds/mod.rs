@@ -135,8 +135,8 @@ pub(crate) trait LaneKind: Kind {
     );
 }
 
-/// Makes kinds of which no simulation has lanes, since their agents or parameters differ from lane to lane, or since they are not
-/// computed here. None of these functions is called.
+/// Makes kinds without lanes of their own: the groups of a team have some, parameters differ from lane to lane, and modules in
+/// Python are not computed here. None of these functions is called.
 macro_rules! without_lanes {
     ($($Kind:ident),+) => {
         $(impl LaneKind for $Kind {

@@ -4,11 +4,13 @@
 
 pub(crate) mod nodes;
 pub(crate) mod sums;
+mod swarm;
 
 use swarmwright_lanes::{Int, Lanes, Mask};
 
 use crate::Architecture;
 use crate::kinds::{LaneKind, of_kind};
+pub use swarm::{LaneControllers, LaneGroup};
 
 /// As many controllers as there are lanes, with their weights; the state of each agent is kept by the caller.
 pub struct LaneController<'a, L> {

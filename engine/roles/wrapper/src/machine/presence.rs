@@ -38,8 +38,14 @@ impl Machine {
             scenes,
             ..
         } = offer;
-        self.identity
-            .capabilities(description, describer.is_some(), sides, *batch, *lanes, *scenes)
+        self.identity.capabilities(
+            description,
+            describer.is_some(),
+            sides,
+            *batch,
+            *lanes,
+            *scenes,
+        )
     }
 
     /// Returns whether no tool holds the server.

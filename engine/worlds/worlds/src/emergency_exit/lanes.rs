@@ -12,7 +12,7 @@ mod workspace;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use swarmwright_controllers::LaneController;
+use swarmwright_controllers::{Architecture, LaneControllers};
 use swarmwright_lanes::Lanes;
 
 use crate::ParameterError;
@@ -27,16 +27,32 @@ const MOST_LANES: usize = 2 * swarmwright_lanes::MOST_LANES_UNPAIRED;
 /// The episodes of a block. They differ in the field alone.
 pub(crate) struct EmergencyExitLanes(Arc<Prepared>);
 
+/// Whether no group of a team has fewer sensors or actuators than the others.
+fn senses_all(architecture: &Architecture) -> bool {
+    let sizes = |of: &Architecture| (of.sensors(), of.actuators());
+    architecture.team().is_none_or(|team| {
+        let mut groups = team.groups.iter();
+        groups.all(|group| sizes(&group.controller) == sizes(architecture))
+    })
+}
+
 impl LaneWorld for EmergencyExitLanes {
     const VECTORS: usize = 2;
     type Workspace<L: Lanes> = Workspace<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
-        Ok(Prepared::of(block)?.map(Self))
+        let prepared = Prepared::of(block)?;
+        Ok(prepared
+            .filter(|_| senses_all(block.architecture))
+            .map(Self))
+    }
+
+    fn agents(&self) -> usize {
+        self.0.agents
     }
 
     #[inline(always)]
-    fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Workspace<L> {
+    fn workspace<L: Lanes>(&self, controllers: &LaneControllers<'_, L>) -> Workspace<L> {
         Workspace::new(&self.0, controllers)
     }
 
@@ -44,7 +60,7 @@ impl LaneWorld for EmergencyExitLanes {
     fn rollout<L: Lanes>(
         &self,
         workspace: &mut Workspace<L>,
-        controllers: &mut LaneController<'_, L>,
+        controllers: &mut LaneControllers<'_, L>,
         episodes: &[usize],
         stop: Option<&AtomicBool>,
         fitness: &mut [f64],

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use swarmwright_controllers::LaneController;
+use swarmwright_controllers::LaneControllers;
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Lanes, MOST_LANES, Mask};
 
@@ -18,6 +18,9 @@ const MOST_DEFENDERS: usize = 256;
 /// Number of agents that move, and are checked by all defenders, while they are in the nearest cache.
 const TOGETHER: usize = 32;
 
+/// Numbers that an agent senses.
+const SENSORS: usize = 4;
+
 /// The episodes of a block. They differ in the positions at the start alone.
 pub(crate) struct MinisimLanes {
     settings: Vec<Settings>,
@@ -32,6 +35,7 @@ struct Points<L> {
     y: L,
 }
 
+#[derive(Clone, Copy)]
 struct Agent<L> {
     at: Points<L>,
     /// From the agent to the closest defender.
@@ -100,6 +104,18 @@ impl<L: Lanes> Points<L> {
         self.x.mul(self.x).add(self.y.mul(self.y))
     }
 
+    /// A step in a direction in half turns, limited to the map of this size.
+    #[inline(always)]
+    fn towards(self, heading: L, speed: L, [width, height]: [L; 2]) -> Self {
+        let zero = L::splat(0.0);
+        let x = self.x.add(speed.mul(cos_pi(heading)));
+        let y = self.y.add(speed.mul(sin_pi(heading)));
+        Self {
+            x: x.at_least(zero).at_most(width),
+            y: y.at_least(zero).at_most(height),
+        }
+    }
+
     #[inline(always)]
     fn select(self, other: Self, condition: L::Mask) -> Self {
         Self {
@@ -135,26 +151,34 @@ impl LaneWorld for MinisimLanes {
         let settings = (0..block.seeds.len())
             .map(|episode| Settings::read(&block.parameters_of(episode)))
             .collect::<Result<Vec<_>, _>>()?;
-        let few = settings.first().is_some_and(|first| {
-            first.defenders.len() <= MOST_DEFENDERS
-                && !first.steers_itself
-                && !first.controls_defenders
-        });
+        let few = settings
+            .first()
+            .is_some_and(|first| first.defenders.len() <= MOST_DEFENDERS && !first.steers_itself);
         Ok(few.then_some(Self {
             settings,
             counts_steps: block.metrics.contains(&STEPS),
         }))
     }
 
+    fn agents(&self) -> usize {
+        let settings = &self.settings[0];
+        let defenders = if settings.controls_defenders {
+            settings.defenders.len()
+        } else {
+            0
+        };
+        settings.agents.len() + defenders
+    }
+
     #[inline(always)]
-    fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Workspace<L> {
+    fn workspace<L: Lanes>(&self, controllers: &LaneControllers<'_, L>) -> Workspace<L> {
         let agents = self.settings[0].agents.len();
         Workspace {
             agents: Vec::with_capacity(agents),
             statuses: Vec::with_capacity(agents),
             defenders: Vec::with_capacity(self.settings[0].defenders.len()),
             pursuits: Vec::with_capacity(self.settings[0].defenders.len()),
-            states: vec![L::splat(0.0); agents * controllers.state_length()],
+            states: vec![L::splat(0.0); controllers.state_length()],
             steps: [0; MOST_LANES],
         }
     }
@@ -163,7 +187,7 @@ impl LaneWorld for MinisimLanes {
     fn rollout<L: Lanes>(
         &self,
         workspace: &mut Workspace<L>,
-        controllers: &mut LaneController<'_, L>,
+        controllers: &mut LaneControllers<'_, L>,
         episodes: &[usize],
         stop: Option<&AtomicBool>,
         fitness: &mut [f64],
@@ -174,47 +198,53 @@ impl LaneWorld for MinisimLanes {
         let (width, height) = (L::splat(settings.map[0]), L::splat(settings.map[1]));
         let goal = Points::<L>::splat(settings.goal);
         let speed = L::splat(settings.speed_agents);
-        let state_length = controllers.state_length();
         workspace.start(self, episodes, all);
         for _ in 0..settings.max_steps {
             if stopped(stop) {
                 break;
             }
             let mut free = 0;
-            let many = workspace.agents.len() > TOGETHER;
-            if many {
-                workspace.start_pursuits();
-            }
-            for first in (0..workspace.agents.len()).step_by(TOGETHER) {
-                let last = (first + TOGETHER).min(workspace.agents.len());
-                for index in first..last {
-                    let agent = &mut workspace.agents[index];
-                    let free_here = workspace.statuses[index].free;
-                    if free_here == 0 {
-                        continue;
-                    }
-                    free |= free_here;
-                    let to_goal = goal.minus(agent.at);
-                    let sensors = [
-                        to_goal.x.div(width),
-                        to_goal.y.div(height),
-                        agent.to_defender.x.div(width),
-                        agent.to_defender.y.div(height),
-                    ];
-                    let mut heading = [zero];
-                    let state = &mut workspace.states[index * state_length..][..state_length];
-                    controllers.step(state, sensors, &mut heading);
-                    let x = agent.at.x.add(speed.mul(cos_pi(heading[0])));
-                    let y = agent.at.y.add(speed.mul(sin_pi(heading[0])));
-                    let moved = Points {
-                        x: x.at_least(zero).at_most(width),
-                        y: y.at_least(zero).at_most(height),
-                    };
-                    agent.at = moved.select(agent.at, L::Mask::from_bits(free_here));
-                }
+            let only = controllers
+                .only()
+                .filter(|group| group.sensors == SENSORS && !settings.controls_defenders);
+            if let Some(group) = only {
+                let controllers = &mut group.controllers;
+                let state_length = controllers.state_length();
+                let many = workspace.agents.len() > TOGETHER;
                 if many {
-                    workspace.pursue(first, last);
+                    workspace.start_pursuits();
                 }
+                for first in (0..workspace.agents.len()).step_by(TOGETHER) {
+                    let last = (first + TOGETHER).min(workspace.agents.len());
+                    for index in first..last {
+                        let agent = &mut workspace.agents[index];
+                        let free_here = workspace.statuses[index].free;
+                        if free_here == 0 {
+                            continue;
+                        }
+                        free |= free_here;
+                        let to_goal = goal.minus(agent.at);
+                        let sensors = [
+                            to_goal.x.div(width),
+                            to_goal.y.div(height),
+                            agent.to_defender.x.div(width),
+                            agent.to_defender.y.div(height),
+                        ];
+                        let mut heading = [zero];
+                        let state = &mut workspace.states[index * state_length..][..state_length];
+                        controllers.step(state, sensors, &mut heading);
+                        let moved = agent.at.towards(heading[0], speed, [width, height]);
+                        agent.at = moved.select(agent.at, L::Mask::from_bits(free_here));
+                    }
+                    if many {
+                        workspace.pursue(first, last);
+                    }
+                }
+            } else {
+                L::apart(
+                    #[inline(always)]
+                    || free = workspace.step_groups(settings, controllers),
+                );
             }
             if free == 0 {
                 break;
@@ -222,7 +252,9 @@ impl LaneWorld for MinisimLanes {
             if self.counts_steps {
                 workspace.count_step(free);
             }
-            workspace.move_defenders(L::splat(settings.speed_defenders), free);
+            if !settings.controls_defenders {
+                workspace.move_defenders(L::splat(settings.speed_defenders), free);
+            }
             workspace.judge(
                 goal,
                 L::splat(settings.goal_radius),
@@ -327,6 +359,66 @@ impl<L: Lanes> Workspace<L> {
             self.pursuits[index] =
                 self.look(self.defenders[index], self.pursuits[index], first, last);
         }
+    }
+
+    /// Moves the agents, and the defenders if they are steered, where not all have the same controllers, or not all sense the same.
+    /// Returns the lanes in which an agent is free.
+    #[inline(always)]
+    fn step_groups(
+        &mut self,
+        settings: &Settings,
+        controllers: &mut LaneControllers<'_, L>,
+    ) -> u64 {
+        let size = [L::splat(settings.map[0]), L::splat(settings.map[1])];
+        let goal = Points::<L>::splat(settings.goal);
+        let agents = self.agents.len();
+        let defenders = if settings.controls_defenders {
+            self.defenders.len()
+        } else {
+            0
+        };
+        let mut free = 0;
+        // Defenders first: they look at the agents where these are at the start of the step.
+        for index in (agents..agents + defenders).chain(0..agents) {
+            let (at, seen, speed, moving) = if let Some(defender) = index.checked_sub(agents) {
+                let at = self.defenders[defender];
+                let way = self.look(at, Self::unaware(at), 0, agents).way;
+                let seen = [way, goal.minus(at)];
+                (at, seen, settings.speed_defenders, u64::MAX)
+            } else {
+                let Agent { at, to_defender } = self.agents[index];
+                let free = self.statuses[index].free;
+                let seen = [goal.minus(at), to_defender];
+                (at, seen, settings.speed_agents, free)
+            };
+            if moving == 0 {
+                continue;
+            }
+            let [first, second] = seen;
+            let sensors = [
+                first.x.div(size[0]),
+                first.y.div(size[1]),
+                second.x.div(size[0]),
+                second.y.div(size[1]),
+            ];
+            let group = controllers.of(index);
+            let state = &mut self.states[group.state_of(index)];
+            let mut heading = [L::splat(0.0)];
+            let sensors = &sensors[..group.sensors];
+            group.controllers.step_slice(state, sensors, &mut heading);
+            let moved = at.towards(heading[0], L::splat(speed), size);
+            if let Some(defender) = index.checked_sub(agents) {
+                self.defenders[defender] = moved;
+            } else {
+                free |= moving;
+                self.agents[index].at = moved.select(at, L::Mask::from_bits(moving));
+            }
+        }
+        if agents > TOGETHER {
+            self.start_pursuits();
+            self.pursue(0, agents);
+        }
+        free
     }
 
     /// Every defender goes towards the closest free agent; `free`: the lanes in which there is one.

@@ -1,6 +1,6 @@
 //! The state of as many episodes as there are lanes, and a step of all of them.
 
-use swarmwright_controllers::LaneController;
+use swarmwright_controllers::LaneControllers;
 use swarmwright_lanes::{Int, Lanes, Mask};
 
 use super::super::ACTUATORS;
@@ -98,7 +98,7 @@ fn starts<L: Lanes>(all: &[Terrain], terrains: &[usize; MOST_LANES], agent: usiz
 
 impl<L: Lanes> Workspace<L> {
     #[inline(always)]
-    pub(super) fn new(world: &Prepared, controllers: &LaneController<'_, L>) -> Self {
+    pub(super) fn new(world: &Prepared, controllers: &LaneControllers<'_, L>) -> Self {
         let nothing = Move {
             step: L::Int::splat(0),
             target: L::Int::splat(0),
@@ -118,7 +118,7 @@ impl<L: Lanes> Workspace<L> {
             exits: vec![L::Int::splat(0); world.agents],
             inside: vec![0; world.agents],
             finished: [0; MOST_LANES],
-            states: vec![L::splat(0.0); world.agents * controllers.state_length()],
+            states: vec![L::splat(0.0); controllers.state_length()],
             wishes: vec![nothing; if simultaneous { world.agents } else { 0 }],
         }
     }
@@ -146,7 +146,7 @@ impl<L: Lanes> Workspace<L> {
     pub(super) fn step(
         &mut self,
         world: &Prepared,
-        controllers: &mut LaneController<'_, L>,
+        controllers: &mut LaneControllers<'_, L>,
     ) -> u64 {
         match world.settings.update {
             Update::Sequential => self.step_in_turn(world, controllers),
@@ -156,7 +156,7 @@ impl<L: Lanes> Workspace<L> {
 
     /// One after another.
     #[inline(always)]
-    fn step_in_turn(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
+    fn step_in_turn(&mut self, world: &Prepared, controllers: &mut LaneControllers<'_, L>) -> u64 {
         let mut any = 0;
         for agent in 0..world.agents {
             if self.inside[agent] == 0 {
@@ -178,7 +178,7 @@ impl<L: Lanes> Workspace<L> {
 
     /// All sense, then all move: no cell that an agent was on at the start of the step is free in it.
     #[inline(always)]
-    fn step_together(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
+    fn step_together(&mut self, world: &Prepared, controllers: &mut LaneControllers<'_, L>) -> u64 {
         for agent in 0..world.agents {
             if self.inside[agent] != 0 {
                 self.wishes[agent] = self.decide(agent, self.look(agent), controllers);
@@ -230,13 +230,16 @@ impl<L: Lanes> Workspace<L> {
         &mut self,
         agent: usize,
         window: Window<L>,
-        controllers: &mut LaneController<'_, L>,
+        controllers: &mut LaneControllers<'_, L>,
     ) -> Move<L> {
         let numbers = numbers(self.ways[agent]);
         let mut actuators = [L::splat(0.0); ACTUATORS];
-        let length = controllers.state_length();
-        let state = &mut self.states[agent * length..][..length];
-        controllers.step_with_bits(state, numbers, (window.taken, AROUND), &mut actuators);
+        let group = controllers.of(agent);
+        let state = &mut self.states[group.state_of(agent)];
+        let bits = (window.taken, AROUND);
+        group
+            .controllers
+            .step_with_bits(state, numbers, bits, &mut actuators);
         Move::new(actuators)
     }
 
