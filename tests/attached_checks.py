@@ -259,6 +259,7 @@ def every_mission_runs(
     text = MISSION.format(name=simulator.name.lower()).replace("duration: 10", "duration: 2")
     folder = experiment(text).parent
     cleanup.callback(MissionServer(simulator, embedded.url, 1, cwd=folder).stop)
+    refused = {**dict.fromkeys(("pursuit", "soccer"), "kinds of robots"), **refused}
     for mission in missions():
         path = experiment(text.replace("aggregation", mission))
         program = launch("optimize", path, "--broker", embedded.url, "--out", mission)

@@ -6,7 +6,7 @@ use swarmwright_lanes::Level;
 use swarmwright_simulation::simulation::Describer;
 use swarmwright_simulation::{
     Block, Description, Determinism, Group, Means, MetricInfo, ParameterError, ParameterInfo,
-    Parameters, RolloutError, Scene, Simulation, block,
+    Parameters, RolloutError, Scene, Side, Simulation, block,
 };
 
 use crate::lanes::{evaluate, vectors};
@@ -46,7 +46,7 @@ impl Arena {
         self.swarm.start(
             team,
             &mission.place,
-            &settings.failures,
+            (&settings.failures, &mission.rules),
             |_| settings.seed,
             |_, index| starts.robots[index],
             |_, index| starts.objects[index],
@@ -64,6 +64,12 @@ impl Arena {
     /// Returns the value of a metric. Before the end, returns the value as if the episode ended now; only viewers read
     /// it then.
     fn value(&self, index: usize) -> f64 {
+        let mission = &self.settings.mission;
+        mission.value(index, |metric| self.measured(metric))
+    }
+
+    /// Returns the value of a metric that is no sum.
+    fn measured(&self, index: usize) -> f64 {
         let mission = &self.settings.mission;
         let now = |tally: &Tally<f32>| {
             let (_, metric) = &mission.metrics[index];
@@ -197,6 +203,20 @@ impl Simulation for Arena {
         team.groups().iter().enumerate().map(group).collect()
     }
 
+    fn sides(&self) -> Vec<Side> {
+        let Settings { mission, team, .. } = &self.settings;
+        let mut sides = mission.sides.clone();
+        let names: Vec<&str> = team.groups().iter().map(|group| &group.name[..]).collect();
+        // In the order of their robots.
+        sides.sort_by_key(|side| {
+            let robots = side.groups.iter();
+            robots
+                .filter_map(|kind| names.iter().position(|name| name == kind))
+                .min()
+        });
+        sides
+    }
+
     fn acting(&self) -> &[u32] {
         &self.acting
     }
@@ -221,7 +241,9 @@ impl Simulation for Arena {
     }
 
     fn fitness(&self) -> f64 {
-        self.settings.mission.fitness(|metric| self.value(metric))
+        self.settings
+            .mission
+            .fitness(|metric| self.measured(metric))
     }
 
     fn metrics(&self) -> Vec<f64> {

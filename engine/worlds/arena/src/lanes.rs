@@ -138,7 +138,7 @@ impl LaneWorld for ArenaLanes {
                 workspace.swarm.start(
                     team,
                     layout,
-                    &self.settings.failures,
+                    (&self.settings.failures, &mission.rules),
                     |lane| starts(lane).0,
                     |lane, index| starts(lane).1.robots[index],
                     |lane, index| starts(lane).1.objects[index],
@@ -181,6 +181,9 @@ impl LaneWorld for ArenaLanes {
 
     #[inline(always)]
     fn metric<L: Lanes>(&self, workspace: &Workspace<L>, index: usize, values: &mut [f64]) {
-        values.copy_from_slice(&workspace.tallies[index].values[..values.len()]);
+        for (lane, value) in values.iter_mut().enumerate() {
+            let measured = |metric: usize| workspace.tallies[metric].values[lane];
+            *value = self.settings.mission.value(index, measured);
+        }
     }
 }

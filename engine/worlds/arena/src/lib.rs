@@ -17,6 +17,7 @@ mod mistakes;
 mod physics;
 mod place;
 mod robots;
+mod rules;
 mod scene;
 mod sensing;
 mod settings;

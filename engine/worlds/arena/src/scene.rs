@@ -7,6 +7,7 @@ use swarmwright_simulation::{Body, Light, Patch, Ray, Scene, Style, Wall};
 
 use crate::place::{Face, Form, LedColor, Place, Pose, Shape};
 use crate::robots::Team;
+use crate::rules::CAUGHT;
 use crate::sensing::radio::both;
 use crate::settings::Settings;
 use crate::start::objects::{corners, distance as to_object};
@@ -80,6 +81,22 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         .extend(leds.map(|color| style(color.name(), color.shown())));
     if !scene.styles.is_empty() {
         scene.styles.push(style("", DARK));
+    }
+    for group in team.groups() {
+        let Some(color) = group.robot.color else {
+            continue;
+        };
+        let look = |state: String, shape: &str| Style {
+            kind: "agent".to_owned(),
+            state,
+            color: color.shown().to_owned(),
+            shape: shape.to_owned(),
+        };
+        scene.styles.push(look(group.name.clone(), "circle"));
+        if settings.mission.rules.catch(&group.name) {
+            let state = format!("{}, {CAUGHT}", group.name);
+            scene.styles.push(look(state, "cross"));
+        }
     }
     for (patch, color) in layout.patches.iter().zip(&swarm.colors) {
         let (points, radius) = outline_of(&patch.shape, low, high);

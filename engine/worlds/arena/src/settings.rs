@@ -5,9 +5,10 @@ use swarmwright_simulation::parameters::wrong;
 use swarmwright_simulation::{ParameterError, ParameterInfo, ParameterReader, Parameters};
 
 use crate::failures::{self, Failure};
-use crate::missions::Mission;
+use crate::missions::{self, Mission};
 use crate::mistakes::Mistakes;
-use crate::robots::Team;
+use crate::place::Start;
+use crate::robots::{Group, Team};
 use crate::start::{Starts, objects, robots as start};
 use crate::time::LONGEST;
 
@@ -19,6 +20,8 @@ pub(crate) struct Settings {
     /// Name of the parameter that sets the number of robots.
     counted: &'static str,
     pub failures: Vec<Failure>,
+    /// The start region of each kind of robots.
+    regions: Vec<Start>,
     /// Ticks of 0.1 s; the first one is the start.
     pub ticks: u32,
     pub seed: u64,
@@ -67,19 +70,17 @@ impl Settings {
             let at = format!("{path}[{index}]");
             mistakes.take(Self::check_failure(failure, &at, &team, ticks));
         }
-        for (metric, kind) in &mission.metrics {
-            if let Some(name) = kind.robots() {
-                mistakes.take(team.check(name, &format!("mission.metrics.{metric}.robots")));
-            }
-        }
+        Self::check_names(&mission, &team, &mut mistakes);
+        let regions = mistakes.take(Self::regions(&mission, &team, robots));
         let counted = if robots.is_some() {
             "robots"
         } else {
             "mission.robots"
         };
-        let rest = seed.zip(step_size);
-        mistakes.or(rest.map(|(seed, step_size)| Self {
+        let rest = seed.zip(step_size).zip(regions);
+        mistakes.or(rest.map(|((seed, step_size), regions)| Self {
             team,
+            regions,
             counted,
             failures,
             ticks,
@@ -104,6 +105,46 @@ impl Settings {
         };
         team.settle(&mission.place, at)?;
         Ok(team)
+    }
+
+    /// Checks that the kinds of robots exist that metrics, rules and sides of the mission name.
+    fn check_names(mission: &Mission, team: &Team, mistakes: &mut Mistakes) {
+        for (metric, kind) in &mission.metrics {
+            if let Some(name) = kind.robots() {
+                mistakes.take(team.check(name, &format!("mission.metrics.{metric}.robots")));
+            }
+        }
+        for (index, capture) in mission.rules.captures.iter().enumerate() {
+            for (field, name) in [("robots", &capture.robots), ("by", &capture.by)] {
+                let at = format!("mission.captures[{index}].{field}");
+                mistakes.take(team.check(name, &at));
+            }
+        }
+        for side in &mission.sides {
+            for name in &side.groups {
+                mistakes.take(team.check(name, &format!("mission.sides.{}", side.name)));
+            }
+        }
+    }
+
+    /// Returns the start region of each kind of robots: its own, or that of the mission. `robots` is the parameter.
+    fn regions(
+        mission: &Mission,
+        team: &Team,
+        robots: Option<&Value>,
+    ) -> Result<Vec<Start>, ParameterError> {
+        let path = match robots {
+            Some(Value::Array(_)) => "robots",
+            _ => "mission.robots",
+        };
+        let groups = team.groups().iter().enumerate();
+        let region = |(index, group): (usize, &Group)| match &group.start {
+            None => Ok(mission.start.clone()),
+            Some(value) => {
+                missions::region(&format!("{path}[{index}].start"), value, &mission.place)
+            }
+        };
+        groups.map(region).collect()
     }
 
     /// Checks that a failure can affect robots of the team.
@@ -139,7 +180,7 @@ impl Settings {
         })?;
         let forms = layout.forms().zip(objects.iter().copied());
         let poses = start::draw(
-            &mission.start,
+            &self.regions,
             &self.team,
             (layout, &forms.collect::<Vec<_>>()),
             self.seed,

@@ -17,4 +17,5 @@ mod arena_polygons;
 mod arena_presets;
 mod arena_radio;
 mod arena_robots;
+mod arena_sides;
 mod contacts_parts;

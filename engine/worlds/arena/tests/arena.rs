@@ -98,9 +98,19 @@ fn every_mission_runs_and_its_fitness_is_a_number() {
         files.filter(|file| file.as_ref().unwrap().path().extension() == Some("yaml".as_ref()));
     assert_eq!(missions.len(), texts.count(), "every text is a mission");
     for mission in missions.iter().map(|mission| mission.name) {
+        let own = json!({"mission": mission, "duration": 5, "seed": 3});
+        let several = !arena(&own).unwrap().groups().is_empty();
         for (robot, sensors) in [("e-puck-rm1.1", 24), ("e-puck-rm1.2", 9)] {
-            let parameters = json!({"mission": mission, "robot": robot, "duration": 5, "seed": 3});
+            let mut parameters = own.clone();
+            if !several {
+                parameters["robot"] = json!(robot);
+            }
             let mut arena = arena(&parameters).unwrap();
+            let sensors = if several {
+                arena.description().sensors
+            } else {
+                sensors
+            };
             assert_eq!(arena.description().sensors, sensors);
             assert_eq!(arena.sensor_names().len(), sensors);
             let mut numbers = vec![0.0; sensors];

@@ -7,8 +7,8 @@ use swarmwright_controllers::Architecture;
 use swarmwright_lanes::Level;
 use swarmwright_simulation::{Block, Means, Simulation};
 
-/// A network with as many inputs and outputs as the robots have.
-pub(super) fn check(parameters: &Value) {
+/// Checks a network with as many inputs and outputs as the robots have. Returns fitness and metrics of each episode.
+pub(super) fn check(parameters: &Value) -> Vec<f64> {
     let parameters = parameters.as_object().unwrap();
     let description = Arena::default().described(parameters).unwrap();
     let layered = layered(description.sensors, description.actuators, 3);
@@ -88,6 +88,7 @@ fn check_controller(parameters: &Map<String, Value>, architecture: &Value) {
             level.name()
         );
     }
+    one_by_one.into_iter().map(f64::from_bits).collect()
 }
 
 fn failures() -> Value {

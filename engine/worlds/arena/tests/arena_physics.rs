@@ -317,6 +317,18 @@ fn what_goes_wrong_ends_the_episode_with_a_reason() {
 }
 
 #[test]
+fn nothing_is_put_back() {
+    let mut simulation = floating(&Arc::default());
+    let parameters = json!({"mission": "soccer"});
+    let parameters = parameters.as_object().unwrap();
+    let refused = simulation.reset(parameters).unwrap_err().to_string();
+    assert!(
+        refused.contains("mission.restart: arena-floating does not put robots and objects back"),
+        "{refused}"
+    );
+}
+
+#[test]
 fn grippers_are_not_there() {
     let mut simulation = floating(&Arc::default());
     let parameters = json!({"mission": "object_retrieval"});

@@ -83,22 +83,25 @@ def _with_mission(file: str, mission: str) -> str:
     if chosen["name"] == "aac":
         return file
     title, duration = chosen["title"].lower(), f"{chosen['duration']:g}"
-    own = re.search(r"^robot:", chosen["text"], flags=re.MULTILINE) is not None
+    own = re.search(r"^robots?:\s*$", chosen["text"], flags=re.MULTILINE) is not None
+    kinds = re.findall(r"^  - name: (.+)$", chosen["text"], flags=re.MULTILINE)
     robots = "robots that the mission describes" if own else "e-pucks (reference model RM1.1)"
     of_each = "a weight from each input to each actuator" if own else "24 inputs, 2 wheels, 50 weights"
+    controller = f"  kind: evostick                  # {of_each}; or layered, fully_meshed"
+    if kinds:
+        controller = "  kind: team                      # a controller for each kind of robots\n  groups:"
+        controller += "".join(f"\n    {kind}: {{kind: evostick}}{'':<{10 - len(kind)}} # {of_each}" for kind in kinds)
     for pattern, line in (
         (r"# Arena: .*", f"# Arena: {title}, by a swarm of {robots}."),
-        (
-            r"  kind: evostick +# 24 .*",
-            f"  kind: evostick                  # {of_each}; or layered, fully_meshed",
-        ),
+        (r"  kind: evostick +# 24 .*", controller),
         (r"  mission: .*", f"  mission: {mission:<22} # or the path of a YAML file with a custom mission"),
         (r"  robots: .*", f"  robots: {chosen['robots']:<23} # 1 to 100,000"),
         (r"  duration: .*", f"  duration: {duration:<21} # seconds"),
     ):
         file, count = re.subn(f"^{pattern}$", line, file, count=1, flags=re.MULTILINE)
         assert count == 1, pattern
-    return file
+    # The numbers of robots of several kinds are those of the mission.
+    return re.sub(r"^  robots: .*\n", "", file, flags=re.MULTILINE) if kinds else file
 
 
 def missions() -> list[str]:

@@ -26,6 +26,8 @@ pub(crate) struct Bodies<L: Lanes> {
     /// Angular velocity, rad/s.
     pub spin: Vec<Number<L>>,
     pub objects: Objects<L>,
+    /// Lanes in which each robot is caught; empty if the mission has no captures.
+    pub caught: Vec<L::Mask>,
     /// Names of the robot kinds, with the index range of each.
     kinds: Vec<(String, Range<usize>)>,
 }
@@ -44,6 +46,7 @@ impl<L: Lanes> Bodies<L> {
             vy: zeros(),
             spin: zeros(),
             objects: Objects::new(objects, if team.gripper().is_some() { robots } else { 0 }),
+            caught: Vec::new(),
             kinds: team.named().collect(),
         }
     }

@@ -167,6 +167,8 @@ impl Metric {
             Self::ChainReach { from, to, .. } => vec![one("from", from), one("to", to)],
             Self::LargestGroupArea { .. }
             | Self::ObjectsHeld { .. }
+            | Self::Caught { .. }
+            | Self::Sum { .. }
             | Self::CellAge { .. }
             | Self::Order { .. }
             | Self::Speed { .. }

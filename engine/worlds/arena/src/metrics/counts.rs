@@ -26,6 +26,16 @@ pub(super) fn on<L: Lanes>(
     count
 }
 
+/// Returns how many robots of a range are caught.
+#[inline(always)]
+pub(super) fn caught<L: Lanes>(bodies: &Bodies<L>, robots: Range<usize>) -> Number<L> {
+    let mut count = number(0.0);
+    for caught in bodies.caught.get(robots).into_iter().flatten() {
+        count = count.add_where(number(1.0), *caught);
+    }
+    count
+}
+
 /// Returns the minimum and maximum number of robots for shares of all robots.
 pub(super) fn bounds(at_least: Option<f64>, at_most: Option<f64>, robots: usize) -> [f32; 2] {
     // Tolerates rounding: 0.7 of 10 robots are 7.

@@ -1,5 +1,7 @@
 //! The kinds of metrics, as named in missions.
 
+use std::collections::BTreeMap;
+
 use serde::Deserialize;
 
 use super::formation::Formation;
@@ -52,6 +54,22 @@ pub(crate) enum Metric {
         /// Whether the count is divided by the number of these objects.
         #[serde(default)]
         share: bool,
+    },
+    /// The number of robots that are caught.
+    Caught {
+        /// The kind of robots to count; all kinds if absent.
+        robots: Option<String>,
+        #[serde(default)]
+        when: When,
+        /// Whether the count is divided by the number of robots.
+        #[serde(default)]
+        share: bool,
+    },
+    /// The sum of a number and other metrics times factors.
+    Sum {
+        #[serde(default)]
+        offset: f64,
+        factors: BTreeMap<String, f64>,
     },
     /// Seconds until the share of robots on a patch first reached `at_least` or fell to `at_most`; the length of the
     /// episode if that did not happen.
@@ -180,7 +198,7 @@ impl Metric {
     /// Returns the kind of robots to which the metric is restricted, if any.
     pub(crate) fn robots(&self) -> Option<&str> {
         match self {
-            Self::RobotsOn { robots, .. } => robots.as_deref(),
+            Self::RobotsOn { robots, .. } | Self::Caught { robots, .. } => robots.as_deref(),
             _ => None,
         }
     }
@@ -198,6 +216,7 @@ impl Metric {
             | Self::ObjectsOn { when, .. }
             | Self::ObjectDistance { when, .. }
             | Self::ObjectsHeld { when, .. }
+            | Self::Caught { when, .. }
             | Self::Order { when }
             | Self::Speed { when }
             | Self::GroupSpeed { when, .. }
@@ -213,6 +232,7 @@ impl Metric {
             | Self::MeanDistanceInside { .. }
             | Self::MeanDistanceRim { .. } => Some(When::End),
             Self::TimeUntil { .. }
+            | Self::Sum { .. }
             | Self::Returns { .. }
             | Self::CrossingsSouth { .. }
             | Self::RobotsInWrongHalf { .. }

@@ -159,6 +159,17 @@ impl<L: Lanes> Tally<L> {
                 let (count, all) = objects::held(bodies, layout, object.as_deref());
                 self.add(count, all, *share, *when);
             }
+            Metric::Caught {
+                robots,
+                when,
+                share,
+            } => {
+                let robots = bodies.named(robots.as_deref());
+                let all = robots.len();
+                self.add(counts::caught(bodies, robots), all, *share, *when);
+            }
+            // The mission adds up the values of the others.
+            Metric::Sum { .. } => {}
             Metric::ObjectDistance {
                 patch,
                 object,

@@ -92,7 +92,9 @@ pub(super) fn value(
         | Metric::MeanDistanceInside { .. }
         | Metric::MeanDistanceRim { .. }
         | Metric::CellAge { .. }
-        | Metric::VisitedShare { .. } => 0.0,
+        | Metric::VisitedShare { .. }
+        | Metric::Caught { .. }
+        | Metric::Sum { .. } => 0.0,
     }
 }
 

@@ -8,11 +8,14 @@ impl Metric {
             Self::RobotsOn { share: true, .. }
             | Self::ObjectsOn { share: true, .. }
             | Self::ObjectsHeld { share: true, .. }
+            | Self::Caught { share: true, .. }
+            | Self::Sum { .. }
             | Self::MostRobotsOn { share: true, .. } => "",
             Self::ObjectsOn { .. } | Self::ObjectsHeld { .. } => "objects",
-            Self::RobotsOn { .. } | Self::MostRobotsOn { .. } | Self::RobotsInWrongHalf { .. } => {
-                "robots"
-            }
+            Self::RobotsOn { .. }
+            | Self::MostRobotsOn { .. }
+            | Self::Caught { .. }
+            | Self::RobotsInWrongHalf { .. } => "robots",
             Self::LargestGroup { share: false, .. } => "robots",
             Self::Order { .. }
             | Self::LargestGroup { share: true, .. }
@@ -49,13 +52,25 @@ impl Metric {
                 share,
                 when: at,
             } => {
-                let whom = match (robots.as_deref(), share) {
-                    (Some(kind), true) => format!("Share of {kind}"),
-                    (Some(kind), false) => kind.to_owned(),
-                    (None, true) => "Share of the robots".to_owned(),
-                    (None, false) => "Robots".to_owned(),
-                };
+                let whom = whom(robots.as_deref(), *share);
                 format!("{whom} on {patch}, {}.", when(at))
+            }
+            Self::Caught {
+                robots,
+                share,
+                when: at,
+            } => {
+                let whom = whom(robots.as_deref(), *share);
+                format!("{whom} that are caught, {}.", when(at))
+            }
+            Self::Sum { offset, factors } => {
+                let number = (*offset != 0.0 || factors.is_empty()).then(|| offset.to_string());
+                let parts = factors.iter().map(|(name, factor)| match *factor {
+                    1.0 => name.clone(),
+                    factor => format!("{factor} {name}"),
+                });
+                let parts: Vec<_> = number.into_iter().chain(parts).collect();
+                format!("{}.", parts.join(" + ").replace("+ -", "- "))
             }
             Self::MostRobotsOn {
                 patches,
@@ -201,6 +216,16 @@ impl Metric {
                 when(at)
             ),
         }
+    }
+}
+
+/// Returns the beginning of a description of robots.
+fn whom(kind: Option<&str>, share: bool) -> String {
+    match (kind, share) {
+        (Some(kind), true) => format!("Share of {kind}"),
+        (Some(kind), false) => kind.to_owned(),
+        (None, true) => "Share of the robots".to_owned(),
+        (None, false) => "Robots".to_owned(),
     }
 }
 

@@ -1,9 +1,15 @@
 //! Checked missions.
 
+use swarmwright_simulation::Side;
+
 use crate::failures::Failure;
 use crate::metrics::Metric;
 use crate::place::{Place, Start};
 use crate::robots::Team;
+use crate::rules::Rules;
+
+/// A number, and metrics by their index with a factor each.
+pub(crate) type Sum = (f64, Vec<(usize, f64)>);
 
 /// A checked mission.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,12 +20,17 @@ pub(crate) struct Mission {
     /// Default duration, seconds, for parameters without `duration`.
     pub duration: f64,
     pub failures: Vec<Failure>,
+    pub rules: Rules,
+    /// The sides of a match, none without opponents.
+    pub sides: Vec<Side>,
     pub place: Place,
     pub start: Start,
     /// Metrics of the mission, then those that every mission has, each sorted by name.
     pub metrics: Vec<(String, Metric)>,
     /// Number of metrics that are measured in every episode; the others are measured only on request, at the end.
     pub counted: usize,
+    /// For each of the first metrics that is a sum: its offset, and the metrics in it with their factors.
+    pub sums: Vec<Option<Sum>>,
     /// The fitness is `offset` plus the value of each of the first metrics times its factor.
     pub offset: f64,
     pub factors: Vec<f64>,
@@ -33,7 +44,17 @@ impl Mission {
         factors
             .filter(|(_, factor)| **factor != 0.0)
             .fold(self.offset, |sum, (metric, factor)| {
-                sum + factor * value(metric)
+                sum + factor * self.value(metric, &value)
             })
+    }
+
+    /// Returns the value of a metric, given those of the metrics that are no sums.
+    pub(crate) fn value(&self, metric: usize, value: impl Fn(usize) -> f64) -> f64 {
+        match self.sums.get(metric) {
+            Some(Some((offset, parts))) => parts
+                .iter()
+                .fold(*offset, |sum, (part, factor)| sum + factor * value(*part)),
+            _ => value(metric),
+        }
     }
 }

@@ -7,9 +7,11 @@ mod text;
 use std::sync::LazyLock;
 
 use serde_json::{Map, Value};
+use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
 use crate::mistakes::{Mistakes, part};
+use crate::place::{Place, Start};
 use text::Text;
 
 pub(crate) use mission::Mission;
@@ -52,7 +54,9 @@ const MISSIONS: &[BuiltIn] = &missions! {
     "homing",
     "lcn" or "covering_network",
     "object_retrieval",
+    "pursuit",
     "sca" or "shelter",
+    "soccer",
     "spc" or "surface_and_perimeter_coverage",
     "stop",
     "two_spots",
@@ -94,6 +98,11 @@ pub fn missions() -> Vec<MissionInfo> {
         })
     };
     MISSIONS.iter().filter_map(read).collect()
+}
+
+/// Reads a start region; `at` is its path in error messages.
+pub(crate) fn region(at: &str, value: &Value, layout: &Place) -> Result<Start, ParameterError> {
+    checks::region(at, value, layout)
 }
 
 /// Reads the keys of a mission.

@@ -22,6 +22,9 @@ pub(super) struct Text {
     pub lights: Option<Value>,
     pub start: Option<Value>,
     pub failures: Option<Value>,
+    pub captures: Option<Value>,
+    pub restart: Option<Value>,
+    pub sides: Option<Value>,
     pub metrics: Option<Value>,
     pub fitness: Option<Value>,
 }
@@ -193,6 +196,16 @@ pub(super) struct Lamp {
 pub(super) struct StartText {
     pub disc: Option<Circle>,
     pub rectangle: Option<Rectangle>,
+}
+
+/// A side of a match.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SideText {
+    /// Kinds of robots; by default the kind with the name of the side.
+    pub robots: Option<Vec<String>>,
+    /// Name of the metric that is its fitness.
+    pub fitness: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]

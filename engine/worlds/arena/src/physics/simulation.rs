@@ -166,6 +166,22 @@ fn radians(pose: At) -> Pose {
     }
 }
 
+/// Rejects what other simulators cannot do.
+fn check_abilities(
+    kind: &PhysicsKind,
+    settings: &settings::Settings,
+) -> Result<(), ParameterError> {
+    without_grippers(kind, settings)?;
+    if settings.mission.rules.restart.is_some() {
+        let reason = format!(
+            "{} does not put robots and objects back; use simulation: arena, or a mission without restart",
+            kind.title
+        );
+        return Err(wrong("mission.restart", reason));
+    }
+    Ok(())
+}
+
 /// Rejects grippers: other simulators move objects themselves and do not know which ones robots hold.
 fn without_grippers(
     kind: &PhysicsKind,
@@ -195,7 +211,7 @@ impl Simulation for PhysicsSimulation {
         let kind = Arc::clone(&self.kind);
         Some(Arc::new(move |parameters| {
             let settings = settings::Settings::read(parameters)?;
-            without_grippers(&kind, &settings)?;
+            check_abilities(&kind, &settings)?;
             Ok(Self::describe(&kind, &settings))
         }))
     }
@@ -221,7 +237,7 @@ impl Simulation for PhysicsSimulation {
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
-        without_grippers(&self.kind, &settings::Settings::read(parameters)?)?;
+        check_abilities(&self.kind, &settings::Settings::read(parameters)?)?;
         self.arena.reset(parameters)?;
         let (settings, bodies) = (&self.arena.settings, &self.arena.swarm.bodies);
         self.robots = bodies.poses().map(radians).collect();

@@ -1,5 +1,6 @@
 //! Models of robots: body, drive, sensors, and the inputs of controllers.
 
+use serde_json::Value;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -40,6 +41,8 @@ pub(crate) struct Robot {
     /// Distance up to which the robot detects others without loss or occlusion, metres.
     pub neighbour_range: Option<f32>,
     pub camera: Option<Camera>,
+    /// Colour of the body, which cameras see.
+    pub color: Option<LedColor>,
     /// Colours that the LEDs can show, with an actuator each.
     pub leds: Vec<LedColor>,
     pub battery: Option<Battery>,
@@ -76,6 +79,7 @@ impl Robot {
             links: None,
             neighbour_range: None,
             camera: None,
+            color: None,
             leds: Vec::new(),
             battery: None,
             battery_noise: 0.0,
@@ -147,4 +151,6 @@ pub(crate) struct Group {
     pub name: String,
     pub robot: Robot,
     pub count: usize,
+    /// The start region as written; `None` for that of the mission.
+    pub start: Option<Value>,
 }

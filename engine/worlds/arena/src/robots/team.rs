@@ -13,7 +13,7 @@ use super::parts::Links;
 use super::robot::{Group, Robot};
 use super::together::{self, Own, Row};
 use crate::mistakes::{Mistakes, part};
-use crate::place::Place;
+use crate::place::{LedColor, Place};
 
 /// Maximum number of robots.
 pub(crate) const MOST_ROBOTS: u32 = 100_000;
@@ -67,6 +67,10 @@ struct Text {
     name: Option<String>,
     robot: Value,
     count: u32,
+    /// Colour of the bodies, which cameras see.
+    color: Option<LedColor>,
+    /// Region in which they start; by default that of the mission.
+    start: Option<Value>,
 }
 
 /// Returns an error about a model given together with a list of kinds.
@@ -101,6 +105,7 @@ impl Team {
             name: String::new(),
             robot,
             count: count as usize,
+            start: None,
         }])
     }
 
@@ -273,7 +278,14 @@ impl Team {
             let reason = format!("{} found, expected 1 to {MOST_ROBOTS}", text.count);
             mistakes.add(wrong(&format!("{at}.count"), reason));
         }
-        let robot = mistakes.take(Robot::read(&text.robot, &format!("{at}.robot"), true));
+        let mut robot = mistakes.take(Robot::read(&text.robot, &format!("{at}.robot"), true));
+        if let Some(robot) = robot.as_mut() {
+            if text.color.is_some() && !robot.leds.is_empty() {
+                let reason = "robots with LEDs show their colours; leave the field out";
+                mistakes.add(wrong(&format!("{at}.color"), reason));
+            }
+            robot.color = text.color;
+        }
         let name = text.name.unwrap_or_else(|| match &text.robot {
             Value::String(name) => name.clone(),
             _ => format!("robot {index}"),
@@ -290,6 +302,7 @@ impl Team {
             name,
             robot,
             count: text.count as usize,
+            start: text.start,
         }))
     }
 

@@ -13,7 +13,7 @@ use crate::bodies::Bodies;
 use crate::contacts::near::Close;
 use crate::contacts::walls;
 use crate::math::random::{Keys, Purpose, halves, noise, uniform};
-use crate::place::Place;
+use crate::place::{LedColor, Place};
 use crate::robots::{Group, Links, Output, Team};
 
 /// Sensor state: readings of the current robot, and inputs for the controllers of all robots.
@@ -102,7 +102,10 @@ impl<L: Lanes> Senses<L> {
         self.measured.clear();
         self.sent.fill(number(0.0));
         self.turned.fill(number(0.0));
-        self.shown.fill(number(0.0));
+        for (index, shown) in self.shown.iter_mut().enumerate() {
+            let color = team.robot(index).color;
+            *shown = number(color.map_or(0.0, LedColor::code));
+        }
         for (index, charge) in self.charges.iter_mut().enumerate() {
             // Robots without a battery are always charged.
             let battery = team.robot(index).battery.as_ref();

@@ -15,19 +15,19 @@ const ROUNDS: u64 = 8;
 /// Identifies the random stream for start positions.
 const STREAM: u64 = 0x0073_7461_7274;
 
-/// Draws a pose for each robot. A pose that overlaps another robot, a wall or an object is drawn again.
+/// Draws a pose for each robot, in the region of its kind. A pose that overlaps another robot, a wall or an object is drawn again.
 ///
 /// # Errors
 /// Returns the largest number of robots that were placed, if not all fit.
 pub(crate) fn draw(
-    start: &Start,
+    starts: &[Start],
     team: &Team,
     (layout, objects): (&Place, &[(Form, Pose)]),
     seed: u64,
 ) -> Result<Vec<Pose>, usize> {
     let mut most = 0;
     for round in 0..ROUNDS {
-        match round_of(start, team, (layout, objects), seed, STREAM | round << 48) {
+        match round_of(starts, team, (layout, objects), seed, STREAM | round << 48) {
             Err(count) => most = most.max(count),
             poses => return poses,
         }
@@ -37,15 +37,16 @@ pub(crate) fn draw(
 
 /// Makes one round of draws, with a random stream.
 fn round_of(
-    start: &Start,
+    starts: &[Start],
     team: &Team,
     (layout, objects): (&Place, &[(Form, Pose)]),
     seed: u64,
     stream: u64,
 ) -> Result<Vec<Pose>, usize> {
     let mut poses: Vec<Pose> = Vec::with_capacity(team.len());
-    let mut occupied = OccupiedCells::new(start, team.len(), team.radius());
+    let mut occupied = OccupiedCells::new(starts, team.len(), team.radius());
     for index in 0..team.len() as u64 {
+        let start = &starts[team.group(index as usize)];
         let pose = (0..TRIES)
             .map(|attempt| {
                 let number =
@@ -78,8 +79,8 @@ struct OccupiedCells {
 const NONE: u32 = u32::MAX;
 
 impl OccupiedCells {
-    fn new(start: &Start, robots: usize, radius: f32) -> Self {
-        let (low, high) = match (start.disc, start.rectangle) {
+    fn new(starts: &[Start], robots: usize, radius: f32) -> Self {
+        let region = |start: &Start| match (start.disc, start.rectangle) {
             (Some((center, radius)), _) => (
                 center.map(|middle| middle - radius),
                 center.map(|middle| middle + radius),
@@ -87,6 +88,15 @@ impl OccupiedCells {
             (None, Some(corners)) => corners,
             (None, None) => ([0.0; 2], [0.0; 2]),
         };
+        let regions = starts.iter().map(region);
+        let all = regions.reduce(|(low, high), (least, most)| {
+            let axes = [0, 1];
+            (
+                axes.map(|axis| low[axis].min(least[axis])),
+                axes.map(|axis| high[axis].max(most[axis])),
+            )
+        });
+        let (low, high) = all.unwrap_or_default();
         let extent = [high[0] - low[0], high[1] - low[1]];
         let side = (extent[0] * extent[1] / robots as f32)
             .sqrt()

@@ -1,6 +1,7 @@
 //! The swarms of the episodes in all lanes, and their motion in a tick.
 
 mod battery;
+mod caught;
 
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Int, Lanes, MOST_LANES, Mask, Number, number};
@@ -12,6 +13,7 @@ use crate::math::functions::normal;
 use crate::math::random::{Keys, Purpose, halves, key};
 use crate::place::{Kind, Place, Pose};
 use crate::robots::{Drive, Output, Team};
+use crate::rules::{CAUGHT, Referee, Rules};
 use crate::sensing::camera;
 use crate::sensing::senses::Senses;
 use crate::sensing::verlet::VerletLists;
@@ -25,6 +27,7 @@ pub(crate) struct Swarm<L: Lanes> {
     contacts: Contacts<L>,
     keys: Keys<L>,
     failing: Failing<L>,
+    referee: Referee<L>,
     /// Commands that robots carry out, if they differ from the controllers' outputs.
     told: Vec<L>,
     /// Colours of the patches of the floor.
@@ -45,6 +48,7 @@ impl<L: Lanes> Swarm<L> {
             contacts: Contacts::new(robots),
             keys: Keys::new(|_| key(0)),
             failing: Failing::new(),
+            referee: Referee::new(),
             told: Vec::new(),
             colors: Vec::new(),
             tick: 1,
@@ -57,7 +61,7 @@ impl<L: Lanes> Swarm<L> {
         &mut self,
         team: &Team,
         layout: &Place,
-        failures: &[Failure],
+        (failures, rules): (&[Failure], &Rules),
         seed: impl Fn(usize) -> u64,
         mut pose: impl FnMut(usize, usize) -> Pose,
         object: impl FnMut(usize, usize) -> Pose,
@@ -93,8 +97,10 @@ impl<L: Lanes> Swarm<L> {
             bodies.spin[index] = number(0.0);
         }
         bodies.objects.start(object);
+        self.referee.start(rules, (team, layout), bodies);
         self.contacts.forget();
         self.senses.forget(team);
+        self.judge(layout);
         self.sense(team, layout);
     }
 
@@ -126,6 +132,14 @@ impl<L: Lanes> Swarm<L> {
                 other = true;
             }
             battery::stop(&self.senses.charges, team.actuators(), &mut commands);
+        }
+        if !self.bodies.caught.is_empty() {
+            if !other {
+                commands.clear();
+                commands.extend_from_slice(actuators);
+                other = true;
+            }
+            caught::stop(&self.bodies.caught, team.actuators(), &mut commands);
         }
         let actuators = if other { &commands } else { actuators };
         L::apart(
@@ -167,12 +181,28 @@ impl<L: Lanes> Swarm<L> {
                 || battery::update(team, layout, &self.bodies, &self.told, charges),
             );
         }
+        self.judge(layout);
         let bodies = &mut self.bodies;
         for index in 0..bodies.len() {
             bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
             bodies.sin[index] = Number(sin_pi(bodies.heading[index].0));
         }
         self.sense(team, layout);
+    }
+
+    /// Applies the rules of the mission to the current poses.
+    #[inline(always)]
+    fn judge(&mut self, layout: &Place) {
+        if !self.referee.is_active() {
+            return;
+        }
+        L::apart(
+            #[inline(always)]
+            || {
+                self.referee.update(layout, &mut self.bodies);
+                caught::hide(&self.bodies.caught, &mut self.senses.shown);
+            },
+        );
     }
 
     /// Computes the targets of the drives, with their noise, and rotates the robots.
@@ -269,6 +299,9 @@ impl<L: Lanes> Swarm<L> {
         if !self.senses.charges.is_empty() {
             battery::mute(&self.senses.charges, &mut self.senses.links.mute);
         }
+        if !self.bodies.caught.is_empty() {
+            caught::mute::<L>(&self.bodies.caught, &mut self.senses.links.mute);
+        }
         L::apart(
             #[inline(always)]
             || {
@@ -296,6 +329,14 @@ impl Swarm<f32> {
 
     /// Returns the state shown in scenes for a robot that is impaired or holds an object.
     pub(crate) fn state(&self, robot: usize) -> Option<&'static str> {
+        if self
+            .bodies
+            .caught
+            .get(robot)
+            .is_some_and(|caught| caught.any())
+        {
+            return Some(CAUGHT);
+        }
         let charge = self.senses.charges.get(robot);
         if charge.is_some_and(|charge| charge.0 <= 0.0) {
             return Some("empty");

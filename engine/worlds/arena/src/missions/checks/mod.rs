@@ -4,6 +4,8 @@ mod limits;
 mod objects;
 mod overlap;
 mod place;
+mod rules;
+mod sides;
 mod start;
 
 use std::collections::BTreeMap;
@@ -12,7 +14,7 @@ use serde_json::Value;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
-use super::mission::Mission;
+use super::mission::{self, Mission};
 use super::text::{Fitness, StartText, Sum, Text};
 use crate::failures::{self, Failure};
 use crate::metrics::{self, Metric};
@@ -39,7 +41,12 @@ pub(super) fn check(text: &Text, mut mistakes: Mistakes) -> Result<Mission, Mist
     let layout = place::place(text, &mut mistakes);
     let is_known = mistakes.len() == before;
     let start = mistakes.take(start(text.start.as_ref(), &layout));
-    let scored = scored(text, is_known.then_some(&layout), &mut mistakes);
+    let known = is_known.then_some(&layout);
+    let rules = rules::read(text, known, &mut mistakes);
+    let scored = scored(text, known, &mut mistakes);
+    let metrics = scored.as_ref().map(|scored| &scored.metrics[..]);
+    rules::check_metrics(&rules, metrics.unwrap_or_default(), &mut mistakes);
+    let sides = sides::read(text.sides.as_ref(), metrics, &mut mistakes);
     let read = || {
         let scored = scored?;
         Some(Mission {
@@ -47,10 +54,13 @@ pub(super) fn check(text: &Text, mut mistakes: Mistakes) -> Result<Mission, Mist
             duration: duration?,
             team: team?,
             failures: failures?,
+            rules,
+            sides,
             place: layout,
             start: start?,
             counted: scored.counted,
             metrics: scored.metrics,
+            sums: scored.sums,
             offset: scored.offset,
             factors: scored.factors,
         })
@@ -87,10 +97,16 @@ fn start(value: Option<&Value>, layout: &Place) -> Result<Start, ParameterError>
     start::start("mission.start", &text, layout)
 }
 
+/// Reads a start region; `at` is its path in error messages.
+pub(super) fn region(at: &str, value: &Value, layout: &Place) -> Result<Start, ParameterError> {
+    start::start(at, &part(value, at)?, layout)
+}
+
 /// Metrics and fitness of a mission.
 struct Scored {
     metrics: Vec<(String, Metric)>,
     counted: usize,
+    sums: Vec<Option<mission::Sum>>,
     offset: f64,
     factors: Vec<f64>,
 }
@@ -119,27 +135,72 @@ fn scored(text: &Text, layout: Option<&Place>, mistakes: &mut Mistakes) -> Optio
     }
     let mut others = metrics::general();
     others.retain(|(name, _)| !metrics.iter().any(|(other, _)| other == name));
-    for name in factors.keys() {
+    let of_sums: Vec<(String, String)> = metrics.iter().flat_map(parts).collect();
+    let of_fitness = factors.keys().map(|name| ("fitness", name));
+    let of_sums = of_sums.iter().map(|(sum, name)| (&sum[..], name));
+    for (at, name) in of_fitness.chain(of_sums) {
         if let Some(index) = others.iter().position(|(other, _)| other == name) {
             metrics.push(others.remove(index));
-        } else if !metrics.iter().any(|(other, _)| other == name) {
-            mistakes.add(unknown(name, metrics.iter().chain(&others)));
+        }
+        match metrics.iter().find(|(other, _)| other == name) {
+            None => mistakes.add(unknown(at, name, metrics.iter().chain(&others))),
+            Some((_, Metric::Sum { .. })) if at != "fitness" => mistakes.add(wrong(
+                &format!("mission.{at}"),
+                format!("{name} is a sum itself; name the metrics that it adds up"),
+            )),
+            Some(_) => {}
         }
     }
+    let sums: Vec<Option<mission::Sum>> =
+        metrics.iter().map(|metric| sum(metric, &metrics)).collect();
     let factor = |(name, _): &(String, Metric)| factors.get(name).copied().unwrap_or(0.0);
     let factors: Vec<f64> = metrics.iter().map(factor).collect();
-    if let Some(number) = factors.iter().chain([&offset]).find(|n| !n.is_finite()) {
+    let numbers = factors
+        .iter()
+        .chain([&offset])
+        .map(|number| ("fitness".to_owned(), *number));
+    let added = metrics
+        .iter()
+        .zip(&sums)
+        .filter_map(|((name, _), sum)| Some((name, sum.as_ref()?)));
+    let added = added.flat_map(|(name, (offset, parts))| {
+        let numbers = parts.iter().map(|(_, factor)| *factor).chain([*offset]);
+        numbers.map(move |number| (format!("metrics.{name}"), number))
+    });
+    if let Some((at, number)) = numbers.chain(added).find(|(_, number)| !number.is_finite()) {
         mistakes.add(wrong(
-            "mission.fitness",
+            &format!("mission.{at}"),
             format!("{number} found, expected a finite number"),
         ));
     }
     Some(Scored {
         counted: metrics.len(),
+        sums,
         metrics: metrics.into_iter().chain(others).collect(),
         offset,
         factors,
     })
+}
+
+/// Returns the metrics that a sum adds up, each with the place of the sum; none for other metrics.
+fn parts((name, metric): &(String, Metric)) -> Vec<(String, String)> {
+    let at = || format!("metrics.{name}");
+    match metric {
+        Metric::Sum { factors, .. } => factors.keys().map(|part| (at(), part.clone())).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// Returns what a sum adds up, by the index of the metrics; `None` for other metrics.
+fn sum((_, metric): &(String, Metric), all: &[(String, Metric)]) -> Option<mission::Sum> {
+    let Metric::Sum { offset, factors } = metric else {
+        return None;
+    };
+    let index = |name: &String| all.iter().position(|(other, _)| other == name);
+    let parts = factors
+        .iter()
+        .filter_map(|(name, factor)| Some((index(name)?, *factor)));
+    Some((*offset, parts.collect()))
 }
 
 fn metric(name: &str, value: &Value, layout: Option<&Place>) -> Result<Metric, ParameterError> {
@@ -155,15 +216,19 @@ fn metric(name: &str, value: &Value, layout: Option<&Place>) -> Result<Metric, P
     Ok(metric)
 }
 
-/// Returns an error about an unknown metric.
-fn unknown<'a>(name: &str, metrics: impl Iterator<Item = &'a (String, Metric)>) -> ParameterError {
+/// Returns an error about an unknown metric. `at` is the place in the mission that names it.
+fn unknown<'a>(
+    at: &str,
+    name: &str,
+    metrics: impl Iterator<Item = &'a (String, Metric)>,
+) -> ParameterError {
     let names: Vec<_> = metrics.map(|(name, _)| name.as_str()).collect();
     let hint = match metrics::check_name(name) {
         Ok(()) => "",
         Err(_) => "; only the experiment's own fitness may be an expression of metrics",
     };
     wrong(
-        "mission.fitness",
+        &format!("mission.{at}"),
         format!(
             "no metric is named {name:?}; available: {}{hint}",
             names.join(", ")
