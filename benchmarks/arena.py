@@ -1,4 +1,4 @@
-"""The arena: robot-steps per second of one core, by controller, instruction set and number of robots."""
+"""The arena: robot-steps per second of one core, by controller, instructions, robots and sides of a match."""
 
 import math
 import time
@@ -29,6 +29,10 @@ AIMS = {
 }
 MOST_IN_LANES = 16_384
 """More robots are computed one episode at a time, as engine/worlds/arena/src/sensing/verlet.rs says."""
+SIDE = 4
+"""Robots of each side of a match."""
+MATCH_SECONDS = 30
+MATCH_AIM = ">= 0.7"
 NUMBERS = (20, 100, 1_000, 10_000, 100_000)
 
 Controllers = tuple[dict[str, Any], NDArray[np.float32]]
@@ -46,6 +50,20 @@ def machines(candidates: int) -> Controllers:
     lower, upper = representation.bounds
     genomes = np.random.default_rng(1).uniform(lower, upper, (candidates, lower.size)).astype(np.float32)
     return representation.architecture(), representation.weights(genomes)
+
+
+def sides(controllers: Controllers) -> Controllers:
+    """Join each of the controllers with the next one, for a match of two sides."""
+    architecture, weights = controllers
+    groups = [{"name": name, "agents": SIDE, "controller": architecture} for name in ("left", "right")]
+    joined = np.concatenate([weights, np.roll(weights, 1, axis=0)], axis=1)
+    return {"version": 1, "kind": "team", "groups": groups}, joined
+
+
+def match(robot: str) -> dict[str, Any]:
+    """Two sides of the same robots in an arena with as much space for each robot as in the missions."""
+    robots = [{"name": name, "robot": robot, "count": SIDE} for name in ("left", "right")]
+    return {"mission": {**square(2 * SIDE)["mission"], "robots": robots}, "duration": MATCH_SECONDS}
 
 
 def robot_steps(parameters: dict[str, Any], controllers: Controllers, steps: int, level: str) -> float:
@@ -71,6 +89,10 @@ def square(robots: int) -> dict[str, Any]:
     return {"mission": mission, "robots": robots}
 
 
+KINDS = {"EvoStick": (evostick, "e-puck-rm1.1"), "modules": (machines, "e-puck-rm1.2")}
+"""Controllers, and the robots that they are for."""
+
+
 class ArenaSuite:
     """Whole missions with 20 robots, and a tick's cost from 20 to 100,000 robots at equal density."""
 
@@ -87,6 +109,14 @@ class ArenaSuite:
                     self._argos,
                     AIMS.get((name, level), ""),
                 )
+        self._matches: dict[tuple[str, bool], Samples] = {}
+        for name in ("EvoStick", "modules"):
+            words = f"arena, two sides of {SIDE} robots, {MATCH_SECONDS} s, {name}, the fastest way"
+            shared = Samples(f"{words}, one controller", "robot-steps/s")
+            self._matches[name, False] = shared
+            self._matches[name, True] = Samples(
+                f"{words}, a controller for each side", "robot-steps/s", shared, MATCH_AIM
+            )
         self._costs: dict[tuple[str, int], Samples] = {}
         for level in ("scalar", "auto"):
             for robots in NUMBERS:
@@ -100,9 +130,15 @@ class ArenaSuite:
         """Take one sample of everything."""
         for (name, level), samples in self._whole.items():
             candidates = max(1, (64 if level == "scalar" else 512) // self._scale)
-            make, robot = (evostick, "e-puck-rm1.1") if name == "EvoStick" else (machines, "e-puck-rm1.2")
+            make, robot = KINDS[name]
             parameters: dict[str, Any] = {"mission": "aac", "robot": robot}
             samples.add(robot_steps(parameters, make(candidates), ROBOTS * TICKS, level))
+        for (name, is_match), samples in self._matches.items():
+            make, robot = KINDS[name]
+            controllers = make(max(1, 2048 // self._scale))
+            steps = 2 * SIDE * MATCH_SECONDS * 10
+            controllers = sides(controllers) if is_match else controllers
+            samples.add(robot_steps(match(robot), controllers, steps, "auto"))
         for (level, robots), samples in self._costs.items():
             # As many robot-steps for each number of robots, in episodes of up to 20 s, one for each lane.
             lanes = 32 if level == "auto" and robots <= MOST_IN_LANES else 1
@@ -115,7 +151,7 @@ class ArenaSuite:
 
     def samples(self) -> list[Samples]:
         """Everything measured, in the order of the table."""
-        return [self._argos, *self._whole.values(), *self._costs.values()]
+        return [self._argos, *self._whole.values(), *self._matches.values(), *self._costs.values()]
 
     def close(self) -> None:
         """Nothing is left open."""

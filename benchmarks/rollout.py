@@ -83,6 +83,22 @@ def minisim(candidates: int, **parameters: Any) -> Block:
     return Block("minisim", parameters, LAYERED, candidates)
 
 
+def defended(candidates: int, *, is_match: bool) -> Block:
+    """Four agents against four defenders, with one 4-8-1 tanh network for all, or one for each side."""
+    parameters = {
+        "placement": "random",
+        "numAgents": 4,
+        "numDefenders": 4,
+        "defenderSteering": "controller",
+        "mapWidth": 30,
+        "mapHeight": 20,
+    }
+    names = ("agents", "defenders")
+    groups = [{"name": name, "agents": 4, "controller": LAYERED} for name in names]
+    team = {"version": 1, "kind": "team", "groups": groups}
+    return Block("minisim", parameters, team if is_match else LAYERED, candidates)
+
+
 def stadium(candidates: int, **parameters: Any) -> Block:
     """FREVO's Stadium, 72 agents, 50 steps, with its networks: 2 hidden nodes, clamped."""
     field = json.loads(STADIUM.read_text(encoding="utf-8"))
@@ -135,6 +151,11 @@ class RolloutSuite:
             "Stadium": (stadium(4_096 // scale), stadium(256 // scale)),
         }
         self._levels = [level for level in _engine.levels() if level != "scalar"]
+        self._sides = [defended(16_384 // scale, is_match=is_match) for is_match in (False, True)]
+        words = "Minisim, 4 agents and 4 defenders, the fastest way"
+        shared = Samples(f"{words}, one controller", "evaluations/s")
+        each = Samples(f"{words}, a controller for each side", "evaluations/s", shared, ">= 0.7")
+        self._matches = [shared, each]
         self._rates: dict[str, Samples] = {}
         for name in self._blocks:
             scalar = Samples(f"{name}, scalar stepper, one core", "evaluations/s")
@@ -165,13 +186,16 @@ class RolloutSuite:
             self._two[name].add(block.candidates / timing.clock)
             if name == "Stadium":
                 self._two_processor.add(2 * block.candidates / timing.processor)
+        for block, samples in zip(self._sides, self._matches, strict=True):
+            samples.add(block.candidates / block.time().processor)
         for whole in self._whole:
             whole.repeat()
 
     def samples(self) -> list[Samples]:
         """Everything measured, in the order of the table."""
         whole = [one for rate in self._whole for one in (rate.engine, rate.evaluate)]
-        return [*self._rates.values(), self._frevo, *self._two.values(), self._two_processor, *whole]
+        rates = [*self._rates.values(), *self._matches]
+        return [*rates, self._frevo, *self._two.values(), self._two_processor, *whole]
 
     def close(self) -> None:
         """Nothing is left open."""

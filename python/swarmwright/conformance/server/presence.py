@@ -15,6 +15,9 @@ from swarmwright.servers.broker.client import PRESENCE, TOPICS, Failure, format_
 WHERE = "protocol.md, Presence"
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 DETERMINISM = ("bitwise", "statistical", "none")
+_MOST_SIDES = 256
+_MOST_NAME = 100
+"""Limits of the sides of a match in server.schema.json."""
 CHANGE_TOLD_S = 2.0
 """Seconds within which a change of presence is published, if it lasts at least 150 ms."""
 
@@ -59,6 +62,9 @@ def announcement(server: Server) -> str:
         value = extension.get(key, ["stepwise"])
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise Failure(f'"{key}" is {value!r}', "a list of names")
+    if not _are_sides(extension.get("sides", [])):
+        expected = "a list of sides, each with name, groups and optionally fitness; each group in one side"
+        raise Failure(f'"sides" is {extension["sides"]!r}', expected)
     for key in ("scenes", "control"):
         if not isinstance(extension.get(key, False), bool):
             raise Failure(f'"{key}" is {extension[key]!r}', "true or false")
@@ -70,6 +76,27 @@ def announcement(server: Server) -> str:
     if "determinism" in extension and extension["determinism"] not in DETERMINISM:
         raise Failure(f'"determinism" is {extension["determinism"]!r}', " or ".join(DETERMINISM))
     return ", ".join(extension.get("modes", ["stepwise"]))
+
+
+def _are_sides(value: object) -> bool:
+    """Return whether these are sides of a match, each with another name and other groups."""
+
+    def is_name(name: object) -> bool:
+        return isinstance(name, str) and 1 <= len(name) <= _MOST_NAME
+
+    names: list[str] = []
+    groups: list[str] = []
+    if not isinstance(value, list) or len(value) > _MOST_SIDES:
+        return False
+    for side in value:
+        own = side.get("groups") if isinstance(side, dict) else None
+        if not isinstance(own, list) or not 1 <= len(own) <= _MOST_SIDES:
+            return False
+        if not all(is_name(name) for name in (side.get("name"), side.get("fitness", "fitness"), *own)):
+            return False
+        names.append(side["name"])
+        groups += own
+    return len(set(names)) == len(names) and len(set(groups)) == len(groups)
 
 
 @rule(
