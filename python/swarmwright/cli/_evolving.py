@@ -225,7 +225,6 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> int
 def _print_results(output: Output, run: "Run", broker: str | None, where: str) -> None:
     """Print the results, the location of the files, and the next steps."""
     from swarmwright.runs import picture
-    from swarmwright.runs.matches import describe_champions
 
     best = run.best
     unseen, validation, transfer = run.unseen, run.validation, transfer_of(run)
@@ -246,16 +245,7 @@ def _print_results(output: Output, run: "Run", broker: str | None, where: str) -
     if run.interrupted:
         output.text("Interrupted; the results so far are kept. Continue with:")
         output.text(f"  {_resume(run.path, where)}")
-    label = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
-    champions = describe_champions(run)
-    if champions is None:
-        output.text(f"Best fitness {best.fitness + 0.0:.6g} ({label}).")
-    else:
-        output.text(f"The champions of generation {best.generation} met: {champions}.")
-        output.text(
-            "Fitness depends on the opponents; to see whether a side has become better, run "
-            f"{program()} progress {shlex.quote(str(run.path))}."
-        )
+    _print_best(output, run)
     for line in _validation_lines(run):
         output.text(line)
     if transfer is not None:
@@ -284,6 +274,22 @@ def _print_results(output: Output, run: "Run", broker: str | None, where: str) -
         if name in being_drawn or (run.path / name).exists():
             output.text(f"  {name:<16} {meaning}")
     _hint(output, run, broker)
+
+
+def _print_best(output: Output, run: "Run") -> None:
+    """Print the fitness of the best, or the last match of the champions of a competition."""
+    from swarmwright.runs.matches import describe_champions
+
+    best, champions = run.best, describe_champions(run)
+    if champions is None:
+        label = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
+        output.text(f"Best fitness {best.fitness + 0.0:.6g} ({label}).")
+        return
+    output.text(f"The champions of generation {best.generation} met: {champions}.")
+    output.text(
+        "Fitness depends on the opponents; to see whether a side has become better, run "
+        f"{program()} progress {shlex.quote(str(run.path))}."
+    )
 
 
 def _validation_lines(run: "Run") -> Iterator[str]:

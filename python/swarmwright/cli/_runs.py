@@ -332,10 +332,19 @@ def _generation(event: dict[str, Any]) -> str:
     return "" if event["generation"] is None else f"generation {event['generation']}: "
 
 
+def _describe_best(run: "Run") -> str:
+    """Return the fitness of the best, or the last match of the champions of a competition."""
+    from swarmwright.runs.matches import describe_champions
+
+    best, champions = run.best, describe_champions(run)
+    if champions is not None:
+        return f"champions of generation {best.generation}: {champions}"
+    return f"best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})"
+
+
 def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     """Print the progress and the results of a run."""
     from swarmwright.runs.instances import averages_instances
-    from swarmwright.runs.matches import describe_champions
 
     best = run.best if run.generations else None
     validation = run.validation
@@ -360,13 +369,7 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
             f"  steady state: candidate n was created from the results of candidates 0 to n - {window}"
         )
     if best is not None:
-        champions = describe_champions(run)
-        if champions is None:
-            output.text(
-                f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})"
-            )
-        else:
-            output.text(f"  champions of generation {best.generation}: {champions}")
+        output.text(f"  {_describe_best(run)}")
     for row in () if best is None else _controller(best.specification):
         output.text(f"    {row}")
     if run.audit is not None:

@@ -138,17 +138,8 @@ def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, rep
     if not isinstance(controller, TeamOptions):
         return
     names = list(controller.groups)
-    if len(names) < 2:
-        report(("ranking", "sides"), f"a match needs at least two sides, but there is only {names[0]}")
+    if not _check_names(names, populations, ranking, report):
         return
-    for key, given in (("populations", populations), ("ranking.sides", ranking.sides or {})):
-        for name in given:
-            if name not in names:
-                report((*key.split("."), name), unknown("side", name, names))
-                return
-        if given and (missing := [name for name in names if name not in given]):
-            report(tuple(key.split(".")), f"{', '.join(missing)} missing; name all sides: {', '.join(names)}")
-            return
     if populations:
         _check_populations(populations, ranking, report)
         checked["populations"] = {
@@ -169,6 +160,24 @@ def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, rep
         checked["validate"] = validate.model_copy(update={"episodes": 0})
     if checked.get("start_from") is not None:
         report(("start_from",), "is not possible in a competition; leave it out")
+
+
+def _check_names(
+    names: list[str], populations: Mapping[str, PopulationSection], ranking: TournamentOptions, report: Report
+) -> bool:
+    """Return whether populations and sides have the names of the groups; report if they do not."""
+    if len(names) < 2:
+        report(("ranking", "sides"), f"a match needs at least two sides, but there is only {names[0]}")
+        return False
+    for key, given in (("populations", populations), ("ranking.sides", ranking.sides or {})):
+        for name in given:
+            if name not in names:
+                report((*key.split("."), name), unknown("side", name, names))
+                return False
+        if given and (missing := [name for name in names if name not in given]):
+            report(tuple(key.split(".")), f"{', '.join(missing)} missing; name all sides: {', '.join(names)}")
+            return False
+    return True
 
 
 def _find_fitness(

@@ -436,23 +436,3 @@ def parameter_mistakes(simulation: str, parameters: dict[str, Any]) -> list[Para
         return [
             ParameterMistake(*mistake) for mistake in _engine.parameter_mistakes(engine_title, parameters)
         ]
-
-
-def sides(simulation: str, parameters: dict[str, Any]) -> tuple[DeclaredSide, ...]:
-    """Return the sides of a match that a local simulation declares with these parameters.
-
-    Without any, each kind of agents is a side. Errors as for `groups`.
-    """
-    engine_title = _engine_title(simulation)
-    if engine_title is None:
-        declared = _python_description(simulation).sides
-    else:
-        with engine_errors():
-            announced: Any = _engine.describe(engine_title, parameters).get("sides", [])
-        declared = tuple(
-            DeclaredSide(side["name"], tuple(side["groups"]), side["fitness"]) for side in announced
-        )
-    if declared:
-        return declared
-    names = [group.name for group in groups(simulation, parameters)]
-    return tuple(DeclaredSide(name, (name,), None) for name in names)

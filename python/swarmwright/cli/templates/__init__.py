@@ -90,7 +90,9 @@ def _with_mission(file: str, mission: str) -> str:
     controller = f"  kind: evostick                  # {of_each}; or layered, fully_meshed"
     if kinds:
         controller = "  kind: team                      # a controller for each kind of robots\n  groups:"
-        controller += "".join(f"\n    {kind}: {{kind: evostick}}{'':<{10 - len(kind)}} # {of_each}" for kind in kinds)
+        controller += "".join(
+            f"\n    {kind}: {{kind: evostick}}{'':<{10 - len(kind)}} # {of_each}" for kind in kinds
+        )
     for pattern, line in (
         (r"# Arena: .*", f"# Arena: {title}, by a swarm of {robots}."),
         (r"  kind: evostick +# 24 .*", controller),
