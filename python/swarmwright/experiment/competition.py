@@ -264,7 +264,7 @@ def _check_populations(
             ("ranking", "pairing"),
             f"{ranking.pairing} is for one population; use {', '.join(sorted(BETWEEN_POPULATIONS))}",
         )
-    if ranking.score in {"elo", "bradley_terry"}:
+    if ranking.score not in {"fitness", "points"}:
         report(("ranking", "score"), f"{ranking.score} is for one population; use fitness or points")
     if len(populations) < 2:
         report(("populations",), "needs at least two populations")

@@ -190,6 +190,8 @@ class Competition(Method):
                 rows = np.concatenate([first, first[:, ::-1]])
             else:
                 swap = self._stream("sides", round_number).unit(len(first)) < 0.5
+                if self._tournament.pairing.startswith("frevo_"):  # which says who plays which side
+                    swap[:] = False
                 rows = np.where(swap[:, np.newaxis], first[:, ::-1], first)
             fitness = yield self._join(rows)
             if self._tournament.both_sides:
@@ -202,7 +204,9 @@ class Competition(Method):
         met = np.concatenate(pairs) if pairs else np.empty((0, 2), dtype=np.intp)
         outcome = np.concatenate(results) if results else np.empty((0, 2))
         met = np.where(met < 0, count - 1 - met, met)  # champions come after the candidates
-        return [score_matches(self._tournament.score, count, met, outcome) + 0.0]
+        options = self._tournament
+        scores = score_matches(options.score, count, met, outcome, win=options.win, draw=options.draw)
+        return [scores + 0.0]
 
     def _pairs(self, count: int, results: list[NDArray[np.float64]]) -> Iterator[Indices]:
         """Yield the pairs of each round; `results` has those of the rounds so far, a block or two each."""
@@ -227,7 +231,10 @@ class Competition(Method):
 
     @property
     def _pairing_options(self) -> PairingOptions:
-        return PairingOptions(rounds=self._tournament.rounds, sessions=self._tournament.tournaments)
+        options = self._tournament
+        return PairingOptions(
+            rounds=options.rounds, sessions=options.tournaments, win=options.win, draw=options.draw
+        )
 
     @property
     def _rounds(self) -> int:
@@ -274,7 +281,7 @@ class Competition(Method):
             return own
         others = np.delete(fitness, side, axis=1)
         best = others.max(axis=1)
-        points = np.where(own > best, 1.0, np.where(own == best, 0.5, 0.0))
+        points = np.where(own > best, self._tournament.win, np.where(own == best, self._tournament.draw, 0.0))
         return np.where(np.isfinite(own) & np.isfinite(best), points, np.nan)
 
     @staticmethod

@@ -225,12 +225,15 @@ HEBBIAN = "hebbNet.HebbNet"
 NEAT = "neat.NEAT"
 NNGA, CEA2D, PSO = "nnga.NNGA", "CEA2D.CEA2D", "pso.PSO"
 RANDOM_SEARCH = "frevo.method.randomsearch.RandomSearch"
+ABSOLUTE = "AbsoluteRanking.AbsoluteRanking"
+FULL_TOURNAMENT, SWISS = "fulltournament.FullTournament", "swissSystem.SwissSystem"
+MULTI_SWISS, MULTI_SORT = "MultiSwiss.MultiSwiss", "MultiSort.MultiSort"
 
 SUPPORTED = {
     "problem": (EMERGENCY_EXIT,),
     "method": (NNGA, CEA2D, PSO, RANDOM_SEARCH),
     "representation": (MESHED, COMPLETE, THREE_LAYERS, LAYERS, MACHINE, HEBBIAN, NEAT),
-    "ranking": ("AbsoluteRanking.AbsoluteRanking",),
+    "ranking": (ABSOLUTE, FULL_TOURNAMENT, SWISS, MULTI_SWISS, MULTI_SORT),
 }
 """Classes of each section that have a counterpart in Swarmwright."""
 

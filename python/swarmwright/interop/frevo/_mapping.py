@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmwright.interop.frevo._document import (
+    ABSOLUTE,
     CEA2D,
+    EMERGENCY_EXIT,
     MACHINE,
     MESHED,
     NNGA,
@@ -23,6 +25,7 @@ from swarmwright.interop.frevo._document import (
 from swarmwright.interop.frevo._field import FieldFile, find_field
 from swarmwright.interop.frevo._mapped import Line, Mapped, report_unused, to_single_line
 from swarmwright.interop.frevo._representations import map_representation, omit_mutation
+from swarmwright.interop.frevo._tournaments import map_tournament
 from swarmwright.methods import METHODS
 
 _RANDOM_ONLY = (
@@ -311,7 +314,7 @@ def map_session(
         lambda: _map_simulation(session, field_file, replacements.simulation, mapped),
         lambda: _map_method(session, replacements.method, mapped),
         lambda: _map_controller(session, sensors, replacements.controller, mapped),
-        lambda: _map_ranking(session.ranking, replacements.ranking, mapped),
+        lambda: _map_ranking(session, replacements, mapped),
     ]
     run_all(*steps)
     for section, reasons in (
@@ -395,11 +398,15 @@ def _map_controller(session: Session, sensors: int | None, replacement: str | No
     )
 
 
-def _map_ranking(section: Section, replacement: str | None, mapped: Mapped) -> None:
+def _map_ranking(session: Session, replacements: Replacements, mapped: Mapped) -> None:
+    section, replacement = session.ranking, replacements.ranking
     threads = to_single_line(section.take_raw("parallelthreads", "1"))
     mapped.not_ranking.append(f"parallelthreads = {threads}: Swarmwright finds servers and processors itself")
     if replacement is None:
         check(section, replaceable=True)
+        if section.class_name != ABSOLUTE:
+            alone = replacements.simulation is None and session.problem.class_name == EMERGENCY_EXIT
+            map_tournament(section, mapped, alone=alone)
         return
     mapped.ranking_kind = replacement
     mapped.not_ranking += report_unused(section, f"an entry of {to_single_line(section.class_name)}")

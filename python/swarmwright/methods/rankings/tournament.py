@@ -18,7 +18,18 @@ from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 MOST_SIDES = 16
 """Upper limit of sides of a match."""
-Pairing = Literal["round_robin", "swiss", "multi_swiss", "merge_sort", "random", "hall_of_fame", "best"]
+Pairing = Literal[
+    "round_robin",
+    "swiss",
+    "multi_swiss",
+    "merge_sort",
+    "random",
+    "hall_of_fame",
+    "best",
+    "frevo_full_tournament",
+    "frevo_swiss_system",
+    "frevo_multi_swiss",
+]
 BETWEEN_POPULATIONS = frozenset({"round_robin", "random", "hall_of_fame", "best"})
 """Pairings that several populations can use."""
 
@@ -72,6 +83,8 @@ class TournamentOptions(RankingOptions):
     opponents with similar results so far; multi_swiss: the mean of several such tournaments. merge_sort:
     matches are the comparisons of a merge sort. hall_of_fame: the last champion and random earlier ones,
     `rounds` together. best: the last champion. With populations: round_robin, random, hall_of_fame, best.
+    frevo_full_tournament, frevo_swiss_system, frevo_multi_swiss: the rankings of FREVO with these names, for
+    imported sessions; FREVO's MultiSort is random.
     """
     rounds: int | None = Field(default=None, ge=1, le=10_000)
     """Opponents of a candidate. Default: 10 with random and hall_of_fame; with swiss and multi_swiss as many
@@ -80,11 +93,19 @@ class TournamentOptions(RankingOptions):
     """Tournaments of multi_swiss."""
     both_sides: bool = True
     """Whether two candidates of one population meet twice, with exchanged sides. Without it, sides are drawn
-    by lot."""
-    score: Literal["points", "fitness", "elo", "bradley_terry"] = "fitness"
-    """A candidate's fitness from its matches. points: 1 for a victory, 0.5 for a draw. fitness: mean of its
-    own fitness. elo, bradley_terry: a rating that takes the opponents'
-    strength into account, only within one population."""
+    by lot, other than in FREVO's pairings."""
+    score: Literal["points", "win_rate", "fitness", "elo", "bradley_terry", "order", "frevo_multi_swiss"] = (
+        "fitness"
+    )
+    """A candidate's fitness from its matches. points: the sum of `win` for a victory and `draw` for a draw.
+    win_rate: the mean of 1 and 0.5 for them. fitness: mean of its own fitness. elo, bradley_terry: a rating
+    that takes the opponents' strength into account; bradley_terry is best for swiss. order: the number of
+    candidates that it is better than, also by way of others; the result of merge_sort. frevo_multi_swiss: the
+    mean of 2 for a victory and 1 for a defeat. With populations: points, fitness."""
+    win: float = Field(default=1.0, gt=0, le=1e6)
+    """Points for a victory, also where swiss pairs by points; a defeat has none."""
+    draw: float = Field(default=0.5, ge=0, le=1e6)
+    """Points of both for a draw."""
 
     @model_validator(mode="after")
     def _check_reevaluate(self) -> "TournamentOptions":

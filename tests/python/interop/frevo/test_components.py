@@ -223,7 +223,7 @@ def test_everything_without_a_counterpart_is_named_at_once(session: Session, pro
         problem="cam.Cam",
         method="gaspecies.GASpecies",
         representation="bulk.Bulk",
-        ranking="swissSystem.SwissSystem",
+        ranking="noveltyranking.NoveltyRanking",
     )
     shown = program("import", path)
     assert (shown.returncode, shown.stdout) == (2, "")
@@ -232,7 +232,7 @@ def test_everything_without_a_counterpart_is_named_at_once(session: Session, pro
         f"{path}:2: <problem>: the class 'cam.Cam'",
         f"{path}:4: <method>: the class 'gaspecies.GASpecies'",
         f"{path}:6: <representation>: the class 'bulk.Bulk'",
-        f"{path}:8: <ranking>: the class 'swissSystem.SwissSystem'",
+        f"{path}:8: <ranking>: the class 'noveltyranking.NoveltyRanking'",
     ]
     for line, option in zip(lines, ("simulation", "method", "controller", "ranking"), strict=True):
         assert f"with --{option}" in line
@@ -286,7 +286,7 @@ def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> 
         problem="cam.Cam",
         method="gaspecies.GASpecies",
         representation="bulk.Bulk",
-        ranking="swissSystem.SwissSystem",
+        ranking="noveltyranking.NoveltyRanking",
         given={"method": {"populationsize": 12, "generations": 3, "survival_threshold": "0.4"}},
     )
     imported = frevo.load(
@@ -296,7 +296,7 @@ def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> 
     assert (experiment.simulation, experiment.controller.kind) == ("minisim", "fully_meshed")
     assert (experiment.method.kind, experiment.method.generations) == ("cea2d", 3)
     assert "# not imported: survival_threshold = 0.4: an entry of gaspecies.GASpecies" in imported.yaml
-    for part in ("cam.Cam", "gaspecies.GASpecies", "bulk.Bulk", "swissSystem.SwissSystem"):
+    for part in ("cam.Cam", "gaspecies.GASpecies", "bulk.Bulk", "noveltyranking.NoveltyRanking"):
         assert any(f"class = {part}" in note and "replaces it" in note for note in imported.notes), part
 
 
