@@ -63,8 +63,8 @@ def command(
 
     Supported components of sessions: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
     CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT (with fixed
-    connections); AbsoluteRanking, and with --simulation FullTournament, SwissSystem, MultiSwiss and MultiSort.
-    Name a replacement for any other component.
+    connections); AbsoluteRanking, and with --simulation FullTournament, SwissSystem, MultiSwiss and
+    MultiSort. Name a replacement for any other component.
 
     Supported models: FREVO problem descriptions (<icomponent>), OptimisedParameters (JSON), SwarmComposition
     (XML), abstraction descriptions (ADF JSON) and state machines (SCXML) of Modelio's CPSwarm modules, and
