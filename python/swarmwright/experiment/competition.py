@@ -4,15 +4,17 @@ In an experiment, a competition is a `team` with a group for each side, whose co
 several populations, and a ranking `tournament` with the fitness of each side.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from swarmwright.common.engine_types import SideFields
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import Report, format_value, problems_of
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.suggestions import unknown
+from swarmwright.common.untrusted import escape_line
 from swarmwright.common.yaml import Path_
 from swarmwright.controllers.kinds.team import Team, TeamOptions
 from swarmwright.controllers.teams import TEAM
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 TOURNAMENT = "tournament"
 """Kind of the ranking of every competition."""
+_NEGATIVE = f"-{FITNESS_NAME}"
+"""Fitness of the second side by default."""
 _LIMITS = ("generations", "evaluations", "seconds", "target")
 """Options of the run's method that its populations cannot have."""
 
@@ -106,7 +110,7 @@ def _wrap(report: Report, populations: Mapping[str, Any]) -> Report:
 
     def report_side(path: Path_, message: str) -> None:
         if path[:2] == ("controller", "groups") and len(path) > 2:
-            own = populations.get(path[2], {})
+            own = populations.get(str(path[2]), {})
             has_own = isinstance(own, Mapping) and own.get("controller")
             before: Path_ = ("populations", path[2], "controller") if has_own else ("controller",)
             path = (*before, *path[3:])
@@ -198,7 +202,7 @@ def _find_fitness(
         if text is None and name == first:
             text = checked.get("fitness") or FITNESS_NAME
         if text is None and len(names) == 2:
-            text = f"-{FITNESS_NAME}"
+            text = _NEGATIVE
         if text is None:
             field = ("populations", name, "fitness") if populations else ("ranking", "sides", name)
             report(
@@ -326,6 +330,26 @@ def check_representations(checked: Checked, representation: Team, report: Report
                 report((*path, key), reason)
         if not populations:
             break
+
+
+def check_announced(experiment: "Experiment", announced: Iterable[tuple[int, Sequence[SideFields]]]) -> None:
+    """Check that the experiment uses the fitness of sides that servers announce.
+
+    announced: each server with its sides.
+
+    Raises InputError if the experiment has the default fitness, as the servers were not asked before.
+    """
+    ranking = experiment.ranking
+    if not isinstance(ranking, TournamentOptions):
+        return
+    for server, sides in announced:
+        fitness = {group: text for side in sides if (text := side.get("fitness")) for group in side["groups"]}
+        if any(ranking.sides.get(name) in {FITNESS_NAME, _NEGATIVE} for name in fitness):
+            written = ", ".join(f"{name}: {fitness.get(name, text)}" for name, text in ranking.sides.items())
+            raise InputError(
+                f"ranking.sides: server {server} announces a fitness for each side; use it, "
+                f"sides: {{{escape_line(written)}}}, or write another expression for each"
+            )
 
 
 def new_competition(experiment: "Experiment", representation: "Representation") -> Competition:

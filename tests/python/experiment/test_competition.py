@@ -5,8 +5,11 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError
+from swarmwright.common.engine_types import SideFields
 from swarmwright.controllers.kinds.team import Team
+from swarmwright.experiment.competition import check_announced
 from swarmwright.methods.competition import Competition
+from swarmwright.methods.rankings.tournament import TournamentOptions
 
 MINISIM = {
     "simulation": "minisim",
@@ -29,9 +32,14 @@ def build(**changes: Any) -> Experiment:
     return Experiment.from_mapping({**MINISIM, **changes})
 
 
+def sides_of(experiment: Experiment) -> Any:
+    assert isinstance(experiment.ranking, TournamentOptions)
+    return experiment.ranking.sides
+
+
 def test_one_population_plays_all_sides() -> None:
     experiment = build(controller={"hidden": [2]}, ranking={"kind": "tournament"})
-    assert experiment.ranking.sides == {"agents": "fitness", "defenders": "-fitness"}
+    assert sides_of(experiment) == {"agents": "fitness", "defenders": "-fitness"}
     representation = experiment.representation()
     assert isinstance(representation, Team)
     assert len({part.genome_size for part in representation.parts.values()}) == 1
@@ -46,7 +54,7 @@ def test_each_population_has_its_controller_and_its_method() -> None:
     method = experiment.new_method()
     assert isinstance(method, Competition)
     assert [each.name for each in method.populations] == ["agents", "defenders"]
-    assert [each.method.options.population for each in method.populations] == [6, 4]
+    assert [getattr(each.method.options, "population", None) for each in method.populations] == [6, 4]
     seeds = {each.method.seed for each in method.populations}
     assert len(seeds) == 2, "populations have different random numbers"
 
@@ -67,7 +75,7 @@ def test_what_is_written_out_loads_to_the_same(changes: dict[str, Any]) -> None:
 def test_the_fitness_of_the_first_side_is_that_of_the_record() -> None:
     experiment = build(populations={**POPULATIONS, "agents": {"fitness": "-steps"}})
     assert experiment.fitness == "-steps"
-    assert experiment.ranking.sides == {"agents": "-steps", "defenders": "-fitness"}
+    assert sides_of(experiment) == {"agents": "-steps", "defenders": "-fitness"}
 
 
 @pytest.mark.parametrize(
@@ -158,3 +166,27 @@ def test_one_controller_cannot_play_sides_with_other_sensors(tmp_path: Any) -> N
     )
     with pytest.raises(InputError, match="a has 2 sensors and b has 1, so one controller cannot play both"):
         build(simulation=f"{tmp_path}/game.py:Game", parameters={}, ranking={"kind": "tournament"})
+
+
+ELSEWHERE: dict[str, Any] = {
+    "simulation": "elsewhere",
+    "sensors": 2,
+    "actuators": 1,
+    "controller": {"kind": "layered", "hidden": [2], "agents": 2},
+    "ranking": {"kind": "tournament", "sides": ["a", "b"]},
+}
+
+
+def test_a_fitness_that_only_servers_know_is_not_overlooked() -> None:
+    sides: list[SideFields] = [
+        {"name": "A", "groups": ["a"], "fitness": "a_points"},
+        {"name": "B", "groups": ["b"], "fitness": "b_points"},
+    ]
+    experiment = Experiment.from_mapping(ELSEWHERE)
+    check_announced(experiment, [(1, []), (2, [{"name": "A", "groups": ["a"], "fitness": None}])])
+    with pytest.raises(
+        InputError, match="server 3 announces a fitness for each side; use it, sides: {a: a_p"
+    ):
+        check_announced(experiment, [(1, []), (3, sides)])
+    explicit = experiment.replace(ranking={"sides": {"a": "a_points", "b": "2 * b_points"}})
+    check_announced(explicit, [(3, sides)])

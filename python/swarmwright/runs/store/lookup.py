@@ -72,15 +72,24 @@ class Lookup:
         folder: folder of the run, for messages.
         metrics: number of stored metrics.
         equals: finds the best of equals; None chooses the first.
+        ends_with_best: whether the last evaluation of a generation is its best, as the match of its champions
+            is in a competition.
     """
 
     def __init__(
-        self, generations: Generations, folder: Path, metrics: int, equals: BestOfEquals | None
+        self,
+        generations: Generations,
+        folder: Path,
+        metrics: int,
+        equals: BestOfEquals | None,
+        *,
+        ends_with_best: bool = False,
     ) -> None:
         self._generations = generations
         self._folder = folder
         self._metrics = metrics
         self._equals = equals
+        self._ends_with_best = ends_with_best
 
     def leading(
         self,
@@ -168,7 +177,10 @@ class Lookup:
     def _extract(self, whole: _Whole, number: int | None) -> Evaluation:
         """Return an evaluation of a generation by its number in the run; None for the best."""
         row, part = whole.row, whole.part
-        index = int(best_first(part.fitness)[0]) if number is None else number - row.first
+        if number is None:
+            index = row.count - 1 if self._ends_with_best else int(best_first(part.fitness)[0])
+        else:
+            index = number - row.first
         return Evaluation(
             row.first + index,
             row.generation,

@@ -348,7 +348,18 @@ class StoreReader:
     @contextmanager
     def _lookup(self) -> Iterator[Lookup]:
         with self._generations() as generations:
-            yield Lookup(generations, self._folder, len(self.metrics), self._best_of_equals)
+            yield Lookup(
+                generations,
+                self._folder,
+                len(self.metrics),
+                self._best_of_equals,
+                ends_with_best=self._is_competition,
+            )
+
+    @cached_property
+    def _is_competition(self) -> bool:
+        ranking: Any = self._parse(self._facts["experiment"])["ranking"]
+        return bool(ranking["kind"] == "tournament")
 
     @cached_property
     def _best_of_equals(self) -> BestOfEquals | None:

@@ -15,6 +15,7 @@ from swarmwright.common.engine_types import AttemptFields, Report, WarningFields
 from swarmwright.common.errors import RunError, SimulationError, engine_errors
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
+from swarmwright.experiment.competition import check_announced
 from swarmwright.experiment.derived import fitness_expression, steers_agents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.servers.evaluation import reports
@@ -76,6 +77,7 @@ class BrokerBackend:
             if isinstance(error.__cause__, _engine.NoServerError):
                 hint = hint or _suggest_server(experiment)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
+        check_announced(experiment, pool.announced_sides())
 
     def announce(
         self,
