@@ -23,7 +23,18 @@ if TYPE_CHECKING:
 SECTIONS: dict[str, tuple[str, ...]] = {
     "Start": ("new", "import", "simulate", "schema"),
     "Run": ("optimize", "resume", "sweep"),
-    "Analyse": ("ui", "runs", "plot", "replay", "draw", "evaluate", "compare", "transfer", "score"),
+    "Analyse": (
+        "ui",
+        "runs",
+        "plot",
+        "replay",
+        "draw",
+        "evaluate",
+        "compare",
+        "progress",
+        "transfer",
+        "score",
+    ),
     "Deploy": ("export", "verify", "export-fmu", "couple"),
     "Servers": ("serve", "servers", "broker", "conformance"),
 }

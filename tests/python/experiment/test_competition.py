@@ -185,7 +185,7 @@ def test_a_fitness_that_only_servers_know_is_not_overlooked() -> None:
     experiment = Experiment.from_mapping(ELSEWHERE)
     check_announced(experiment, [(1, []), (2, [{"name": "A", "groups": ["a"], "fitness": None}])])
     with pytest.raises(
-        InputError, match="server 3 announces a fitness for each side; use it, sides: {a: a_p"
+        InputError, match=r"server 3 announces a fitness for each side; use it, sides: {a: a_p"
     ):
         check_announced(experiment, [(1, []), (3, sides)])
     explicit = experiment.replace(ranking={"sides": {"a": "a_points", "b": "2 * b_points"}})

@@ -43,32 +43,6 @@ def test_each_of_several_groups_is_a_side_by_default() -> None:
     assert declared({}, groups={"x" * 101: Group(1, 1, 1), "y": Group(1, 1, 1)}) == ()
 
 
-@pytest.mark.parametrize(
-    ("sides", "message"),
-    [
-        (["prey"], "sides: .* found, expected a mapping from names to Side"),
-        ({"prey": Side()}, "sides: 1 found, expected 2 to 256 sides"),
-        ({"hunters": Side(), 7: Side(("prey",))}, "sides: the name 7 found, expected text of 1 to 100"),
-        ({"hunters": Side(), "x" * 101: Side(("prey",))}, "expected text of 1 to 100 characters"),
-        ({"hunters": Side(), "": Side(("prey",))}, "sides: the name '' found"),
-        ({"hunters": Side(), "prey": ("prey",)}, r"sides\['prey'\]: .* found, expected Side\("),
-        ({"hunters": Side(), "prey": Side("prey")}, "groups: 'prey' found, expected names of groups"),
-        ({"hunters": Side(), "pray": Side()}, r"sides\['pray'\].groups: .*'pray'; did you mean 'prey'"),
-        ({"hunters": Side(), "b": Side((7,))}, "no group 7; available: hunters, prey"),  # type: ignore[arg-type]
-        ({"hunters": Side(), "b": Side(("prey", "prey"))}, "'prey' found twice"),
-        ({"hunters": Side(), "b": Side(("prey", "hunters"))}, "'hunters' belongs to the side 'hunters', too"),
-        (
-            {"hunters": Side(), "prey": Side(fitness="distant")},
-            "no metric 'distant'; did you mean 'distance'",
-        ),
-        ({"hunters": Side(), "prey": Side(fitness="fitness")}, "no metric 'fitness'; available: distance"),
-    ],
-)
-def test_mistakes_are_found_when_the_class_is_read(sides: Any, message: str) -> None:
-    with pytest.raises(InputError, match=f"Match.sides.*{message}|Match.{message}"):
-        declared(sides)
-
-
 def test_every_group_belongs_to_a_side() -> None:
     groups = {name: Group(1, 1, 1) for name in ("a", "b", "ball")}
     with pytest.raises(InputError, match=r"Match.sides: ball missing; each group belongs to a side"):
