@@ -247,7 +247,7 @@ def _find_null_range(values: Values, random: np.random.Generator) -> tuple[float
     for _ in range(_RESAMPLES):
         drawn = random.integers(episodes, size=(*outcomes.shape, episodes))
         shares.append(cyclic_share(fitted + np.take_along_axis(noise, drawn, axis=2).mean(axis=2)))
-    # The fit follows some of the noise, so that shares of the null model are slightly too small: with 95 %, one
+    # The fit follows some noise, so that shares of the null model are slightly too small: with 95 %, one
     # of twelve games without cycles was taken for one with cycles, with 99 % one of 25.
     low, high = np.quantile(shares, [0.005, 0.995])
     return float(low), float(high)
