@@ -96,3 +96,15 @@ class NumbersItsStarts(Sampling, Broken):
 
     def announced(self) -> Any:
         return 7
+
+
+class PutsAGroupOnTwoSides(Sampling, Broken):
+    """Announces two sides of a match with the same agents."""
+
+    breaks: ClassVar = {"S7.1"}
+    rules: ClassVar = "S1,S7"
+
+    def capabilities(self) -> Json:
+        found = super().capabilities()
+        found["swarmwright"]["sides"] = [{"name": name, "groups": ["robots"]} for name in ("left", "right")]
+        return found

@@ -223,7 +223,8 @@ public final class Messages {
               && side.getGroups().size() <= MOST_SIDES
               && side.getGroups().stream().allMatch(Messages::isName)
               && (side.getFitness() == null || isName(side.getFitness()));
-      if (!isValid || !names.add(side.getName()) || !side.getGroups().stream().allMatch(groups::add)) {
+      boolean isNew = names.add(side.getName()) && side.getGroups().stream().allMatch(groups::add);
+      if (!isValid || !isNew) {
         throw new MessageException("\"sides\" are not sides of a match");
       }
       result.add(side);
