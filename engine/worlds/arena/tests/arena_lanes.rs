@@ -400,7 +400,7 @@ fn teams_of_three_kinds() {
             "walls": {"rectangle": [4, 4]}, "start": {"rectangle": {"x": [-1.9, 1.9], "y": [-1.9, 1.9]}},
             "fitness": "order",
         });
-        let duration = if counts[0] == 1 { 8 } else { 1 };
+        let duration = if counts[0] == 1 { 9.0 } else { 5.2 };
         check_team(
             &json!({"mission": mission, "robots": kinds, "duration": duration, "failures": failures()}),
         );
