@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from swarmwright.methods.rankings.absolute import Absolute, AbsoluteOptions
 from swarmwright.methods.rankings.match_scores import score_matches
 from swarmwright.methods.rankings.pairings import PAIRINGS, PairingOptions, Pairs, Results
+from tests.python.methods.rankings.java_random import JavaRandom
 from tests.python.methods.rankings.tournaments import Tournament, play
 
 CASES: list[dict[str, Any]] = json.loads(Path(__file__).with_name("frevo_rankings.json").read_text())["cases"]
@@ -22,25 +23,6 @@ def cases_of(ranking: str) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(
         "case", cases, ids=lambda case: f"{case['candidates']}-{case['modulus']}-{case.get('points_win', '')}"
     )
-
-
-class JavaRandom:
-    """The numbers of java.util.Random, behind the method of NumPy's generators that pairings call."""
-
-    def __init__(self, seed: int) -> None:
-        self._state = (seed ^ 0x5DEECE66D) % 2**48
-
-    def integers(self, bounds: NDArray[np.intp]) -> NDArray[np.intp]:
-        return np.array([self._draw(bound) for bound in bounds.tolist()])
-
-    def _draw(self, bound: int) -> int:
-        while True:
-            self._state = (self._state * 0x5DEECE66D + 0xB) % 2**48
-            bits = self._state >> 17
-            if bound & -bound == bound:
-                return (bound * bits) >> 31
-            if bits - bits % bound + bound - 1 < 2**31:
-                return bits % bound
 
 
 def decide(case: dict[str, Any], pairs: Pairs) -> Results:
