@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arguments import check_arguments
+from swarmwright.common.bundles import CONTROLLER, EVALUATION, FORMAT, MANIFEST
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.revision import revision
@@ -35,11 +36,6 @@ from swarmwright.simulations.user_code.copying import display_name
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
-FORMAT = 1
-"""Version of the archive's layout."""
-MANIFEST = "manifest.json"
-CONTROLLER = "controller.json"
-EVALUATION = "evaluation.json"
 EPISODES = "episodes.csv"
 LICENSE = "LICENSE.txt"
 MAPPING = "mapping.yaml"

@@ -1,0 +1,349 @@
+"""Opponents: controllers of other runs, bundles and files that play a side in matches."""
+
+import hashlib
+import json
+import re
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.common.arrays import shortest
+from swarmwright.common.bundles import CONTROLLER, EVALUATION, FORMAT, MANIFEST, read_files
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import read_bytes
+from swarmwright.common.json_text import loads
+from swarmwright.common.problems import format_value
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.suggestions import suggest_or_list
+from swarmwright.common.untrusted import escape_line
+from swarmwright.controllers.controller import Controller
+from swarmwright.controllers.kinds.team import Team
+from swarmwright.controllers.modules.grammar import PYTHON_KIND
+from swarmwright.controllers.teams import is_team, parts_of
+from swarmwright.experiment.derived import has_python_modules
+from swarmwright.runs.code import restore_experiment
+from swarmwright.runs.run import Run
+from swarmwright.runs.store import FILE
+
+LARGEST_FILE_BYTES = 1 << 26
+"""Size limit of a controller's file, in bytes: about five million weights."""
+_LONGEST_NAME = 200
+"""Largest number of characters of an opponent's name."""
+_CANDIDATE = re.compile(r"(.+):(\d{1,18}):(\d{1,18})", re.DOTALL)
+"""Format of a candidate of a run: RUN:GENERATION:CANDIDATE."""
+_ZIP = b"PK\x03\x04"
+_EXPECTED = "expected a run folder, RUN:GENERATION:CANDIDATE, a bundle, or a controller in JSON"
+
+
+@dataclass(frozen=True, eq=False)
+class Opponent:
+    """A controller that plays a side in matches."""
+
+    name: str
+    """Where it comes from, in printable characters."""
+    architecture: Mapping[str, Any]
+    """Specification without weights."""
+    weights: NDArray[np.float32] = field(repr=False)
+    """(weights,), finite and read-only."""
+    genome: NDArray[np.float32] | None = field(default=None, repr=False)
+    """(genes,) of which the weights were made; None if unknown, or if it is the weights."""
+    simulation: str = ""
+    """Name of the simulation in which it was evolved; empty if unknown."""
+    parts: Mapping[str, "Opponent"] = field(default_factory=dict, repr=False)
+    """Of a team: the controller of each group of agents, in order; else empty."""
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of architecture and weights in hexadecimal, without the name."""
+        text = json.dumps(self.architecture, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode() + b"\0" + self.weights.astype("<f4").tobytes()).hexdigest()
+
+    @property
+    def specification(self) -> dict[str, Any]:
+        """The controller with its weights, as plain values."""
+        return {**self.architecture, "weights": shortest(self.weights)}
+
+    @property
+    def sensors(self) -> int:
+        """Number of sensor values of an agent; of a team, the largest."""
+        return self._count("sensors")
+
+    @property
+    def actuators(self) -> int:
+        """Number of actuator values of an agent; of a team, the largest."""
+        return self._count("actuators")
+
+    def playing(self, side: str) -> "Opponent":
+        """Return the controller with which it plays a side: of a team the part of that name, else itself.
+
+        Raises InputError if it is a team without such a part.
+        """
+        if not self.parts:
+            return self
+        if side not in self.parts:
+            hint = suggest_or_list(side, self.parts, "it plays")
+            raise InputError(f"{self.name}: has no controller for {side}{hint}")
+        return self.parts[side]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return it as plain values, which `load_opponent` reads."""
+        values: dict[str, Any] = {
+            "from": self.name,
+            "architecture": dict(self.architecture),
+            "weights": shortest(self.weights),
+        }
+        if self.genome is not None:
+            values["genome"] = shortest(self.genome)
+        return {**values, "simulation": self.simulation} if self.simulation else values
+
+    def _count(self, noun: str) -> int:
+        if self.parts:
+            return max(part._count(noun) for part in self.parts.values())
+        return int(getattr(Controller(self.specification), noun))
+
+
+def load_opponent(
+    source: str | PathLike[str] | Mapping[str, Any], folder: str | PathLike[str] = "."
+) -> Opponent:
+    """Read a controller that is to play a side in matches. Executes no code but plug-ins of trusted runs.
+
+    Args:
+        source: a run folder (its best candidate), RUN:GENERATION:CANDIDATE, a bundle or its unpacked folder,
+            a file with a controller (JSON, or a machine in YAML), the JSON text of a controller, or plain
+            values: a specification, or those of `Opponent.to_mapping`.
+        folder: base of relative paths.
+
+    Raises InputError, "origin: reason", if it is none of them, is damaged, or steers no agents; RunError if
+    the run has no candidate yet.
+    """
+    if isinstance(source, Mapping):
+        return _read_mapping(source)
+    if not isinstance(source, str | PathLike):
+        raise InputError(f"opponent: {format_value(source)} found; {_EXPECTED}")
+    text = fspath(source)
+    if not isinstance(text, str):
+        raise InputError(f"opponent: {text!r} is not text; {_EXPECTED}")
+    if text.lstrip().startswith("{"):
+        return _parse("opponent", text)
+    name = _name(text)
+    try:
+        path = Path(folder) / text
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        candidate = _CANDIDATE.fullmatch(text)
+        if candidate is not None:
+            return _read_run(Path(folder) / candidate[1], name, int(candidate[2]), int(candidate[3]))
+        raise InputError(f"{name}: there is no such file; {_EXPECTED}") from None
+    except (OSError, ValueError) as error:  # a name that the system refuses
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{name}: cannot be read: {reason}") from error
+    if stat.S_ISDIR(mode):
+        return _read_folder(path, name)
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{name}: is not a regular file; {_EXPECTED}")
+    try:
+        with path.open("rb") as file:
+            is_archive = file.read(len(_ZIP)) == _ZIP
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read: {error.strerror}") from error
+    return _read_bundle(path, name) if is_archive else _read_file(path, name)
+
+
+def check_fits(
+    opponent: Opponent, sensors: int, actuators: int, simulation: str = "", *, titles: tuple[str, ...] = ()
+) -> None:
+    """Raise InputError unless an opponent can control agents of a simulation.
+
+    Args:
+        opponent: the controller; of a team, the part for this side (`Opponent.playing`).
+        sensors: number of sensor values of an agent.
+        actuators: number of actuator values of an agent.
+        simulation: name of the simulation; empty if it does not matter.
+        titles: other names of it.
+    """
+    if simulation and opponent.simulation:
+        names = {_plain(name) for name in (simulation, *titles)}
+        if _plain(opponent.simulation) not in names:
+            raise InputError(
+                f"{opponent.name}: was evolved in {_label(opponent.simulation)}, not in "
+                f"{_label(simulation)}; if both are the same, use the controller's file alone (best.json)"
+            )
+    if (opponent.sensors, opponent.actuators) != (sensors, actuators):
+        raise InputError(
+            f"{opponent.name}: has {opponent.sensors} sensors and {opponent.actuators} actuators, but the "
+            f"agents have {sensors} and {actuators}"
+        )
+
+
+def _label(simulation: str) -> str:
+    return _name(SimulationName.parse(simulation).label)
+
+
+def _plain(simulation: str) -> str:
+    return _label(simulation).partition("?")[0].casefold()
+
+
+def _name(text: str) -> str:
+    """Return a name as a printable line."""
+    line = escape_line(text.encode("utf-8", "backslashreplace").decode())
+    return line if len(line) <= _LONGEST_NAME else f"{line[: _LONGEST_NAME - 3]}..."
+
+
+def _read_folder(path: Path, name: str) -> Opponent:
+    if (path / FILE).is_file():
+        return _read_run(path, name, None, None)
+    if (path / MANIFEST).is_file():
+        return _read_bundle(path, name)
+    raise InputError(f"{name}: is neither a run folder ({FILE} is missing) nor an unpacked bundle")
+
+
+def _read_run(path: Path, name: str, generation: int | None, candidate: int | None) -> Opponent:
+    try:
+        run = Run.open(path)
+        has_code = has_python_modules(run.experiment)
+    except InputError as error:
+        raise InputError(_shorten(escape_line(str(error)))) from error
+    if has_code:
+        raise _error_of_code(name)
+    evaluation = run.evaluation(candidate, generation)
+    representation = restore_experiment(run, evaluation.generation).representation()
+    genomes = {}
+    if isinstance(representation, Team):
+        first = 0
+        for part_name, part in representation.parts.items():
+            genomes[part_name] = evaluation.genome[first : first + part.genome_size]
+            first += part.genome_size
+    return _build(
+        name,
+        representation.specification(evaluation.genome),
+        evaluation.genome,
+        run.experiment.simulation,
+        genomes,
+    )
+
+
+def _read_bundle(path: Path, name: str) -> Opponent:
+    files = read_files(path)
+    try:
+        manifest = loads(files[MANIFEST])
+        form = manifest["format"]
+        if form != FORMAT:
+            raise InputError(f"{name}: has the format {format_value(form)}; this version reads {FORMAT}")
+        data = files[CONTROLLER]
+        stated = manifest["files"][CONTROLLER]["sha256"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{name}: is not a valid bundle: its manifest names no {CONTROLLER}") from error
+    if hashlib.sha256(data).hexdigest() != stated:
+        raise InputError(f"{name}: {CONTROLLER} was changed after the bundle was written")
+    if len(data) > LARGEST_FILE_BYTES:
+        raise InputError(f"{name}: {CONTROLLER} is larger than {LARGEST_FILE_BYTES >> 20} MiB")
+    simulation = ""
+    try:
+        recorded = loads(files[EVALUATION])["experiment"]["simulation"]
+        simulation = recorded if isinstance(recorded, str) else ""
+    except (ValueError, KeyError, TypeError):  # it is not needed
+        pass
+    return _parse(name, data, simulation)
+
+
+def _read_file(path: Path, name: str) -> Opponent:
+    if path.suffix.lower() in {".yaml", ".yml"}:
+        try:
+            return _build(name, Controller.load(path).specification)
+        except InputError as error:
+            raise InputError(_shorten(escape_line(str(error)))) from error
+    try:
+        data = read_bytes(path, LARGEST_FILE_BYTES)
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read: {error.strerror}") from error
+    except InputError as error:
+        raise InputError(escape_line(str(error))) from error
+    return _parse(name, data)
+
+
+def _parse(name: str, text: str | bytes, simulation: str = "") -> Opponent:
+    try:
+        values = loads(text)
+    except ValueError as error:
+        raise InputError(f"{name}: is not valid JSON: {escape_line(str(error))}") from error
+    if not isinstance(values, dict):
+        raise InputError(f"{name}: {escape_line(format_value(values))} found; {_EXPECTED}")
+    inner = values.get("controller")
+    if isinstance(inner, dict):  # best.json of a run
+        return _build(name, inner, values.get("genome"), simulation)
+    return _build(name, values, simulation=simulation)
+
+
+def _read_mapping(values: Mapping[str, Any]) -> Opponent:
+    origin, simulation = values.get("from", "opponent"), values.get("simulation", "")
+    name = _name(origin) if isinstance(origin, str) else "opponent"
+    architecture = values.get("architecture")
+    if architecture is None:
+        return _build(name, values)
+    if not isinstance(architecture, Mapping):
+        raise InputError(f"{name}: architecture: {format_value(architecture)} found, expected a mapping")
+    specification = {**architecture, "weights": values.get("weights")}
+    return _build(
+        name, specification, values.get("genome"), simulation if isinstance(simulation, str) else ""
+    )
+
+
+def _build(
+    name: str,
+    specification: Mapping[str, Any],
+    genome: Any = None,  # noqa: ANN401 - whatever a file says
+    simulation: str = "",
+    genomes: Mapping[str, NDArray[np.float32]] | None = None,
+) -> Opponent:
+    """Check a controller and build the opponent; genomes: of the parts of a team. Raises InputError."""
+    kind = specification.get("kind")
+    if kind == PYTHON_KIND:
+        raise _error_of_code(name)
+    try:
+        controller = Controller(specification)
+    except InputError as error:
+        raise InputError(f"{name}: {_shorten(escape_line(str(error)))}") from error
+    if not controller.sensors:
+        raise InputError(f"{name}: is a parameter set, which steers no agents")
+    values = controller.specification
+    weights = _numbers(name, "weights", values.pop("weights"))
+    genes = None if genome is None else _numbers(name, "genome", genome)
+    if genes is not None and genes.tobytes() == weights.tobytes():
+        genes = None
+    parts = {
+        part: _build(f"{name}, {_name(part)}", each, (genomes or {}).get(part), simulation)
+        for part, each in (parts_of(specification) if is_team(specification) else {}).items()
+    }
+    return Opponent(name, values, weights, genes, simulation, parts)
+
+
+def _error_of_code(name: str) -> InputError:
+    return InputError(
+        f"{name}: has behaviours or conditions in Python, which cannot be part of a match; use a controller "
+        "without code"
+    )
+
+
+def _numbers(name: str, noun: str, values: Any) -> NDArray[np.float32]:  # noqa: ANN401 - whatever a file says
+    """Return numbers as a read-only row. Raises InputError if they are not finite numbers."""
+    try:
+        with np.errstate(over="ignore"):
+            row = np.array(values, dtype=np.float32)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name}: {noun}: are not numbers") from error
+    if row.ndim != 1 or not np.isfinite(row).all():
+        raise InputError(f"{name}: {noun}: are not a list of finite numbers")
+    row.setflags(write=False)
+    return row
+
+
+def _shorten(message: str) -> str:
+    longest = 500
+    return message if len(message) <= longest else f"{message[: longest - 3]}..."
