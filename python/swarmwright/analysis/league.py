@@ -80,7 +80,7 @@ class League:
 
     @cached_property
     def tables(self) -> list[tuple[str, list[tuple[Participant, Standing]]]]:
-        """The tables, best first: (side, rows). A single one, of side "", unless sides differ in their tasks."""
+        """The tables, best first: (side, rows); a single one, of side "", unless sides differ in tasks."""
         if not self.has_roles:
             everybody = list(range(len(self.participants)))
             return [("", self._rows(standings(games_of_matches(self.fitness)), everybody))]
