@@ -94,7 +94,13 @@ def test_a_bundle_as_archive_and_as_folder(tmp_path: Path) -> None:
 
 def test_a_controller_as_file_text_and_values(tmp_path: Path) -> None:
     file = write(tmp_path / "champion.json", CONTROLLER)
-    sources: list[Any] = [file, str(file), json.dumps(CONTROLLER), CONTROLLER, load_opponent(file).to_mapping()]
+    sources: list[Any] = [
+        file,
+        str(file),
+        json.dumps(CONTROLLER),
+        CONTROLLER,
+        load_opponent(file).to_mapping(),
+    ]
     opponents = [load_opponent(source) for source in sources]
     assert len({opponent.digest for opponent in opponents}) == 1
     assert [opponent.name for opponent in opponents] == [

@@ -1,0 +1,239 @@
+"""A league of controllers from runs, bundles and files: its table, who is left out, and its repetition."""
+
+import io
+import json
+import os
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, InputError, RunError, optimize
+from swarmwright.analysis.league import League, find_entries, play_league
+from swarmwright.cli import run as run_command
+from swarmwright.runs.matches import play
+from swarmwright.runs.post_evaluation import EvaluationOptions
+from tests.python.runs.test_opponents import bundle
+from tests.python.simulations.duel import Duel, Wide
+
+TOURNAMENT: dict[str, Any] = {
+    "simulation": Duel,
+    "controller": {"hidden": []},
+    "method": {"population": 4, "generations": 1},
+    "ranking": {"kind": "tournament", "pairing": "random", "rounds": 1},
+}
+ROLES: dict[str, Any] = {
+    "simulation": Wide,
+    "controller": {"hidden": []},
+    "populations": {"left": {}, "right": {}},
+    "method": {"population": 4, "generations": 1},
+    "ranking": {"rounds": 1},
+}
+
+
+def pulling(strength: float, sensors: int = 1, **changes: Any) -> dict[str, Any]:
+    """Return a controller whose only actuator is about its strength."""
+    return {
+        "version": 1,
+        "kind": "layered",
+        "sensors": sensors,
+        "hidden": [],
+        "actuators": 1,
+        "activation": "tanh",
+        "output_range": [-1, 1],
+        "weights": [float(np.arctanh(strength)), *([0.0] * sensors)],
+        **changes,
+    }
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Controllers that pull with 0.1, 0.3, 0.5 and 0.8, the last one in a bundle."""
+    path = tmp_path / "league"
+    path.mkdir()
+    for strength in (0.1, 0.3, 0.5):
+        (path / f"pull-{strength}.json").write_text(json.dumps(pulling(strength)))
+    bundle(path / "their.zip", pulling(0.8))
+    return path
+
+
+def options(episodes: int = 4, seed: int | None = 7, servers: Any = "in-process") -> EvaluationOptions:
+    return EvaluationOptions.of(episodes, seed, None, servers, None)
+
+
+def league(folder: Path, values: dict[str, Any] | None = None, **changes: Any) -> League:
+    experiment = Experiment.from_mapping(TOURNAMENT if values is None else values)
+    return play_league(folder, experiment, options(**changes))
+
+
+def command(*arguments: str | Path, status: int = 0) -> str:
+    """Run `swarmwright league`; return what it has said."""
+    text = io.StringIO()
+    with redirect_stdout(text), redirect_stderr(text):
+        assert run_command(["league", *map(str, arguments)]) == status, text.getvalue()
+    return text.getvalue()
+
+
+def test_the_stronger_is_before_the_weaker(folder: Path) -> None:
+    (folder / "their.zip").unlink()  # a controller of another simulation
+    (folder / "pull-0.8.json").write_text(json.dumps(pulling(0.8)))
+    found = league(folder, episodes=20)
+    ((side, rows),) = found.tables
+    assert side == ""
+    assert [participant.name for participant, _ in rows] == [f"pull-{x}.json" for x in (0.8, 0.5, 0.3, 0.1)]
+    assert found.matches == 12
+    assert sum(standing.wins for _, standing in rows) == 12 * 20
+    best = rows[0][1]
+    assert best.rating_interval is not None
+    assert best.rating_interval[0] <= best.rating <= best.rating_interval[1]
+    assert found.mean_fitness(rows[0][0], 0) == pytest.approx(2.4, abs=0.3)
+
+
+def test_matches_are_those_of_play(folder: Path) -> None:
+    found = league(folder)
+    experiment = Experiment.from_mapping(TOURNAMENT)
+    weights = [participant.opponent.weights for participant in found.participants]
+    pairs = [(i, j) for i in range(3) for j in range(3) if i != j]
+    expected = play(
+        experiment,
+        [np.concatenate([weights[i], weights[j]]) for i, j in pairs],
+        found.seeds,
+        servers="in-process",
+    )
+    assert [found.fitness[i, j].tolist() for i, j in pairs] == expected.tolist()
+
+
+def test_controllers_of_several_architectures_meet(folder: Path) -> None:
+    hidden = pulling(0.9, hidden=[2], weights=[3.0, 0, 3.0, 0, 1.0, 1.0, 1.0])
+    (folder / "hidden.json").write_text(json.dumps(hidden))
+    found = league(folder)
+    assert found.matches == 12
+    assert found.tables[0][1][0][0].name == "hidden.json"
+
+
+def test_who_is_left_out_and_why(folder: Path) -> None:
+    (folder / "broken.json").write_text("{")
+    (folder / "wide.json").write_text(json.dumps(pulling(0.2, 2)))
+    (folder / "copy.json").write_text(json.dumps(pulling(0.1)))
+    (folder / "\x1b[2J\n.json").write_text("[]")
+    (folder / "empty").mkdir()
+    (folder / "notes.txt").write_text("no controller")
+    (folder / ".hidden.json").write_text("{")
+    os.mkfifo(folder / "pipe.json")
+    found = league(folder)
+    reasons = {each.name: each.reason for each in found.left_out}
+    assert list(reasons) == sorted(reasons)
+    for name, reason in [
+        ("broken.json", "broken.json: is not valid JSON"),
+        ("wide.json", "wide.json: has 2 sensors and 1 actuators, but the agents have 1 and 1"),
+        ("pull-0.1.json", "pull-0.1.json: is the same controller as copy.json"),
+        (r"\x1b[2J\n.json", r"\x1b[2J\n.json: [] found; expected"),
+        ("empty", "empty: is neither a run folder"),
+        ("pipe.json", "pipe.json: is not a regular file"),
+        ("their.zip", "their.zip: was evolved in minisim, not in Duel"),
+    ]:
+        assert reasons.pop(name).startswith(reason)
+    assert not reasons
+    assert str(found).count("Left out: ") == 7
+
+
+def test_too_few_that_can_meet(folder: Path) -> None:
+    for strength in (0.1, 0.3):
+        (folder / f"pull-{strength}.json").unlink()
+    with pytest.raises(
+        InputError, match=r"no two controllers that can meet in a match; their.zip: was evolved"
+    ):
+        league(folder)
+    with pytest.raises(InputError, match="no run in it is a competition, so the experiment is unknown"):
+        play_league(folder, None, options())
+    alone = Experiment.from_mapping({"simulation": "minisim"})
+    with pytest.raises(InputError, match="no competition"):
+        play_league(folder, alone, options())
+
+
+def test_failed_episodes_do_not_count(folder: Path) -> None:
+    failing = {**TOURNAMENT, "parameters": {"tears": 1.0}}
+    found = league(folder, failing)
+    assert 0 < found.failed < found.matches * 4
+    assert any(f"{found.failed} episodes failed and did not count" in note for note in found.caveats)
+    assert sum(standing.wins for _, standing in found.tables[0][1]) == found.matches * 4 - found.failed
+    with pytest.raises(RunError, match="every episode failed"):
+        league(folder, {**TOURNAMENT, "parameters": {"tears": 9.0}})
+
+
+def test_sides_with_different_tasks_have_a_table_each(tmp_path: Path) -> None:
+    for strength in (0.1, 0.5):
+        (tmp_path / f"left-{strength}.json").write_text(json.dumps(pulling(strength, 2)))
+        (tmp_path / f"right-{strength}.json").write_text(json.dumps(pulling(strength)))
+    optimize(Experiment.from_mapping(ROLES), servers="in-process", out=tmp_path / "run")
+    found = league(tmp_path, ROLES, episodes=6)
+    assert found.matches == 3 * 3 - 1
+    tables = {side: [participant.name for participant, _ in rows] for side, rows in found.tables}
+    assert {side: sorted(names) for side, names in tables.items()} == {
+        "left": ["left-0.1.json", "left-0.5.json", "run"],
+        "right": ["right-0.1.json", "right-0.5.json", "run"],
+    }
+    assert tables["left"].index("left-0.5.json") < tables["left"].index("left-0.1.json")
+    assert "Side left" in str(found)
+    assert "same opponent and seed" in str(found)
+    # Without an experiment, it is that of the run, whose seeds are not used again.
+    again = play_league(tmp_path, None, options(6, seed=None))
+    assert not set(again.seeds) & {0, 1}
+
+
+def test_the_same_table_again_and_whatever_files_are_called(folder: Path) -> None:
+    found = league(folder)
+    assert str(league(folder)) == str(found)
+    (folder / "pull-0.1.json").rename(folder / "z.json")
+    assert league(folder).digest == found.digest
+    assert league(folder, seed=8).digest != found.digest
+
+
+def test_the_command_prints_and_writes_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder.parent)
+    duel = Path(__file__).parents[1] / "simulations" / "duel.py"
+    text = f"simulation: {duel}:Duel\nranking: {{kind: tournament}}\n"
+    Path("duel.yaml").write_text(text)
+    arguments = (folder, "--experiment", "duel.yaml", "--episodes", "3", "--servers", "in-process")
+    said = command(*arguments, "--seed", "5", "--output", "table.md", status=1)
+    lines = said.splitlines()
+    assert lines[0].startswith("3 controllers, 6 matches of 3 episodes in ")
+    assert lines[1] == "Seeds: 5 to 7"
+    assert lines[4].split()[:4] == ["rank", "controller", "rating", "95"]
+    assert lines[5].split()[:2] == ["1", "pull-0.5.json"]
+    assert "The table is in table.md" in said
+    table = Path("table.md").read_text()
+    assert "| 1 | pull-0.5.json | " in table
+    assert r"left\_pull" not in table
+    (folder / "league.yaml").write_text(text)
+    (line,) = command(*arguments[:1], *arguments[3:], "--seed", "5", "--json", status=1).splitlines()
+    values = json.loads(line)
+    assert values["seeds"] == [5, 6, 7]
+    assert values["tables"][0]["rows"][0]["name"] == "pull-0.5.json"
+    assert f"SHA-256 of the results: {values['digest']}" in said
+    assert len(values["matches"]) == 6
+    assert values["left_out"][0]["name"] == "their.zip"
+    assert values["sides"] == {"left": "left_pull", "right": "right_pull"}
+
+
+def test_markdown_cannot_be_imitated_by_names(folder: Path) -> None:
+    (folder / "a|b](x)<i>`.json").write_text(json.dumps(pulling(0.6)))
+    table = league(folder).markdown()
+    assert r"a\|b\](x)\<i\>\`.json" in table
+    rows = [line for line in table.splitlines() if line.startswith("| ")]
+    assert len({line.replace(r"\|", "").count("|") for line in rows}) == 1
+
+
+def test_wrong_arguments_have_a_message(folder: Path, tmp_path: Path) -> None:
+    assert "this table ends with .md" in command(folder, "--output", tmp_path / "t.csv", status=2)
+    assert "does not exist" in command(tmp_path / "nothing", status=2)
+    (folder / "run.sqlite").touch()
+    with pytest.raises(InputError, match="is a run folder; name the folder in which"):
+        find_entries(folder)
+
+
+@pytest.mark.slow
+def test_the_same_table_on_servers(folder: Path) -> None:
+    assert league(folder, servers=2).digest == league(folder).digest
