@@ -21,7 +21,13 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.matches import SideFitness, sides_of
-from swarmwright.runs.opponents import Opponent, check_fits, load_opponent
+from swarmwright.runs.opponents import (
+    Opponent,
+    check_fits,
+    is_bundle,
+    load_opponent,
+    read_bundled_experiment,
+)
 from swarmwright.runs.post_evaluation import EvaluationOptions
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE
@@ -31,7 +37,7 @@ from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.simulations import catalogue
 
 EXPERIMENT = "league.yaml"
-"""File in the folder that has the experiment, if it is not that of a run."""
+"""File in the folder that has the experiment, if it is not that of a run or a bundle."""
 _ENDINGS = frozenset({".json", ".zip", ".bundle", ".yaml", ".yml"})
 """Endings of files that can be controllers, in lower case; others are ignored."""
 _CHUNK = 4096
@@ -275,18 +281,27 @@ def find_entries(folder: Path) -> list[str]:
 
 
 def find_experiment(folder: Path, names: Sequence[str]) -> Experiment | None:
-    """Return the experiment of the first run of a competition; None if there is none.
+    """Return the experiment of the first run or bundle of a competition; None if there is none.
 
-    Raises InputError if its code is missing or not trusted.
+    The simulation of a bundle must be built in, since bundles are untrusted.
+
+    Raises InputError if the code of a run is missing or not trusted.
     """
     for name in names:
-        if (folder / name / FILE).is_file():
+        path = folder / name
+        if (path / FILE).is_file():
             try:
-                run = Run.open(folder / name)
+                run = Run.open(path)
                 sides_of(run.experiment)
             except SwarmwrightError:  # is reported as left out, or is no competition
                 continue
             return resolve_experiment(run)
+        values = read_bundled_experiment(path) if is_bundle(path) else None
+        if values is not None and values["simulation"] in catalogue.titles():
+            try:
+                return Experiment.from_mapping(values)
+            except InputError:  # of another version, or invalid
+                continue
     return None
 
 
@@ -297,7 +312,8 @@ def play_league(
 
     Args:
         folder: has run folders (their best candidates), bundles, and files of controllers.
-        experiment: a competition of two sides; None for that of the first run.
+        experiment: a competition of two sides; None for that of the first run
+            or bundle.
         where: episodes of each match, and where they are evaluated. By default, seeds that no run has used.
         names: the files and folders; default: all.
 
@@ -309,8 +325,8 @@ def play_league(
     experiment = experiment or find_experiment(folder, names)
     if experiment is None:
         raise InputError(
-            f"{folder}: no run in it is a competition, so the experiment is unknown; name one with "
-            f"--experiment FILE, or add it as {EXPERIMENT}"
+            f"{folder}: no run in it is a competition, nor any bundle of a built-in simulation, so the "
+            f"experiment is unknown; name one with --experiment FILE, or add it as {EXPERIMENT}"
         )
     sides = tuple(sides_of(experiment))
     if len(sides) != 2:

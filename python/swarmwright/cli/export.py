@@ -124,10 +124,8 @@ def command(
             raise click.UsageError(
                 "--bundle holds all formats, verified: leave out --to, --output and --verify"
             )
-        if group is not None:
-            raise click.UsageError("--group goes with --to: a bundle holds one controller for all agents")
         bundled = export_bundle(
-            run, bundle, prefix=prefix or PREFIX, mapping=mapping, license=terms, **chosen
+            run, bundle, group=group, prefix=prefix or PREFIX, mapping=mapping, license=terms, **chosen
         )
         _print_bundle(output, run, bundle, bundled)
         return 0

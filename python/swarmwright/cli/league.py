@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     "--experiment",
     "experiment_file",
     type=options.ExistingPath(folder=False),
-    help="Experiment with matches of two sides. Default: FOLDER/league.yaml, or that of the first run.",
+    help="Experiment with matches of two sides. Default: FOLDER/league.yaml, or that of the first run or "
+    "bundle.",
 )
 @click.option(
     "--episodes",

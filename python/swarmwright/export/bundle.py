@@ -23,7 +23,6 @@ from swarmwright.common.files import read_bytes
 from swarmwright.common.revision import revision
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.controllers.source.text import check_prefix, decimals
-from swarmwright.controllers.teams import TEAM
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import Sequences
@@ -90,6 +89,7 @@ def export_bundle(
     *,
     generation: int | None = None,
     candidate: int | None = None,
+    group: str | None = None,
     prefix: str = "controller",
     mapping: str | PathLike[str] | None = None,
     license: str | PathLike[str] | None = None,  # noqa: A002 - as on the command line
@@ -107,6 +107,7 @@ def export_bundle(
         file: the archive, `.zip`.
         generation: generation of the candidate, from 0; as in `Run.evaluation`.
         candidate: as in `Run.evaluation`; default: the best.
+        group: group of agents, or side of a competition, whose controller it is; required for a team.
         prefix: prefix of files, functions and types.
         mapping: a file that maps topics to sensors and actuators, included as mapping.yaml.
         license: a text file that replaces the default license, which permits any use.
@@ -129,15 +130,10 @@ def export_bundle(
     target = Path(file)
     _check_target(target, force=force)
     opened = open_run(run)
-    if opened.experiment.controller.kind == TEAM:
-        raise InputError(
-            f"{opened.path}: has a controller for each group of agents, but a bundle contains a single "
-            "controller; export each group with --to FORMAT --group NAME"
-        )
-    subject = load_subject(opened, generation, candidate)
+    subject = load_subject(opened, generation, candidate, group)
     files: Files = {
         CONTROLLER: _json(subject.specification),
-        EVALUATION: _json(_evaluation(opened, generation, candidate)),
+        EVALUATION: _json(_evaluation(opened, generation, candidate, group)),
         LICENSE: _PERMISSION if license is None else _read_included(Path(license)),
     }
     if mapping is not None:
@@ -198,13 +194,19 @@ def _add_format(files: Files, form: str, prefix: str, bundle: Bundle) -> None:
     bundle.verified[form] = verification
 
 
-def _evaluation(run: "Run", generation: int | None, candidate: int | None) -> dict[str, Any]:
-    """Return the record of a candidate's evaluation as plain values."""
+def _evaluation(
+    run: "Run", generation: int | None, candidate: int | None, group: str | None
+) -> dict[str, Any]:
+    """Return the record of a candidate's evaluation as plain values.
+
+    group: of the controller; the evaluation is that of all groups together.
+    """
     evaluation = run.evaluation(candidate, generation)
     best, unseen = run.best, run.unseen
     is_best = (best.generation, best.candidate) == (evaluation.generation, evaluation.candidate)
     earlier = instances(run, evaluation)[:-1]
     return {
+        **({} if group is None else {"group": group}),
         "experiment": _strip_folders(run.experiment.to_mapping(), run.path),
         "fitness": evaluation.fitness + 0.0,
         "earlier": [{"seeds": part.seeds, "episodes": _finite(part.episodes + 0.0)} for part in earlier],

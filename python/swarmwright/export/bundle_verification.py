@@ -158,6 +158,10 @@ def check_episodes(evaluation: Mapping[str, Any], subject: Subject, report: Bund
     """Evaluate the controller in the episodes of the run and in those with held-out seeds."""
     from swarmwright.simulations import catalogue  # noqa: PLC0415 - loads the engine
 
+    group = evaluation.get("group")
+    if group is not None:
+        report.not_evaluated = f"it is that of all groups together, not of {escape_line(str(group))} alone"
+        return
     simulation = evaluation["experiment"].get("simulation")
     if simulation not in catalogue.titles():
         report.not_evaluated = f"the simulation {escape_line(str(simulation))} is not built in"

@@ -148,12 +148,42 @@ def load_opponent(
         return _read_folder(path, name)
     if not stat.S_ISREG(mode):
         raise InputError(f"{name}: is not a regular file; {_EXPECTED}")
+    return _read_bundle(path, name) if is_bundle(path) else _read_file(path, name)
+
+
+def is_bundle(path: Path) -> bool:
+    """Return whether a path is an archive, or a folder with the manifest of a bundle."""
     try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            return (path / MANIFEST).is_file()
+        if not stat.S_ISREG(mode):
+            return False
         with path.open("rb") as file:
-            is_archive = file.read(len(_ZIP)) == _ZIP
-    except OSError as error:
-        raise InputError(f"{name}: cannot be read: {error.strerror}") from error
-    return _read_bundle(path, name) if is_archive else _read_file(path, name)
+            return file.read(len(_ZIP)) == _ZIP
+    except (OSError, ValueError):
+        return False
+
+
+def read_bundled_experiment(path: Path) -> dict[str, Any] | None:
+    """Return what a bundle says of the competition in which its controller was evolved; None for nothing.
+
+    It is untrusted: only the simulation, its parameters, the fitness of the sides, and whether there are
+    several populations are returned, as an experiment.
+    """
+    try:
+        recorded = loads(read_files(path)[EVALUATION])["experiment"]
+        sides = recorded["ranking"]["sides"]
+        if not isinstance(recorded["simulation"], str) or not isinstance(sides, dict):
+            return None
+        return {
+            "simulation": recorded["simulation"],
+            "parameters": recorded["parameters"],
+            "ranking": {"kind": "tournament", "sides": sides},
+            "populations": {str(side): {} for side in recorded.get("populations", {})},
+        }
+    except (InputError, ValueError, KeyError, TypeError, AttributeError):  # no bundle of a competition
+        return None
 
 
 def check_fits(
@@ -199,7 +229,7 @@ def _name(text: str) -> str:
 def _read_folder(path: Path, name: str) -> Opponent:
     if (path / FILE).is_file():
         return _read_run(path, name, None, None)
-    if (path / MANIFEST).is_file():
+    if is_bundle(path):
         return _read_bundle(path, name)
     raise InputError(f"{name}: is neither a run folder ({FILE} is missing) nor an unpacked bundle")
 

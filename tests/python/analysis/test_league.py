@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import zipfile
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, RunError, optimize
-from swarmwright.analysis.league import League, find_entries, play_league
+from swarmwright.analysis.league import League, find_entries, find_experiment, play_league
 from swarmwright.cli import run as run_command
 from swarmwright.runs.matches import play
 from swarmwright.runs.post_evaluation import EvaluationOptions
@@ -146,7 +147,7 @@ def test_too_few_that_can_meet(folder: Path) -> None:
         InputError, match=r"no two controllers that can meet in a match; their.zip: was evolved"
     ):
         league(folder)
-    with pytest.raises(InputError, match="no run in it is a competition, so the experiment is unknown"):
+    with pytest.raises(InputError, match=r"so the experiment is unknown; name one with --experiment"):
         play_league(folder, None, options())
     alone = Experiment.from_mapping({"simulation": "minisim"})
     with pytest.raises(InputError, match="no competition"):
@@ -232,6 +233,63 @@ def test_wrong_arguments_have_a_message(folder: Path, tmp_path: Path) -> None:
     (folder / "run.sqlite").touch()
     with pytest.raises(InputError, match="is a run folder; name the folder in which"):
         find_entries(folder)
+
+
+SOCCER: dict[str, Any] = {
+    "simulation": "arena",
+    "parameters": {"mission": "soccer", "duration": 1},
+    "ranking": {"kind": "tournament", "sides": {"left": "left_goals", "right": "right_goals"}},
+    "populations": {},
+}
+
+
+def recorded(path: Path, experiment: Any) -> Path:
+    """Write a bundle with this record of its experiment."""
+    bundle(path)
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    files["evaluation.json"] = json.dumps({"experiment": experiment}).encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return path
+
+
+def test_the_experiment_of_a_bundle_is_used_if_its_simulation_is_built_in(tmp_path: Path) -> None:
+    competition = Experiment.from_mapping(
+        {"simulation": "arena", "parameters": {"mission": "soccer"}, "ranking": {"kind": "tournament"}}
+    )
+    sides = competition.to_mapping()["ranking"]["sides"]
+    values = {**SOCCER, "ranking": {**SOCCER["ranking"], "sides": sides}, "servers": {"launcher": "process"}}
+    recorded(tmp_path / "b.zip", values)
+    found = find_experiment(tmp_path, ["b.zip"])
+    assert found is not None
+    assert (found.simulation, found.parameters["duration"]) == ("arena", 1)
+    assert found.servers == competition.servers  # only what matches need is read
+
+
+@pytest.mark.parametrize(
+    "experiment",
+    [
+        {**SOCCER, "simulation": "command:{}"},
+        {**SOCCER, "simulation": "evil.py:Evil"},
+        {**SOCCER, "simulation": ["arena"]},
+        {**SOCCER, "simulation": None},
+        {**SOCCER, "parameters": [1]},
+        {**SOCCER, "parameters": {"mission": "nothing"}},
+        {**SOCCER, "ranking": {"sides": {"left": "__import__('os')", "right": "1"}}},
+        {**SOCCER, "ranking": {"sides": {"here": "1", "there": "2"}}},
+        {**SOCCER, "ranking": {"sides": ["left", "right"]}},
+        {**SOCCER, "ranking": None},
+        {**SOCCER, "populations": {"\x1b": {}}},
+        {**SOCCER, "populations": 7},
+        [],
+        None,
+    ],
+)
+def test_what_a_bundle_says_of_its_experiment_is_not_trusted(tmp_path: Path, experiment: Any) -> None:
+    recorded(tmp_path / "b.zip", experiment)
+    assert find_experiment(tmp_path, ["b.zip"]) is None
 
 
 @pytest.mark.slow

@@ -16,13 +16,15 @@ import numpy as np
 import pytest
 
 import swarmwright
-from swarmwright import InputError, Run
+from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.common.revision import revision
 from swarmwright.export import EXPORTERS
 from swarmwright.export.bundle import _strip_folders, export_bundle, parse_episodes
 from swarmwright.export.bundle_verification import verify_bundle
 from swarmwright.export.c import C
 from swarmwright.export.subject import load_subject
+from swarmwright.runs.opponents import load_opponent
+from tests.python.simulations.pursuit import Pursuit
 
 MINISIM: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "ranking": {"episodes": 2}, "validate": {"episodes": 12},
@@ -690,3 +692,26 @@ def test_mistakes_are_explained(
     assert "Traceback" not in result.stderr
     assert (tmp_path / "there.zip").read_text() == "mine"
     assert not (tmp_path / "x.zip").exists()
+
+
+@pytest.mark.slow
+def test_a_bundle_of_one_group_of_a_team(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(EXPORTERS, "names", lambda: ["python"])
+    groups = {"hunters": {"hidden": [2]}, "prey": {"hidden": [3]}}
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": Pursuit,
+            "controller": {"kind": "team", "groups": groups},
+            "method": {"population": 4, "generations": 1},
+        }
+    )
+    run = optimize(experiment, servers="in-process", out=tmp_path / "run")
+    with pytest.raises(InputError, match=r"name a group, hunters, prey \(--group NAME\)"):
+        export_bundle(run, tmp_path / "prey.zip")
+    export_bundle(run, tmp_path / "prey.zip", group="prey")
+    checked = verify_bundle(tmp_path / "prey.zip")
+    assert checked.ok
+    assert checked.fitness_not_checked == "it is that of all groups together, not of prey alone"
+    opponent = load_opponent(tmp_path / "prey.zip")
+    assert opponent.weights.tobytes() == load_opponent(run.path).playing("prey").weights.tobytes()
+    assert opponent.simulation.endswith("Pursuit")
