@@ -139,6 +139,9 @@ def a_bad_file(simulator: Simulator, folder: Path, text: str, *, url: str) -> st
     return server.stderr + "\n".join(server.lines)
 
 
+SIDES = ("capture_the_flag", "pursuit", "soccer", "territory")
+"""Missions of several kinds of robots, so that a number of robots alone is refused."""
+
 MISSION = """\
 simulation: arena-{name}
 parameters: {{mission: aggregation, robots: 6, duration: 10}}
@@ -259,7 +262,7 @@ def every_mission_runs(
     text = MISSION.format(name=simulator.name.lower()).replace("duration: 10", "duration: 2")
     folder = experiment(text).parent
     cleanup.callback(MissionServer(simulator, embedded.url, 1, cwd=folder).stop)
-    refused = {**dict.fromkeys(("pursuit", "soccer"), "kinds of robots"), **refused}
+    refused = {**dict.fromkeys(SIDES, "kinds of robots"), **refused}
     for mission in missions():
         path = experiment(text.replace("aggregation", mission))
         program = launch("optimize", path, "--broker", embedded.url, "--out", mission)

@@ -7,7 +7,7 @@ use swarmwright_simulation::{Body, Light, Patch, Ray, Scene, Style, Wall};
 
 use crate::place::{Face, Form, LedColor, Place, Pose, Shape};
 use crate::robots::Team;
-use crate::rules::CAUGHT;
+use crate::rules::{CARRIES, CAUGHT};
 use crate::sensing::radio::both;
 use crate::settings::Settings;
 use crate::start::objects::{corners, distance as to_object};
@@ -86,16 +86,21 @@ pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         let Some(color) = group.robot.color else {
             continue;
         };
-        let look = |state: String, shape: &str| Style {
+        let look = |state: String, color: &str| Style {
             kind: "agent".to_owned(),
             state,
-            color: color.shown().to_owned(),
-            shape: shape.to_owned(),
+            color: color.to_owned(),
+            shape: "circle".to_owned(),
         };
-        scene.styles.push(look(group.name.clone(), "circle"));
-        if settings.mission.rules.catch(&group.name) {
+        scene.styles.push(look(group.name.clone(), color.shown()));
+        let rules = &settings.mission.rules;
+        if rules.catch(&group.name) {
             let state = format!("{}, {CAUGHT}", group.name);
-            scene.styles.push(look(state, "cross"));
+            scene.styles.push(look(state, color.pale()));
+        }
+        if rules.carry(&group.name) {
+            let state = format!("{}, {CARRIES}", group.name);
+            scene.styles.push(look(state, color.dark()));
         }
     }
     for (patch, color) in layout.patches.iter().zip(&swarm.colors) {

@@ -120,6 +120,12 @@ impl Settings {
                 mistakes.take(team.check(name, &at));
             }
         }
+        for (index, flag) in mission.rules.flags.iter().enumerate() {
+            for (field, name) in [("robots", &flag.robots), ("lost_to", &flag.lost_to)] {
+                let at = format!("mission.flags[{index}].{field}");
+                mistakes.take(team.check(name, &at));
+            }
+        }
         for side in &mission.sides {
             for name in &side.groups {
                 mistakes.take(team.check(name, &format!("mission.sides.{}", side.name)));

@@ -235,7 +235,7 @@ fn sides_are_told_and_shown_in_their_colours() {
         [
             ["agent", "hunters", "#e02020", "circle"],
             ["agent", "hares", "#2848e0", "circle"],
-            ["agent", "hares, caught", "#2848e0", "cross"],
+            ["agent", "hares, caught", "#a0b0f0", "circle"],
         ]
     );
     assert_eq!(Arena::default().sides(), []);
@@ -322,8 +322,189 @@ fn all_begin_anew_after_a_goal() {
     assert!((arena.fitness() - expected).abs() < 1e-12);
 }
 
+/// Robots of two sides on a narrow field, with a flag in the west that red robots bring to the east.
+fn field() -> Value {
+    let sensors = json!([
+        {"kind": "flag"}, {"kind": "camera", "range": 5, "colors": ["red", "blue", "green"], "gives": ["count"]},
+    ]);
+    json!({
+        "walls": {"rectangle": [3, 0.6]}, "start": {"disc": {"radius": 0.1}}, "duration": 20,
+        "floor": {"patches": [
+            {"name": "west", "circle": {"center": [-1, 0], "radius": 0.2}, "color": "white"},
+            {"name": "east", "circle": {"center": [1, 0], "radius": 0.2}, "color": "white"},
+        ]},
+        "robots": [
+            {"name": "red", "count": 2, "color": "red", "robot": robot(&sensors),
+                "start": {"rectangle": {"x": [-0.6, -0.4], "y": [-0.2, 0.2]}}},
+            {"name": "blue", "count": 1, "color": "blue", "robot": robot(&sensors),
+                "start": {"rectangle": {"x": [0.3, 0.4], "y": [0.15, 0.2]}}},
+        ],
+        "flags": [{"name": "flag", "base": "west", "robots": "red", "home": "east", "lost_to": "blue", "reach": 0.03, "color": "green"}],
+        "metrics": {
+            "brought": {"kind": "flags_brought", "flag": "flag"},
+            "carried": {"kind": "flags_carried", "when": "each_tick"},
+        },
+        "sides": {"red": {"fitness": "brought"}, "blue": {}},
+        "fitness": "brought",
+    })
+}
+
+/// Drives the first robot to and fro along y = `lane`; the others stand. Returns the arena at the end.
+fn to_and_fro(mission: &Value, lane: f32, mut look: impl FnMut(&Arena)) -> Arena {
+    let mut arena = arena(mission, 4);
+    let mut goal = -1.0;
+    while !arena.done() {
+        let [x, y] = at(&arena.scene().unwrap(), "agent")[0];
+        if (x - goal).abs() < 0.05 {
+            goal = -goal;
+        }
+        let ahead = if (y - lane).abs() < 0.05 {
+            (goal - x).signum()
+        } else {
+            0.0
+        };
+        drive(&mut arena, &[[ahead, (lane - y) * 5.0], [0.0; 2], [0.0; 2]]);
+        look(&arena);
+    }
+    arena
+}
+
+#[test]
+fn flags_are_carried_home() {
+    let (mut brought, mut carried) = (0.0, 0.0);
+    let mut carries = false;
+    // The blue robot is in the north, and the red ones pass it in the south.
+    let arena = to_and_fro(&field(), -0.18, |arena| {
+        let scene = arena.scene().unwrap();
+        let [x, y] = at(&scene, "agent")[0];
+        let on = |middle: f32| (x - middle).hypot(y) < 0.1999;
+        let off = |middle: f32| (x - middle).hypot(y) > 0.2001;
+        if carries && on(1.0) {
+            (carries, brought) = (false, brought + 1.0);
+        } else if !carries && on(-1.0) {
+            carries = true;
+        } else {
+            assert!(off(1.0) || off(-1.0));
+        }
+        carried += f64::from(u8::from(carries));
+        let state = if carries {
+            "red, carries a flag"
+        } else {
+            "red"
+        };
+        assert_eq!(scene.bodies[0].state, state);
+        // It senses that it carries the flag, and the others see its colour.
+        assert_eq!(sensed(arena, 0)[0], f32::from(u8::from(carries)));
+        assert_eq!(sensed(arena, 1)[0], 0.0);
+        let green = if carries { 1.0 } else { 0.0 };
+        let seen = sensed(arena, 2);
+        assert!(seen[1] <= 2.0 - green && seen[3] <= green, "{seen:?}");
+    });
+    assert!(brought >= 2.0, "{brought}");
+    assert_eq!(value(&arena, "brought"), brought);
+    assert_eq!(value(&arena, "carried"), carried);
+    assert_eq!(arena.fitness(), brought);
+}
+
+#[test]
+fn flags_are_lost_to_guards() {
+    // It passes the blue robot within its reach.
+    let mut mission = field();
+    mission["flags"][0]["reach"] = json!(0.6);
+    let mut most: f32 = -2.0;
+    let lost = to_and_fro(&mission, -0.18, |arena| {
+        if sensed(arena, 0)[0] > 0.0 {
+            most = most.max(at(&arena.scene().unwrap(), "agent")[0][0]);
+        }
+    });
+    assert_eq!(value(&lost, "brought"), 0.0);
+    assert!(
+        value(&lost, "carried") > 10.0 && (-0.8..0.2).contains(&most),
+        "{most}"
+    );
+    // Only one carries a flag: the second robot at the base has none.
+    mission["robots"][0]["start"] = json!({"disc": {"center": [-1, 0], "radius": 0.15}});
+    let arena = self::arena(&mission, 1);
+    let carry: Vec<f32> = (0..2).map(|agent| sensed(&arena, agent)[0]).collect();
+    assert_eq!(carry, [1.0, 0.0]);
+    // Who is caught carries nothing.
+    mission["captures"] = json!([{"robots": "red", "by": "blue", "reach": 3}]);
+    let arena = self::arena(&mission, 1);
+    assert_eq!(sensed(&arena, 0)[0], 0.0);
+}
+
+#[test]
+fn the_floor_belongs_to_who_was_there_last() {
+    let mut mission = hunt();
+    mission["walls"] = json!({"rectangle": [4, 0.2]});
+    for (kind, x) in [(0, -1.5), (1, 1.5)] {
+        mission["robots"][kind]["start"] =
+            json!({"rectangle": {"x": [x - 0.1, x + 0.1], "y": [-0.01, 0.01]}});
+        mission["robots"][kind]["count"] = json!(1);
+    }
+    mission["captures"] = json!([]);
+    mission["metrics"] = json!({
+        "west": {"kind": "painted_share", "robots": "hunters", "cell": 0.2, "when": "end"},
+        "east": {"kind": "painted_share", "robots": "hares", "cell": 0.2, "when": "end"},
+        "mean": {"kind": "painted_share", "robots": "hunters", "cell": 0.2},
+    });
+    mission["sides"] = json!({"hunters": {"fitness": "west"}, "hares": {}});
+    mission["fitness"] = json!("west");
+    mission["duration"] = json!(8);
+    let mut arena = arena(&mission, 2);
+    // Squares by their number from the west: who was there last.
+    let mut owners = [0; 20];
+    let (mut sum, mut ticks) = (0.0, 0.0);
+    loop {
+        let robots = at(&arena.scene().unwrap(), "agent");
+        let squares = [0, 1].map(|robot| ((robots[robot][0] + 2.0) / 0.2) as usize);
+        if squares[0] != squares[1] {
+            owners[squares[0]] = 1;
+            owners[squares[1]] = 2;
+        }
+        let count = |kind: i32| owners.iter().filter(|owner| **owner == kind).count() as f64 / 20.0;
+        assert_eq!(
+            [value(&arena, "west"), value(&arena, "east")],
+            [count(1), count(2)]
+        );
+        ticks += 1.0;
+        sum += count(1);
+        if arena.done() {
+            break;
+        }
+        // The hunter drives east, then the hare drives west over what the hunter has painted.
+        let first = if ticks < 30.0 { 1.0 } else { -0.1 };
+        let second = if ticks < 30.0 { 0.0 } else { -1.0 };
+        drive(&mut arena, &[[first, 0.0], [second, 0.0]]);
+    }
+    assert!((value(&arena, "mean") - sum / ticks).abs() < 1e-12);
+    assert!(value(&arena, "east") > 0.3 && value(&arena, "west") > 0.1);
+}
+
 #[test]
 fn lanes_give_the_same_bits() {
+    check(&json!({"mission": "capture_the_flag", "duration": 15}));
+    check(&json!({"mission": "territory", "duration": 6}));
+    let mut goals = field();
+    // Their speed and failures differ, so that some lose the flag.
+    goals["flags"][0]["home"] = json!("west");
+    goals["flags"][0]["base"] = json!("east");
+    goals["floor"]["patches"][1]["circle"]["radius"] = json!(1.2);
+    goals["robots"][1]["count"] = json!(3);
+    goals["robots"][1]["start"] = json!({"rectangle": {"x": [0.2, 0.5], "y": [-0.2, 0.2]}});
+    goals["restart"] = json!({"object": "ball", "on": ["west"]});
+    goals["objects"] = json!([{"name": "ball", "radius": 0.04, "mass": 0.05, "center": [0, 0.2]}]);
+    goals["failures"] = json!([{"kind": "slow", "share": 0.5, "factor": 0.3}]);
+    let numbers = check(&json!({"mission": goals}));
+    let episodes = numbers.chunks(numbers.len() / 27);
+    assert!(
+        episodes.clone().any(|episode| episode[1] > 0.0),
+        "flags brought"
+    );
+    assert!(
+        episodes.clone().any(|episode| episode[2] > 0.0),
+        "flags carried"
+    );
     check(&json!({"mission": "pursuit", "duration": 15}));
     check(&json!({"mission": "soccer", "duration": 8}));
     let numbers = check(&json!({"mission": pitch()}));
@@ -448,6 +629,24 @@ fn mistakes_name_the_place() {
             "mission.metrics.hares_fitness: hares_fitness is a sum itself; name the metrics that it adds up",
         ),
         (
+            with(&["metrics", "caught"], json!({"kind": "flags_carried"})),
+            "mission.metrics.caught: the mission has no flags",
+        ),
+        (
+            with(
+                &["metrics", "caught"],
+                json!({"kind": "painted_share", "robots": "foxes", "cell": 0.1}),
+            ),
+            "mission.metrics.caught.robots: no kind of robots is named \"foxes\"",
+        ),
+        (
+            with(
+                &["metrics", "caught"],
+                json!({"kind": "painted_share", "robots": "hares", "cell": 0}),
+            ),
+            "mission.metrics.caught.cell: 0 found, expected a number above 0",
+        ),
+        (
             with(&["sides"], json!({"hares": {}})),
             "mission.sides: 1 found, expected at least two sides",
         ),
@@ -484,6 +683,52 @@ fn mistakes_name_the_place() {
         (
             with(&["robots", "1", "color"], json!("pink")),
             "mission.robots[1]",
+        ),
+    ] {
+        assert!(refused.contains(expected), "{refused}\n{expected}");
+    }
+}
+
+#[test]
+fn mistakes_of_flags_name_the_place() {
+    let with = |field: &str, value: Value| {
+        let mut mission = self::field();
+        mission["flags"][0][field] = value;
+        refusal(&mission)
+    };
+    let mut twice = field();
+    let flag = twice["flags"][0].clone();
+    twice["flags"].as_array_mut().unwrap().push(flag);
+    let mut other = field();
+    other["metrics"]["brought"]["flag"] = json!("flagg");
+    for (refused, expected) in [
+        (
+            with("base", json!("weast")),
+            "mission.flags[0].base: no patch of the floor is named \"weast\"; available: west, east",
+        ),
+        (
+            with("home", json!("west")),
+            "mission.flags[0].home: base and home must be different patches",
+        ),
+        (
+            with("lost_to", json!("red")),
+            "mission.flags[0].lost_to: a kind of robots does not take flags from itself; name two kinds",
+        ),
+        (
+            with("lost_to", json!("green")),
+            "mission.flags[0].lost_to: no kind of robots is named \"green\"; available: red, blue",
+        ),
+        (
+            with("reach", json!(2000)),
+            "mission.flags[0].reach: 2000 found, expected 0 to 1000",
+        ),
+        (
+            refusal(&twice),
+            "mission.flags[1].name: another flag is already named \"flag\"; choose another name",
+        ),
+        (
+            refusal(&other),
+            "mission.metrics.brought.flag: no flag is named \"flagg\"; available: flag",
         ),
     ] {
         assert!(refused.contains(expected), "{refused}\n{expected}");

@@ -91,7 +91,7 @@ def _with_mission(file: str, mission: str) -> str:
     if kinds:
         controller = "  kind: team                      # a controller for each kind of robots\n  groups:"
         controller += "".join(
-            f"\n    {kind}: {{kind: evostick}}{'':<{10 - len(kind)}} # {of_each}" for kind in kinds
+            f"\n    {kind}: {{kind: evostick}}{'':<{12 - len(kind)}}# {of_each}" for kind in kinds
         )
     for pattern, line in (
         (r"# Arena: .*", f"# Arena: {title}, by a swarm of {robots}."),

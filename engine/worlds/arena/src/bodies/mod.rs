@@ -4,7 +4,7 @@ mod objects;
 
 use std::ops::Range;
 
-use swarmwright_lanes::{Lanes, Number, number};
+use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use crate::place::{Kind, Pose};
 use crate::robots::Team;
@@ -28,6 +28,12 @@ pub(crate) struct Bodies<L: Lanes> {
     pub objects: Objects<L>,
     /// Lanes in which each robot is caught; empty if the mission has no captures.
     pub caught: Vec<L::Mask>,
+    /// Names of the flags.
+    pub flags: Vec<String>,
+    /// Lanes in which each robot carries each flag, flag by flag.
+    pub carried: Vec<L::Mask>,
+    /// Lanes in which each flag was brought home in this tick.
+    pub brought: Vec<L::Mask>,
     /// Names of the robot kinds, with the index range of each.
     kinds: Vec<(String, Range<usize>)>,
 }
@@ -47,6 +53,9 @@ impl<L: Lanes> Bodies<L> {
             spin: zeros(),
             objects: Objects::new(objects, if team.gripper().is_some() { robots } else { 0 }),
             caught: Vec::new(),
+            flags: Vec::new(),
+            carried: Vec::new(),
+            brought: Vec::new(),
             kinds: team.named().collect(),
         }
     }
@@ -69,6 +78,22 @@ impl<L: Lanes> Bodies<L> {
             }
         }
         0..0
+    }
+
+    /// Returns the lanes in which a robot carries a flag.
+    #[inline(always)]
+    pub(crate) fn carries(&self, robot: usize) -> L::Mask {
+        let mut carries = L::Mask::from_bits(0);
+        for flag in 0..self.brought.len() {
+            carries = carries.or(self.carried[flag * self.len() + robot]);
+        }
+        carries
+    }
+
+    /// Returns the names of the robot kinds, with the index range of each.
+    #[inline(always)]
+    pub(crate) fn kinds(&self) -> &[(String, Range<usize>)] {
+        &self.kinds
     }
 
     /// Returns the vector from one robot to another.

@@ -99,7 +99,7 @@ impl Metric {
                 link: Some(link), ..
             } => length("link", *link)?,
             Self::CoveredShare { radius, .. } => length("radius", *radius)?,
-            Self::VisitedShare { cell } => {
+            Self::VisitedShare { cell } | Self::PaintedShare { cell, .. } => {
                 length("cell", *cell)?;
                 let [low, high] = polygon::extent(&layout.outline);
                 let cells = (0..2).map(|axis| (high[axis] - low[axis]) / cell);
@@ -168,6 +168,9 @@ impl Metric {
             Self::LargestGroupArea { .. }
             | Self::ObjectsHeld { .. }
             | Self::Caught { .. }
+            | Self::FlagsBrought { .. }
+            | Self::FlagsCarried { .. }
+            | Self::PaintedShare { .. }
             | Self::Sum { .. }
             | Self::CellAge { .. }
             | Self::Order { .. }

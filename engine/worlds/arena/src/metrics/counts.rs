@@ -36,6 +36,32 @@ pub(super) fn caught<L: Lanes>(bodies: &Bodies<L>, robots: Range<usize>) -> Numb
     count
 }
 
+/// Returns how many flags are brought home in this tick: that with a name, or all.
+#[inline(always)]
+pub(super) fn brought<L: Lanes>(bodies: &Bodies<L>, name: Option<&str>) -> Number<L> {
+    let mut count = number(0.0);
+    for (flag, brought) in bodies.flags.iter().zip(&bodies.brought) {
+        if name.is_none_or(|name| flag == name) {
+            count = count.add_where(number(1.0), *brought);
+        }
+    }
+    count
+}
+
+/// Returns how many flags robots carry: that with a name, or all.
+#[inline(always)]
+pub(super) fn carried<L: Lanes>(bodies: &Bodies<L>, name: Option<&str>) -> Number<L> {
+    let mut count = number(0.0);
+    for (flag, carried) in bodies.flags.iter().zip(bodies.carried.chunks(bodies.len())) {
+        if name.is_none_or(|name| flag == name) {
+            for carried in carried {
+                count = count.add_where(number(1.0), *carried);
+            }
+        }
+    }
+    count
+}
+
 /// Returns the minimum and maximum number of robots for shares of all robots.
 pub(super) fn bounds(at_least: Option<f64>, at_most: Option<f64>, robots: usize) -> [f32; 2] {
     // Tolerates rounding: 0.7 of 10 robots are 7.

@@ -65,6 +65,22 @@ pub(crate) enum Metric {
         #[serde(default)]
         share: bool,
     },
+    /// The number of times that a flag was brought home: that with a name, or all.
+    FlagsBrought { flag: Option<String> },
+    /// The number of flags that robots carry: that with a name, or all.
+    FlagsCarried {
+        flag: Option<String>,
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The share of squares of side `cell` on the free floor in which robots of a kind were last. Where robots of
+    /// several kinds are in a square in the same tick, it stays as it was.
+    PaintedShare {
+        robots: String,
+        cell: f32,
+        #[serde(default = "mean")]
+        when: When,
+    },
     /// The sum of a number and other metrics times factors.
     Sum {
         #[serde(default)]
@@ -199,6 +215,7 @@ impl Metric {
     pub(crate) fn robots(&self) -> Option<&str> {
         match self {
             Self::RobotsOn { robots, .. } | Self::Caught { robots, .. } => robots.as_deref(),
+            Self::PaintedShare { robots, .. } => Some(robots),
             _ => None,
         }
     }
@@ -217,6 +234,7 @@ impl Metric {
             | Self::ObjectDistance { when, .. }
             | Self::ObjectsHeld { when, .. }
             | Self::Caught { when, .. }
+            | Self::FlagsCarried { when, .. }
             | Self::Order { when }
             | Self::Speed { when }
             | Self::GroupSpeed { when, .. }
@@ -232,6 +250,8 @@ impl Metric {
             | Self::MeanDistanceInside { .. }
             | Self::MeanDistanceRim { .. } => Some(When::End),
             Self::TimeUntil { .. }
+            | Self::FlagsBrought { .. }
+            | Self::PaintedShare { .. }
             | Self::Sum { .. }
             | Self::Returns { .. }
             | Self::CrossingsSouth { .. }

@@ -5,6 +5,7 @@ mod counts;
 mod formation;
 mod kind;
 mod objects;
+mod paint;
 mod shapes;
 mod state;
 mod swarm;
@@ -14,6 +15,7 @@ use swarmwright_lanes::{Lanes, MOST_LANES, Number, number};
 
 use crate::bodies::Bodies;
 use crate::place::{Patch, Place};
+use paint::Paint;
 use state::{State, gather};
 use swarm::{MetricCache, Visits};
 
@@ -89,6 +91,7 @@ pub(crate) struct Tally<L> {
     states: Vec<State>,
     cache: MetricCache,
     visits: Option<Visits>,
+    paint: Option<Box<Paint>>,
 }
 
 impl<L: Lanes> Tally<L> {
@@ -103,6 +106,7 @@ impl<L: Lanes> Tally<L> {
             states: Vec::new(),
             cache: MetricCache::default(),
             visits: None,
+            paint: None,
         }
     }
 
@@ -167,6 +171,30 @@ impl<L: Lanes> Tally<L> {
                 let robots = bodies.named(robots.as_deref());
                 let all = robots.len();
                 self.add(counts::caught(bodies, robots), all, *share, *when);
+            }
+            Metric::FlagsBrought { flag } => {
+                let brought = counts::brought(bodies, flag.as_deref());
+                self.add(brought, 1, false, When::EachTick);
+            }
+            Metric::FlagsCarried { flag, when } => {
+                let carried = counts::carried(bodies, flag.as_deref());
+                self.add(carried, 1, false, *when);
+            }
+            Metric::PaintedShare { robots, cell, when } => {
+                gather(bodies, &mut self.states);
+                let paint = self
+                    .paint
+                    .get_or_insert_with(|| Box::new(Paint::new(layout, *cell, L::WIDTH)));
+                let mut values = [0.0; MOST_LANES];
+                for (lane, value) in values[..L::WIDTH].iter_mut().enumerate() {
+                    let states = &self.states[lane * bodies.len()..][..bodies.len()];
+                    *value = paint.paint(states, bodies.kinds(), robots, lane);
+                }
+                if *when == When::End {
+                    self.values = values;
+                } else {
+                    self.settle(&values[..L::WIDTH], *when);
+                }
             }
             // The mission adds up the values of the others.
             Metric::Sum { .. } => {}

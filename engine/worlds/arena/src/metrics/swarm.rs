@@ -94,6 +94,9 @@ pub(super) fn value(
         | Metric::CellAge { .. }
         | Metric::VisitedShare { .. }
         | Metric::Caught { .. }
+        | Metric::FlagsBrought { .. }
+        | Metric::FlagsCarried { .. }
+        | Metric::PaintedShare { .. }
         | Metric::Sum { .. } => 0.0,
     }
 }
@@ -292,12 +295,54 @@ fn covered(robots: &[State], layout: &Place, radius: f32, points: &mut Vec<[f64;
     points.iter().filter(is_covered).count() as f64 / (points.len() as f64).max(1.0)
 }
 
-/// The visited squares of each lane.
-pub(super) struct Visits {
+/// Squares that cover the arena.
+pub(super) struct Grid {
     low: [f64; 2],
     side: f64,
     columns: usize,
     rows: usize,
+}
+
+impl Grid {
+    pub(super) fn new(layout: &Place, cell: f32) -> Self {
+        let side = f64::from(cell);
+        let [low, high] = polygon::extent(&layout.outline).map(|corner| corner.map(f64::from));
+        let count = |axis: usize| ((high[axis] - low[axis]) / side).ceil() as usize;
+        Self {
+            low,
+            side,
+            columns: count(0),
+            rows: count(1),
+        }
+    }
+
+    /// Returns the number of squares.
+    pub(super) fn len(&self) -> usize {
+        self.columns * self.rows
+    }
+
+    /// Returns whether the middle of each square is on the free floor.
+    pub(super) fn free_squares(&self, layout: &Place) -> Vec<bool> {
+        let mut free = vec![false; self.len()];
+        for index in squares(layout, self.side).filter_map(|point| self.index(point)) {
+            free[index] = true;
+        }
+        free
+    }
+
+    /// Returns the index of the square at a point.
+    pub(super) fn index(&self, [x, y]: [f64; 2]) -> Option<usize> {
+        let of = |at: f64, axis: usize| ((at - self.low[axis]) / self.side).floor();
+        let (column, row) = (of(x, 0), of(y, 1));
+        let inside =
+            column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64;
+        inside.then(|| row as usize * self.columns + column as usize)
+    }
+}
+
+/// The visited squares of each lane.
+pub(super) struct Visits {
+    grid: Grid,
     /// Whether a square is free and not yet visited, lane after lane.
     fresh: Vec<bool>,
     /// Number of free squares.
@@ -308,42 +353,21 @@ pub(super) struct Visits {
 
 impl Visits {
     pub(super) fn new(layout: &Place, cell: f32, lanes: usize) -> Self {
-        let side = f64::from(cell);
-        let [low, high] = polygon::extent(&layout.outline).map(|corner| corner.map(f64::from));
-        let count = |axis: usize| ((high[axis] - low[axis]) / side).ceil() as usize;
-        let mut visits = Self {
-            low,
-            side,
-            columns: count(0),
-            rows: count(1),
-            fresh: Vec::new(),
-            free: 0,
+        let grid = Grid::new(layout, cell);
+        let fresh = grid.free_squares(layout);
+        Self {
+            free: fresh.iter().filter(|free| **free).count(),
+            fresh: fresh.repeat(lanes),
+            grid,
             counts: [0; MOST_LANES],
-        };
-        let mut fresh = vec![false; visits.columns * visits.rows];
-        for point in squares(layout, side) {
-            if let Some(index) = visits.index(point) {
-                fresh[index] = true;
-                visits.free += 1;
-            }
         }
-        visits.fresh = fresh.repeat(lanes);
-        visits
-    }
-
-    fn index(&self, [x, y]: [f64; 2]) -> Option<usize> {
-        let of = |at: f64, axis: usize| ((at - self.low[axis]) / self.side).floor();
-        let (column, row) = (of(x, 0), of(y, 1));
-        let inside =
-            column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64;
-        inside.then(|| row as usize * self.columns + column as usize)
     }
 
     /// Marks the squares where the robots of a lane are, and returns the share of free squares visited so far.
     pub(super) fn visit(&mut self, robots: &[State], lane: usize) -> f64 {
-        let first = lane * self.columns * self.rows;
+        let first = lane * self.grid.len();
         for robot in robots {
-            if let Some(index) = self.index(robot.at) {
+            if let Some(index) = self.grid.index(robot.at) {
                 let fresh = &mut self.fresh[first + index];
                 self.counts[lane] += usize::from(*fresh);
                 *fresh = false;

@@ -9,6 +9,7 @@ impl Metric {
             | Self::ObjectsOn { share: true, .. }
             | Self::ObjectsHeld { share: true, .. }
             | Self::Caught { share: true, .. }
+            | Self::PaintedShare { .. }
             | Self::Sum { .. }
             | Self::MostRobotsOn { share: true, .. } => "",
             Self::ObjectsOn { .. } | Self::ObjectsHeld { .. } => "objects",
@@ -23,6 +24,7 @@ impl Metric {
             | Self::VisitedShare { .. }
             | Self::ChainReach { .. } => "",
             Self::Groups { .. } => "groups",
+            Self::FlagsBrought { .. } | Self::FlagsCarried { .. } => "flags",
             Self::Speed { .. } | Self::GroupSpeed { .. } => "m/s",
             Self::Returns { .. } => "returns",
             Self::CrossingsSouth { .. } => "crossings",
@@ -63,6 +65,22 @@ impl Metric {
                 let whom = whom(robots.as_deref(), *share);
                 format!("{whom} that are caught, {}.", when(at))
             }
+            Self::FlagsBrought { flag } => {
+                let flags = flag.as_deref().unwrap_or("flags");
+                format!("How often robots brought {flags} home.")
+            }
+            Self::FlagsCarried { flag, when: at } => {
+                let flags = flag.as_deref().unwrap_or("flags");
+                format!("{flags} that robots carry, {}.", when(at))
+            }
+            Self::PaintedShare {
+                robots,
+                cell,
+                when: at,
+            } => format!(
+                "Share of the squares of {cell} m that {robots} were in last, {}.",
+                when(at)
+            ),
             Self::Sum { offset, factors } => {
                 let number = (*offset != 0.0 || factors.is_empty()).then(|| offset.to_string());
                 let parts = factors.iter().map(|(name, factor)| match *factor {

@@ -39,6 +39,7 @@ macro_rules! missions {
 const MISSIONS: &[BuiltIn] = &missions! {
     "aac" or "aggregation",
     "area_coverage",
+    "capture_the_flag",
     "cfa" or "coverage_with_forbidden_areas",
     "chain_formation",
     "collective_transport",
@@ -59,6 +60,7 @@ const MISSIONS: &[BuiltIn] = &missions! {
     "soccer",
     "spc" or "surface_and_perimeter_coverage",
     "stop",
+    "territory",
     "two_spots",
     "two_spots_sum",
 };

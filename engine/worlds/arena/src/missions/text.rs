@@ -23,6 +23,7 @@ pub(super) struct Text {
     pub start: Option<Value>,
     pub failures: Option<Value>,
     pub captures: Option<Value>,
+    pub flags: Option<Value>,
     pub restart: Option<Value>,
     pub sides: Option<Value>,
     pub metrics: Option<Value>,

@@ -56,4 +56,28 @@ impl LedColor {
             Self::Yellow => "#d8c010",
         }
     }
+
+    /// Returns a paler shade for pictures.
+    pub(crate) const fn pale(self) -> &'static str {
+        match self {
+            Self::Red => "#f0a0a0",
+            Self::Green => "#98d898",
+            Self::Blue => "#a0b0f0",
+            Self::Cyan => "#90dce4",
+            Self::Magenta => "#e898e0",
+            Self::Yellow => "#ece090",
+        }
+    }
+
+    /// Returns a darker shade for pictures.
+    pub(crate) const fn dark(self) -> &'static str {
+        match self {
+            Self::Red => "#781010",
+            Self::Green => "#0c5c0c",
+            Self::Blue => "#142478",
+            Self::Cyan => "#086068",
+            Self::Magenta => "#701068",
+            Self::Yellow => "#786a08",
+        }
+    }
 }

@@ -32,6 +32,7 @@ impl Robot {
             | Output::Random
             | Output::Battery
             | Output::Gripper
+            | Output::Flag
             | Output::NeighbourCount => 1,
         }
     }
@@ -58,6 +59,7 @@ impl Robot {
             Output::Absent(..) => return vec![String::new(); width],
             Output::Battery => &["battery"],
             Output::Gripper => &["holds"],
+            Output::Flag => &["carries"],
             Output::NeighbourCount => &["neighbours"],
             Output::NeighbourCenter => &["center x", "center y"],
             Output::NeighbourHeading => &["heading x", "heading y"],

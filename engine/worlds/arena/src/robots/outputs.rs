@@ -50,6 +50,8 @@ pub(crate) enum Output {
     Battery,
     /// 1 if the gripper holds an object, else 0.
     Gripper,
+    /// 1 if the robot carries a flag, else 0.
+    Flag,
     /// Neutral values for a sensor that only other kinds of robots have, and how many.
     Absent(u8, Neutral),
 }

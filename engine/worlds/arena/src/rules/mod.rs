@@ -1,18 +1,21 @@
 //! Rules of a mission: what happens to robots and objects beside their motion.
 
 mod captures;
+mod flags;
 mod restart;
 
 use serde::Deserialize;
-use swarmwright_lanes::Lanes;
+use swarmwright_lanes::{Lanes, Number, number};
 
 use crate::bodies::Bodies;
-use crate::place::Place;
+use crate::place::{LedColor, Place};
 use crate::robots::Team;
 use captures::Captures;
+use flags::Flags;
 use restart::Restarts;
 
-/// State of caught robots in pictures.
+/// States of robots in pictures.
+pub(crate) const CARRIES: &str = "carries a flag";
 pub(crate) const CAUGHT: &str = "caught";
 
 /// Robots of a kind are caught as soon as one of another kind is near: from then on they stand, show no colour and are
@@ -28,6 +31,25 @@ pub(crate) struct Capture {
     pub reach: f32,
 }
 
+/// A flag, which lies at a base. A robot that comes there carries it, until it is home or loses the flag; then the flag is
+/// at its base again.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Flag {
+    pub name: String,
+    /// Name of the patch where it lies.
+    pub base: String,
+    /// The kind of robots that carry it, and the patch to which they bring it.
+    pub robots: String,
+    pub home: String,
+    /// The kind that takes it back from a robot that is near.
+    pub lost_to: String,
+    /// Distance between the rims for that, metres.
+    pub reach: f32,
+    /// Colour of a robot that carries it, which cameras see.
+    pub color: Option<LedColor>,
+}
+
 /// All robots and objects return to their start poses in the tick after an object came to a patch.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -41,6 +63,7 @@ pub(crate) struct Restart {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Rules {
     pub captures: Vec<Capture>,
+    pub flags: Vec<Flag>,
     pub restart: Option<Restart>,
 }
 
@@ -50,15 +73,21 @@ impl Rules {
         self.captures.iter().any(|capture| capture.robots == kind)
     }
 
+    /// Returns whether robots of a kind may carry a flag.
+    pub(crate) fn carry(&self, kind: &str) -> bool {
+        self.flags.iter().any(|flag| flag.robots == kind)
+    }
+
     /// Returns whether there are none.
     pub(crate) fn are_none(&self) -> bool {
-        self.captures.is_empty() && self.restart.is_none()
+        self.captures.is_empty() && self.flags.is_empty() && self.restart.is_none()
     }
 }
 
 /// Applies the rules in the episodes of all lanes.
 pub(crate) struct Referee<L: Lanes> {
     captures: Captures,
+    flags: Flags,
     restarts: Option<Restarts<L>>,
     /// Whether the mission has rules.
     active: bool,
@@ -68,6 +97,7 @@ impl<L: Lanes> Referee<L> {
     pub(crate) fn new() -> Self {
         Self {
             captures: Captures::default(),
+            flags: Flags::default(),
             restarts: None,
             active: false,
         }
@@ -81,11 +111,14 @@ impl<L: Lanes> Referee<L> {
         bodies: &mut Bodies<L>,
     ) {
         bodies.caught.clear();
+        bodies.carried.clear();
+        bodies.brought.clear();
         self.active = !rules.are_none();
         if !self.active {
             return;
         }
         self.captures = Captures::new(&rules.captures, team, bodies);
+        self.flags = Flags::new(&rules.flags, (team, layout), bodies);
         let restart = rules.restart.as_ref();
         self.restarts = restart.map(|restart| Restarts::new(restart, layout, bodies));
     }
@@ -100,8 +133,25 @@ impl<L: Lanes> Referee<L> {
     #[inline(always)]
     pub(crate) fn update(&mut self, layout: &Place, bodies: &mut Bodies<L>) {
         if let Some(restarts) = &mut self.restarts {
-            restarts.update(layout, bodies);
+            let again = restarts.update(layout, bodies);
+            Flags::forget(again, bodies);
         }
         self.captures.update(bodies);
+        self.flags.update(layout, bodies);
+    }
+
+    /// Writes the colours that robots show, apart from those of LEDs. `shown` is empty if no robot sees colours.
+    #[inline(always)]
+    pub(crate) fn show(&self, team: &Team, bodies: &Bodies<L>, shown: &mut [Number<L>]) {
+        for (robot, shown) in shown.iter_mut().enumerate() {
+            let robot = team.robot(robot);
+            if robot.leds.is_empty() {
+                *shown = number(robot.color.map_or(0.0, LedColor::code));
+            }
+        }
+        self.flags.show(bodies, shown);
+        for (shown, caught) in shown.iter_mut().zip(&bodies.caught) {
+            *shown = number(0.0).select(*shown, *caught);
+        }
     }
 }

@@ -43,9 +43,9 @@ impl<L: Lanes> Restarts<L> {
     }
 
     /// Returns everything to its start pose in the lanes in which that is due, and finds out where it is due in the
-    /// next tick.
+    /// next tick. Returns the lanes in which it was due.
     #[inline(always)]
-    pub(super) fn update(&mut self, layout: &Place, bodies: &mut Bodies<L>) {
+    pub(super) fn update(&mut self, layout: &Place, bodies: &mut Bodies<L>) -> L::Mask {
         if self.due.any() {
             self.send_home(bodies);
         }
@@ -57,7 +57,7 @@ impl<L: Lanes> Restarts<L> {
                 due = due.or(shape.holds(moving.x, moving.y));
             }
         }
-        self.due = due;
+        std::mem::replace(&mut self.due, due)
     }
 
     #[inline(always)]

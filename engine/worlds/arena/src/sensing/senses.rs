@@ -351,6 +351,10 @@ impl<L: Lanes> Senses<L> {
                         let holds = bodies.objects.held_by(index);
                         copy(&[number(1.0).only_where(holds)], numbers);
                     }
+                    Output::Flag => {
+                        let carries = bodies.carries(index);
+                        copy(&[number(1.0).only_where(carries)], numbers);
+                    }
                     Output::Absent(_, neutral) => numbers.fill(L::splat(neutral.number())),
                 }
                 at += width;

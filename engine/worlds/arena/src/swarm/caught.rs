@@ -15,14 +15,6 @@ pub(super) fn stop<L: Lanes>(caught: &[L::Mask], row: usize, commands: &mut [L])
     }
 }
 
-/// Removes the colours of caught robots. `shown` is empty if no robot shows or sees colours.
-#[inline(always)]
-pub(super) fn hide<L: Lanes>(caught: &[L::Mask], shown: &mut [Number<L>]) {
-    for (shown, caught) in shown.iter_mut().zip(caught) {
-        *shown = number(0.0).select(*shown, *caught);
-    }
-}
-
 /// Adds the lanes in which each robot is mute because it is caught.
 #[inline(always)]
 pub(super) fn mute<L: Lanes>(caught: &[L::Mask], mute: &mut Vec<L::Mask>) {

@@ -13,7 +13,7 @@ use crate::math::functions::normal;
 use crate::math::random::{Keys, Purpose, halves, key};
 use crate::place::{Kind, Place, Pose};
 use crate::robots::{Drive, Output, Team};
-use crate::rules::{CAUGHT, Referee, Rules};
+use crate::rules::{CARRIES, CAUGHT, Referee, Rules};
 use crate::sensing::camera;
 use crate::sensing::senses::Senses;
 use crate::sensing::verlet::VerletLists;
@@ -100,7 +100,7 @@ impl<L: Lanes> Swarm<L> {
         self.referee.start(rules, (team, layout), bodies);
         self.contacts.forget();
         self.senses.forget(team);
-        self.judge(layout);
+        self.judge(team, layout);
         self.sense(team, layout);
     }
 
@@ -181,7 +181,7 @@ impl<L: Lanes> Swarm<L> {
                 || battery::update(team, layout, &self.bodies, &self.told, charges),
             );
         }
-        self.judge(layout);
+        self.judge(team, layout);
         let bodies = &mut self.bodies;
         for index in 0..bodies.len() {
             bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
@@ -192,7 +192,7 @@ impl<L: Lanes> Swarm<L> {
 
     /// Applies the rules of the mission to the current poses.
     #[inline(always)]
-    fn judge(&mut self, layout: &Place) {
+    fn judge(&mut self, team: &Team, layout: &Place) {
         if !self.referee.is_active() {
             return;
         }
@@ -200,7 +200,8 @@ impl<L: Lanes> Swarm<L> {
             #[inline(always)]
             || {
                 self.referee.update(layout, &mut self.bodies);
-                caught::hide(&self.bodies.caught, &mut self.senses.shown);
+                self.referee
+                    .show(team, &self.bodies, &mut self.senses.shown);
             },
         );
     }
@@ -342,8 +343,11 @@ impl Swarm<f32> {
             return Some("empty");
         }
         let holds = self.bodies.objects.held_by(robot).any();
+        let carries = self.bodies.carries(robot).any();
         let failing = self.failing.state(self.tick, robot);
-        failing.or(holds.then_some("holds an object"))
+        failing
+            .or(holds.then_some("holds an object"))
+            .or(carries.then_some(CARRIES))
     }
 
     /// Moves all robots and objects to poses that are `seconds` later.

@@ -8,10 +8,10 @@ use crate::metrics::Metric;
 use crate::missions::text::Text;
 use crate::mistakes::{Mistakes, items, part};
 use crate::place::Place;
-use crate::rules::{Capture, Restart, Rules};
+use crate::rules::{Capture, Flag, Restart, Rules};
 
-/// Maximum number of captures in a mission.
-const MOST_CAPTURES: usize = 16;
+/// Maximum number of captures and of flags in a mission.
+const MOST: usize = 16;
 
 /// Reads the rules. `layout` is `None` if mistakes leave the place unknown.
 pub(super) fn read(text: &Text, layout: Option<&Place>, mistakes: &mut Mistakes) -> Rules {
@@ -20,10 +20,18 @@ pub(super) fn read(text: &Text, layout: Option<&Place>, mistakes: &mut Mistakes)
         mistakes.take(check_capture(&at, &capture));
         rules.captures.push(capture);
     }
-    if rules.captures.len() > MOST_CAPTURES {
-        let count = rules.captures.len();
-        let reason = format!("{count} captures found, at most {MOST_CAPTURES} are possible");
-        mistakes.add(wrong("mission.captures", reason));
+    for (at, flag) in items::<Flag>(text.flags.as_ref(), "mission.flags", mistakes) {
+        mistakes.take(check_flag(&at, &flag, &rules.flags, layout));
+        rules.flags.push(flag);
+    }
+    for (name, count) in [
+        ("captures", rules.captures.len()),
+        ("flags", rules.flags.len()),
+    ] {
+        if count > MOST {
+            let reason = format!("{count} {name} found, at most {MOST} are possible");
+            mistakes.add(wrong(&format!("mission.{name}"), reason));
+        }
     }
     let at = "mission.restart";
     let restart = text
@@ -42,18 +50,65 @@ fn check_capture(at: &str, capture: &Capture) -> Result<(), ParameterError> {
         let reason = "a kind of robots does not catch itself; name two kinds";
         return Err(wrong(&format!("{at}.by"), reason));
     }
-    if !(0.0..=FARTHEST).contains(&capture.reach) {
-        let reason = format!("{} found, expected 0 to {FARTHEST}", capture.reach);
-        return Err(wrong(&format!("{at}.reach"), reason));
+    check_reach(at, capture.reach)
+}
+
+fn check_reach(at: &str, reach: f32) -> Result<(), ParameterError> {
+    if (0.0..=FARTHEST).contains(&reach) {
+        return Ok(());
+    }
+    let reason = format!("{reach} found, expected 0 to {FARTHEST}");
+    Err(wrong(&format!("{at}.reach"), reason))
+}
+
+fn check_flag(
+    at: &str,
+    flag: &Flag,
+    others: &[Flag],
+    layout: Option<&Place>,
+) -> Result<(), ParameterError> {
+    if others.iter().any(|other| other.name == flag.name) {
+        let reason = format!(
+            "another flag is already named {:?}; choose another name",
+            flag.name
+        );
+        return Err(wrong(&format!("{at}.name"), reason));
+    }
+    if flag.robots == flag.lost_to {
+        let reason = "a kind of robots does not take flags from itself; name two kinds";
+        return Err(wrong(&format!("{at}.lost_to"), reason));
+    }
+    check_reach(at, flag.reach)?;
+    if let Some(layout) = layout {
+        check_patch(&format!("{at}.base"), &flag.base, layout)?;
+        check_patch(&format!("{at}.home"), &flag.home, layout)?;
+    }
+    if flag.base == flag.home {
+        let reason = "base and home must be different patches";
+        return Err(wrong(&format!("{at}.home"), reason));
     }
     Ok(())
 }
 
-fn check_restart(at: &str, restart: &Restart, layout: &Place) -> Result<(), ParameterError> {
-    let available = |names: Vec<&str>| match names.is_empty() {
+/// Checks that there is a patch with this name; `at` is the place that names it.
+fn check_patch(at: &str, name: &str, layout: &Place) -> Result<(), ParameterError> {
+    if layout.patch(name).is_some() {
+        return Ok(());
+    }
+    let names = layout.patches.iter().map(|patch| &patch.name[..]);
+    let available = available(names.collect());
+    let reason = format!("no patch of the floor is named {name:?}; available: {available}");
+    Err(wrong(at, reason))
+}
+
+fn available(names: Vec<&str>) -> String {
+    match names.is_empty() {
         true => "none".to_owned(),
         false => names.join(", "),
-    };
+    }
+}
+
+fn check_restart(at: &str, restart: &Restart, layout: &Place) -> Result<(), ParameterError> {
     let objects: Vec<&str> = layout.objects.iter().map(|kind| &kind.name[..]).collect();
     if !objects.contains(&&restart.object[..]) {
         let (name, available) = (&restart.object, available(objects));
@@ -65,22 +120,33 @@ fn check_restart(at: &str, restart: &Restart, layout: &Place) -> Result<(), Para
         return Err(wrong(&format!("{at}.on"), reason));
     }
     for (index, name) in restart.on.iter().enumerate() {
-        if layout.patch(name).is_none() {
-            let names = layout.patches.iter().map(|patch| &patch.name[..]);
-            let available = available(names.collect());
-            let reason = format!("no patch of the floor is named {name:?}; available: {available}");
-            return Err(wrong(&format!("{at}.on[{index}]"), reason));
-        }
+        check_patch(&format!("{at}.on[{index}]"), name, layout)?;
     }
     Ok(())
 }
 
-/// Checks that metrics of captures have some.
+/// Checks that the rules have what metrics of captures and flags name.
 pub(super) fn check_metrics(rules: &Rules, metrics: &[(String, Metric)], mistakes: &mut Mistakes) {
     for (name, metric) in metrics {
-        if matches!(metric, Metric::Caught { .. }) && rules.captures.is_empty() {
-            let reason = "the mission has no captures, so nobody is caught";
-            mistakes.add(wrong(&format!("mission.metrics.{name}"), reason));
+        let at = format!("mission.metrics.{name}");
+        match metric {
+            Metric::Caught { .. } if rules.captures.is_empty() => {
+                let reason = "the mission has no captures, so nobody is caught";
+                mistakes.add(wrong(&at, reason));
+            }
+            Metric::FlagsBrought { .. } | Metric::FlagsCarried { .. } if rules.flags.is_empty() => {
+                mistakes.add(wrong(&at, "the mission has no flags"));
+            }
+            Metric::FlagsBrought { flag: Some(flag) }
+            | Metric::FlagsCarried {
+                flag: Some(flag), ..
+            } if rules.flags.iter().all(|other| other.name != *flag) => {
+                let names = rules.flags.iter().map(|flag| &flag.name[..]);
+                let names = available(names.collect());
+                let reason = format!("no flag is named {flag:?}; available: {names}");
+                mistakes.add(wrong(&format!("{at}.flag"), reason));
+            }
+            _ => {}
         }
     }
 }

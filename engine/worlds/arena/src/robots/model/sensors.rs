@@ -144,6 +144,8 @@ pub(super) enum Sensor {
         #[serde(default)]
         noise: f32,
     },
+    /// Reports whether the robot carries a flag.
+    Flag {},
     /// Reports whether the gripper holds an object.
     Gripper {},
 }
@@ -367,6 +369,7 @@ pub(super) fn add(
             robot.compass_noise = *noise / 180.0;
             add_only(robot, Output::Compass, "compass")?;
         }
+        Sensor::Flag {} => add_only(robot, Output::Flag, "flag")?,
         Sensor::Random {} => add_only(robot, Output::Random, "random")?,
         Sensor::Camera {
             range,
