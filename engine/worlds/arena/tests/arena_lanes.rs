@@ -12,7 +12,7 @@ pub(super) fn check(parameters: &Value) -> Vec<f64> {
     let parameters = parameters.as_object().unwrap();
     let description = Arena::default().described(parameters).unwrap();
     let layered = layered(description.sensors, description.actuators, 3);
-    check_controller(parameters, &layered);
+    check_controller(parameters, &layered)
 }
 
 fn layered(sensors: usize, actuators: usize, hidden: usize) -> Value {
@@ -22,7 +22,7 @@ fn layered(sensors: usize, actuators: usize, hidden: usize) -> Value {
 
 /// As [`check`], with a network of its own for each kind of robots; if there is one kind, for a robot, for two others, which sense
 /// and do less, and for the rest.
-fn check_team(parameters: &Value) {
+pub(super) fn check_team(parameters: &Value) -> Vec<f64> {
     let parameters = parameters.as_object().unwrap();
     let mut arena = Arena::default();
     arena.reset(parameters).unwrap();
@@ -54,10 +54,10 @@ fn check_team(parameters: &Value) {
         ];
     }
     let team = json!({"kind": "team", "version": 1, "groups": groups});
-    check_controller(parameters, &team);
+    check_controller(parameters, &team)
 }
 
-fn check_controller(parameters: &Map<String, Value>, architecture: &Value) {
+fn check_controller(parameters: &Map<String, Value>, architecture: &Value) -> Vec<f64> {
     let description = Arena::default().described(parameters).unwrap();
     let architecture = Architecture::from_json(&architecture.to_string()).unwrap();
     let length = architecture.weight_count();

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use swarmwright_arena::Arena;
 use swarmwright_simulation::{Scene, Side, Simulation};
 
-use super::arena_lanes::check;
+use super::arena_lanes::{check, check_team};
 
 /// A robot that moves in any direction, with the same sensors for all kinds.
 fn robot(sensors: &Value) -> Value {
@@ -483,8 +483,9 @@ fn the_floor_belongs_to_who_was_there_last() {
 
 #[test]
 fn lanes_give_the_same_bits() {
-    check(&json!({"mission": "capture_the_flag", "duration": 15}));
-    check(&json!({"mission": "territory", "duration": 6}));
+    for mission in ["pursuit", "soccer", "capture_the_flag", "territory"] {
+        check_team(&json!({"mission": mission, "duration": 12}));
+    }
     let mut goals = field();
     // Their speed and failures differ, so that some lose the flag.
     goals["flags"][0]["home"] = json!("west");
@@ -505,8 +506,6 @@ fn lanes_give_the_same_bits() {
         episodes.clone().any(|episode| episode[2] > 0.0),
         "flags carried"
     );
-    check(&json!({"mission": "pursuit", "duration": 15}));
-    check(&json!({"mission": "soccer", "duration": 8}));
     let numbers = check(&json!({"mission": pitch()}));
     // The fitness and ten metrics of each episode: some have goals.
     let goals = numbers
@@ -554,8 +553,8 @@ fn soccer_is_the_same_from_both_sides() {
             }
         }
     }
-    for axis in 0..2 {
-        let [left, right] = [sums[0][axis] / 600.0, sums[1][axis] / 600.0];
+    for (left, right) in sums[0].iter().zip(sums[1]) {
+        let [left, right] = [left / 600.0, right / 600.0];
         assert!(left > 0.5 && right < -0.5, "{left} {right}");
         assert!((left + right).abs() < 0.08, "{left} {right}");
     }

@@ -2,11 +2,24 @@
 
 use std::ops::Range;
 
+use serde::Deserialize;
 use swarmwright_lanes::{Lanes, Mask, number};
 
-use super::Capture;
 use crate::bodies::Bodies;
 use crate::robots::Team;
+
+/// Robots of a kind are caught as soon as one of another kind is near: from then on they stand, show no colour and are
+/// not heard.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Capture {
+    /// The kind that is caught.
+    pub robots: String,
+    /// The kind that catches.
+    pub by: String,
+    /// Distance between the rims, metres.
+    pub reach: f32,
+}
 
 /// Robots that are caught, those that catch them, and the square of the distance between their middles, m^2.
 #[derive(Debug, Clone)]
@@ -54,8 +67,8 @@ impl Captures {
                 let mut caught = bodies.caught[robot];
                 for hunter in chase.hunters.clone() {
                     let [x, y] = bodies.between(robot, hunter);
-                    let near = (x * x + y * y).le(number(chase.square));
-                    caught = caught.or(near.and_not(bodies.caught[hunter]));
+                    let close = (x * x + y * y).le(number(chase.square));
+                    caught = caught.or(close.and_not(bodies.caught[hunter]));
                 }
                 bodies.caught[robot] = caught;
             }

@@ -2,12 +2,31 @@
 
 use std::ops::Range;
 
+use serde::Deserialize;
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::Flag;
 use crate::bodies::Bodies;
 use crate::place::{LedColor, Place};
 use crate::robots::Team;
+
+/// A flag, which lies at a base. A robot that comes there carries it, until it is home or loses the flag; then the flag is
+/// at its base again.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Flag {
+    pub name: String,
+    /// Name of the patch where it lies.
+    pub base: String,
+    /// The kind of robots that carry it, and the patch to which they bring it.
+    pub robots: String,
+    pub home: String,
+    /// The kind that takes it back from a robot that is near.
+    pub lost_to: String,
+    /// Distance between the rims for that, metres.
+    pub reach: f32,
+    /// Colour of a robot that carries it, which cameras see.
+    pub color: Option<LedColor>,
+}
 
 /// A flag, by indices of robots and patches.
 #[derive(Debug, Clone)]
@@ -88,8 +107,8 @@ impl Flags {
                 carries = carries.and_not(at_home);
                 for guard in flag.guards.clone() {
                     let [x, y] = bodies.between(robot, guard);
-                    let near = (x * x + y * y).le(number(flag.square));
-                    carries = carries.and_not(free(near, guard, bodies));
+                    let close = (x * x + y * y).le(number(flag.square));
+                    carries = carries.and_not(free(close, guard, bodies));
                 }
                 if !bodies.caught.is_empty() {
                     carries = carries.and_not(bodies.caught[robot]);

@@ -4,7 +4,6 @@ mod captures;
 mod flags;
 mod restart;
 
-use serde::Deserialize;
 use swarmwright_lanes::{Lanes, Number, number};
 
 use crate::bodies::Bodies;
@@ -14,50 +13,13 @@ use captures::Captures;
 use flags::Flags;
 use restart::Restarts;
 
+pub(crate) use captures::Capture;
+pub(crate) use flags::Flag;
+pub(crate) use restart::Restart;
+
 /// States of robots in pictures.
 pub(crate) const CARRIES: &str = "carries a flag";
 pub(crate) const CAUGHT: &str = "caught";
-
-/// Robots of a kind are caught as soon as one of another kind is near: from then on they stand, show no colour and are
-/// not heard.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Capture {
-    /// The kind that is caught.
-    pub robots: String,
-    /// The kind that catches.
-    pub by: String,
-    /// Distance between the rims, metres.
-    pub reach: f32,
-}
-
-/// A flag, which lies at a base. A robot that comes there carries it, until it is home or loses the flag; then the flag is
-/// at its base again.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Flag {
-    pub name: String,
-    /// Name of the patch where it lies.
-    pub base: String,
-    /// The kind of robots that carry it, and the patch to which they bring it.
-    pub robots: String,
-    pub home: String,
-    /// The kind that takes it back from a robot that is near.
-    pub lost_to: String,
-    /// Distance between the rims for that, metres.
-    pub reach: f32,
-    /// Colour of a robot that carries it, which cameras see.
-    pub color: Option<LedColor>,
-}
-
-/// All robots and objects return to their start poses in the tick after an object came to a patch.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Restart {
-    pub object: String,
-    /// Names of patches.
-    pub on: Vec<String>,
-}
 
 /// The rules of a mission.
 #[derive(Debug, Clone, PartialEq, Default)]

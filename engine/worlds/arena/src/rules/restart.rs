@@ -1,19 +1,28 @@
 //! Everything returns to its start pose after an event.
 
+use serde::Deserialize;
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::Restart;
 use crate::bodies::Bodies;
 use crate::place::Place;
+
+/// All robots and objects return to their start poses in the tick after an object came to a patch.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Restart {
+    pub object: String,
+    /// Names of patches.
+    pub on: Vec<String>,
+}
 
 /// The start poses, and the lanes in which everything returns to them in the next tick.
 pub(super) struct Restarts<L: Lanes> {
     /// Indices of the objects, and of the patches to which they come.
     objects: Vec<usize>,
     patches: Vec<usize>,
-    /// Start poses of robots and objects: position, and heading in half turns.
+    /// Start poses of robots, and of objects: position, and heading in half turns.
     robots: Vec<[Number<L>; 3]>,
-    things: Vec<[Number<L>; 3]>,
+    poses: Vec<[Number<L>; 3]>,
     due: L::Mask,
 }
 
@@ -24,7 +33,7 @@ impl<L: Lanes> Restarts<L> {
             layout.objects[kind].name == rule.object
         };
         let objects = &bodies.objects;
-        let things = objects.moving.iter();
+        let moving = objects.moving.iter();
         Self {
             objects: (0..objects.things.len()).filter(is_named).collect(),
             patches: rule
@@ -35,9 +44,7 @@ impl<L: Lanes> Restarts<L> {
             robots: (0..bodies.len())
                 .map(|robot| [bodies.x[robot], bodies.y[robot], bodies.heading[robot]])
                 .collect(),
-            things: things
-                .map(|thing| [thing.x, thing.y, thing.heading])
-                .collect(),
+            poses: moving.map(|of| [of.x, of.y, of.heading]).collect(),
             due: L::Mask::from_bits(0),
         }
     }
@@ -72,7 +79,7 @@ impl<L: Lanes> Restarts<L> {
             bodies.spin[robot] = zero.select(bodies.spin[robot], due);
         }
         let objects = &mut bodies.objects;
-        for (moving, [x, y, heading]) in objects.moving.iter_mut().zip(&self.things) {
+        for (moving, [x, y, heading]) in objects.moving.iter_mut().zip(&self.poses) {
             moving.x = x.select(moving.x, due);
             moving.y = y.select(moving.y, due);
             for speed in &mut moving.velocity {

@@ -41,9 +41,9 @@ pub(super) fn check(text: &Text, mut mistakes: Mistakes) -> Result<Mission, Mist
     let layout = place::place(text, &mut mistakes);
     let is_known = mistakes.len() == before;
     let start = mistakes.take(start(text.start.as_ref(), &layout));
-    let known = is_known.then_some(&layout);
-    let rules = rules::read(text, known, &mut mistakes);
-    let scored = scored(text, known, &mut mistakes);
+    let sound = is_known.then_some(&layout);
+    let rules = rules::read(text, sound, &mut mistakes);
+    let scored = scored(text, sound, &mut mistakes);
     let metrics = scored.as_ref().map(|scored| &scored.metrics[..]);
     rules::check_metrics(&rules, metrics.unwrap_or_default(), &mut mistakes);
     let sides = sides::read(text.sides.as_ref(), metrics, &mut mistakes);
