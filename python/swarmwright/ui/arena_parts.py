@@ -41,6 +41,7 @@ def reference(kind: str, *, is_optional: bool = False) -> dict[str, Any]:
 
 
 SHARE = {"type": "flag", "value": False, "is_optional": True}
+NAME = {"type": "text", "is_optional": True}
 METERS = "m"
 
 
@@ -93,6 +94,11 @@ METRICS: dict[str, dict[str, Any]] = {
         "near": number(0.05, METERS),
         "most": number(1, METERS),
     },
+    "sum": {"offset": number(0, is_optional=True), "factors": {"type": "factors", "value": {}}},
+    "caught": _sum(robots=reference("kind", is_optional=True)),
+    "flags_brought": {"flag": NAME},
+    "flags_carried": _mean(flag=NAME),
+    "painted_share": _mean(robots=reference("kind"), cell=number(0.1, METERS)),
     "robots_in_wrong_half": {"patch": reference("patch")},
     "stop_errors": {"patch": reference("patch")},
 }
@@ -149,6 +155,7 @@ SENSORS: dict[str, dict[str, Any]] = {
     "random": {},
     "battery": {"noise": NOISE},
     "gripper": {},
+    "flag": {},
 }
 
 ACTUATORS: dict[str, dict[str, Any]] = {

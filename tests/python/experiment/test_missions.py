@@ -30,9 +30,13 @@ def test_every_mission_has_an_experiment(name: str) -> None:
     experiment = Experiment(**check(parse(text, name)))
     assert experiment.simulation == "arena"
     # The mission describes robots of its own where e-pucks cannot do it.
-    sensors = {"object_retrieval": 20, "capture_the_flag": 21, "pursuit": 14, "soccer": 18, "territory": 14}.get(
-        name, 24
-    )
+    sensors = {
+        "object_retrieval": 20,
+        "capture_the_flag": 21,
+        "pursuit": 14,
+        "soccer": 18,
+        "territory": 14,
+    }.get(name, 24)
     assert experiment.sensors == sensors
     lines = [line for line in text.splitlines() if line.strip()]
     assert sum("#" in line for line in lines) > len(lines) / 2

@@ -50,6 +50,19 @@ def first_values(fields: dict[str, Any], *, all_of: bool = False) -> dict[str, A
     return values
 
 
+SIDES: dict[str, Any] = {
+    "robots": [
+        {"name": name, "count": 1, "robot": {**ROBOT, "sensors": [{"kind": "compass"}]}}
+        for name in ("a", "b")
+    ],
+    "captures": [{"robots": "a", "by": "b", "reach": 0.01}],
+    "flags": [
+        {"name": "f", "base": "zone", "robots": "a", "home": "spot", "lost_to": "b", "reach": 0.01},
+    ],
+}
+"""What metrics of sides need."""
+
+
 def refusal(mission: dict[str, Any]) -> str:
     with pytest.raises(InputError) as caught:
         experiment(mission, Path())
@@ -88,7 +101,10 @@ def test_a_metric_has_these_fields_and_first_values(kind: str) -> None:
         values["patch"] = "spot"
     if kind == "chain_reach":
         values["to"] = "spot"
-    assert problems(with_metric(kind=kind, **values), Path()) == []
+    if kind == "painted_share":
+        values["robots"] = "a"
+    sides = SIDES if kind in ("caught", "flags_brought", "flags_carried", "painted_share") else {}
+    assert problems({**with_metric(kind=kind, **values), **sides}, Path()) == []
 
 
 @pytest.mark.parametrize("kind", arena_parts.SENSORS)

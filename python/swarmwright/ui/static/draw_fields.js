@@ -74,6 +74,11 @@ function input(spec, value, set, key, names, label) {
         set(now.length || !spec.is_optional ? now : undefined);
       } }), each)));
     }
+    case "factors":
+      return h("input", { ...data, value: Object.entries(value ?? {}).map(([name, factor]) => `${name}: ${factor}`).join(", "), placeholder: "metric: factor, metric: factor", change: (event) => {
+        const terms = event.target.value.split(/[,;]/).filter((each) => each.trim()).map((each) => each.split(":").map((part) => part.trim()));
+        set(Object.fromEntries(terms.map(([name, factor]) => [name, Number.isNaN(Number(factor || 1)) ? factor : Number(factor || 1)])));
+      } });
     case "numbers":
       return h("input", { ...data, value: listOf(value).join(", "), placeholder: "default", change: (event) => {
         const list = numbers(event.target.value);
