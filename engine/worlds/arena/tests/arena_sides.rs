@@ -487,9 +487,10 @@ fn lanes_give_the_same_bits() {
         check_team(&json!({"mission": mission, "duration": 12}));
     }
     let mut goals = field();
-    // Their speed and failures differ, so that some lose the flag.
+    // Both patches are large and overlap, so that robots that wander about bring flags.
     goals["flags"][0]["home"] = json!("west");
     goals["flags"][0]["base"] = json!("east");
+    goals["floor"]["patches"][0]["circle"]["radius"] = json!(0.9);
     goals["floor"]["patches"][1]["circle"]["radius"] = json!(1.2);
     goals["robots"][1]["count"] = json!(3);
     goals["robots"][1]["start"] = json!({"rectangle": {"x": [0.2, 0.5], "y": [-0.2, 0.2]}});
