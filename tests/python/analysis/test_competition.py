@@ -1,0 +1,105 @@
+"""Progress of competitions: known games, and runs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import swarmwright
+from swarmwright import InputError
+from swarmwright.analysis.competition import assess, cyclic_share, fit_ranking, measure_progress
+from tests.python.runs.optimization.test_competing import MINISIM, POPULATIONS, TOURNAMENT
+
+
+def noisy(outcomes: NDArray[np.float64], noise: float, seed: int = 0) -> NDArray[np.float64]:
+    """Return ten episodes of each match."""
+    random = np.random.default_rng(seed)
+    return outcomes[:, :, np.newaxis] + random.normal(scale=noise, size=(*outcomes.shape, 10))
+
+
+def numbers_game(random: np.random.Generator, players: int = 20) -> NDArray[np.float64]:
+    """Return victories in the intransitive game of Watson and Pollack 2001.
+
+    The number of the dimension in which two players differ less decides.
+    """
+    own, other = random.random((2, players, 2))
+    differences = own[:, np.newaxis] - other[np.newaxis]
+    nearest = np.abs(differences).argmin(axis=2)
+    return np.sign(np.take_along_axis(differences, nearest[..., np.newaxis], axis=2)[..., 0])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])
+def test_an_intransitive_game_goes_in_circles(noise: float) -> None:
+    progress = assess("left", range(20), noisy(numbers_game(np.random.default_rng(1)), noise))
+    assert progress.cycles
+    assert progress.cyclic_share > 0.4
+
+
+def test_a_game_of_strength_rarely_seems_to_go_in_circles() -> None:
+    alarms = 0
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        own, other = np.sort(random.normal(size=15)), random.normal(size=15)
+        outcomes = np.tanh(2 * (own[:, np.newaxis] - other[np.newaxis]))
+        alarms += assess("left", range(15), noisy(outcomes, 1.0, seed)).cycles
+    assert alarms <= 6
+
+
+def test_the_better_always_winning_is_no_circle() -> None:
+    strengths = np.arange(12.0)
+    outcomes = np.sign(strengths[:, np.newaxis] - strengths[np.newaxis] + 0.5)
+    assert cyclic_share(outcomes) == pytest.approx(0.0, abs=1e-12)
+    assert cyclic_share(np.ones((4, 4))) == 0.0
+
+
+def test_the_fit_of_a_ranking_is_monotone_and_a_projection() -> None:
+    random = np.random.default_rng(3)
+    outcomes = random.normal(size=(9, 5))
+    fitted = fit_ranking(outcomes)
+    order = np.argsort(outcomes.mean(axis=1), kind="stable")
+    assert (np.diff(fitted[order], axis=0) >= -1e-12).all()
+    assert fitted.mean(axis=0) == pytest.approx(outcomes.mean(axis=0))
+    assert fit_ranking(fitted) == pytest.approx(fitted)
+
+
+def test_progress_and_the_generation_to_take() -> None:
+    strengths = np.minimum(np.arange(20.0), 12.0)  # no progress after generation 12
+    outcomes = strengths[:, np.newaxis] - strengths[np.newaxis]
+    progress = assess("left", range(0, 200, 10), noisy(outcomes, 0.5))
+    assert progress.gain_low > 0
+    assert 110 <= progress.take <= 130
+    assert progress.low[5] < progress.means[5] < progress.high[5]
+    backwards = assess("left", range(20), noisy(-outcomes, 0.5))
+    assert backwards.gain_high < 0
+    assert backwards.take == 0
+
+
+@pytest.mark.parametrize("experiment", [POPULATIONS, TOURNAMENT], ids=["populations", "swiss"])
+def test_champions_of_all_generations_meet(experiment: dict[str, object], tmp_path: Path) -> None:
+    run = swarmwright.optimize(experiment, servers="in-process", out=tmp_path / "run")
+    progress = measure_progress(run, champions=3, episodes=2, servers="in-process")
+    own, other = progress.sides
+    assert (own.side, other.side) == ("agents", "defenders")
+    assert own.generations == other.generations == (0, 2, 3)
+    assert other.outcomes == pytest.approx(-own.outcomes.T), "the match is zero-sum"
+    again = measure_progress(run, champions=3, episodes=2, servers="in-process")
+    assert again.sides[0].summary() == own.summary()
+
+
+def test_mistakes_are_a_message(tmp_path: Path) -> None:
+    run = swarmwright.optimize(TOURNAMENT, servers="in-process", out=tmp_path / "run")
+    with pytest.raises(InputError, match="champions: must be from 2 to 1000, not 1"):
+        measure_progress(run, champions=1)
+    with pytest.raises(InputError, match="episodes: must be from 2 to 10000, not 1"):
+        measure_progress(run, episodes=1)
+    short = swarmwright.optimize(
+        {**TOURNAMENT, "method": {"population": 4, "generations": 1}},
+        servers="in-process",
+        out=tmp_path / "short",
+    )
+    with pytest.raises(InputError, match="needs at least two finished generations, not 1"):
+        measure_progress(short)
+    alone = swarmwright.optimize({**MINISIM, "parameters": {}}, servers="in-process", out=tmp_path / "alone")
+    with pytest.raises(InputError, match="no competition"):
+        measure_progress(alone)
