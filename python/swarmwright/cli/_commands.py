@@ -32,6 +32,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "evaluate",
         "compare",
         "progress",
+        "league",
         "transfer",
         "score",
     ),

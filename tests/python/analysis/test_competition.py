@@ -26,7 +26,8 @@ def numbers_game(random: np.random.Generator, players: int = 20) -> NDArray[np.f
     own, other = random.random((2, players, 2))
     differences = own[:, np.newaxis] - other[np.newaxis]
     nearest = np.abs(differences).argmin(axis=2)
-    return np.sign(np.take_along_axis(differences, nearest[..., np.newaxis], axis=2)[..., 0])
+    decisive = np.take_along_axis(differences, nearest[..., np.newaxis], axis=2)[..., 0]
+    return np.asarray(np.sign(decisive))
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])
@@ -38,12 +39,12 @@ def test_an_intransitive_game_goes_in_circles(noise: float) -> None:
 
 def test_a_game_of_strength_rarely_seems_to_go_in_circles() -> None:
     alarms = 0
-    for seed in range(40):
+    for seed in range(12):
         random = np.random.default_rng(seed)
         own, other = np.sort(random.normal(size=15)), random.normal(size=15)
         outcomes = np.tanh(2 * (own[:, np.newaxis] - other[np.newaxis]))
         alarms += assess("left", range(15), noisy(outcomes, 1.0, seed)).cycles
-    assert alarms <= 6
+    assert alarms <= 3
 
 
 def test_the_better_always_winning_is_no_circle() -> None:

@@ -22,7 +22,6 @@ def test_text_figure_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert f"export {run.path} --generation" in text
     drawing = figure.read_text(encoding="utf-8")
     assert "generation of defenders" in drawing
-    assert "Progress of run" in drawing
     assert command([*arguments, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert facts["sides"].keys() == {"agents", "defenders"}
