@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 @click.option(
     "--output",
     "target",
+    cls=options.OutputOption,
     type=options.OutputFile(),
     metavar="FILE.md",
     help="Write the table as Markdown, too.",

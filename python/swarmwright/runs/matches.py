@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +14,13 @@ from swarmwright.controllers.kinds.team import Team
 from swarmwright.experiment.competition import needed_metrics
 from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.methods.rankings.tournament import TournamentOptions
-from swarmwright.runs.run import Run
 from swarmwright.servers.evaluation.base import Controllers, Progress, Results, Servers
 from swarmwright.servers.evaluation.evaluate import log_failures
 from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.simulations.fitness import FitnessExpression
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
 
 COLUMNS = ("candidate", "fitness", "score")
 """Columns of each side in the record, after the metrics: SIDE.candidate and so on."""
@@ -95,7 +97,7 @@ def slices_of(experiment: Experiment) -> dict[str, slice]:
     return slices
 
 
-def champions(run: Run, side: str) -> list[Champion]:
+def champions(run: "Run", side: str) -> list[Champion]:
     """Return the champion of a side in each generation, in order.
 
     Raises InputError if the run is no competition, or has no such side.
@@ -110,7 +112,7 @@ def champions(run: Run, side: str) -> list[Champion]:
     ]
 
 
-def describe_champions(run: Run) -> str | None:
+def describe_champions(run: "Run") -> str | None:
     """Return the result of the last match of champions: `hunters -0.39, prey 0.39`.
 
     None if the run is no competition, or has no generation.
