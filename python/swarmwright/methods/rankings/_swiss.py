@@ -5,6 +5,7 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
+from swarmwright.methods.rankings._matching import improve_matching
 from swarmwright.methods.rankings._pairing import (
     Pairing,
     PairingOptions,
@@ -23,8 +24,7 @@ class Swiss(Pairing):
     The first round is drawn at random. From then on candidates are ordered by their points, then by the sum
     of their opponents' points (Buchholz's score), then by the draw; each, from the best on, meets the next
     that it has not met. Where that leaves candidates at the end who have all met, earlier pairs are changed.
-    Candidates meet twice only if there is no other way, which for large tournaments is decided after a
-    bounded search.
+    Candidates meet twice only if there is no other way.
 
     Of an odd number, the lowest of those with the fewest byes has a bye, which counts as a win for the order
     of the rounds to come. Who has played the first side less often plays it.
@@ -134,14 +134,20 @@ class _Table:
 
     def _match(self, standing: list[int]) -> list[tuple[int, int]]:
         """Pair neighbours in the standing that have met least often."""
-        for most in range(max(self._meetings.values(), default=0)):
-            pairs = _pair_neighbours(
-                standing,
-                lambda one, other, most=most: self._count_meetings(one, other) <= most,  # type: ignore[misc]
-            )
-            if pairs is not None:
-                return pairs
-        return list(zip(standing[::2], standing[1::2], strict=True))
+        partners = [-1] * len(standing)
+        most = 0
+        while True:
+
+            def may_meet(one: int, other: int, most: int = most) -> bool:
+                return self._count_meetings(standing[one], standing[other]) <= most
+
+            if most == 0:
+                _pair_neighbours(partners, may_meet)
+            improve_matching(partners, may_meet)
+            if -1 not in partners:
+                break
+            most += 1
+        return [(standing[place], standing[other]) for place, other in enumerate(partners) if place < other]
 
     def _count_meetings(self, first: int, second: int) -> int:
         return self._meetings[min(first, second), max(first, second)]
@@ -152,38 +158,11 @@ class _Table:
         return better, worse
 
 
-def _pair_neighbours(
-    standing: list[int], may_meet: Callable[[int, int], bool]
-) -> list[tuple[int, int]] | None:
-    """Pair each, from the best on, with the next that it may meet; go back where the last cannot be paired.
-
-    Returns:
-        the pairs; None if there are none, or none were reached in a number of steps that grows with the
-        candidates.
-    """
-    paired = [False] * len(standing)
-    pairs: list[tuple[int, int]] = []
-    first, begin = 0, 1
-    for _ in range(1000 + 20 * len(standing)):
-        second = next(
-            (
-                place
-                for place in range(begin, len(standing))
-                if not paired[place] and may_meet(standing[first], standing[place])
-            ),
-            None,
-        )
-        if second is not None:
-            pairs.append((first, second))
-            paired[first] = paired[second] = True
-            if 2 * len(pairs) == len(standing):
-                return [(standing[better], standing[worse]) for better, worse in pairs]
-            first = paired.index(False)
-            begin = first + 1
-        elif pairs:
-            first, last = pairs.pop()
-            paired[first] = paired[last] = False
-            begin = last + 1
-        else:
-            return None
-    return None
+def _pair_neighbours(partners: list[int], may_meet: Callable[[int, int], bool]) -> None:
+    """Pair each, from the best on, with the next that it may meet."""
+    for place in range(len(partners)):
+        if partners[place] < 0:
+            for other in range(place + 1, len(partners)):
+                if partners[other] < 0 and may_meet(place, other):
+                    partners[place], partners[other] = other, place
+                    break
