@@ -114,6 +114,16 @@ def test_the_fitness_of_the_first_side_is_that_of_the_record() -> None:
             {"populations": POPULATIONS, "ranking": {"score": "elo"}},
             "ranking.score: elo is for one population",
         ),
+        (
+            {"populations": POPULATIONS, "ranking": {"score": "win_rate"}},
+            "ranking.score: win_rate is for one population",
+        ),
+        (
+            {"populations": POPULATIONS, "ranking": {"pairing": "frevo_swiss_system"}},
+            "ranking.pairing: frevo_swiss_system is for one",
+        ),
+        ({"ranking": {"kind": "tournament", "win": 0}}, "ranking.win: must be"),
+        ({"ranking": {"kind": "tournament", "draw": -1}}, "ranking.draw: must be"),
         ({"populations": POPULATIONS, "ranking": {"kind": "absolute"}}, "ranking.kind: must be tournament"),
         (
             {"populations": POPULATIONS, "method": {"kind": "racing"}},

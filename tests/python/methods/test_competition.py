@@ -1,5 +1,6 @@
 """Competitions: who meets whom, and what the methods are told."""
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,21 @@ def test_every_candidate_of_one_population_plays(pairing: str, both_sides: bool)
         if both_sides:
             assert sorted(map(tuple, lone.tolist())) == sorted(map(tuple, lone[:, ::-1].tolist()))
         assert met[-1, 0] == met[-1, 1], "the champion meets itself"
+
+
+def test_pairings_of_frevo_say_who_plays_which_side() -> None:
+    method = create(pairing="frevo_full_tournament", both_sides=False, score="points", win=2, draw=1)
+    met = play(method)[:-1]
+    assert met.tolist() == [list(pair) for pair in combinations(range(7), 2)]
+    assert method.population_fitness.sum() == 2 * len(met)
+
+
+@pytest.mark.parametrize("score", ["points", "win_rate", "fitness", "elo", "bradley_terry", "order"])
+def test_the_strongest_of_a_round_robin_has_the_best_score(score: str) -> None:
+    method = create(pairing="round_robin", score=score)
+    play(method)
+    strengths = method._members[0][:, 0]
+    assert method.population_fitness.argmax() == strengths.argmax()
 
 
 @pytest.mark.parametrize("pairing", SEVERAL)
