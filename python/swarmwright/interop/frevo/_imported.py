@@ -59,11 +59,13 @@ def load(
     METHODS.check("method", method)
     REPRESENTATIONS.check("controller", controller)
     RANKINGS.check("ranking", ranking)
+    sensors, parameters = _describe(absolute_name or EMERGENCY_EXIT)
     mapped = map_session(
         session,
         None if field is None else Path(field),
         Replacements(absolute_name, method, controller, ranking),
-        _count_sensors(absolute_name or EMERGENCY_EXIT),
+        sensors,
+        parameters,
     )
     text = _format_experiment(session, mapped, Path(folder))
     # The path of the field is relative to the folder of this name; the file does not exist.
@@ -76,11 +78,15 @@ def load(
     return Imported(text, experiment, tuple(mapped.notes))
 
 
-def _count_sensors(simulation: str) -> int | None:
-    """Return the number of sensors of an agent; None if the simulation is not on this computer."""
+def _describe(simulation: str) -> tuple[int | None, list[str]]:
+    """Return the number of sensors of an agent and the names of parameters, as far as known.
+
+    None and no names if the simulation is not on this computer.
+    """
     if not catalogue.is_local(simulation):
-        return None
-    return int(catalogue.description(simulation)["sensors"])
+        return None, []
+    described = catalogue.description(simulation)
+    return int(described["sensors"]), list(described["parameters"])
 
 
 def _format_experiment(session: Session, mapped: Mapped, folder: Path) -> str:

@@ -4,7 +4,7 @@ Converts the entries of FREVO's methods to options, and those of FREVO's Emergen
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from swarmwright.interop.frevo._document import (
     run_all,
 )
 from swarmwright.interop.frevo._field import FieldFile, find_field
+from swarmwright.interop.frevo._games import map_game
 from swarmwright.interop.frevo._mapped import Line, Mapped, report_unused, to_single_line
 from swarmwright.interop.frevo._representations import map_representation, omit_mutation
 from swarmwright.interop.frevo._tournaments import map_tournament
@@ -294,7 +295,11 @@ class Replacements:
 
 
 def map_session(
-    session: Session, field_file: Path | None, replacements: Replacements, sensors: int | None
+    session: Session,
+    field_file: Path | None,
+    replacements: Replacements,
+    sensors: int | None,
+    parameters: Collection[str] = (),
 ) -> Mapped:
     """Convert all entries.
 
@@ -303,6 +308,7 @@ def map_session(
         field_file: the field of Emergency Exit; None: the file that the session names.
         replacements: replacements of components.
         sensors: number of sensors of an agent, if known.
+        parameters: names of the simulation's parameters, as far as known.
 
     Raises:
         InputError: an entry is invalid or has no counterpart; the message lists the problems of all
@@ -311,7 +317,7 @@ def map_session(
     mapped = Mapped(Line("seed", 0, ""))
     steps: list[Callable[[], None]] = [
         lambda: _map_config(session.config, mapped),
-        lambda: _map_simulation(session, field_file, replacements.simulation, mapped),
+        lambda: _map_simulation(session, field_file, replacements.simulation, parameters, mapped),
         lambda: _map_method(session, replacements.method, mapped),
         lambda: _map_controller(session, sensors, replacements.controller, mapped),
         lambda: _map_ranking(session, replacements, mapped),
@@ -357,7 +363,11 @@ def _map_config(config: Section, mapped: Mapped) -> None:
 
 
 def _map_simulation(
-    session: Session, field_file: Path | None, replacement: str | None, mapped: Mapped
+    session: Session,
+    field_file: Path | None,
+    replacement: str | None,
+    parameters: Collection[str],
+    mapped: Mapped,
 ) -> None:
     problem = session.problem
     if replacement is None:
@@ -365,6 +375,7 @@ def _map_simulation(
         map_problem(session, field_file, mapped)
         return
     mapped.simulation = replacement
+    map_game(session, parameters, mapped)
     mapped.not_parameters += report_unused(problem, f"an entry of {to_single_line(problem.class_name)}")
     mapped.notes.append(f"problem.class = {to_single_line(problem.class_name)}: {replacement} replaces it")
 

@@ -126,3 +126,40 @@ def test_points_are_whole_numbers(load: Load) -> None:
         load("swissSystem.SwissSystem", entry("points_win", "2.5"))
     with pytest.raises(InputError, match="points_win"):
         load("swissSystem.SwissSystem", entry("points_win", 0))
+
+
+GAMES = {
+    "pong.Pong": ("pong.py:Pong", 'key="paddleSpeed" type="FLOAT" value="2f"', "paddleSpeed", 2.0),
+    "components.simplesoccer.SimpleSoccer": (
+        "soccer.py:Soccer",
+        'key="evaluation_time" type="INT" value="9000"',
+        "evaluation_time",
+        9000,
+    ),
+}
+
+
+@pytest.mark.parametrize("problem", sorted(GAMES))
+@pytest.mark.parametrize(
+    ("representation", "forgets"),
+    [("threeLayerNetwork.ThreeLayerNetwork", False), ("fullyMeshedNet.FullyMeshedNet", True)],
+)
+def test_games_keep_their_entries(
+    root: Path, tmp_path: Path, problem: str, representation: str, forgets: bool
+) -> None:
+    name, attributes, key, value = GAMES[problem]
+    path = tmp_path / "game.zse"
+    path.write_text(
+        f'<frevo><problem class="{problem}"><problementry {attributes}/>'
+        '<problementry key="playersPerTeam" type="INT" value="4"/>'
+        '<problementry key="controller_model" type="ENUM" value="NEARESTINFOPLAYER"/></problem>'
+        f'<method class="nnga.NNGA"/><representation class="{representation}"/>'
+        '<ranking class="swissSystem.SwissSystem"/></frevo>'
+    )
+    imported = frevo.load(path, simulation=f"{root}/experiments/frevo/{name}")
+    assert imported.experiment.parameters == {key: value, "playersPerTeam": 4}
+    assert "# not imported: controller_model = NEARESTINFOPLAYER" in imported.yaml
+    assert any("controllers forget everything in each step" in note for note in imported.notes) == forgets
+    path.write_text(path.read_text().replace('value="4"', 'value="four"'))
+    with pytest.raises(InputError, match=r"problem.playersPerTeam: 'four' found, expected a whole number"):
+        frevo.load(path, simulation=f"{root}/experiments/frevo/{name}")
