@@ -110,11 +110,11 @@ class Ball:
             paddle = pair[0 if dx < 0 else 1]
             bounce = paddle.hit(self.x, self.y, *way)
             if bounce:
-                axis, place = bounce
+                axis, edge = bounce
                 if axis == 0:
-                    x, dx = place, -dx
+                    x, dx = edge, -dx
                 else:
-                    y, dy = place, -dy
+                    y, dy = edge, -dy
                 if paddle.moving:  # a ball that the paddle goes along with becomes slower
                     dy *= 0.5 if (paddle.moving < 0) == (dy < 0) else 1.5
                 break
@@ -174,7 +174,7 @@ class Pong(Simulation):
 
     def begin(self):
         gap = HEIGHT // (self.players + 1)
-        tops = [HEIGHT - gap * (place + 1) - self.height // 2 for place in range(self.players)]
+        tops = [HEIGHT - gap * (index + 1) - self.height // 2 for index in range(self.players)]
         self.teams = [
             [Paddle(0, top, self.height) for top in reversed(tops)],
             [Paddle(1, top, self.height) for top in tops],
@@ -219,8 +219,8 @@ class Pong(Simulation):
         def distance(ball):
             return (paddle.left + PADDLE // 2 - ball.x) ** 2 + (paddle.middle - ball.y) ** 2
 
-        near = [ball for ball in self.balls if ball.approaches(paddle.side)]
-        return min(near, key=distance) if near else max(self.balls, key=distance)
+        approaching = [ball for ball in self.balls if ball.approaches(paddle.side)]
+        return min(approaching, key=distance) if approaching else max(self.balls, key=distance)
 
     def done(self):
         return self.steps == self.games * self.game_steps

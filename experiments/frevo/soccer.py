@@ -16,8 +16,8 @@ TOUCH = 0.3 + 0.085  # m, radii of player and ball
 PATIENCE = 10  # steps in which nobody moves, after which a game ends
 
 SENSORS = tuple(
-    f"{what} {where}"
-    for what in ("ball", "mate", "opponent", "border")
+    f"{target} {where}"
+    for target in ("ball", "mate", "opponent", "border")
     for where in ("up", "down", "left", "right")
 )
 
@@ -40,7 +40,7 @@ class Player:
     """A player; its direction is in degrees, 0 is up and 90 to the right."""
 
     def __init__(self, x, y, direction):
-        self.place, self.velocity, self.direction = (x, y), (0.0, 0.0), direction
+        self.position, self.velocity, self.direction = (x, y), (0.0, 0.0), direction
 
 
 class Soccer(Simulation):
@@ -130,10 +130,10 @@ class Soccer(Simulation):
         return self.observe()
 
     def distance(self, player):
-        return math.hypot(self.ball[0] - player.place[0], self.ball[1] - player.place[1])
+        return math.hypot(self.ball[0] - player.position[0], self.ball[1] - player.position[1])
 
     def places(self):
-        return [player.place for team in self.teams for player in team]
+        return [player.position for team in self.teams for player in team]
 
     def run(self, player, x, y):
         player.direction = math.atan2(x, y) * 180.0 / math.pi
@@ -146,9 +146,9 @@ class Soccer(Simulation):
     def kick(self, side, player, x, y):
         power = min(int(100 * math.sqrt(x * x + y * y)), 100)
         gap = self.distance(player) - TOUCH
-        if gap > MARGIN or not is_inside(*player.place) or power == 0:
+        if gap > MARGIN or not is_inside(*player.position) or power == 0:
             return
-        away_x, away_y = self.ball[0] - player.place[0], self.ball[1] - player.place[1]
+        away_x, away_y = self.ball[0] - player.position[0], self.ball[1] - player.position[1]
         away = math.hypot(away_x, away_y)
         toward = math.degrees(math.acos(max(-1.0, min(-away_y / away, 1.0)))) if away else 0.0
         turn = (360 - toward if away_x < 0 else toward) - player.direction
@@ -164,13 +164,13 @@ class Soccer(Simulation):
 
     def move(self):
         for player in (player for team in self.teams for player in team):
-            place = (player.place[0] + player.velocity[0], player.place[1] + player.velocity[1])
-            if is_inside(*place):
-                player.place = place
+            position = (player.position[0] + player.velocity[0], player.position[1] + player.velocity[1])
+            if is_inside(*position):
+                player.position = position
             player.velocity = (player.velocity[0] * PLAYER_DECAY, player.velocity[1] * PLAYER_DECAY)
-        place = (self.ball[0] + self.ball_velocity[0], self.ball[1] + self.ball_velocity[1])
-        if is_inside(*place):
-            self.ball = place
+        position = (self.ball[0] + self.ball_velocity[0], self.ball[1] + self.ball_velocity[1])
+        if is_inside(*position):
+            self.ball = position
         self.ball_velocity = (self.ball_velocity[0] * BALL_DECAY, self.ball_velocity[1] * BALL_DECAY)
         if abs(self.ball[1]) <= GOAL and abs(self.ball[0]) >= GOAL_LINE:
             self.goals[0 if self.ball[0] > 0 else 1] += 1
@@ -179,7 +179,7 @@ class Soccer(Simulation):
     def score(self, number):
         """Add what is measured every five, four and two seconds, if `number` is such a step."""
         time = number * STEP
-        teams = [[player.place for player in team] for team in self.teams]
+        teams = [[player.position for player in team] for team in self.teams]
         if time % 5000 == 0:
             for point in ((x, y) for y in range(30, -31, -10) for x in range(-40, 41, 10)):
                 self.credit(self.spread, *(min(distances(team, point)) for team in teams))
@@ -187,8 +187,8 @@ class Soccer(Simulation):
             self.credit(self.nearest, *(min(distances(team, self.ball)) for team in teams))
         if time % 2000 == 0:
             right, left = distances([(GOAL_LINE, 0.0), (-GOAL_LINE, 0.0)], self.ball)
-            near = min(right, left)
-            points = 1 + (10 if near < 7 else 3 if near < 20 else 1 if near < 30 else 0)
+            gap = min(right, left)
+            points = 1 + (10 if gap < 7 else 3 if gap < 20 else 1 if gap < 30 else 0)
             self.credit(self.ball_goal, right, left, points)
 
     @staticmethod
@@ -213,14 +213,14 @@ class Soccer(Simulation):
         return [self.look(side, player) for side, team in enumerate(self.teams) for player in team]
 
     def look(self, side, player):
-        x, y = player.place
-        mates = [other.place for other in self.teams[side] if other is not player]
-        opponents = [other.place for other in self.teams[1 - side]]
+        x, y = player.position
+        mates = [other.position for other in self.teams[side] if other is not player]
+        opponents = [other.position for other in self.teams[1 - side]]
         values = []
         for point in (self.ball, self.closest(mates, x, y), self.closest(opponents, x, y)):
-            values += self.near(point[0] - x, point[1] - y)
+            values += self.sense(point[0] - x, point[1] - y)
         values += [1 / (1 + gap) for gap in (WIDTH + y, WIDTH - y, LENGTH + x, LENGTH - x)]
-        return values if side == 0 else [values[place ^ 1] for place in range(16)]
+        return values if side == 0 else [values[sensor ^ 1] for sensor in range(16)]
 
     @staticmethod
     def closest(points, x, y):
@@ -228,7 +228,7 @@ class Soccer(Simulation):
         return points[away.index(min(away))]
 
     @staticmethod
-    def near(x, y):
+    def sense(x, y):
         away = max(math.hypot(x, y), REACH)
         squared = away * away
         up, left = abs(y / squared), abs(x / squared)
@@ -263,7 +263,7 @@ class Soccer(Simulation):
 
     def scene(self):
         bodies = [
-            Body(kind, player.place[0] + 60, 40 - player.place[1], "free", 0.9)
+            Body(kind, player.position[0] + 60, 40 - player.position[1], "free", 0.9)
             for kind, team in zip(("agent", "defender"), self.teams)
             for player in team
         ]

@@ -53,7 +53,7 @@ class FrevoSwissSystem(Pairing):
             if number:
                 pairs = _pair_groups(points.tolist(), meetings, had_bye)
             else:
-                pairs = [(place, candidates - 1 - place) for place in range(candidates // 2)]
+                pairs = [(index, candidates - 1 - index) for index in range(candidates // 2)]
                 had_bye |= {candidates // 2} if candidates % 2 else set()
             pairs.reverse()  # FREVO plays the last first
             if not pairs:

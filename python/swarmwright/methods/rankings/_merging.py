@@ -41,8 +41,8 @@ class MergeSort(Pairing):
             results = yield as_pairs(pairs)
             for first, _ in pairs:
                 firsts[first] += 1
-            for merge, turn, (one, other) in zip(open_merges, turned, results.tolist(), strict=True):
-                own, opposing = (other, one) if turn else (one, other)
+            for merge, turn, result in zip(open_merges, turned, results.tolist(), strict=True):
+                own, opposing = result[::-1] if turn else result
                 merge.take(second=opposing > own and np.isfinite(own) and np.isfinite(opposing))
 
 

@@ -138,8 +138,8 @@ class _Table:
         most = 0
         while True:
 
-            def may_meet(one: int, other: int, most: int = most) -> bool:
-                return self._count_meetings(standing[one], standing[other]) <= most
+            def may_meet(first: int, other: int, most: int = most) -> bool:
+                return self._count_meetings(standing[first], standing[other]) <= most
 
             if most == 0:
                 _pair_neighbours(partners, may_meet)
@@ -147,7 +147,7 @@ class _Table:
             if -1 not in partners:
                 break
             most += 1
-        return [(standing[place], standing[other]) for place, other in enumerate(partners) if place < other]
+        return [(standing[index], standing[other]) for index, other in enumerate(partners) if index < other]
 
     def _count_meetings(self, first: int, second: int) -> int:
         return self._meetings[min(first, second), max(first, second)]
@@ -160,9 +160,9 @@ class _Table:
 
 def _pair_neighbours(partners: list[int], may_meet: Callable[[int, int], bool]) -> None:
     """Pair each, from the best on, with the next that it may meet."""
-    for place in range(len(partners)):
-        if partners[place] < 0:
-            for other in range(place + 1, len(partners)):
-                if partners[other] < 0 and may_meet(place, other):
-                    partners[place], partners[other] = other, place
+    for index in range(len(partners)):
+        if partners[index] < 0:
+            for other in range(index + 1, len(partners)):
+                if partners[other] < 0 and may_meet(index, other):
+                    partners[index], partners[other] = other, index
                     break

@@ -92,8 +92,8 @@ class HallOfFame(Pairing):
         if champions:
             opponents = sorted(random.choice(options.archive, champions, replace=False).tolist())
         pairs = [
-            (candidates + champion, candidate) if place % 2 else (candidate, candidates + champion)
-            for place, champion in enumerate(opponents)
+            (candidates + champion, candidate) if index % 2 else (candidate, candidates + champion)
+            for index, champion in enumerate(opponents)
             for candidate in range(candidates)
         ]
         pairs += _draw_rounds(candidates, rounds - champions, random)

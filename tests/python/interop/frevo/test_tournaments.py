@@ -87,11 +87,11 @@ def entry(key: str, value: object) -> str:
 )
 def test_tournaments(load: Load, ranking: str, entries: list[str], expected: dict[str, Any]) -> None:
     imported = load(ranking, *entries)
-    made = imported.experiment.ranking
-    assert isinstance(made, TournamentOptions)
-    assert list(made.sides) == ["left", "right"]
-    assert made.both_sides is False
-    assert {key: getattr(made, key) for key in expected} == expected
+    ranking_options = imported.experiment.ranking
+    assert isinstance(ranking_options, TournamentOptions)
+    assert list(ranking_options.sides) == ["left", "right"]
+    assert ranking_options.both_sides is False
+    assert {key: getattr(ranking_options, key) for key in expected} == expected
     assert not any("unknown to FREVO" in note for note in imported.notes)
     assert f"# {ranking}" in imported.yaml
     assert any("games are for two" in note for note in imported.notes) == ranking.startswith("Multi")

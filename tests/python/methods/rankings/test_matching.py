@@ -39,15 +39,15 @@ def test_matchings_have_as_many_pairs_as_possible(count: int, density: float, se
         ([-1 if vertex not in edge else sum(edge) - vertex for vertex in range(count)] for edge in few), None
     )
     if begun is not None:
-        again = match(count, few, begun)
-        assert sum(other >= 0 for other in again) == 2 * most
-        assert all(other >= 0 for other, first in zip(again, begun, strict=True) if first >= 0)
+        continued = match(count, few, begun)
+        assert sum(other >= 0 for other in continued) == 2 * most
+        assert all(other >= 0 for other, first in zip(continued, begun, strict=True) if first >= 0)
 
 
 def test_petersens_graph_has_a_perfect_matching() -> None:
-    outer = [(place, (place + 1) % 5) for place in range(5)]
-    inner = [(5 + place, 5 + (place + 2) % 5) for place in range(5)]
-    spokes = [(place, 5 + place) for place in range(5)]
+    outer = [(index, (index + 1) % 5) for index in range(5)]
+    inner = [(5 + index, 5 + (index + 2) % 5) for index in range(5)]
+    spokes = [(index, 5 + index) for index in range(5)]
     assert -1 not in match(10, {frozenset(edge) for edge in outer + inner + spokes})
 
 
