@@ -380,21 +380,21 @@ impl<L: Lanes> Workspace<L> {
         let mut free = 0;
         // Defenders first: they look at the agents where these are at the start of the step.
         for index in (agents..agents + defenders).chain(0..agents) {
-            let (at, seen, speed, moving) = if let Some(defender) = index.checked_sub(agents) {
+            let (at, offsets, speed, moving) = if let Some(defender) = index.checked_sub(agents) {
                 let at = self.defenders[defender];
                 let way = self.look(at, Self::unaware(at), 0, agents).way;
-                let seen = [way, goal.minus(at)];
-                (at, seen, settings.speed_defenders, u64::MAX)
+                let offsets = [way, goal.minus(at)];
+                (at, offsets, settings.speed_defenders, u64::MAX)
             } else {
                 let Agent { at, to_defender } = self.agents[index];
                 let free = self.statuses[index].free;
-                let seen = [goal.minus(at), to_defender];
-                (at, seen, settings.speed_agents, free)
+                let offsets = [goal.minus(at), to_defender];
+                (at, offsets, settings.speed_agents, free)
             };
             if moving == 0 {
                 continue;
             }
-            let [first, second] = seen;
+            let [first, second] = offsets;
             let sensors = [
                 first.x.div(size[0]),
                 first.y.div(size[1]),
