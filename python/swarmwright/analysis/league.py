@@ -145,8 +145,10 @@ class League:
         played = self.fitness[_playable(self.participants)]
         if len(self.seeds) > 1 and np.array_equal(played, np.broadcast_to(played[:, :1], played.shape), True):
             notes.append("the results do not depend on the seed, so there are no intervals")
+        elif all(standing.rating_interval is None for _, rows in self.tables for _, standing in rows):
+            notes.append("each seed has the same winners, so there are no intervals")
         elif len(self.seeds) < _FEW_SEEDS:
-            notes.append("so few episodes give no intervals, or too narrow ones; choose more with --episodes")
+            notes.append("intervals of so few episodes are too narrow; choose more with --episodes")
         if self.has_roles:
             notes.append("a game compares two controllers of a side against the same opponent and seed")
         return tuple(notes)
@@ -154,7 +156,7 @@ class League:
     @property
     def heading(self) -> list[str]:
         """Lines above the tables: what was played."""
-        name = escape_line(self.experiment.simulation)
+        name = escape_line(self.experiment.subject)
         matches = format_count(self.matches, "match").replace("matchs", "matches")
         controllers = format_count(len(self.participants), "controller")
         return [
@@ -217,7 +219,7 @@ class League:
         options = self.experiment.ranking
         assert isinstance(options, TournamentOptions)
         return {
-            "simulation": self.experiment.simulation,
+            "simulation": self.experiment.label,
             "parameters": self.experiment.parameters,
             "sides": dict(options.sides or {}),
             "seeds": self.seeds,
@@ -444,15 +446,17 @@ def _play(
     compute = SideFitness(options)
     count = len(participants)
     fitness = np.full((count, count, len(seeds), 2), np.nan)
-    by_architecture: dict[str, list[tuple[int, int]]] = {}
-    teams: dict[str, dict[str, Any]] = {}
+    kinds = [
+        {side: repr(controller.architecture) for side, controller in participant.sides.items()}
+        for participant in participants
+    ]
+    by_architecture: dict[tuple[str, str], list[tuple[int, int]]] = {}
     for first, second in np.argwhere(playable).tolist():
-        team = joined(architecture, [participants[first].sides[0], participants[second].sides[1]])
-        key = repr(team)
-        teams.setdefault(key, team)
-        by_architecture.setdefault(key, []).append((first, second))
+        by_architecture.setdefault((kinds[first][0], kinds[second][1]), []).append((first, second))
     whole, done = int(playable.sum()) * len(seeds), 0
-    for key, matches in by_architecture.items():
+    for matches in by_architecture.values():
+        example = matches[0]
+        team = joined(architecture, [participants[example[side]].sides[side] for side in range(len(example))])
         for start in range(0, len(matches), _CHUNK):
             chunk = matches[start : start + _CHUNK]
 
@@ -466,7 +470,7 @@ def _play(
                     for i, j in chunk
                 ]
             )
-            results = backend.evaluate(Controllers(teams[key], weights), seeds, progress)
+            results = backend.evaluate(Controllers(team, weights), seeds, progress)
             log_failures(backend, results)
             rows, others = np.array(chunk).T
             fitness[rows, others] = compute(backend.metrics, results)
@@ -477,14 +481,18 @@ def _play(
 def _format(value: float, *, percent: bool = False) -> str:
     if not np.isfinite(value):
         return "-"
-    return f"{100 * value:.0f} %" if percent else f"{value + 0.0:.0f}"
+    return f"{_round(100 * value)} %" if percent else _round(value)
 
 
 def _format_interval(ends: tuple[float, float] | None, *, percent: bool = False) -> str:
     if ends is None:
         return "-"
-    low, high = (f"{(100 if percent else 1) * end + 0.0:.0f}" for end in ends)
+    low, high = (_round((100 if percent else 1) * end) for end in ends)
     return f"{low} to {high}"
+
+
+def _round(value: float) -> str:
+    return f"{round(value):d}"  # no -0
 
 
 def _format_seeds(seeds: Sequence[int]) -> str:

@@ -52,7 +52,7 @@ class Standing:
     points: float
     """Share of the points of its games, 0 to 1; NaN without any."""
     points_interval: Interval
-    """95 % interval over other seeds; None if the seeds make no difference, or there are fewer than two."""
+    """95 % interval over other seeds; None if each seed has the same winners, or there is a single seed."""
     rating: float
     """Bradley-Terry rating in the units of Elo's, 0 for an average player; NaN without games."""
     rating_interval: Interval

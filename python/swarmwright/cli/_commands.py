@@ -31,6 +31,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "draw",
         "evaluate",
         "compare",
+        "league",
         "progress",
         "league",
         "transfer",

@@ -200,7 +200,7 @@ def test_the_command_prints_and_writes_the_table(folder: Path, monkeypatch: pyte
     arguments = (folder, "--experiment", "duel.yaml", "--episodes", "3", "--servers", "in-process")
     said = command(*arguments, "--seed", "5", "--output", "table.md", status=1)
     lines = said.splitlines()
-    assert lines[0].startswith("3 controllers, 6 matches of 3 episodes in ")
+    assert lines[0] == "3 controllers, 6 matches of 3 episodes in Duel"
     assert lines[1] == "Seeds: 5 to 7"
     assert lines[4].split()[:4] == ["rank", "controller", "rating", "95"]
     assert lines[5].split()[:2] == ["1", "pull-0.5.json"]
@@ -217,6 +217,21 @@ def test_the_command_prints_and_writes_the_table(folder: Path, monkeypatch: pyte
     assert len(values["matches"]) == 6
     assert values["left_out"][0]["name"] == "their.zip"
     assert values["sides"] == {"left": "left_pull", "right": "right_pull"}
+
+
+def test_why_there_are_no_intervals(folder: Path) -> None:
+    still = {**TOURNAMENT, "parameters": {"slip": 0.0}}
+    assert league(folder, still).caveats == (
+        "the results do not depend on the seed, so there are no intervals",
+    )
+    calm = {**TOURNAMENT, "parameters": {"slip": 0.01}}
+    assert league(folder, calm).caveats == ("each seed has the same winners, so there are no intervals",)
+    assert league(folder, calm, episodes=1).caveats == league(folder, calm).caveats
+    wild = {**TOURNAMENT, "parameters": {"slip": 0.8}}
+    assert league(folder, wild).caveats == (
+        "intervals of so few episodes are too narrow; choose more with --episodes",
+    )
+    assert league(folder, wild, episodes=5).caveats == ()
 
 
 def test_markdown_cannot_be_imitated_by_names(folder: Path) -> None:
