@@ -31,7 +31,6 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "draw",
         "evaluate",
         "compare",
-        "league",
         "progress",
         "league",
         "transfer",

@@ -14,7 +14,7 @@ def play_numbers(random: np.random.Generator) -> NDArray[np.float64]:
     own, other = random.random((2, PLAYERS, 2))
     gaps = own[:, np.newaxis] - other[np.newaxis]
     nearest = np.abs(gaps).argmin(axis=2)
-    return np.sign(np.take_along_axis(gaps, nearest[..., np.newaxis], axis=2)[..., 0])
+    return np.asarray(np.sign(np.take_along_axis(gaps, nearest[..., np.newaxis], axis=2)[..., 0]))
 
 
 def play_strengths(random: np.random.Generator) -> NDArray[np.float64]:
