@@ -422,7 +422,7 @@ def _playable(participants: Sequence[Participant]) -> NDArray[np.bool_]:
     return playable
 
 
-def joined(architecture: Mapping[str, Any], parts: Sequence[Opponent]) -> dict[str, Any]:
+def join_controllers(architecture: Mapping[str, Any], parts: Sequence[Opponent]) -> dict[str, Any]:
     """Return the architecture of a team whose groups have these controllers."""
     groups = [
         {**group, "controller": dict(part.architecture)}
@@ -456,7 +456,7 @@ def _play(
     whole, done = int(playable.sum()) * len(seeds), 0
     for matches in by_architecture.values():
         example = matches[0]
-        team = joined(architecture, [participants[example[side]].sides[side] for side in range(len(example))])
+        team = join_controllers(architecture, [participants[example[side]].sides[side] for side in range(len(example))])
         for start in range(0, len(matches), _CHUNK):
             chunk = matches[start : start + _CHUNK]
 

@@ -76,21 +76,21 @@ def expand(values: dict[str, Any], is_available: bool, report: Report) -> tuple[
 
 def _name_sides(values: Mapping[str, Any], is_available: bool, report: Report) -> list[str]:
     """Return the names of the sides in the file, or else those of the simulation; empty after a report."""
-    known = _name_groups(values) if is_available else []
+    groups = _name_groups(values) if is_available else []
     populations, sides = values.get("populations") or {}, values["ranking"].get("sides")
     named = list(populations) or ([*sides] if isinstance(sides, list | tuple | Mapping) else [])
-    names = list(dict.fromkeys(map(str, named or known)))
-    place: Path_ = ("populations",) if populations else ("ranking", "sides")
+    names = list(dict.fromkeys(map(str, named or groups)))
+    path: Path_ = ("populations",) if populations else ("ranking", "sides")
     if len(names) < 2:
-        if is_available and len(known) < 2:
+        if is_available and len(groups) < 2:
             subject = f"{values['simulation']} has only one kind of agents with these parameters"
-            report(place, f"{subject}, so there are no sides that could meet")
+            report(path, f"{subject}, so there are no sides that could meet")
         elif populations or not named:  # else the ranking reports it
-            report(place, "a match needs at least two sides; name them all")
+            report(path, "a match needs at least two sides; name them all")
         return []
     for name in names:
-        if known and name not in known:
-            report((*place, name) if populations else place, unknown("side", name, known))
+        if groups and name not in groups:
+            report((*path, name) if populations else path, unknown("side", name, groups))
             return []
     return names
 
@@ -173,12 +173,12 @@ def _check_names(
     if len(names) < 2:
         report(("ranking", "sides"), f"a match needs at least two sides, but there is only {names[0]}")
         return False
-    for key, given in (("populations", populations), ("ranking.sides", ranking.sides or {})):
-        for name in given:
+    for key, written in (("populations", populations), ("ranking.sides", ranking.sides or {})):
+        for name in written:
             if name not in names:
                 report((*key.split("."), name), unknown("side", name, names))
                 return False
-        if given and (missing := [name for name in names if name not in given]):
+        if written and (missing := [name for name in names if name not in written]):
             report(tuple(key.split(".")), f"{', '.join(missing)} missing; name all sides: {', '.join(names)}")
             return False
     return True
@@ -192,13 +192,13 @@ def _find_fitness(
     report: Report,
 ) -> dict[str, str] | None:
     """Return the fitness of each side as an expression; None after a report."""
-    announced = _announced_fitness(checked) if is_available else {}
-    given = checked["ranking"].sides or {}
+    announced = _find_announced_fitness(checked) if is_available else {}
+    written = checked["ranking"].sides or {}
     sides: dict[str, str] = {}
     first = names[0]
     for name in names:
         own = populations[name].fitness if name in populations else None
-        text = own or given.get(name) or announced.get(name)
+        text = own or written.get(name) or announced.get(name)
         if text is None and name == first:
             text = checked.get("fitness") or FITNESS_NAME
         if text is None and len(names) == 2:
@@ -225,7 +225,7 @@ def _find_fitness(
     return sides
 
 
-def _announced_fitness(checked: Checked) -> dict[str, str]:
+def _find_announced_fitness(checked: Checked) -> dict[str, str]:
     """Return the metric that is the fitness of each group's side, where the simulation announces one."""
     try:
         sides = catalogue.sides(checked["simulation"], checked["parameters"])
