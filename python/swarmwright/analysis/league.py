@@ -456,7 +456,9 @@ def _play(
     whole, done = int(playable.sum()) * len(seeds), 0
     for matches in by_architecture.values():
         example = matches[0]
-        team = join_controllers(architecture, [participants[example[side]].sides[side] for side in range(len(example))])
+        team = join_controllers(
+            architecture, [participants[example[side]].sides[side] for side in range(len(example))]
+        )
         for start in range(0, len(matches), _CHUNK):
             chunk = matches[start : start + _CHUNK]
 

@@ -445,7 +445,7 @@ pub fn one_by_one(
         .collect();
     let numbers = block.numbers();
     let mut results = vec![0.0; block.len() * numbers];
-    let failed = std::sync::Mutex::new(None);
+    let failed = std::sync::Mutex::new(None::<(usize, RolloutError)>);
     let architecture = std::sync::Arc::new(block.architecture.clone());
     in_parts(&mut results, numbers, 1, means.threads, |range, results| {
         let mut simulation = create();
@@ -470,10 +470,13 @@ pub fn one_by_one(
                     measure(&*simulation, block.metrics, &mut numbers[1..]);
                 }
                 Err(error) => {
-                    failed
+                    let mut first = failed
                         .lock()
-                        .unwrap_or_else(std::sync::PoisonError::into_inner)
-                        .get_or_insert(error);
+                        .unwrap_or_else(std::sync::PoisonError::into_inner);
+                    // The first in order, not in time: it is the same for any number of threads.
+                    if first.as_ref().is_none_or(|(other, _)| pair < *other) {
+                        *first = Some((pair, error));
+                    }
                     return;
                 }
             }
@@ -482,5 +485,5 @@ pub fn one_by_one(
     failed
         .into_inner()
         .unwrap_or_else(std::sync::PoisonError::into_inner)
-        .map_or(Ok(results), Err)
+        .map_or(Ok(results), |(_, error)| Err(error))
 }

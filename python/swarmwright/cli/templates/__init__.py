@@ -88,20 +88,34 @@ def _with_mission(file: str, mission: str) -> str:
     robots = "robots that the mission describes" if own else "e-pucks (reference model RM1.1)"
     of_each = "a weight from each input to each actuator" if own else "24 inputs, 2 wheels, 50 weights"
     controller = f"  kind: evostick                  # {of_each}; or layered, fully_meshed"
-    if kinds:
+    section = r"  kind: evostick +# 24 .*"
+    if kinds and re.search(r"^sides:\s*$", chosen["text"], flags=re.MULTILINE):
+        section = rf"controller:.*\n{section}"
+        controller = "populations:                      # each plays a side of the matches" + "".join(
+            f"\n  {kind}: {{controller: {{kind: evostick}}}}{'':<{10 - len(kind)}} # {of_each}"
+            for kind in kinds
+        )
+    elif kinds:
         controller = "  kind: team                      # a controller for each kind of robots\n  groups:"
         controller += "".join(
             f"\n    {kind}: {{kind: evostick}}{'':<{12 - len(kind)}}# {of_each}" for kind in kinds
         )
     for pattern, line in (
         (r"# Arena: .*", f"# Arena: {title}, by a swarm of {robots}."),
-        (r"  kind: evostick +# 24 .*", controller),
+        (section, controller),
         (r"  mission: .*", f"  mission: {mission:<22} # or the path of a YAML file with a custom mission"),
         (r"  robots: .*", f"  robots: {chosen['robots']:<23} # 1 to 100,000"),
         (r"  duration: .*", f"  duration: {duration:<21} # seconds"),
     ):
         file, count = re.subn(f"^{pattern}$", line, file, count=1, flags=re.MULTILINE)
         assert count == 1, pattern
+    if section.startswith("controller"):
+        tournament = (
+            "  kind: tournament\n  pairing: hall_of_fame           # champions of earlier generations"
+        )
+        file, count = re.subn(r"^  kind: absolute\n", f"{tournament}\n", file, count=1, flags=re.MULTILINE)
+        assert count == 1
+        file = re.sub(r"^  aggregate: .*\n", "", file, flags=re.MULTILINE)
     # The numbers of robots of several kinds are those of the mission.
     return re.sub(r"^  robots: .*\n", "", file, flags=re.MULTILINE) if kinds else file
 
