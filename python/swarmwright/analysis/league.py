@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -157,7 +157,7 @@ class League:
     def heading(self) -> list[str]:
         """Lines above the tables: what was played."""
         name = escape_line(self.experiment.subject)
-        matches = format_count(self.matches, "match").replace("matchs", "matches")
+        matches = f"{self.matches:,} {'match' if self.matches == 1 else 'matches'}"
         controllers = format_count(len(self.participants), "controller")
         return [
             f"{controllers}, {matches} of {format_count(len(self.seeds), 'episode')} in {name}",
@@ -168,9 +168,9 @@ class League:
     def cells(self, side: str) -> list[list[str]]:
         """Return the cells of the table of a side (empty: of all), with a head."""
         rows = next(rows for name, rows in self.tables if name == side)
-        shown = [index for index, name in enumerate(self.sides) if side in {"", name}]
+        indices = [index for index, name in enumerate(self.sides) if side in {"", name}]
         head = ["rank", "controller", "rating", "95 %", "points", "95 %", "won", "drawn", "lost"]
-        cells = [[*head, *(f"fitness as {self.sides[index]}" for index in shown), "SHA-256"]]
+        cells = [[*head, *(f"fitness as {self.sides[index]}" for index in indices), "SHA-256"]]
         for rank, (participant, standing) in enumerate(rows, start=1):
             cells.append(
                 [
@@ -183,7 +183,7 @@ class League:
                     *map(str, (standing.wins, standing.draws, standing.losses)),
                     *(
                         number(self.mean_fitness(participant, index)) if index in participant.sides else "-"
-                        for index in shown
+                        for index in indices
                     ),
                     participant.opponent.digest[:12],
                 ]
@@ -473,9 +473,9 @@ def _play(
                 ]
             )
             results = backend.evaluate(Controllers(team, weights), seeds, progress)
-            log_failures(backend, results)
             rows, others = np.array(chunk).T
-            fitness[rows, others] = compute(backend.metrics, results)
+            fitness[rows, others], warnings = compute(backend.metrics, results)
+            log_failures(backend, replace(results, journal=results.journal.with_warnings(warnings)))
             done += len(chunk) * len(seeds)
     return fitness
 

@@ -6,17 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.random_numbers import Stream
+from swarmwright.methods.rankings.match_scores import fit_strengths
 
 Values = NDArray[np.float64]
 
-PRIOR = 0.2
-"""Draws with an average player that every player is credited with, as in `match_scores.bradley_terry`."""
-_SCALE = 400.0 / np.log(10.0)
-"""Rating points in a unit of the logarithm of the odds: 400 are odds of ten to one."""
-_TOLERANCE = 1e-9
-_MOST_STEPS = 200
-_LONGEST_STEP = 2.0
-"""Limit of a step of Newton's method, which could otherwise leave its region of convergence."""
 RESAMPLES = 200
 """Bootstrap samples of the seeds of an interval."""
 _RESAMPLED_CELLS = 4_000_000
@@ -97,35 +90,15 @@ def games_on_side(fitness: Values, side: int) -> Games:
 
 
 def rate(points: Values, start: Values | None = None) -> Values:
-    """Return Bradley-Terry ratings, (..., players), 0 for an average player.
+    """Return Bradley-Terry ratings, (players,), 0 for an average player.
 
     Args:
-        points: (..., players, players): points of the first against the second.
+        points: (players, players): points of the first against the second.
         start: (players,) ratings near the result, which save time.
-
-    The same as `methods.rankings.match_scores.bradley_terry` of single games, but for many samples at once,
-    by Newton's method.
     """
-    games = points + np.swapaxes(points, -1, -2)
-    wins = points.sum(axis=-1) + PRIOR / 2.0
-    logs = np.zeros(wins.shape) if start is None else np.broadcast_to(start / _SCALE, wins.shape).copy()
-    diagonal = np.arange(wins.shape[-1])
-    for _ in range(_MOST_STEPS):
-        chances = _logistic(logs[..., :, np.newaxis] - logs[..., np.newaxis, :])
-        average = _logistic(logs)
-        gradient = wins - (games * chances).sum(axis=-1) - PRIOR * average
-        information = games * chances * (1.0 - chances)
-        curvature = -information
-        curvature[..., diagonal, diagonal] += information.sum(axis=-1) + PRIOR * average * (1.0 - average)
-        step = np.linalg.solve(curvature, gradient[..., np.newaxis])[..., 0]
-        logs += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        if np.abs(step).max(initial=0.0) < _TOLERANCE:
-            break
-    return np.asarray(_SCALE * logs)
-
-
-def _logistic(values: Values) -> Values:
-    return np.asarray(1.0 / (1.0 + np.exp(-values)))
+    pairs = np.argwhere(np.triu(points + points.T, 1) > 0)
+    first, second = points[tuple(pairs.T)], points.T[tuple(pairs.T)]
+    return fit_strengths(len(points), pairs, first, first + second, start=start)
 
 
 def standings(games: Games) -> list[Standing]:
@@ -166,7 +139,7 @@ def _resample(points: Values, ratings: Values) -> tuple[Values | None, Values | 
     played = (drawn + np.swapaxes(drawn, 1, 2)).sum(axis=2)
     with np.errstate(invalid="ignore"):
         shares = drawn.sum(axis=2) / played
-    return shares, rate(drawn, ratings)
+    return shares, np.stack([rate(sample, ratings) for sample in drawn])
 
 
 def _interval(samples: Values | None, player: int) -> Interval:

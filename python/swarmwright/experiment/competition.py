@@ -19,6 +19,7 @@ from swarmwright.common.yaml import Path_
 from swarmwright.controllers.kinds.team import Team, TeamOptions
 from swarmwright.controllers.teams import TEAM
 from swarmwright.experiment.document import AUTO, DEFAULT_KINDS, Checked, PopulationSection
+from swarmwright.experiment.unavailable import method_of, options_with_code
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.methods.competition import Competition, Population
 from swarmwright.methods.rankings.tournament import BETWEEN_POPULATIONS, TournamentOptions
@@ -158,9 +159,8 @@ def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, rep
         checked["ranking"] = ranking.model_copy(update={"sides": sides})
         checked["fitness"] = sides[names[0]] if sides[names[0]] != FITNESS_NAME else checked.get("fitness")
     validate = checked.get("validate")
-    if (
-        validate is not None and validate.episodes == AUTO
-    ):  # fitness depends on the opponents, not only on seeds
+    # Fitness depends on the opponents, not only on seeds.
+    if validate is not None and validate.episodes == AUTO:
         checked["validate"] = validate.model_copy(update={"episodes": 0})
     if checked.get("start_from") is not None:
         report(("start_from",), "is not possible in a competition; leave it out")
@@ -281,7 +281,7 @@ def _method_of(
     path: Path_ = ("populations", name, "method")
     own = dict(population.method)
     for key in _LIMITS:
-        if own.pop(key, None) is not None and key != "generations":
+        if key in own:
             report((*path, key), "limits are those of the whole run; move it to method")
             return None
     common = values.get("method", {})
@@ -292,6 +292,11 @@ def _method_of(
     kind = section.get("kind", DEFAULT_KINDS["method"])
     if not isinstance(kind, str):
         report((*path, "kind"), f"must be text, not {format_value(kind)}")
+        return None
+    if METHODS.is_in_file(kind):
+        report(
+            (*path, "kind"), f"{kind} is a class in a file; install it as a plug-in, or use one population"
+        )
         return None
     try:
         model = METHODS.get(kind).options_model
@@ -370,19 +375,13 @@ def new_competition(experiment: "Experiment", representation: "Representation") 
         chosen = [(names[0], experiment.method, tuple(range(len(names))))]
     populations = []
     for number, (name, options, sides) in enumerate(chosen):
-        unlimited = options.model_copy(
-            update={
-                **limit,
-                "evaluations": None,
-                "seconds": None,
-                "target": None,
-                "operation": "generational",
-            }
+        unlimited = options_with_code("method", options).model_copy(
+            update={**limit, "evaluations": None, "seconds": None, "target": None}
         )
         seed = experiment.seed
         if number:  # another one for each population, unrelated to those of other experiments
             seed = int(Stream(seed, "competition.population", 0, number).raw(1)[0]) % 2**63
-        method: Method = METHODS.get(options.kind)(unlimited, parts[name], seed=seed)
+        method: Method = method_of(unlimited)(unlimited, parts[name], seed=seed)
         populations.append(Population(name, method, sides))
     return Competition(
         experiment.method,

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Fitness, Genomes
+from swarmwright.common.errors import InputError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions
@@ -95,6 +96,7 @@ class Competition(Method):
         self._new: list[int] = []
         self._scores: list[Fitness] = []
         self._champions: list[int] = []
+        self._played = 0
 
     @property
     def sides(self) -> int:
@@ -132,7 +134,7 @@ class Competition(Method):
 
     def matches(self) -> Rounds:
         """Play a generation: yield its matches, last those of the champions alone; see `Rounds`."""
-        self._members, self._new = [], []
+        self._members, self._new, self._played = [], [], 0
         for population in self.populations:
             new = population.method.ask()
             survivors = population.method.survivors()
@@ -144,7 +146,10 @@ class Competition(Method):
         yield self._join(row)
 
     def finish(self) -> None:
-        """Tell the methods the scores of the generation whose matches are over."""
+        """Tell the methods the scores of the generation whose matches are over.
+
+        It counts matches as evaluations.
+        """
         values = zip(self.populations, self._members, self._new, self._scores, strict=True)
         for (population, members, new, scores), champion, archive in zip(
             values, self._champions, self._archives, strict=True
@@ -152,10 +157,9 @@ class Competition(Method):
             archive.append(members[champion].copy())
             survivors = scores[new:] if len(scores) > new else None
             population.method.tell(scores[:new], survivors)
-        played = sum(self._new)
         target = self.options.target
         self.reached = target is not None and bool((self._scores[0] >= target).any())
-        self.evaluations += played
+        self.evaluations += self._played
         self.done = self.reached or self._is_exhausted()
         if not self.done:
             self.generation += 1
@@ -184,23 +188,14 @@ class Competition(Method):
         count = len(self._members[0])
         pairs: list[Indices] = []
         results: list[NDArray[np.float64]] = []
-        for round_number, pair_rows in enumerate(self._pairs(count, results)):
-            first = np.asarray(pair_rows, dtype=np.intp)
+        for first in self._pairs(count, results):
             if self._tournament.both_sides:
-                rows = np.concatenate([first, first[:, ::-1]])
-            else:
-                swap = self._stream("sides", round_number).unit(len(first)) < 0.5
-                if self._tournament.pairing.startswith("frevo_"):  # which says who plays which side
-                    swap[:] = False
-                rows = np.where(swap[:, np.newaxis], first[:, ::-1], first)
-            fitness = yield self._join(rows)
-            if self._tournament.both_sides:
-                own = np.stack([fitness[: len(first)], fitness[len(first) :, ::-1]])
+                fitness = yield self._join(np.concatenate([first, first[:, ::-1]]))
                 pairs += [first, first]
-                results += [*own]
+                results += [fitness[: len(first)], fitness[len(first) :, ::-1]]
             else:
                 pairs.append(first)
-                results.append(np.where(swap[:, np.newaxis], fitness[:, ::-1], fitness))
+                results.append((yield self._join(first)))
         met = np.concatenate(pairs) if pairs else np.empty((0, 2), dtype=np.intp)
         outcome = np.concatenate(results) if results else np.empty((0, 2))
         met = np.where(met < 0, count - 1 - met, met)  # champions come after the candidates
@@ -212,10 +207,11 @@ class Competition(Method):
         """Yield the pairs of each round; `results` has those of the rounds so far, a block or two each."""
         options, archive = self._tournament, self._archives[0]
         if options.pairing in {"hall_of_fame", "best"} and archive:
-            opponents = self._choose_champions(0, len(archive))
             everybody = np.arange(count, dtype=np.intp)
-            for opponent in opponents:
-                yield np.stack([everybody, np.full(count, -1 - opponent)], axis=1)
+            for number, opponent in enumerate(self._choose_champions(0, len(archive))):
+                pairs = np.stack([everybody, np.full(count, -1 - opponent)], axis=1)
+                # Candidates play each side against half of the opponents, also with one in each generation.
+                yield pairs[:, ::-1] if (self.generation + number) % 2 else pairs
             return
         kind = "random" if options.pairing in {"hall_of_fame", "best"} else options.pairing
         random = np.random.Generator(np.random.PCG64(self._stream("pairs").raw(4).tolist()))
@@ -225,7 +221,7 @@ class Competition(Method):
             pairs = next(rounds)
             while True:
                 yield pairs
-                pairs = rounds.send(_mean_of(results[-blocks:]))
+                pairs = rounds.send(np.mean(results[-blocks:], axis=0))
         except StopIteration:
             return
 
@@ -335,6 +331,7 @@ class Competition(Method):
 
     def _join(self, candidates: Indices) -> Matches:
         """Return matches with the joined genomes of all sides."""
+        self._played += len(candidates)
         joined = np.empty((len(candidates), self._ends[-1]), dtype=np.float32)
         for side, number in enumerate(self._population_of_side):
             column, part = candidates[:, side], joined[:, self._starts[side] : self._ends[side]]
@@ -345,19 +342,15 @@ class Competition(Method):
         return Matches(candidates, joined)
 
     def _ask(self) -> Genomes:
-        raise NotImplementedError("a competition asks by `matches`")
+        raise InputError("a competition has matches in place of genomes: call matches() and finish()")
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
-        raise NotImplementedError("a competition tells by `finish`")
+        """Not reached, as `_ask` refuses."""
 
 
 def _best(scores: Fitness) -> int:
     """Return the index of the best candidate, the first if none has a score."""
     return int(np.argmax(np.where(np.isfinite(scores), scores, -np.inf)))
-
-
-def _mean_of(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.asarray(np.mean(blocks, axis=0))
 
 
 def _combinations(sizes: Sequence[int]) -> Indices:

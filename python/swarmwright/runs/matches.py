@@ -1,6 +1,7 @@
 """Matches of competitions: those of a run's record, and new ones between any controllers."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,6 +18,7 @@ from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.servers.evaluation.base import Controllers, Progress, Results, Servers
 from swarmwright.servers.evaluation.evaluate import log_failures
 from swarmwright.servers.evaluation.opening import open_backend
+from swarmwright.servers.rows import WarningEntry
 from swarmwright.simulations.fitness import FitnessExpression
 
 if TYPE_CHECKING:
@@ -42,24 +44,36 @@ class SideFitness:
     """
 
     def __init__(self, options: TournamentOptions) -> None:
-        self._expressions = [FitnessExpression(text) for text in list(options.sides.values())[1:]]
+        _, *others = options.sides.items()
+        self._expressions = {name: FitnessExpression(text) for name, text in others}
 
-    def __call__(self, names: Sequence[str], results: Results) -> NDArray[np.float64]:
-        """Return the fitness of each side, (matches, episodes, sides), NaN where an episode failed.
+    def __call__(
+        self, names: Sequence[str], results: Results
+    ) -> tuple[NDArray[np.float64], list[WarningEntry]]:
+        """Return the fitness of each side, (matches, episodes, sides), and warnings.
+
+        A match in which the fitness of any side has no value has failed for all: NaN.
 
         Args:
             names: names of the measured metrics.
             results: of matches.
         """
         measured = np.isfinite(results.fitness)
+        positions = np.argwhere(measured)
         values = np.full((*results.fitness.shape, 1 + len(self._expressions)), np.nan)
         values[..., 0] = results.fitness
-        for side, expression in enumerate(self._expressions, start=1):
-            columns = [names.index(name) for name in expression.metrics]
-            values[measured, side], _ = expression(
+        warnings = []
+        for side, (name, expression) in enumerate(self._expressions.items(), start=1):
+            columns = [names.index(metric) for metric in expression.metrics]
+            values[measured, side], faults = expression(
                 results.fitness[measured], results.metrics[measured][:, columns]
             )
-        return values
+            for fault in faults:
+                match, episode = positions[fault.index].tolist()
+                error = f"fitness of {name}: {fault.reason}"
+                warnings.append(WarningEntry.from_episode(episode, f": {error}", match, error))
+        values[np.isnan(values).any(axis=2)] = np.nan
+        return values, warnings
 
 
 class Champion(NamedTuple):
@@ -174,6 +188,6 @@ def play(
 
             controllers = Controllers.from_genomes(representation, rows[first : first + _CHUNK])
             results = backend.evaluate(controllers, seeds, progress)
-            log_failures(backend, results)
-            values[first : first + _CHUNK] = fitness(backend.metrics, results)
+            values[first : first + _CHUNK], warnings = fitness(backend.metrics, results)
+            log_failures(backend, replace(results, journal=results.journal.with_warnings(warnings)))
     return values

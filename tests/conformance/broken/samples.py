@@ -105,6 +105,7 @@ class PutsAGroupOnTwoSides(Sampling, Broken):
     rules: ClassVar = "S1,S7"
 
     def capabilities(self) -> Json:
-        found = super().capabilities()
-        found["swarmwright"]["sides"] = [{"name": name, "groups": ["robots"]} for name in ("left", "right")]
-        return found
+        capabilities = super().capabilities()
+        sides = [{"name": name, "groups": ["robots"]} for name in ("left", "right")]
+        capabilities["swarmwright"]["sides"] = sides
+        return capabilities

@@ -84,8 +84,8 @@ def test_champions_of_all_generations_meet(experiment: dict[str, object], tmp_pa
     assert (own.side, other.side) == ("agents", "defenders")
     assert own.generations == other.generations == (0, 2, 3)
     assert other.outcomes == pytest.approx(-own.outcomes.T), "the match is zero-sum"
-    again = measure_progress(run, champions=3, episodes=2, servers="in-process")
-    assert again.sides[0].summary() == own.summary()
+    repeated = measure_progress(run, champions=3, episodes=2, servers="in-process")
+    assert repeated.sides[0].summary() == own.summary()
 
 
 def test_mistakes_are_a_message(tmp_path: Path) -> None:

@@ -80,38 +80,38 @@ def command(*arguments: str | Path, status: int = 0) -> str:
 def test_the_stronger_is_before_the_weaker(folder: Path) -> None:
     (folder / "their.zip").unlink()  # a controller of another simulation
     (folder / "pull-0.8.json").write_text(json.dumps(pulling(0.8)))
-    found = league(folder, episodes=20)
-    ((side, rows),) = found.tables
+    table = league(folder, episodes=20)
+    ((side, rows),) = table.tables
     assert side == ""
     assert [participant.name for participant, _ in rows] == [f"pull-{x}.json" for x in (0.8, 0.5, 0.3, 0.1)]
-    assert found.matches == 12
+    assert table.matches == 12
     assert sum(standing.wins for _, standing in rows) == 12 * 20
     best = rows[0][1]
     assert best.rating_interval is not None
     assert best.rating_interval[0] <= best.rating <= best.rating_interval[1]
-    assert found.mean_fitness(rows[0][0], 0) == pytest.approx(2.4, abs=0.3)
+    assert table.mean_fitness(rows[0][0], 0) == pytest.approx(2.4, abs=0.3)
 
 
 def test_matches_are_those_of_play(folder: Path) -> None:
-    found = league(folder)
+    table = league(folder)
     experiment = Experiment.from_mapping(TOURNAMENT)
-    weights = [participant.opponent.weights for participant in found.participants]
+    weights = [participant.opponent.weights for participant in table.participants]
     pairs = [(i, j) for i in range(3) for j in range(3) if i != j]
     expected = play(
         experiment,
         [np.concatenate([weights[i], weights[j]]) for i, j in pairs],
-        found.seeds,
+        table.seeds,
         servers="in-process",
     )
-    assert [found.fitness[i, j].tolist() for i, j in pairs] == expected.tolist()
+    assert [table.fitness[i, j].tolist() for i, j in pairs] == expected.tolist()
 
 
 def test_controllers_of_several_architectures_meet(folder: Path) -> None:
     hidden = pulling(0.9, hidden=[2], weights=[3.0, 0, 3.0, 0, 1.0, 1.0, 1.0])
     (folder / "hidden.json").write_text(json.dumps(hidden))
-    found = league(folder)
-    assert found.matches == 12
-    assert found.tables[0][1][0][0].name == "hidden.json"
+    table = league(folder)
+    assert table.matches == 12
+    assert table.tables[0][1][0][0].name == "hidden.json"
 
 
 def test_who_is_left_out_and_why(folder: Path) -> None:
@@ -123,8 +123,8 @@ def test_who_is_left_out_and_why(folder: Path) -> None:
     (folder / "notes.txt").write_text("no controller")
     (folder / ".hidden.json").write_text("{")
     os.mkfifo(folder / "pipe.json")
-    found = league(folder)
-    reasons = {each.name: each.reason for each in found.left_out}
+    table = league(folder)
+    reasons = {each.name: each.reason for each in table.left_out}
     assert list(reasons) == sorted(reasons)
     for name, reason in [
         ("broken.json", "broken.json: is not valid JSON"),
@@ -137,7 +137,7 @@ def test_who_is_left_out_and_why(folder: Path) -> None:
     ]:
         assert reasons.pop(name).startswith(reason)
     assert not reasons
-    assert str(found).count("Left out: ") == 7
+    assert str(table).count("Left out: ") == 7
 
 
 def test_too_few_that_can_meet(folder: Path) -> None:
@@ -156,10 +156,10 @@ def test_too_few_that_can_meet(folder: Path) -> None:
 
 def test_failed_episodes_do_not_count(folder: Path) -> None:
     failing = {**TOURNAMENT, "parameters": {"tears": 1.0}}
-    found = league(folder, failing)
-    assert 0 < found.failed < found.matches * 4
-    assert any(f"{found.failed} episodes failed and did not count" in note for note in found.caveats)
-    assert sum(standing.wins for _, standing in found.tables[0][1]) == found.matches * 4 - found.failed
+    table = league(folder, failing)
+    assert 0 < table.failed < table.matches * 4
+    assert any(f"{table.failed} episodes failed and did not count" in note for note in table.caveats)
+    assert sum(standing.wins for _, standing in table.tables[0][1]) == table.matches * 4 - table.failed
     with pytest.raises(RunError, match="every episode failed"):
         league(folder, {**TOURNAMENT, "parameters": {"tears": 9.0}})
 
@@ -169,27 +169,27 @@ def test_sides_with_different_tasks_have_a_table_each(tmp_path: Path) -> None:
         (tmp_path / f"left-{strength}.json").write_text(json.dumps(pulling(strength, 2)))
         (tmp_path / f"right-{strength}.json").write_text(json.dumps(pulling(strength)))
     optimize(Experiment.from_mapping(ROLES), servers="in-process", out=tmp_path / "run")
-    found = league(tmp_path, ROLES, episodes=6)
-    assert found.matches == 3 * 3 - 1
-    tables = {side: [participant.name for participant, _ in rows] for side, rows in found.tables}
+    table = league(tmp_path, ROLES, episodes=6)
+    assert table.matches == 3 * 3 - 1
+    tables = {side: [participant.name for participant, _ in rows] for side, rows in table.tables}
     assert {side: sorted(names) for side, names in tables.items()} == {
         "left": ["left-0.1.json", "left-0.5.json", "run"],
         "right": ["right-0.1.json", "right-0.5.json", "run"],
     }
     assert tables["left"].index("left-0.5.json") < tables["left"].index("left-0.1.json")
-    assert "Side left" in str(found)
-    assert "same opponent and seed" in str(found)
+    assert "Side left" in str(table)
+    assert "same opponent and seed" in str(table)
     # Without an experiment, it is that of the run, whose seeds are not used again.
     again = play_league(tmp_path, None, options(6, seed=None))
     assert not set(again.seeds) & {0, 1}
 
 
 def test_the_same_table_again_and_whatever_files_are_called(folder: Path) -> None:
-    found = league(folder)
-    assert str(league(folder)) == str(found)
+    table = league(folder)
+    assert str(league(folder)) == str(table)
     (folder / "pull-0.1.json").rename(folder / "z.json")
-    assert league(folder).digest == found.digest
-    assert league(folder, seed=8).digest != found.digest
+    assert league(folder).digest == table.digest
+    assert league(folder, seed=8).digest != table.digest
 
 
 def test_the_command_prints_and_writes_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -277,10 +277,10 @@ def test_the_experiment_of_a_bundle_is_used_if_its_simulation_is_built_in(tmp_pa
     sides = competition.to_mapping()["ranking"]["sides"]
     values = {**SOCCER, "ranking": {**SOCCER["ranking"], "sides": sides}, "servers": {"launcher": "process"}}
     recorded(tmp_path / "b.zip", values)
-    found = find_experiment(tmp_path, ["b.zip"])
-    assert found is not None
-    assert (found.simulation, found.parameters["duration"]) == ("arena", 1)
-    assert found.servers == competition.servers  # only what matches need is read
+    table = find_experiment(tmp_path, ["b.zip"])
+    assert table is not None
+    assert (table.simulation, table.parameters["duration"]) == ("arena", 1)
+    assert table.servers == competition.servers  # only what matches need is read
 
 
 @pytest.mark.parametrize(

@@ -143,12 +143,12 @@ fn hares_are_caught_when_a_hunter_is_near_and_stand_from_then_on() {
             let robots = at(&scene, "agent");
             for (hare, caught) in caught.iter_mut().enumerate() {
                 let [x, y] = robots[2 + hare];
-                let near = robots[..2]
+                let is_close = robots[..2]
                     .iter()
                     .any(|[hx, hy]| (hx - x).hypot(hy - y) < 0.2);
                 let stood = (x - before[2 + hare][0]).hypot(y - before[2 + hare][1]);
                 match caught {
-                    None if near => *caught = Some([x, y]),
+                    None if is_close => *caught = Some([x, y]),
                     None => assert!(stood > 0.0 || y < -0.9),
                     // It brakes and then stands, unless somebody touches it.
                     Some(at) => {

@@ -25,8 +25,6 @@ class PairingOptions:
     itself."""
     sessions: int = 3
     """Swiss tournaments of multi_swiss."""
-    archive: int = 0
-    """Opponents for hall_of_fame, which have the numbers from `candidates` on."""
     win: float = 1.0
     """Points for a win, by which Swiss tournaments pair; a loss has none."""
     draw: float = 0.5
@@ -53,7 +51,7 @@ class Pairing(ABC):
 
         Args:
             candidates: how many, at least 1.
-            options: rounds, sessions and archived opponents.
+            options: rounds and sessions.
             random: the only source of randomness.
         """
 

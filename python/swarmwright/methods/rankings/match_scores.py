@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmwright.methods.rankings._pairing import Pairs, Results, points_of
 
-__all__ = ["SCORES", "bradley_terry", "elo", "score_matches"]
+__all__ = ["SCORES", "bradley_terry", "elo", "fit_strengths", "score_matches"]
 
 Scores = NDArray[np.float64]
 
@@ -113,8 +113,29 @@ def bradley_terry(players: int, pairs: Pairs, results: Results, prior: float = _
     2004, doi:10.1214/aos/1079120141. The maximum is that of the source; it is reached by Newton's method,
     since MM takes thousands of steps where the better of two nearly always wins.
     """
-    model = _BradleyTerry(players, pairs, points_of(results)[:, 0], prior)
-    logarithms = np.zeros(players)
+    return fit_strengths(players, pairs, points_of(results)[:, 0], np.ones(len(pairs)), prior)
+
+
+def fit_strengths(
+    players: int,
+    pairs: Pairs,
+    first_points: Scores,
+    games: Scores,
+    prior: float = _PRIOR,
+    start: Scores | None = None,
+) -> Scores:
+    """Return ratings as `bradley_terry`, from the sums of several games of each pair.
+
+    Args:
+        players: how many.
+        pairs: (pairs, 2) numbers of players.
+        first_points: (pairs,) points of the first: 1 for each win and 0.5 for each draw.
+        games: (pairs,) number of games.
+        prior: draws against an average player.
+        start: (players,) ratings near the result, which save time.
+    """
+    model = _BradleyTerry(players, pairs, first_points, games, prior)
+    logarithms = np.zeros(players) if start is None else start / _SCALE
     for _ in range(_MOST_STEPS):
         gradient, curvature, own_curvature = model.derive(logarithms)
         step = model.solve(curvature, own_curvature, gradient)
@@ -125,27 +146,21 @@ def bradley_terry(players: int, pairs: Pairs, results: Results, prior: float = _
 
 
 class _BradleyTerry:
-    """The likelihood of logarithms of strengths, with its prior.
+    """The likelihood of logarithms of strengths, with its prior; arguments as for `fit_strengths`."""
 
-    Args:
-        players: how many.
-        pairs: (matches, 2).
-        first_points: (matches,) 1, 0.5 or 0.
-        prior: draws against a player of strength 1.
-    """
-
-    def __init__(self, players: int, pairs: Pairs, first_points: Scores, prior: float) -> None:
+    def __init__(self, players: int, pairs: Pairs, first_points: Scores, games: Scores, prior: float) -> None:
         self._players = players
         self._firsts, self._seconds = pairs.T
         self._points = first_points
+        self._games = games
         self._prior = prior
 
     def derive(self, logarithms: Scores) -> tuple[Scores, Scores, Scores]:
-        """Return the gradient, and minus the second derivatives by match and by player, for the prior."""
+        """Return the gradient, and minus the second derivatives by pair and by player, for the prior."""
         chances = _win_chances(logarithms[self._firsts] - logarithms[self._seconds])
         own = _win_chances(logarithms)
-        gradient = self._spread(self._points - chances) + self._prior * (0.5 - own)
-        return gradient, chances * (1.0 - chances), self._prior * own * (1.0 - own)
+        gradient = self._spread(self._points - self._games * chances) + self._prior * (0.5 - own)
+        return gradient, self._games * chances * (1.0 - chances), self._prior * own * (1.0 - own)
 
     def solve(self, curvature: Scores, own_curvature: Scores, gradient: Scores) -> Scores:
         """Return the step of Newton's method, by conjugate gradients scaled by the diagonal.
@@ -175,9 +190,10 @@ class _BradleyTerry:
     def search(self, logarithms: Scores, step: Scores, slope: float) -> Scores:
         """Go along the step, or the greatest of its halves that improves the likelihood."""
         before = self._measure(logarithms)
+        rounding = 1e-13 * abs(before)  # near the maximum, improvements are smaller
         part = 1.0
         for _ in range(30):
-            if self._measure(logarithms + part * step) >= before + 1e-4 * part * slope:
+            if self._measure(logarithms + part * step) >= before + 1e-4 * part * slope - rounding:
                 break
             part /= 2.0
         return logarithms + part * step
@@ -185,15 +201,15 @@ class _BradleyTerry:
     def _measure(self, logarithms: Scores) -> float:
         """Return the logarithm of the likelihood."""
         gaps = logarithms[self._firsts] - logarithms[self._seconds]
-        matches = (self._points - 0.5) * gaps - _half_log_cosh(gaps)
+        matches = (self._points - 0.5 * self._games) * gaps - self._games * _half_log_cosh(gaps)
         return float(matches.sum() - self._prior * _half_log_cosh(logarithms).sum())
 
     def _spread(self, values: Scores) -> Scores:
-        """Return (players,) sums of (matches,) values, which count against the second player."""
+        """Return (players,) sums of (pairs,) values, which count against the second player."""
         return self._count(self._firsts, values) - self._count(self._seconds, values)
 
-    def _count(self, places: NDArray[np.intp], values: Scores) -> Scores:
-        return np.bincount(places, weights=values, minlength=self._players).astype(np.float64)
+    def _count(self, players: NDArray[np.intp], values: Scores) -> Scores:
+        return np.bincount(players, weights=values, minlength=self._players).astype(np.float64)
 
 
 def _win_chance(gap: float) -> float:

@@ -37,9 +37,7 @@ class RoundRobin(Pairing):
         """All matches at once."""
         if candidates < 2:
             return
-        circle = _count_circle_rounds(
-            candidates
-        )  # an odd number; who meets number `circle` if that is nobody has a bye
+        circle = _count_circle_rounds(candidates)  # odd; of an odd number, who meets `circle` has a bye
         places = np.arange(1, (circle + 1) // 2)
         pairs = []
         for number in range(self.most_matches(candidates, options)):
@@ -67,38 +65,6 @@ class Random(Pairing):
         """All matches at once."""
         if candidates > 1:
             yield as_pairs(_draw_rounds(candidates, _count_rounds(options), random))
-
-
-class HallOfFame(Pairing):
-    """Champions of earlier generations are met beside candidates of the same generation.
-
-    Half of the rounds (rounded up) are against champions, drawn without replacement, the same for all
-    candidates. As long as the archive has fewer, the rounds that are left over are played as the others are:
-    against candidates drawn at random. A candidate plays the first side against every second champion.
-
-    Source: Rosin and Belew, "New methods for competitive coevolution", Evolutionary Computation 5(1), 1997,
-    doi:10.1162/evco.1997.5.1.1.
-    """
-
-    def most_matches(self, candidates: int, options: PairingOptions) -> int:  # noqa: ARG002
-        """Return the number of rounds."""
-        return _count_rounds(options)
-
-    def rounds(self, candidates: int, options: PairingOptions, random: np.random.Generator) -> Rounds:
-        """All matches at once; champion k has the number candidates + k."""
-        rounds = _count_rounds(options)
-        champions = min(options.archive, (rounds + 1) // 2 if candidates > 1 else rounds)
-        opponents: list[int] = []
-        if champions:
-            opponents = sorted(random.choice(options.archive, champions, replace=False).tolist())
-        pairs = [
-            (candidates + champion, candidate) if index % 2 else (candidate, candidates + champion)
-            for index, champion in enumerate(opponents)
-            for candidate in range(candidates)
-        ]
-        pairs += _draw_rounds(candidates, rounds - champions, random)
-        if pairs:
-            yield as_pairs(pairs)
 
 
 def _count_rounds(options: PairingOptions) -> int:
@@ -129,9 +95,8 @@ PAIRINGS: Mapping[str, Pairing] = {
     "multi_swiss": MultiSwiss(),
     "merge_sort": MergeSort(),
     "random": Random(),
-    "hall_of_fame": HallOfFame(),
     "frevo_full_tournament": FrevoFullTournament(),
     "frevo_swiss_system": FrevoSwissSystem(),
     "frevo_multi_swiss": FrevoMultiSwiss(),
 }
-"""All pairings, by the `pairing` of a tournament."""
+"""Pairings of candidates with each other; `hall_of_fame` and `best` have opponents of earlier generations."""

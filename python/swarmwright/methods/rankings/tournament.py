@@ -92,8 +92,8 @@ class TournamentOptions(RankingOptions):
     tournaments: int = Field(default=3, ge=1, le=1000)
     """Tournaments of multi_swiss."""
     both_sides: bool = True
-    """Whether two candidates of one population meet twice, with exchanged sides. Without it, sides are drawn
-    by lot, other than in FREVO's pairings."""
+    """Whether two candidates of one population meet twice, with exchanged sides. Without it, each plays each
+    side about equally often."""
     score: Literal["points", "win_rate", "fitness", "elo", "bradley_terry", "order", "frevo_multi_swiss"] = (
         "fitness"
     )

@@ -53,16 +53,18 @@ class Competing(Strategy):
                 loop.recorder.progress(min(before + part, whole), whole, waiting_for)
 
             controllers = Controllers.from_genomes(loop.representation, matches.genomes)
-            meanwhile = None if played else loop.recorder.store_last
             if played:
-                results = backend.evaluate(controllers, seeds, progress, meanwhile)
+                results = backend.evaluate(controllers, seeds, progress)
             else:
                 with loop.first_evaluations(number) as on_results:
-                    results = backend.evaluate(controllers, seeds, progress, meanwhile, on_results)
+                    results = backend.evaluate(
+                        controllers, seeds, progress, loop.recorder.store_last, on_results
+                    )
             played.append((matches, results))
             done += len(matches.candidates)
             try:
-                matches = rounds.send(self._side_means(backend.metrics, results))
+                fitness, _ = self._sides(backend.metrics, results)
+                matches = rounds.send(self._mean(fitness))
             except StopIteration:
                 break
         results = _concatenate([part for _, part in played])
@@ -114,9 +116,6 @@ class Competing(Strategy):
             lineup.genomes, seeds, results, fitness, failed=failed, outcome=(champions, failed)
         )
 
-    def _side_means(self, names: Sequence[str], results: Results) -> NDArray[np.float64]:
-        return self._mean(self._sides(names, results))
-
     def _mean(self, fitness: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the mean fitness of each side over the episodes, (matches, sides); NaN after failures."""
         replaced = self.loop.ranking.replace_failures(fitness)
@@ -127,13 +126,14 @@ class Competing(Strategy):
 
     def _with_columns(self, names: Sequence[str], lineup: Matches, results: Results) -> Results:
         """Return results with the columns of all sides after the metrics."""
-        fitness = self._sides(names, results)
+        fitness, warnings = self._sides(names, results)
         columns = np.empty((*fitness.shape, len(COLUMNS)))
         columns[..., 0] = lineup.candidates[:, np.newaxis]
         columns[..., 1] = fitness
         columns[..., 2] = self._competition.scores_of(lineup)[:, np.newaxis]
         metrics = np.concatenate([results.metrics, columns.reshape(*results.fitness.shape, -1)], axis=2)
-        return Results(results.fitness, np.ascontiguousarray(metrics), results.journal)
+        journal = results.journal.with_warnings(warnings)
+        return Results(np.ascontiguousarray(fitness[..., 0]), np.ascontiguousarray(metrics), journal)
 
 
 def _concatenate(parts: Sequence[Results]) -> Results:

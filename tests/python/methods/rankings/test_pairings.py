@@ -23,7 +23,6 @@ def tournaments(draw: st.DrawFn) -> tuple[str, int, PairingOptions, int]:
         PairingOptions(
             rounds=draw(st.none() | st.integers(1, 25)),
             sessions=draw(st.integers(1, 4)),
-            archive=draw(st.integers(0, 8)),
         ),
         draw(st.integers(0, 2**32)),
     )
@@ -50,7 +49,7 @@ def test_whatever_happens_pairings_keep_their_promises(
     assert all(len(matches) > 0 and matches.dtype == np.intp for matches in played.rounds)
     assert (pairs[:, 0] != pairs[:, 1]).all()
     assert pairs.min(initial=0) >= 0
-    assert pairs.max(initial=-1) < candidates + (options.archive if kind == "hall_of_fame" else 0)
+    assert pairs.max(initial=-1) < candidates
     assert (pairs.min(axis=1) < candidates).all()
     counts = np.bincount(pairs.ravel(), minlength=candidates)[:candidates]
     assert counts.max() <= PAIRINGS[kind].most_matches(candidates, options)
@@ -58,9 +57,9 @@ def test_whatever_happens_pairings_keep_their_promises(
     assert replayed.pairs.tobytes() == pairs.tobytes()
 
 
-@pytest.mark.parametrize("kind", sorted(set(PAIRINGS) - {"hall_of_fame"}))
+@pytest.mark.parametrize("kind", sorted(PAIRINGS))
 def test_a_single_candidate_has_no_match(kind: str) -> None:
-    assert play(kind, 1, decide_by(np.zeros(1)), archive=3).rounds == []
+    assert play(kind, 1, decide_by(np.zeros(1))).rounds == []
 
 
 @pytest.mark.parametrize("kind", sorted(set(PAIRINGS) - {"frevo_multi_swiss"}))
@@ -178,24 +177,6 @@ def test_random_opponents_differ_between_rounds() -> None:
     np.add.at(meetings, tuple(played.pairs.T), 1)
     off_diagonal = meetings[~np.eye(7, dtype=bool)]
     assert 3 <= off_diagonal.min() <= off_diagonal.max() <= 35  # 14.3 are expected
-
-
-@pytest.mark.parametrize(
-    ("archive", "rounds", "champions"), [(0, 6, 0), (2, 6, 2), (3, 6, 3), (50, 6, 3), (50, 7, 4)]
-)
-def test_half_of_the_opponents_are_champions(archive: int, rounds: int, champions: int) -> None:
-    pairs = play("hall_of_fame", 6, decide_by(np.zeros(60)), rounds=rounds, archive=archive).pairs
-    assert (np.bincount(pairs.ravel())[:6] == rounds).all()
-    outside = pairs[pairs.max(axis=1) >= 6]
-    opponents = [sorted(outside[(outside == candidate).any(axis=1)].max(axis=1)) for candidate in range(6)]
-    assert all(opponent == opponents[0] for opponent in opponents)
-    assert len(set(opponents[0])) == len(opponents[0]) == champions
-
-
-def test_a_single_candidate_meets_champions_alone() -> None:
-    pairs = play("hall_of_fame", 1, decide_by(np.zeros(9)), rounds=3, archive=8).pairs
-    assert len(pairs) == 3
-    assert (pairs.min(axis=1) == 0).all()
 
 
 def count_best_eight(seed: int, noise: float) -> int:

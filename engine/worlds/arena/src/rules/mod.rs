@@ -95,8 +95,8 @@ impl<L: Lanes> Referee<L> {
     #[inline(always)]
     pub(crate) fn update(&mut self, layout: &Place, bodies: &mut Bodies<L>) {
         if let Some(restarts) = &mut self.restarts {
-            let again = restarts.update(layout, bodies);
-            Flags::forget(again, bodies);
+            let restarted = restarts.update(layout, bodies);
+            Flags::forget(restarted, bodies);
         }
         self.captures.update(bodies);
         self.flags.update(layout, bodies);
