@@ -1,6 +1,6 @@
 //! The state of as many episodes as there are lanes, and a step of all of them.
 
-use swarmwright_controllers::LaneControllers;
+use swarmwright_controllers::{LaneControllers, LaneGroup};
 use swarmwright_lanes::{Int, Lanes, Mask};
 
 use super::super::ACTUATORS;
@@ -158,20 +158,22 @@ impl<L: Lanes> Workspace<L> {
     #[inline(always)]
     fn step_in_turn(&mut self, world: &Prepared, controllers: &mut LaneControllers<'_, L>) -> u64 {
         let mut any = 0;
-        for agent in 0..world.agents {
-            if self.inside[agent] == 0 {
-                continue;
+        for group in controllers.groups_mut() {
+            for agent in group.agents.clone() {
+                if self.inside[agent] == 0 {
+                    continue;
+                }
+                let window = self.look(agent);
+                let wish = self.decide(agent, window, group);
+                let moved = window.is_free(wish.target);
+                let bits = moved.bits();
+                if bits != 0 {
+                    let cells = wish.target.or(L::Int::splat(1 << OWN));
+                    self.flip(world, window, cells, bits);
+                    self.go(agent, world, wish.step, moved);
+                }
+                any |= self.leave(agent, world);
             }
-            let window = self.look(agent);
-            let wish = self.decide(agent, window, controllers);
-            let moved = window.is_free(wish.target);
-            let bits = moved.bits();
-            if bits != 0 {
-                let cells = wish.target.or(L::Int::splat(1 << OWN));
-                self.flip(world, window, cells, bits);
-                self.go(agent, world, wish.step, moved);
-            }
-            any |= self.leave(agent, world);
         }
         any
     }
@@ -179,9 +181,11 @@ impl<L: Lanes> Workspace<L> {
     /// All sense, then all move: no cell that an agent was on at the start of the step is free in it.
     #[inline(always)]
     fn step_together(&mut self, world: &Prepared, controllers: &mut LaneControllers<'_, L>) -> u64 {
-        for agent in 0..world.agents {
-            if self.inside[agent] != 0 {
-                self.wishes[agent] = self.decide(agent, self.look(agent), controllers);
+        for group in controllers.groups_mut() {
+            for agent in group.agents.clone() {
+                if self.inside[agent] != 0 {
+                    self.wishes[agent] = self.decide(agent, self.look(agent), group);
+                }
             }
         }
         // Cells are entered but not left.
@@ -226,15 +230,9 @@ impl<L: Lanes> Workspace<L> {
 
     /// What an agent wants to do.
     #[inline(always)]
-    fn decide(
-        &mut self,
-        agent: usize,
-        window: Window<L>,
-        controllers: &mut LaneControllers<'_, L>,
-    ) -> Move<L> {
+    fn decide(&mut self, agent: usize, window: Window<L>, group: &mut LaneGroup<'_, L>) -> Move<L> {
         let numbers = numbers(self.ways[agent]);
         let mut actuators = [L::splat(0.0); ACTUATORS];
-        let group = controllers.of(agent);
         let state = &mut self.states[group.state_of(agent)];
         let bits = (window.taken, AROUND);
         group
