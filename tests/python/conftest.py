@@ -27,7 +27,8 @@ class ForeignServer:
 
     It never heard of Swarmwright's extensions. `trouble` may change or withhold what it publishes; `noise` is
     published before every message, on the same topic. With `runs_itself` it asks nobody: the agent moves
-    `speed` in each of `steps` steps, to the `turn`, all of them parameters.
+    `speed` in each of `steps` steps, to the `turn`, all of them parameters. Of several agents, each pulls the
+    other way than the one before.
     """
 
     def __init__(
@@ -38,13 +39,16 @@ class ForeignServer:
         trouble: Callable[[str, Message], Message | str | None] = lambda _, message: message,
         noise: Sequence[str] = (),
         runs_itself: bool = False,
+        agents: int = 1,
     ) -> None:
         self.runs_itself = runs_itself
+        self.agents = agents
         self.title, self.steps, self.server, self.trouble, self.noise = title, steps, server, trouble, noise
         self.parameters: list[Message] = []
         self.episodes = 0
         self._hash = ""
         self._position, self._left = 0.0, 0
+        self._actions: dict[int, float] = {}
         self.client = mqtt.Client(CallbackAPIVersion.VERSION2)
         self.client.on_message = self._on_message
 
@@ -70,12 +74,17 @@ class ForeignServer:
             self.parameters.append(message)
         elif received.topic == "control" and message["server"] == self.server and message.get("run", True):
             self._hash, self._position, self._left = message["simulation_hash"], 0.0, self.steps
+            self._actions = {}
             if self.runs_itself:
                 self._run(self.parameters[-1])
             else:
                 self._sense()
         elif received.topic == "actuator" and message["simulation_hash"] == self._hash and self._left:
-            self._position += message["actuator"][0]
+            self._actions[message["agent"]] = message["actuator"][0]
+            if len(self._actions) < self.agents:
+                return
+            self._position += sum(action * (-1) ** agent for agent, action in self._actions.items())
+            self._actions = {}
             self._left -= 1
             if self._left:
                 self._sense()
@@ -94,14 +103,15 @@ class ForeignServer:
         self.publish("fitness", {"simulation_hash": self._hash, "fitness": -abs(self._position - 1)})
 
     def _sense(self) -> None:
-        self.publish(
-            "sensor",
-            {
-                "simulation_hash": self._hash,
-                "agent": 0,
-                "sensor": [1 - self._position, self._left / self.steps],
-            },
-        )
+        for agent in range(self.agents):
+            self.publish(
+                "sensor",
+                {
+                    "simulation_hash": self._hash,
+                    "agent": agent,
+                    "sensor": [1 - self._position, self._left / self.steps],
+                },
+            )
 
 
 @contextmanager

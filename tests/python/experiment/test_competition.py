@@ -106,6 +106,14 @@ def test_the_fitness_of_the_first_side_is_that_of_the_record() -> None:
             "populations.agents.method.evaluations: limits are those of the whole run; move it to method",
         ),
         (
+            {"populations": {"agents": {"method": {"generations": 9}}, "defenders": {}}},
+            "populations.agents.method.generations: limits are those of the whole run; move it to method",
+        ),
+        (
+            {"populations": {"agents": {"method": {"kind": "mine.py:Mine"}}, "defenders": {}}},
+            "populations.agents.method.kind: mine.py:Mine is a class in a file; install it as a plug-in",
+        ),
+        (
             {"populations": {"agents": {"fitness": "caugt"}, "defenders": {}}},
             "populations.agents.fitness: 'caugt' is not a metric of minisim; did you mean 'caught'?",
         ),

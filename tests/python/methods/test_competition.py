@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmwright import Experiment
+from swarmwright import Experiment, InputError
 from swarmwright.methods.competition import Competition
 
 MINISIM = {
@@ -125,3 +125,20 @@ def test_failed_matches_do_not_count() -> None:
     scores = method.scores_of(matches)
     assert np.isnan(scores[matches.candidates == 3]).all()
     assert np.isfinite(scores[matches.candidates != 3]).all()
+
+
+@pytest.mark.parametrize("pairing", ["hall_of_fame", "best"])
+def test_candidates_play_each_side_against_earlier_champions(pairing: str) -> None:
+    method = create(pairing=pairing, both_sides=False, rounds=2)
+    play(method)
+    places = set()
+    for _ in range(2):
+        earlier = play(method)[:-1] < 0
+        assert (earlier.sum(axis=1) == 1).all()
+        places |= set(np.flatnonzero(earlier.any(axis=0)).tolist())
+    assert places == {0, 1}
+
+
+def test_ask_and_tell_are_refused_with_the_way_to_do_it() -> None:
+    with pytest.raises(InputError, match=r"matches in place of genomes: call matches\(\) and finish\(\)"):
+        create().ask()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import swarmwright
-from swarmwright import InputError, Run
+from swarmwright import InputError, Run, RunError
 from swarmwright.runs.matches import play, slices_of
 
 MINISIM: dict[str, Any] = {
@@ -82,6 +82,49 @@ def test_the_last_match_of_a_generation_is_that_of_the_champions(
     assert fitness.shape == (1, 2, 2)
     assert fitness[0, :, 0].mean() == run.best.fitness
     assert (fitness[..., 1] == -fitness[..., 0]).all()
+
+
+@COMPETITIONS
+def test_a_server_that_knows_only_the_deliverable_plays_matches(
+    experiment: dict[str, Any], embedded_broker: str, foreign: Any, tmp_path: Path
+) -> None:
+    """It announces neither groups nor sides: the file maps agents to them, and the match is zero-sum."""
+    groups = {name: {"agents": 1, "hidden": [2]} for name in ("agents", "defenders")}
+    changes = {
+        "simulation": "tug",
+        "parameters": {},
+        "requirements": {"dimensions": 1},
+        "sensors": 2,
+        "actuators": 1,
+        "controller": {"kind": "team", "groups": groups},
+    }
+    with foreign(embedded_broker, "tug", agents=2) as server:
+        run = swarmwright.optimize({**experiment, **changes}, broker=embedded_broker, out=tmp_path / "run")
+    assert server.episodes >= run.evaluations * 2
+    assert run.experiment.ranking.sides == {"agents": "fitness", "defenders": "-fitness"}
+    metrics = run.record.metrics
+    assert (metrics[..., 1] == -metrics[..., 4]).all()
+
+
+def test_a_side_without_a_value_fails_the_match_with_a_reason(tmp_path: Path) -> None:
+    sides = {"agents": "fitness", "defenders": "1 / (caught - 1)"}
+    experiment = {**TOURNAMENT, "ranking": {**TOURNAMENT["ranking"], "sides": sides}}
+    run = swarmwright.optimize(experiment, servers="in-process", out=tmp_path / "run")
+    assert 0 < run.failed_evaluations < run.evaluations
+    assert any("fitness of defenders" in event.text for event in run.events())
+    resumed = swarmwright.resume(run.path, generations=5, servers="in-process")
+    assert resumed.generations == 5
+    stopping = {**experiment, "ranking": {**experiment["ranking"], "failed": "stop"}}
+    with pytest.raises(RunError, match=r"ranking\.failed is 'stop'"):
+        swarmwright.optimize(stopping, servers="in-process", out=tmp_path / "stopping")
+
+
+def test_matches_are_counted_in_reports(tmp_path: Path) -> None:
+    reports: list[Any] = []
+    run = swarmwright.optimize(TOURNAMENT, reports.append, servers="in-process", out=tmp_path / "run")
+    assert [report.evaluations for report in reports][-1] == run.evaluations
+    assert reports[-1].seconds_left == 0.0
+    assert run.experiment.new_method().budget >= run.evaluations
 
 
 def test_budgets_count_matches(tmp_path: Path) -> None:
