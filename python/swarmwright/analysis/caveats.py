@@ -17,6 +17,7 @@ from swarmwright.analysis.tasks import (
     has_other_models,
 )
 from swarmwright.common.errors import SwarmwrightError
+from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.runs.elites import has_elites
 from swarmwright.runs.instances import averages_instances, instances
 from swarmwright.runs.run import Run
@@ -167,6 +168,12 @@ def _values(
     groups: Sequence["Group"], indicator: Indicator, *, held_out: bool, beside: Collection[str]
 ) -> Iterator[str]:
     """Yield notes on why the values of groups may be too high or uncertain."""
+    if any(isinstance(group.runs[0].experiment.ranking, TournamentOptions) for group in groups):
+        yield (
+            "the fitness of competitions is that against each run's own opponents, so it does not say which "
+            "run is better; `swarmwright league FOLDER` lets their champions meet"
+        )
+        return
     if held_out:
         yield from _describe_validations(groups)
         return

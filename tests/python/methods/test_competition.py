@@ -142,3 +142,44 @@ def test_candidates_play_each_side_against_earlier_champions(pairing: str) -> No
 def test_ask_and_tell_are_refused_with_the_way_to_do_it() -> None:
     with pytest.raises(InputError, match=r"matches in place of genomes: call matches\(\) and finish\(\)"):
         create().ask()
+
+
+def play_numbers(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return who wins the intransitive numbers game of Watson and Pollack 2001, (matches,)."""
+    differences = first - second
+    return np.sign(differences[np.arange(len(differences)), np.abs(differences).argmin(axis=1)])
+
+
+def share_lost_to_ancestors(pairing: str, seed: int) -> float:
+    """Return how many champions of one population lose to earlier champions of the other."""
+    values = {**MINISIM, "method": {"population": 20, "generations": 100}, "seed": seed}
+    values |= {"populations": {"agents": {}, "defenders": {}}, "ranking": {"pairing": pairing, "rounds": 8}}
+    method = Experiment.from_mapping(values).new_method()
+    assert isinstance(method, Competition)
+    half = method.representation.genome_size // 2
+    champions = []
+    for _ in range(100):
+        rounds = method.matches()
+        matches = next(rounds)
+        while True:
+            first, second = (matches.genomes[:, [at, at + 1]].astype(np.float64) for at in (0, half))
+            won = play_numbers(first, second)
+            try:
+                matches = rounds.send(np.stack([won, -won], axis=1))
+            except StopIteration:
+                break
+        method.finish()
+        champions.append((first[-1], second[-1]))
+    later, earlier = np.tril_indices(20, -1)
+    own = np.array([champion for champion, _ in champions[::5]])
+    other = np.array([champion for _, champion in champions[::5]])
+    return float((play_numbers(own[later], other[earlier]) < 0).mean())
+
+
+def test_a_hall_of_fame_remembers_earlier_opponents() -> None:
+    """As in Rosin and Belew 1997, where champions of coevolution without it lose to their ancestors."""
+    lost = {
+        pairing: np.mean([share_lost_to_ancestors(pairing, seed) for seed in range(6)])
+        for pairing in ("best", "hall_of_fame")
+    }
+    assert lost["hall_of_fame"] < 0.7 * lost["best"]

@@ -145,3 +145,11 @@ def test_unknown_sides_and_wrong_genomes_are_a_message(tmp_path: Path) -> None:
         run.champions("left")
     with pytest.raises(InputError, match=r"genomes: shape is \(1, 3\); expected \(matches, 26\)"):
         play(run.experiment, np.zeros((1, 3)), [0], servers="in-process")
+
+
+def test_comparisons_say_that_opponents_differ(tmp_path: Path) -> None:
+    for name, seed in (("a", 1), ("b", 2)):
+        swarmwright.optimize(TOURNAMENT, seed=seed, servers="in-process", out=tmp_path / name)
+    comparison = str(swarmwright.compare([tmp_path / "a", tmp_path / "b"]))
+    assert "swarmwright league FOLDER" in comparison
+    assert "is too high where fitness depends on the seed" not in comparison
