@@ -147,7 +147,8 @@ def test_ask_and_tell_are_refused_with_the_way_to_do_it() -> None:
 def play_numbers(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return who wins the intransitive numbers game of Watson and Pollack 2001, (matches,)."""
     differences = first - second
-    return np.sign(differences[np.arange(len(differences)), np.abs(differences).argmin(axis=1)])
+    nearest = np.abs(differences).argmin(axis=1)
+    return np.asarray(np.sign(differences[np.arange(len(differences)), nearest]))
 
 
 def share_lost_to_ancestors(pairing: str, seed: int) -> float:

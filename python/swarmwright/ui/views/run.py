@@ -17,6 +17,7 @@ from swarmwright import InputError, Run
 from swarmwright.display.files import FORMATS
 from swarmwright.display.page import format_player
 from swarmwright.runs.density import evaluation_density, nearest_evaluation
+from swarmwright.runs.matches import describe_champions
 from swarmwright.runs.page import PackedEpisode, pack_replay
 from swarmwright.ui.exports import BUNDLE, ExportShelf, export_code, export_replay, list_exports, make_bundle
 from swarmwright.ui.index import as_values, finite
@@ -74,6 +75,7 @@ def describe(run: Run) -> dict[str, Any]:
     return {
         "curve": curve(run),
         "best": best,
+        "champions": describe_champions(run),
         "best_words": run.best_words,
         "failed_episodes": run.failed_episodes if run.failed_evaluations else 0,
         "episodes": experiment.ranking.episodes,

@@ -101,7 +101,7 @@ def test_a_server_that_knows_only_the_deliverable_plays_matches(
     with foreign(embedded_broker, "tug", agents=2) as server:
         run = swarmwright.optimize({**experiment, **changes}, broker=embedded_broker, out=tmp_path / "run")
     assert server.episodes >= run.evaluations * 2
-    assert run.experiment.ranking.sides == {"agents": "fitness", "defenders": "-fitness"}
+    assert run.experiment.to_mapping()["ranking"]["sides"] == {"agents": "fitness", "defenders": "-fitness"}
     metrics = run.record.metrics
     assert (metrics[..., 1] == -metrics[..., 4]).all()
 
