@@ -139,7 +139,7 @@ def measured(
 
 def speeds(cells: Sequence[Cell]) -> Iterator[str]:
     """Yield a table in Markdown: the largest rate of each simulator, over missions and controllers."""
-    yield "| simulator | seeds | robot-steps/s | of the arena's |"
+    yield "| simulator | seeds | robot-steps/s | relative to arena |"
     yield "|---|---|---|---|"
     best: dict[str, float] = {}
     for cell in cells:

@@ -25,7 +25,7 @@ OBJECTS = {
     "RawMetric": "swarmwright_metric",
     "RawSimulation": "swarmwright_simulation",
     "RawEvent": "swarmwright_event",
-    "Given": "swarmwright_parameters",
+    "ParameterHandle": "swarmwright_parameters",
     "Server": "swarmwright_server",
     "Plugin": "swarmwright_plugin",
     "RawBody": "swarmwright_body",
