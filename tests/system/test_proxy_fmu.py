@@ -293,7 +293,7 @@ def test_accounts(tmp_path: Path, cleanup: ExitStack, proxy: Proxy) -> None:
 
 def test_what_a_server_offers_is_asked_for_or_said(embedded: BrokerProcess) -> None:
     experiment = Experiment.from_mapping({"simulation": "toy", "requirements": {"dimensions": 1}})
-    with pytest.raises(InputError, match="the number of sensors is unknown, because 'toy' is not built in, and no server on"):
+    with pytest.raises(InputError, match="the number of sensors is unknown, because 'toy' is not"):
         proxy_model(experiment, Address(embedded.url), 1)
     said = experiment.with_settings(["sensors=2", "actuators=1"])
     with pytest.raises(InputError, match="number of agents of 'toy' is unknown; set it with --agents"):

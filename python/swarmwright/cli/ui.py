@@ -2,7 +2,6 @@
 
 import contextlib
 import tempfile
-import webbrowser
 from pathlib import Path
 
 import click
@@ -10,12 +9,13 @@ import click
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import ExistingPath, WholeNumber, broker_option, prefix_option
 from swarmwright.cli._output import Output
+from swarmwright.cli._pictures import has_display, open_in_browser
 from swarmwright.common.errors import InputError
 from swarmwright.experiment.broker_address import DEFAULT_BROKER
 
 
 @click.command(
-    "ui", cls=Command, example="swarmwright ui runs --open\nswarmwright ui results --port 8501 --read-only"
+    "ui", cls=Command, example="swarmwright ui\nswarmwright ui results --port 8501 --read-only --no-browser"
 )
 @click.argument("folder", type=ExistingPath(folder=True), metavar="[FOLDER]", required=False)
 @click.option(
@@ -50,7 +50,11 @@ from swarmwright.experiment.broker_address import DEFAULT_BROKER
 @broker_option(default=DEFAULT_BROKER, text="Address of the broker whose servers are shown.")
 @prefix_option
 @click.option("--read-only", is_flag=True, help="Refuse everything that changes a run or starts one.")
-@click.option("--open", "is_opened", is_flag=True, help="Open the window in a browser.")
+@click.option(
+    "--no-browser",
+    is_flag=True,
+    help="Only print the address. By default, a browser opens where there is a display.",
+)
 def command(
     folder: Path | None,
     port: int | None,
@@ -62,9 +66,9 @@ def command(
     broker: str,
     prefix: str,
     read_only: bool,
-    is_opened: bool,
+    no_browser: bool,
 ) -> None:
-    """Show the runs below FOLDER (default: runs) in a browser, live.
+    """Show the runs below FOLDER (default: runs, which is made if missing) in a browser, live.
 
     The printed address holds a secret token: whoever has it sees these runs. The window listens on 127.0.0.1
     alone; from another machine, reach it through `ssh -L`, or let it listen there with a password and TLS. It
@@ -75,17 +79,21 @@ def command(
 
     output = Output()
     if folder is None:
-        if not RUNS.is_dir():
-            raise InputError(f"{RUNS}: there is no such folder here; name the one that holds the runs")
         folder = RUNS
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise InputError(
+                f"{folder}: the folder for runs cannot be made ({reason}); name another"
+            ) from error
     stack = contextlib.ExitStack()
 
     def on_ready(address: str) -> None:
         output.text(f"Runs below {folder}: {address}")
-        if is_opened:
+        if not no_browser and has_display():
             private = stack.enter_context(tempfile.TemporaryDirectory(prefix="swarmwright-ui-"))
-            with contextlib.suppress(webbrowser.Error):
-                webbrowser.open(write_opening_page(Path(private), address))
+            open_in_browser(write_opening_page(Path(private), address))
 
     settings = Settings(
         host=host,
@@ -102,8 +110,8 @@ def command(
         serve(folder, settings, on_ready=on_ready)
 
 
-def write_opening_page(folder: Path, address: str) -> str:
-    """Write a page that leads to an address, and return where it is.
+def write_opening_page(folder: Path, address: str) -> Path:
+    """Write a page that leads to an address, and return its path.
 
     All users of the machine can read the command lines of others, so no browser is started with the address,
     which has the token.
@@ -114,4 +122,4 @@ def write_opening_page(folder: Path, address: str) -> str:
 
     page = folder / "open.html"
     page.write_text(forwarding_page(address), encoding="utf-8")
-    return page.as_uri()
+    return page

@@ -172,7 +172,7 @@ class Guard:
             rest = urlencode([(key, value) for key, value in query if key != "token"])
             address = f"./?{rest}" if rest else "./"
             if headers.get("sec-fetch-site") == "cross-site":
-                # After a link on another site, as of the file that `--open` opens, browsers keep the new
+                # After a link on another site, as of the page that the command opens, browsers keep the new
                 # cookie back from a redirect, but not from a page's own request.
                 return self._with_cookie(scope, HTMLResponse(forwarding_page(address)), self._pass)
             return self._with_cookie(scope, RedirectResponse(address, 303), self._pass)

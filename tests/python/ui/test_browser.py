@@ -34,7 +34,8 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
 @contextlib.contextmanager
 def window(folder: Path, *options: str, port: int = 0) -> Iterator[str]:
     """Run `swarmwright ui` on a folder; the address that it prints."""
-    command = [sys.executable, "-m", "swarmwright", "ui", str(folder), "--port", str(port), *options]
+    options = ("--no-browser", "--port", str(port), *options)
+    command = [sys.executable, "-m", "swarmwright", "ui", str(folder), *options]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         assert process.stdout is not None
