@@ -71,6 +71,7 @@ export function show(view, query, id) {
     h("button", { type: "button", click: resume }, "Resume"), h("label", {}, "up to ", generations), message);
 
   async function resume() {
+    if (!generations.reportValidity()) return;
     try {
       await change("resume", { runs: [id], generations: generations.value === "" ? null : Number(generations.value) });
       message.replaceChildren("in the queue: ", h("a", { href: "#/jobs" }, "Jobs"));
