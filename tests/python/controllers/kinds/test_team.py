@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from swarmwright import InputError
+from swarmwright.common.problems import problems_of
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers.kinds.team import Team, TeamOptions
 from swarmwright.testing import check_representation
@@ -48,6 +50,22 @@ def test_the_genes_are_those_of_the_groups() -> None:
 
 def test_a_team_with_choices_is_not_continuous() -> None:
     assert not team("one", "two", "three").continuous
+
+
+@pytest.mark.parametrize(
+    ("key", "hint"),
+    [
+        ("hiden", "did you mean 'hidden'?"),
+        ("sensor", "did you mean 'sensors'?"),
+        ("x", "known keys: kind, agents, sensors, actuators, output_range, "),
+    ],
+)
+def test_unknown_keys_of_a_group_are_those_of_its_kind_too(key: str, hint: str) -> None:
+    with pytest.raises(ValidationError) as raised:
+        TeamOptions.model_validate({"groups": {"one": {key: 4}}})
+    [(path, message)] = problems_of(raised.value, TeamOptions)
+    assert path == ("groups", "one", key)
+    assert message.startswith(f"unknown key; {hint}")
 
 
 def test_sizes_that_do_not_fit_the_simulation_are_refused() -> None:

@@ -17,7 +17,7 @@ from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.options import Options
 from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream
-from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean, unknown_key
 from swarmwright.common.yaml import Path_
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.controllers._base import Representation, RepresentationOptions
@@ -59,6 +59,10 @@ class GroupOptions(Options):
         if not component.steers:
             raise ValueError(f"{self.kind} steers no agents; use a kind of controller such as layered")
         values = {"kind": self.kind, **(self.model_extra or {})}
+        known = [*type(self).model_fields, *component.options_model.model_fields]
+        for key in self.model_extra or {}:
+            if key not in known:
+                raise FieldError((key,), unknown_key(key, dict.fromkeys(known)))
         options = component.options_model.model_validate(values, context=info.context)
         if getattr(options, "in_python", False):
             raise ValueError("teams do not support modules in Python; use built-in modules")
