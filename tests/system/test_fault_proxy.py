@@ -25,7 +25,7 @@ SERVERS = (1, 2, 3)
 
 
 @pytest.mark.parametrize(
-    ("mode", "steps", "generations"), [("stepwise", 60, 5), ("batched", 200, 3), ("offloaded", 20_000, 30)]
+    ("mode", "steps", "generations"), [("stepwise", 60, 5), ("batched", 120, 3), ("offloaded", 20_000, 30)]
 )
 def test_through_bad_networks(
     broker: BrokerProcess,
