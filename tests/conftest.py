@@ -53,6 +53,10 @@ COMMIT_TIER = ("python", "protocol", "typing")
 """Folders whose tests belong to the commit tier unless they are marked; those of all others are slow."""
 
 
+SLOW_S = 240
+"""Limit of a slow test, in seconds. It ends what hangs; the machine may be busy."""
+
+
 STARTING = frozenset({"browser", "bundle", "classes", "fmus", "mosquitto"})
 """Fixtures that start programs: tests that use them are slow, too."""
 
@@ -93,6 +97,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return -float(marker.args[0]) if marker is not None and marker.args else 0.0
 
     items.sort(key=longest)
+    for item in items:
+        if item.get_closest_marker("slow") and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(SLOW_S))
 
 
 def _part(text: str) -> tuple[int, int]:

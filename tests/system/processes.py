@@ -14,6 +14,9 @@ from tests.conftest import PROGRAM, environment
 
 Event = dict[str, Any]
 
+BUSY = 3
+"""By how much waiting may exceed its bound, which is that of a quiet machine."""
+
 
 class Program:
     """`swarmwright ARGUMENTS`; its lines are collected by threads, so that it never waits for its reader."""
@@ -76,7 +79,7 @@ class Program:
 
     def until(self, reached: Callable[["Program"], bool], what: str, seconds: float = 20) -> None:
         """Wait until `reached`; fail, with all that came, when it is not or the program ends before."""
-        deadline = time.monotonic() + seconds
+        deadline = time.monotonic() + BUSY * seconds
         while not reached(self):
             ended = self.process.poll() is not None
             if ended:
@@ -85,7 +88,7 @@ class Program:
                     return
             said = "\n".join([*self.lines[-20:], *self.errors[-20:]])
             assert not ended, f"ended with {self.process.returncode} before {what}:\n{said}"
-            assert time.monotonic() < deadline, f"no {what} within {seconds} s:\n{said}"
+            assert time.monotonic() < deadline, f"no {what} within {BUSY * seconds} s:\n{said}"
             with self._news:
                 self._news.wait(0.05)
 
@@ -104,10 +107,10 @@ class Program:
     def wait(self, seconds: float = 30) -> int:
         """Exit status, once it has ended."""
         try:
-            status = self.process.wait(seconds)
+            status = self.process.wait(BUSY * seconds)
         except subprocess.TimeoutExpired:
             said = "\n".join([*self.lines[-20:], *self.errors[-20:]])
-            raise AssertionError(f"did not end within {seconds} s:\n{said}") from None
+            raise AssertionError(f"did not end within {BUSY * seconds} s:\n{said}") from None
         self._join()
         assert "Traceback" not in self.stderr, self.stderr
         return status

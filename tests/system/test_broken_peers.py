@@ -1,6 +1,7 @@
 """Peers that are killed or stopped in the middle of a step, and brokers that go and come back."""
 
 import json
+import re
 import signal
 import time
 from contextlib import suppress
@@ -169,7 +170,7 @@ def test_the_tool_is_killed_in_the_middle_of_a_step(
     assert time.monotonic() - killed < 5
     (warning,) = servers.warnings()
     assert "agent 0" in warning
-    assert "1.0 s" in warning
+    assert re.search(r" for [1-4]\.\d s; the run is given up", warning), warning
     assert "free again" in warning
     assert f"/{run.pid}" in warning, "it names the tool"
     servers.until(lambda program: program.events()[-1]["event"] == "ready", "a free server")

@@ -102,7 +102,7 @@ def test_what_a_simulation_throws_reaches_the_tool(
     [
         ("reset", "std::runtime_error: reset does not work"),
         ("order", "the acting agents must be in ascending order, but 1 comes before 0"),
-        ("agent", "agent 7 acts, but there are at most 4, numbered from 0"),
+        ("agent", "agent 7 acts, but there are at most 4 agents, numbered from 0"),
         ("sense", "nothing can be seen"),
         ("nan", "sensors[0] is NaN"),
         ("fitness", "the simulation's fitness is NaN"),
