@@ -14,10 +14,9 @@ from ruamel.yaml import YAML
 
 from swarmwright import Episodes
 from swarmwright.display import Scene
-from swarmwright.display._bodies import Bodies
 from swarmwright.display._look import BORDER, to_rgb
-from swarmwright.display._robots import draw_robots
-from swarmwright.display.drawing import draw_ground, prepare_axes
+from swarmwright.display._scene import Bodies
+from swarmwright.display.drawing import draw_ground, draw_robots, prepare_axes
 from swarmwright.display.figures.style import COLORS, INK, new_figure
 
 if TYPE_CHECKING:

@@ -29,8 +29,7 @@ from swarmwright import Run
 from swarmwright.controllers.controller import Controller
 from swarmwright.display import Bodies, Recording, Scene
 from swarmwright.display._look import to_rgb
-from swarmwright.display._robots import draw_robots
-from swarmwright.display.drawing import draw_ground
+from swarmwright.display.drawing import draw_ground, draw_robots
 from swarmwright.display.figures.style import COLORS, INK, new_figure
 from swarmwright.runs.replay import Replay
 

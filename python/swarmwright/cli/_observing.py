@@ -14,7 +14,7 @@ import click
 
 from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._output import Output, complain
-from swarmwright.common.message_kinds import kind_of
+from swarmwright.common.formatting import kind_of
 from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:

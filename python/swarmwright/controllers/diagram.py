@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.display.figures.style import INK, PAPER, SOFT, new_figure
-from swarmwright.display.state_colors import state_color
+from swarmwright.display.machines import state_color
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

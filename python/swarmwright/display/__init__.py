@@ -1,6 +1,5 @@
 """Display of episodes: in the terminal, as a still, an animation, a video, or a page with playback."""
 
-from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import (
     COLORS,
     PARTS,
@@ -9,11 +8,11 @@ from swarmwright.display._episode import (
     Playable,
     Recording,
     Shown,
+    Trace,
     record,
     record_in_parts,
 )
-from swarmwright.display._scene import Body, Light, Patch, Ray, Scale, Scene, Style, Wall
-from swarmwright.display._trace import Trace
+from swarmwright.display._scene import Bodies, Body, Light, Patch, Ray, Scale, Scene, Style, Wall
 
 __all__ = [
     "COLORS",

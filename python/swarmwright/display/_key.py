@@ -5,15 +5,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.display._bodies import Bodies
-from swarmwright.display._episode import Recording, Shown
+from swarmwright.display._episode import Recording, Shown, fill_states
 from swarmwright.display._look import (
     BORDER,
     FIELD,
     INK,
     LED,
+    LINK_WIDTH,
     ORANGE,
     PAPER,
+    RAY_WIDTH,
     STRETCH,
     Looks,
     floor_color,
@@ -24,10 +25,8 @@ from swarmwright.display._look import (
     to_rgb,
     value_colors,
 )
-from swarmwright.display._robots import LINK_WIDTH, RAY_WIDTH
-from swarmwright.display._scene import Scale, Scene
-from swarmwright.display._trace import fill_states
-from swarmwright.display.state_colors import state_color
+from swarmwright.display._scene import Bodies, Scale, Scene
+from swarmwright.display.machines import state_color
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.display._bodies import Bodies
-from swarmwright.display._scene import Patch, Scene, Style
-from swarmwright.display.state_colors import DISTINCT_STATES, STATE_COLORS, state_color
+from swarmwright.display._scene import Bodies, Patch, Scene, Style
+from swarmwright.display.machines import DISTINCT_STATES, STATE_COLORS, state_color
 
 # Okabe and Ito's palette, safe for colour-blind readers.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"
@@ -118,6 +117,8 @@ LED = "led"
 """The kind of LEDs on robots; LEDs without a state are off and not drawn."""
 STRETCH = "wall"
 """The kind of coloured wall sections; with a heading they are lines, without an entry in legends."""
+RAY_WIDTH, LINK_WIDTH = 0.9, 0.8
+"""Widths of lines in pictures, points."""
 HALO_WIDTH, HALO_SHARE = 1.6, 0.6
 """Width in points and opacity of the light line below thin rays and links."""
 SHADES = 16

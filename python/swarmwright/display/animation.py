@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.time_limit import check_time_limit
-from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Caption, Part, Shown
 from swarmwright.display._key import scale_of
 from swarmwright.display._look import Looks, build_palette, floor_color, floor_labels
-from swarmwright.display._scene import Scene
+from swarmwright.display._scene import Bodies, Scene
 from swarmwright.display.drawing import Picture
 
 _LEAST_SHARE = 0.6

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError
 from swarmwright.common.plain_figures import warn_of_missing_letters
 from swarmwright.common.warn_once import warn_once
-from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Caption, Part, Recording, Shown
 from swarmwright.display._look import is_moving
-from swarmwright.display._scene import Scene
+from swarmwright.display._scene import Bodies, Scene
 
 _WRITERS = {".html": "page", ".gif": "animation", ".mp4": "film", ".png": "still"}
 

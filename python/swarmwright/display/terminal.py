@@ -9,12 +9,10 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.display._bodies import Bodies, scene_from_arrays
-from swarmwright.display._episode import Playable
+from swarmwright.display._episode import Playable, fill_states
 from swarmwright.display._look import BORDER, lighten, mix, to_rgb
-from swarmwright.display._scene import Scene
-from swarmwright.display._trace import fill_states
-from swarmwright.display.state_colors import state_color
+from swarmwright.display._scene import Bodies, Scene, scene_from_arrays
+from swarmwright.display.machines import state_color
 
 SIGNS = "0123456789abcdefghijklmnopqrstuvwxyz"
 """Signs of states 0, 1, .. on a map without colours; the last sign is also used for all later states."""

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.archives import CONTROLLER, EVALUATION, FORMAT, MANIFEST
 from swarmwright.common.arguments import check_arguments
-from swarmwright.common.bundles import CONTROLLER, EVALUATION, FORMAT, MANIFEST
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.revision import revision

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.common.archives import CONTROLLER, EVALUATION, FORMAT, MANIFEST, read_files
 from swarmwright.common.arguments import check_arguments
-from swarmwright.common.bundles import CONTROLLER, EVALUATION, FORMAT, MANIFEST, read_files
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.json_text import loads
 from swarmwright.common.untrusted import escape_line

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.archives import CONTROLLER, EVALUATION, FORMAT, MANIFEST, read_files
 from swarmwright.common.arrays import shortest
-from swarmwright.common.bundles import CONTROLLER, EVALUATION, FORMAT, MANIFEST, read_files
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.json_text import loads

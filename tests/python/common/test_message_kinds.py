@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmwright.common.message_kinds import kind_of
+from swarmwright.common.formatting import kind_of
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from swarmwright import templates
 from swarmwright.common.yaml import dump, parse
-from swarmwright.common.yaml_updates import update_text
+from swarmwright.common.yaml_edits import update_text
 
 COMMENTED = """\
 # Two spots.

@@ -15,7 +15,7 @@ from swarmwright.controllers.diagram import Arrow, Diagram, Node, new_figure_wit
 from swarmwright.controllers.figures import figure
 from swarmwright.controllers.kinds.team import figure as of_team
 from swarmwright.controllers.modules.grammar import states_of
-from swarmwright.display.state_colors import state_color
+from swarmwright.display.machines import state_color
 from tests.python.controllers.test_figures import machine
 from tests.python.export.specifications import modules
 

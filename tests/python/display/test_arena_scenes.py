@@ -9,7 +9,7 @@ import pytest
 from swarmwright import _engine
 from swarmwright.display._episode import Part, Recording, Shown, record
 from swarmwright.display._look import Looks
-from swarmwright.display.page._data import page_data
+from swarmwright.display.page import page_data
 
 WALLS = {"rectangle": [4, 4]}
 START = {"disc": {"radius": 1}}

@@ -29,7 +29,7 @@ from swarmwright.display._look import (
 from swarmwright.display._look import STATES as OF_CONTROLLERS
 from swarmwright.display.drawing import Picture
 from swarmwright.display.files import save
-from swarmwright.display.state_colors import DISTINCT_STATES, STATE_COLORS, state_color
+from swarmwright.display.machines import DISTINCT_STATES, STATE_COLORS, state_color
 
 STATES = ("free", "carrying", "charging", "waiting")
 

@@ -19,8 +19,7 @@ from selenium.webdriver.support.ui import Select
 
 from swarmwright.display import Body, Caption, Recording, Scene, pictures, record
 from swarmwright.display.files import save
-from swarmwright.display.page import format_page
-from swarmwright.display.page._packing import pack, to_bytes, to_json
+from swarmwright.display.page import format_page, pack, to_bytes, to_json
 from tests.python.display.browser import chromium
 
 CAPTION = Caption("minisim: <best> & {{facts}}", (("controller", "layered, 4-8-1, tanh"), ("seed", "1")))

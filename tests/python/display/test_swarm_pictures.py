@@ -30,7 +30,7 @@ from swarmwright.display._look import (
 )
 from swarmwright.display.drawing import Picture
 from swarmwright.display.files import save
-from swarmwright.display.state_colors import state_color
+from swarmwright.display.machines import state_color
 from tests.python.display.test_page_swarm import MODULES, TEAM, lit, swarm
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import _engine
 from swarmwright.controllers.modules.grammar import State, Transition, weights_of
-from swarmwright.display._bodies import scene_from_arrays
+from swarmwright.display._scene import scene_from_arrays
 from swarmwright.display.terminal import CLEAR_BELOW, HIDE_CURSOR, SHOW_CURSOR, SIGNS, play, with_states
 
 

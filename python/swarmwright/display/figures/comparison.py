@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from swarmwright.common.formatting import format_count, format_p_value, shorten
-from swarmwright.display.figures.curves import Curve, align_runs, best_so_far, compute_bands, indicator_so_far
+from swarmwright.display.figures.run import Curve, align_runs, best_so_far, compute_bands, indicator_so_far
 from swarmwright.display.figures.style import (
     AXES,
     INK,

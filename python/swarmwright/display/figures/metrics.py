@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.common.formatting import format_count
-from swarmwright.display.figures.curves import align_runs, compute_bands
-from swarmwright.display.figures.run import title_of
+from swarmwright.display.figures.run import align_runs, compute_bands, title_of
 from swarmwright.display.figures.style import (
     AXES,
     COLORS,

@@ -1,4 +1,4 @@
-// Numbers of the episode, packed by `_packing.py`.
+// Numbers of the episode, packed by `__init__.py`.
 
 // Returns the bytes of packed numbers: in base64 in a page, or a part of the bytes that were sent.
 function bytes({ data, at, size }) {

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmwright.common.errors import RunError
-from swarmwright.common.formatting import format_count
-from swarmwright.common.message_kinds import kind_of
+from swarmwright.common.formatting import format_count, kind_of
 from swarmwright.common.untrusted import escape_line
 from swarmwright.servers.evaluation.base import FIRST_EVALUATIONS, OnResults, Results
 from swarmwright.servers.rows import FAILED, AttemptEntry, Journal, WarningEntry

@@ -4,8 +4,7 @@ import sqlite3
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
-from swarmwright.common.formatting import format_count
-from swarmwright.common.message_kinds import kind_of
+from swarmwright.common.formatting import format_count, kind_of
 from swarmwright.runs.store.pieces import Begin
 from swarmwright.servers.rows import FAILED, FailureReason, ServerShare, parse_journal_line
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.message_kinds import kind_of
+from swarmwright.common.formatting import kind_of
 from swarmwright.common.temporary import private_folder, remove
 
 LARGEST_BYTES = 1 << 26

@@ -15,7 +15,7 @@ from starlette.requests import Request
 from swarmwright import Controller, Episodes, Experiment, InputError, SwarmwrightError, templates
 from swarmwright.common import yaml
 from swarmwright.common.arguments import simulation_seed
-from swarmwright.common.yaml_updates import update_text
+from swarmwright.common.yaml_edits import update_text
 from swarmwright.display import Recording
 from swarmwright.display.page import format_page
 from swarmwright.servers.evaluation.shown import ShownEpisode

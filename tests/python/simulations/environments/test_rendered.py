@@ -12,9 +12,9 @@ import pytest
 from PIL import Image
 
 from swarmwright import Experiment, InputError, Run, optimize
+from swarmwright.display import pictures as recording
 from swarmwright.display.files import FORMATS
 from swarmwright.display.pictures import PictureRecording, record, save
-from swarmwright.display.pictures import _record as recording
 from swarmwright.runs.replay import Replay
 from swarmwright.simulations import attached
 from swarmwright.simulations.gymnasium import Gymnasium
