@@ -83,8 +83,7 @@ if TYPE_CHECKING:
     from swarmwright.controllers.controller import Controller
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.export import environments
-    from swarmwright.export.bundle import Bundle, export_bundle
-    from swarmwright.export.bundle_verification import BundleVerification, verify_bundle
+    from swarmwright.export.bundle import Bundle, BundleVerification, export_bundle, verify_bundle
     from swarmwright.export.exporting import ExportResult, export_controller
     from swarmwright.interop import frevo
     from swarmwright.methods import rankings
@@ -173,7 +172,7 @@ __all__ = [
 _LAZY = {
     "BatchSimulation": "simulations.base",
     "Bundle": "export.bundle",
-    "BundleVerification": "export.bundle_verification",
+    "BundleVerification": "export.bundle",
     "CommandSimulation": "simulations.command.simulation",
     "Comparison": "analysis.comparison",
     "Controller": "controllers.controller",
@@ -210,7 +209,7 @@ _LAZY = {
     "simulate": "servers.evaluation.evaluate",
     "sweep": "analysis.sweep.result",
     "transfer": "analysis.transfer.transfer",
-    "verify_bundle": "export.bundle_verification",
+    "verify_bundle": "export.bundle",
 }
 _MODULES = {
     "callbacks": "runs.callbacks",

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment
-from swarmwright.export.proxy_model import Address, proxy_model
-from swarmwright.export.simulation_fmu import LIBRARY, build_model_fmu
+from swarmwright.export.simulation_fmu import LIBRARY, Address, build_model_fmu, proxy_model
 from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.instances import FmuError
 from swarmwright.simulations.fmu.program import Coupled

@@ -13,8 +13,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 from swarmwright import Experiment, InputError, _engine, optimize
-from swarmwright.export.proxy_model import Address, proxy_model
-from swarmwright.export.simulation_fmu import LIBRARY, build_model_fmu
+from swarmwright.export.simulation_fmu import LIBRARY, Address, build_model_fmu, proxy_model
 from tests.conftest import ROOT, free_port
 from tests.fmus import Driven, driving
 from tests.system.brokers import BrokerProcess

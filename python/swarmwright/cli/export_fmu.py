@@ -93,10 +93,8 @@ def command(
     """
     from swarmwright.common.errors import InputError
     from swarmwright.experiment.derived import with_environment
-    from swarmwright.export.proxy_model import Address, proxy_model
-    from swarmwright.export.simulation_fmu import build_model_fmu
-    from swarmwright.export.simulation_model import Model
-    from swarmwright.export.writing import write
+    from swarmwright.export.exporting import write
+    from swarmwright.export.simulation_fmu import Address, Model, build_model_fmu, proxy_model
     from swarmwright.simulations.catalogue import title
 
     show_warnings()

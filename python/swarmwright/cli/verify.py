@@ -33,7 +33,7 @@ def command(bundle: Path, require_fitness: bool, require_formats: bool, output: 
     simulation is built-in. The last line names unchecked fitness and formats. The exit status is 1 if
     anything differs. Only code that this version of Swarmwright exports itself is executed.
     """
-    from swarmwright.export.bundle_verification import verify_bundle
+    from swarmwright.export.bundle import verify_bundle
 
     show_warnings()
     verified = verify_bundle(bundle)

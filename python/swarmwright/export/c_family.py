@@ -18,11 +18,10 @@ from swarmwright.common.ranges import shortest_decimal
 from swarmwright.controllers.source.in_c import Code, Table
 from swarmwright.controllers.source.text import is_reserved, literals, make_identifiers, plain, wrap_items
 from swarmwright.export._base import Files, find_generator, format_facts, render
-from swarmwright.export.golden import Golden
+from swarmwright.export.golden import Golden, generate_walk
 from swarmwright.export.programs import find_command, format_steps, parse_actuators, run, standard_option
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Channel, Subject
-from swarmwright.export.walk import generate_walk
 
 _BITS = """static uint32_t bits_of(float value)
 {

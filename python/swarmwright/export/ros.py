@@ -15,12 +15,11 @@ from swarmwright.controllers.kinds import describe_controller
 from swarmwright.controllers.source.text import MARK, c_literal, quote_python
 from swarmwright.experiment.robots import DEFAULT
 from swarmwright.export._base import Exporter, Files, format_facts, render
-from swarmwright.export.arena_words import PRESETS
 from swarmwright.export.c import C
 from swarmwright.export.python import Python
 from swarmwright.export.python_modules import copy_of, has_user_modules
 from swarmwright.export.sequences import Sequences, measure_difference
-from swarmwright.export.subject import RANDOM, Channel, Subject
+from swarmwright.export.subject import PRESETS, RANDOM, Channel, Subject
 
 _SHARED = (
     "control.cpp",

@@ -9,7 +9,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
 from swarmwright.export import EXPORTERS, Exporter
-from swarmwright.export.writing import write
+from swarmwright.export.exporting import write
 from tests.python.export.specifications import ALL, subject
 
 FORMS = ("fmu", "fmu3")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from swarmwright.export.arena_words import PRESETS, Robot, describe_actuator, describe_sensor, robot_in
+from swarmwright.export.subject import PRESETS, Robot, describe_actuator, describe_sensor, robot_in
 from swarmwright.simulations import catalogue
 
 ROBOTS = Path(__file__).parents[3] / "engine" / "worlds" / "arena" / "src" / "robots"

@@ -19,8 +19,7 @@ import swarmwright
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.common.revision import revision
 from swarmwright.export import EXPORTERS
-from swarmwright.export.bundle import _strip_folders, export_bundle, parse_episodes
-from swarmwright.export.bundle_verification import verify_bundle
+from swarmwright.export.bundle import _strip_folders, export_bundle, parse_episodes, verify_bundle
 from swarmwright.export.c import C
 from swarmwright.export.subject import load_subject
 from swarmwright.runs.opponents import load_opponent

@@ -17,9 +17,9 @@ from swarmwright.export import EXPORTERS, Exporter, c_family
 from swarmwright.export._base import render
 from swarmwright.export.c import LANGUAGE, C, format_loadable_source, format_weights
 from swarmwright.export.cpp import Cpp
+from swarmwright.export.exporting import write
 from swarmwright.export.programs import format_steps, parse_actuators, run
 from swarmwright.export.sequences import measure_difference
-from swarmwright.export.writing import write
 from tests.python.export.specifications import (
     ALL,
     NASTY,

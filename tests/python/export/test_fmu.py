@@ -20,9 +20,9 @@ from fmpy.validation import validate_fmu
 
 from swarmwright import InputError, RunError
 from swarmwright.export import Subject
+from swarmwright.export.exporting import write
 from swarmwright.export.fmu_driver import Driver
 from swarmwright.export.sequences import Sequences, draw_random_sequences, measure_difference
-from swarmwright.export.writing import write
 from tests.python.export.fmus import FORMS, KEEPS_STATE, begin, exporter, got, instance, put, written, zipped
 from tests.python.export.specifications import ALL, hebbian, subject
 

@@ -8,9 +8,9 @@ import pytest
 from fmpy import read_model_description
 from fmpy.fmi1 import FMICallException
 
+from swarmwright.export.exporting import write
 from swarmwright.export.fmu_driver import Driver
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.writing import write
 from tests.python.export.fmus import FORMS, begin, exporter, got, instance, parameter, put, written
 from tests.python.export.specifications import ALL, subject
 

@@ -8,9 +8,9 @@ from swarmwright import InputError
 from swarmwright.common.yaml import read
 from swarmwright.controllers.kinds.modules.automode import parse_tree
 from swarmwright.controllers.modules import grammar, machine_mappings
+from swarmwright.export.exporting import write
 from swarmwright.export.machine import Machine
 from swarmwright.export.sequences import measure_difference
-from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, few, subject
 
 

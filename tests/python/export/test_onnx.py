@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 
 from swarmwright import InputError
 from swarmwright.export import Subject
+from swarmwright.export.exporting import write
 from swarmwright.export.onnx import Onnx
 from swarmwright.export.sequences import Sequences, draw_random_sequences, measure_difference
-from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, Specification, networks, subject
 
 

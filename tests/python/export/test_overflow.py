@@ -9,11 +9,10 @@ import pytest
 from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
-from swarmwright.export.golden import Golden, find_steps_before_overflow
+from swarmwright.export.exporting import write
+from swarmwright.export.golden import Golden, find_steps_before_overflow, generate_walk
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.walk import generate_walk
-from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, Specification, network, subject
 
 STEPS = 100

@@ -14,7 +14,7 @@ from swarmwright.controllers.kinds.modules.representation import Modules, Module
 from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
-from swarmwright.export.exporting import export_controller
+from swarmwright.export.exporting import export_controller, write
 from swarmwright.export.fmu import Fmu, Fmu3
 from swarmwright.export.micropython import MicroPython
 from swarmwright.export.onnx import Onnx
@@ -22,7 +22,6 @@ from swarmwright.export.programs import run
 from swarmwright.export.python import Python
 from swarmwright.export.ros import Ros1, Ros2
 from swarmwright.export.sequences import draw_random_sequences, measure_difference
-from swarmwright.export.writing import write
 from tests.python.export.specifications import subject
 from tests.python.export.test_c import COMPILERS, STRICT
 

@@ -16,11 +16,11 @@ from hypothesis import HealthCheck, given, settings
 
 from swarmwright import Experiment, InputError, Simulation, export_controller, optimize
 from swarmwright.export import Exporter, Subject
+from swarmwright.export.exporting import write
 from swarmwright.export.micropython import MicroPython
 from swarmwright.export.micropython import _find_interpreter as interpreter
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import measure_difference
-from swarmwright.export.writing import write
 from tests.python.export.specifications import (
     ALL,
     NASTY,

@@ -16,9 +16,9 @@ from fmpy.validation import validate_fmu
 from swarmwright import Experiment
 from swarmwright.controllers.scxml import read
 from swarmwright.export import EXPORTERS, Subject
-from swarmwright.export.proxy_model import Address, proxy_model
+from swarmwright.export.exporting import write
+from swarmwright.export.simulation_fmu import Address, proxy_model
 from swarmwright.export.verification import verify
-from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, subject
 
 NAME = "fully_meshed-tanh-6"

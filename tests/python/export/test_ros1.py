@@ -11,10 +11,10 @@ import yaml
 from swarmwright import InputError
 from swarmwright.export import EXPORTERS
 from swarmwright.export import subject as subject_module
+from swarmwright.export.exporting import write
 from swarmwright.export.ros import Ros1
 from swarmwright.export.subject import Subject
 from swarmwright.export.verification import verify
-from swarmwright.export.writing import write
 from swarmwright.simulations.command.ros_definition import RosOptions
 from swarmwright.simulations.ros.mapping import read_mapping
 from tests.python.export.specifications import network

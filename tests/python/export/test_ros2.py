@@ -18,10 +18,10 @@ from catkin_pkg.package import parse_package
 from swarmwright import InputError
 from swarmwright.controllers.source.text import c_literal
 from swarmwright.export import EXPORTERS
+from swarmwright.export.exporting import write
 from swarmwright.export.ros import Ros1, Ros2
 from swarmwright.export.subject import Subject
 from swarmwright.export.verification import verify
-from swarmwright.export.writing import write
 from swarmwright.simulations.ros.control import load
 from swarmwright.simulations.ros.mapping import MappingError, read_mapping
 from tests.python.export.specifications import network

@@ -9,10 +9,10 @@ import pytest
 from swarmwright.controllers.kinds import KINDS
 from swarmwright.export import EXPORTERS, Subject
 from swarmwright.export.c import C
+from swarmwright.export.exporting import write
+from swarmwright.export.golden import generate_walk
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import Sequences, draw_random_sequences, measure_difference
-from swarmwright.export.walk import generate_walk
-from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, subject
 
 NAMES = ["modules", "modules-tree"]

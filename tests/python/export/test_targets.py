@@ -16,9 +16,9 @@ from swarmwright.common.errors import RunError
 from swarmwright.controllers.source.text import literals
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
+from swarmwright.export.exporting import write
 from swarmwright.export.programs import format_steps, parse_actuators, run
 from swarmwright.export.sequences import draw_random_sequences, measure_difference
-from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, few, network, sequences_of, subject
 from tests.python.export.test_c import STRICT, together
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from swarmwright.export.c import C
-from swarmwright.export.walk import compute_checksum, generate_walk
-from swarmwright.export.writing import write
+from swarmwright.export.exporting import write
+from swarmwright.export.golden import compute_checksum, generate_walk
 from tests.python.export.specifications import ALL, subject
 
 

@@ -1,4 +1,4 @@
-//! What an FMU holds: its file `resources/model.json`, which Python writes (`swarmwright/export/simulation_model.py`).
+//! What an FMU holds: its file `resources/model.json`, which Python writes (`swarmwright/export/simulation_fmu.py`).
 
 use std::fs;
 use std::path::{Path, PathBuf};

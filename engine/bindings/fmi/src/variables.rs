@@ -1,5 +1,5 @@
 //! Value references: which variable of the FMU has which number. Python writes modelDescription.xml by the same numbers
-//! (`swarmwright/export/simulation_model.py`).
+//! (`swarmwright/export/simulation_fmu.py`).
 
 use crate::model::{Model, ParameterKind};
 

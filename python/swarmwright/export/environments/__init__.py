@@ -15,7 +15,7 @@ from swarmwright.common.errors import InputError
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.export.environments._parallel import SwarmEnv
-    from swarmwright.export.environments._single import AgentEnv
+    from swarmwright.export.environments._world import AgentEnv
 
 __all__ = ["gymnasium_env", "parallel_env"]
 
@@ -71,8 +71,7 @@ def gymnasium_env(
     cases of `parallel_env`.
     """
     try:
-        from swarmwright.export.environments._single import AgentEnv  # noqa: PLC0415 - Gymnasium may be missing
-        from swarmwright.export.environments._world import World  # noqa: PLC0415 - as above
+        from swarmwright.export.environments._world import AgentEnv, World  # noqa: PLC0415 - Gymnasium may be missing
     except ImportError as error:
         raise _missing(error, "gymnasium") from None
     return AgentEnv(World(simulation, parameters, render_mode))

@@ -12,9 +12,9 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.suggestions import alike
 from swarmwright.controllers import scxml
+from swarmwright.export.exporting import write
 from swarmwright.export.scxml import Scxml
 from swarmwright.export.subject import Subject, load_subject
-from swarmwright.export.writing import write
 from swarmwright.interop.models import json_source, sysml
 from swarmwright.interop.models._files import list_files
 from swarmwright.interop.models._files import load as load_part

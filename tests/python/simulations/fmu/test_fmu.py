@@ -30,7 +30,7 @@ from swarmwright.common import warn_once
 from swarmwright.common.errors import engine_errors
 from swarmwright.common.random_numbers import Stream
 from swarmwright.export import EXPORTERS
-from swarmwright.export.writing import write
+from swarmwright.export.exporting import write
 from swarmwright.servers.evaluation.base import Servers
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.host import Host

@@ -9,7 +9,7 @@ import pytest
 import swarmwright
 from swarmwright import Experiment, optimize
 from swarmwright.export import EXPORTERS
-from swarmwright.export.writing import write
+from swarmwright.export.exporting import write
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.program import Coupled

@@ -14,9 +14,9 @@ from typing import Any, Self
 import numpy as np
 import yaml
 
+from swarmwright.export.exporting import write
 from swarmwright.export.ros import Ros2
 from swarmwright.export.subject import Subject
-from swarmwright.export.writing import write
 from tests.python.simulations.ros.conversation import EXPORTED
 from tests.python.simulations.ros.mistakes import FLOAT, ODOMETRY, RANGE, SCAN, TWIST
 
