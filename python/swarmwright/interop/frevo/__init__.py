@@ -6,7 +6,7 @@ evolved populations in result files (.zre), both XML.
 
 from swarmwright.experiment.importing import Imported
 from swarmwright.interop.frevo._document import is_session
-from swarmwright.interop.frevo._imported import load
+from swarmwright.interop.frevo._mapping import load
 from swarmwright.interop.frevo._score import Score, Scores, score
 
 __all__ = ["Imported", "Score", "Scores", "is_session", "load", "score"]

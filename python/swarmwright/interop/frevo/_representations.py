@@ -19,13 +19,15 @@ from swarmwright.interop.frevo._document import (
     MESHED,
     NEAT,
     THREE_LAYERS,
+    Line,
+    Mapped,
     Section,
     Session,
     iterate_members,
     read_count,
     read_number,
+    to_single_line,
 )
-from swarmwright.interop.frevo._mapped import Line, Mapped, to_single_line
 
 TAG = "NEAT"
 """Tag of a network in a file."""

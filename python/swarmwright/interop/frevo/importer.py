@@ -6,7 +6,7 @@ from pathlib import Path
 
 from swarmwright.experiment.importing import Imported, Importer, ImportOptions
 from swarmwright.interop.frevo._document import is_session
-from swarmwright.interop.frevo._imported import load
+from swarmwright.interop.frevo._mapping import load
 
 
 class FrevoImporter(Importer):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError
-from swarmwright.interop.frevo import _field
+from swarmwright.interop.frevo import _document
 
 # Written by Java: a field of 4 x 3 cells, and an empty java.util.ArrayList.
 SER = bytes.fromhex(
@@ -29,7 +29,7 @@ FIELD = {"width": 4, "height": 3, "exits": [[3, 2]], "agents": [[0, 0], [1, 2]],
 def test_frevos_field_file(tmp_path: Path) -> None:
     path = tmp_path / "x.ser"
     path.write_bytes(SER)
-    assert _field.read_field(path) == FIELD
+    assert _document.read_field(path) == FIELD
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_another_file_is_refused(tmp_path: Path, data: bytes, answer: str) -> No
     path = tmp_path / "x.ser"
     path.write_bytes(data)
     with pytest.raises(InputError) as caught:
-        _field.read_field(path)
+        _document.read_field(path)
     assert answer in str(caught.value)
     assert str(caught.value).startswith(f"{path}: ")
 
@@ -57,7 +57,7 @@ def test_no_byte_can_do_harm(tmp_path_factory: pytest.TempPathFactory, at: int, 
     path = tmp_path_factory.getbasetemp() / "harm.ser"
     path.write_bytes(SER[:at] + bytes([value]) + SER[at + 1 :])
     try:
-        field = _field.read_field(path)
+        field = _document.read_field(path)
     except InputError:
         return
     assert list(field) == ["width", "height", "exits", "agents", "blockades"]

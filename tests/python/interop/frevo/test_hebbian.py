@@ -10,7 +10,7 @@ import pytest
 
 from swarmwright import Controller, InputError, frevo
 from swarmwright.interop.frevo._document import open_session
-from swarmwright.interop.frevo._networks import read_networks
+from swarmwright.interop.frevo._score import read_networks
 
 Edited = Callable[..., Path]
 

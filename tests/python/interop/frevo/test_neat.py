@@ -12,8 +12,8 @@ import pytest
 from swarmwright import Controller, InputError, frevo, optimize
 from swarmwright.common.xml import read
 from swarmwright.interop.frevo._document import open_session
-from swarmwright.interop.frevo._networks import read_networks
 from swarmwright.interop.frevo._representations import read_neat
+from swarmwright.interop.frevo._score import read_networks
 
 Edited = Callable[..., Path]
 READ_AGAIN = {0: -81.19803115654246, 1: -81.19803115654246, 6: -81.19803115654246}

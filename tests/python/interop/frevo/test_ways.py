@@ -7,7 +7,7 @@ import pytest
 
 from swarmwright import _engine, evaluate, frevo
 from swarmwright.interop.frevo._document import open_session
-from swarmwright.interop.frevo._networks import read_networks
+from swarmwright.interop.frevo._score import read_networks
 
 NAMES = ["emergency_exit_stadium", "emergency_exit_random"]
 
