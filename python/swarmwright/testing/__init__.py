@@ -11,12 +11,9 @@
 A check raises AssertionError with the violated rule. The same checks run for all built-in components.
 """
 
-from swarmwright.testing._conformance import check_optimizer, check_server
-from swarmwright.testing._launchers import check_launcher
-from swarmwright.testing._methods import check_method
-from swarmwright.testing._modules import check_behaviour, check_condition
-from swarmwright.testing._rankings import check_ranking
-from swarmwright.testing._representations import check_representation
+from swarmwright.testing._controllers import check_behaviour, check_condition, check_representation
+from swarmwright.testing._methods import check_method, check_ranking
+from swarmwright.testing._servers import check_launcher, check_optimizer, check_server
 from swarmwright.testing._simulations import check_batch_simulation, check_simulation
 
 __all__ = [
