@@ -11,10 +11,8 @@ from typing import Any, Protocol
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.conformance import optimizer
 from swarmwright.conformance import server as servers
-from swarmwright.conformance._broker import OPEN, open_broker
-from swarmwright.conformance._process import Process
-from swarmwright.conformance._server_peer import ServerPeer, await_answer
-from swarmwright.conformance._server_under_test import Settings
+from swarmwright.conformance._peers import OPEN, Process, open_broker
+from swarmwright.conformance._server_under_test import ServerPeer, Settings, await_answer
 from swarmwright.conformance.optimizer._tool import Tool, ToolSettings, write_experiment
 from swarmwright.conformance.results import BAD, Report, Result
 from swarmwright.conformance.rules import Note, NotTried, Profile, Rule, Skip

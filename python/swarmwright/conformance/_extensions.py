@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError
 from swarmwright.common.json_text import Json
 from swarmwright.common.random_numbers import Streams
-from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance._trajectory import Steer
+from swarmwright.conformance._server_under_test import Server, Steer
 from swarmwright.conformance.rules import Skip
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.servers.broker.client import TO_TOOL, Failure, Message, format_payload

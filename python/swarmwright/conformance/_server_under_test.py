@@ -1,22 +1,340 @@
-"""The simulation server under test: requests and answers."""
+"""The simulation server under test: requests, answers, and episodes that the kit plays with it."""
 
 import json
 import secrets
 import time
-from collections import deque
-from collections.abc import Iterable, Mapping
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgpack
+import numpy as np
+from numpy.typing import NDArray
 
-from swarmwright.common.json_text import Json, new_hash
-from swarmwright.conformance._broker import Door
-from swarmwright.conformance._episode import Episode
-from swarmwright.conformance._process import Process
-from swarmwright.conformance._trajectory import Policy, Trajectory, Wander
-from swarmwright.conformance.rules import NotTried, Skip
-from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Client, Failure, Message, format_payload
+from swarmwright import _engine
+from swarmwright.common.json_text import Json, is_number, new_hash
+from swarmwright.conformance._peers import Door, Process
+from swarmwright.conformance.rules import NotTried, Rule, Skip, WentOn
+from swarmwright.servers.broker.client import (
+    TO_SERVER,
+    TO_TOOL,
+    Client,
+    Failure,
+    Message,
+    Overdue,
+    format_payload,
+)
+
+if TYPE_CHECKING:
+    pass
+
+Numbers = NDArray[np.float32]
+
+
+Policy = Callable[[int, int, Numbers], Sequence[float]]
+"""Function of agent, number of its earlier messages in the episode, and sensors; returns actuators."""
+
+
+@dataclass(frozen=True)
+class Wander:
+    """Actuators that vary only with agent and turn: multiples of 1/64 in -1..+1.
+
+    seed: selects one of many sequences.
+    """
+
+    actuators: int
+    seed: int = 0
+
+    def __call__(self, agent: int, turn: int, _sensors: Numbers) -> list[float]:
+        """Return the actuators of an agent."""
+        rows = []
+        for index in range(self.actuators):
+            number = (self.seed * 40503 + agent * 69069 + turn * 30011 + index * 7919 + 12345) & 0xFFFFFFFF
+            number = (number ^ (number >> 15)) * 0x2C1B3C6D & 0xFFFFFFFF
+            number ^= number >> 12
+            rows.append(((number % 129) - 64) / 64)
+        return rows
+
+
+@dataclass(frozen=True)
+class Always:
+    """Constant actuators."""
+
+    values: tuple[float, ...]
+
+    def __call__(self, _agent: int, _turn: int, _sensors: Numbers) -> Sequence[float]:
+        """Return the actuators of an agent."""
+        return self.values
+
+
+class Steer:
+    """A controller for each agent, computed with Swarmwright's arithmetic.
+
+    specification: with weights, see protocol/schemas/controller.schema.json.
+    """
+
+    def __init__(self, specification: Mapping[str, Any]) -> None:
+        self._text = json.dumps(specification)
+        self._agents: dict[int, _engine.Controller] = {}
+
+    def __call__(self, agent: int, turn: int, sensors: Numbers) -> Sequence[float]:
+        """Return the actuators of an agent."""
+        if turn == 0 or agent not in self._agents:
+            self._agents[agent] = _engine.Controller(self._text)
+        # Send the shortest decimals that read back as these numbers.
+        return [float(str(value)) for value in self._agents[agent].step(sensors)]
+
+
+@dataclass
+class Trajectory:
+    """The sensors of each agent in order, and the end of the episode.
+
+    fitness: None if the episode was not played to its end. messages: sensor messages. seconds: from control
+    to fitness. sensors_only: fitness and metrics are not compared with those of other trajectories.
+    """
+
+    readings: dict[int, list[Numbers]] = field(default_factory=lambda: defaultdict(list))
+    fitness: float | None = None
+    metrics: dict[str, float] = field(default_factory=dict)
+    messages: int = 0
+    seconds: float = 0.0
+    sensors_only: bool = False
+
+    def difference(self, other: "Trajectory") -> str:
+        """Describe the first difference from another trajectory; empty if all bits are the same."""
+        sensed = self.find_sensor_difference(other)
+        if sensed or self.sensors_only or other.sensors_only:
+            return sensed
+        return self._result_difference(other)
+
+    def find_sensor_difference(self, other: "Trajectory") -> str:
+        """Describe the first difference in sensors; empty if all bits are the same."""
+        for agent in sorted({*self.readings, *other.readings}):
+            mine, theirs = self.readings.get(agent, []), other.readings.get(agent, [])
+            for turn, (first, second) in enumerate(zip(mine, theirs, strict=False)):
+                if first.tobytes() != second.tobytes():
+                    values = f"{format_numbers(first)} and {format_numbers(second)}"
+                    return f"agent {agent} senses {values} in its message {turn}"
+            if len(mine) != len(theirs):
+                return f"agent {agent} gets {len(mine)} and {len(theirs)} sensor messages"
+        return ""
+
+    def _result_difference(self, other: "Trajectory") -> str:
+        if not is_same_fitness(self.fitness, other.fitness):
+            return f"the fitness is {self.fitness!r} and {other.fitness!r}"
+        for name in sorted({*self.metrics, *other.metrics}):
+            if not is_same_fitness(self.metrics.get(name), other.metrics.get(name)):
+                return f"metric {name} is {self.metrics.get(name)!r} and {other.metrics.get(name)!r}"
+        return ""
+
+
+def is_same_fitness(first: float | None, other: float | None) -> bool:
+    """Return whether two values have the same bits, or both are None."""
+    if first is None or other is None:
+        return first is other
+    return np.float64(first).tobytes() == np.float64(other).tobytes()
+
+
+def format_numbers(numbers: Numbers) -> str:
+    """Format numbers as text."""
+    texts = [str(value) for value in numbers[:6]]
+    return f"[{', '.join(texts)}{', ...' if len(numbers) > 6 else ''}]"
+
+
+class Episode:
+    """An episode, step by step: pending agents and received messages."""
+
+    def __init__(
+        self, server: "Server", parameters: Json, *, hash_: str | None = None, tool: str | None = None
+    ) -> None:
+        self.server = server
+        self.parameters = parameters
+        self.hash = hash_ or new_hash()
+        self.tool = tool
+        self.trajectory = Trajectory()
+        self.pending: list[tuple[int, int, Numbers]] = []
+        self.repeated: list[Message] = []
+        self.last_at = 0.0
+        """Time of its last message (monotonic seconds)."""
+        self.over = True
+        self.reply: str | None = None
+        """The reply topic in control, if any."""
+
+    @property
+    def _named(self) -> Json:
+        return {"tool": self.tool} if self.tool else {}
+
+    def configure(self, **changes: Any) -> str:  # noqa: ANN401 - JSON
+        """Send the parameters; return the sent message."""
+        self.over = False
+        fields = {**self.parameters, "server": self.server.id, "simulation_hash": self.hash, **changes}
+        return self.server.client.send("parameters", **fields)
+
+    def start(self, topic: str = "control", **changes: Any) -> str:  # noqa: ANN401 - JSON
+        """Send control on a topic; return the sent message."""
+        self.over = False
+        self.trajectory = Trajectory(sensors_only=self.server.sensors_only)
+        self.pending, self.repeated = [], []
+        fields: Json = {
+            "server": self.server.id,
+            "simulation_hash": self.hash,
+            "simulation": self.server.settings.title,
+            "run": True,
+            "visual": False,
+            **self._named,
+            **changes,
+        }
+        self.reply = fields.get("reply")
+        self.server.mark_printed()
+        return self.server.client.send(topic, **fields)
+
+    def stop(self, topic: str = "control") -> str:
+        """End the episode with run: false; return the sent message."""
+        self.over = True
+        fields = {"server": self.server.id, "simulation_hash": self.hash, "run": False, **self._named}
+        return self.server.client.send(topic, simulation=self.server.settings.title, **fields)
+
+    def receive(self, sent: str = "") -> bool:
+        """Receive the next sensor message or the fitness; return whether it was a sensor message.
+
+        Raises Failure if no message or another message arrives. Its text has the reason that the server gives
+        on the reply topic, or the output of its process since the episode began.
+        """
+        seconds = self.server.settings.timeout
+        expected = "a sensor message, or the fitness, with the hash of the episode"
+        message = self.server.client.next(
+            lambda received: self.is_mine(received) or bool(self._reason(received)), seconds
+        )
+        if message is None:
+            came = f"nothing arrived within {seconds:g} s"
+            if self.trajectory.messages:
+                came += f" after {self.trajectory.messages} sensor messages"
+            raise Failure(came + self.server.printed, expected, sent)
+        if reason := self._reason(message):
+            self.over = True
+            raise Failure(f"the message failed came, with the reason: {reason}", expected, sent)
+        return self.take(message)
+
+    def _reason(self, message: Message) -> str:
+        """Return the reason of a failure message on the reply topic; empty for other messages."""
+        # Scenes arrive there, too, and are not decoded here.
+        if message.topic != self.reply or b"failed" not in message.payload:
+            return ""
+        with suppress(Exception):  # whatever the reader raises, it is not a failure message
+            content = msgpack.unpackb(message.payload, strict_map_key=False)
+            if content["kind"] == "failed" and content["simulation_hash"] == self.hash:
+                return format_payload(str(content.get("reason") or "none was given"))
+        return ""
+
+    def is_mine(self, message: Message) -> bool:
+        """Return whether a message belongs to this episode, or is unreadable."""
+        return (
+            message.topic in {"sensor", "fitness"}
+            and message.maybe.get("simulation_hash", self.hash) == self.hash
+        )
+
+    def take(self, message: Message) -> bool:
+        """Process a message of this episode; return whether it was a sensor message.
+
+        Raises Failure if the message is invalid.
+        """
+        self.last_at = message.at
+        if message.topic == "fitness":
+            self._finish(message)
+            return False
+        self._take_sensors(message)
+        return True
+
+    def _take_sensors(self, message: Message) -> None:
+        content = message.json
+        named, sensors = content.get("agent"), content.get("sensor")
+        if not is_number(named) or named != int(named):
+            raise Failure(f"{message} arrived", '"agent" is an integer')
+        agent = int(named)
+        if not isinstance(sensors, list) or not sensors or not all(is_number(value) for value in sensors):
+            raise Failure(f"{message} arrived", '"sensor" is a list of finite numbers, at least one')
+        with np.errstate(over="ignore"):
+            numbers = np.array(sensors, dtype=np.float32)
+        turn = len(self.trajectory.readings[agent])
+        self.trajectory.readings[agent].append(numbers)
+        self.trajectory.messages += 1
+        if any(pending_agent == agent for pending_agent, _, _ in self.pending):
+            self.repeated.append(message)
+            self.pending = [entry for entry in self.pending if entry[0] != agent]
+        self.pending.append((agent, turn, numbers))
+
+    def _finish(self, message: Message) -> None:
+        self.over = True
+        content = message.json
+        fitness, metrics = content.get("fitness"), content.get("metrics")
+        if not is_number(fitness):
+            raise Failure(f"{message} arrived", '"fitness" is a finite number')
+        self.trajectory.fitness = float(fitness)
+        if isinstance(metrics, dict):
+            values = {name: float(value) for name, value in metrics.items() if is_number(value)}
+            self.trajectory.metrics = values
+            self.server.seen_metrics |= values.keys()
+            self.server.wrong_metrics |= {
+                name: value for name, value in metrics.items() if name not in values
+            }
+
+    def answer(self, agent: int, actuators: Iterable[float], **changes: Any) -> str:  # noqa: ANN401 - JSON
+        """Send an agent's actuators; return the sent message."""
+        self.pending = [entry for entry in self.pending if entry[0] != agent]
+        fields = {"simulation_hash": self.hash, "agent": agent, "actuator": list(actuators)}
+        return self.server.client.send(
+            "actuator", simulation=self.server.settings.title, **(fields | changes)
+        )
+
+    def gather(self) -> None:
+        """Receive the sensor messages of a step until no more arrive."""
+        if self.over or (not self.pending and not self.receive()):
+            return
+        for message in self.server.client.drain(self.server.quiet):
+            if self.is_mine(message):
+                self.take(message)
+
+    def pass_over_late(self) -> None:
+        """Discard late messages of agents that had not been asked before."""
+        agents = {agent for agent, _, _ in self.pending}
+
+        def is_late(message: Message) -> bool:
+            return (
+                message.topic == "sensor"
+                and self.is_mine(message)
+                and message.maybe.get("agent") not in agents
+            )
+
+        client = self.server.client
+        client.waiting = deque(message for message in client.waiting if not is_late(message))
+
+    def must_wait(self, agents: Iterable[int], why: str, sent: str) -> None:
+        """Raise WentOn if the episode continues: a fitness arrives, or one of these agents is asked again.
+
+        First messages of agents that had not been asked before are merely late.
+        """
+        expected_agents = {*agents, *(agent for agent, _, _ in self.pending)}
+        for message in self.server.client.drain(self.server.quiet):
+            if not self.is_mine(message):
+                continue
+            if message.topic == "fitness" or message.maybe.get("agent") in expected_agents:
+                raise WentOn(f"{message} arrived", f"silence: {why}", sent)
+            self.take(message)
+
+    def play(self, policy: Policy | None = None) -> Trajectory:
+        """Answer sensor messages until the fitness arrives; return the trajectory."""
+        # A simulation that controls its agents itself needs no policy.
+        chosen = policy
+        sent = ""
+        while not self.over:
+            for agent, turn, sensors in list(self.pending):
+                chosen = chosen or self.server.policy
+                sent = self.answer(agent, chosen(agent, turn, sensors))
+            self.receive(sent)
+        return self.trajectory
+
 
 QUIET_S = 0.05
 """Seconds within which a fast server would send a message."""
@@ -353,3 +671,142 @@ class Server:
             for key, value in message.items()
         }
         return f"{self.own_topic} {format_payload(json.dumps(brief, default=str))}"
+
+
+MOST_EPISODES = 40
+"""Largest number of episodes in a rule; their duration extends its deadline."""
+FREE_AFTER_S = 8.0
+"""Seconds after which a reserved server becomes free on its own, with a margin."""
+
+
+WATCH_S = 2.0
+"""Seconds within which a server that does not wait for actuators asks agents again."""
+
+
+class ServerPeer(Server):
+    """The server under test as a `Peer`."""
+
+    _waits: bool | None = None
+
+    def ready(self, rule: Rule) -> None:
+        """Discard earlier messages; set the deadline of the rule."""
+        self.client.deadline = float("inf")
+        self.client.drain()
+        self.episodes, self.tools = [], set()
+        self._allow(rule.seconds + self.settings.timeout)
+
+    def _allow(self, seconds: float) -> None:
+        """Set the deadline, with extra time for episodes."""
+        episode = self.trajectory.seconds if self.trajectory else self.settings.timeout
+        self.client.deadline = time.monotonic() + seconds + MOST_EPISODES * episode
+
+    def recover(self) -> str:
+        """Make the server free; return why it does not answer discovery, empty if it does."""
+        if self.left:
+            return ""
+        self.client.deadline = time.monotonic() + FREE_AFTER_S + 4 * self.settings.timeout
+        try:
+            return self._free_server()
+        except Overdue:
+            return "it no longer answered discoveries"
+
+    def _free_server(self) -> str:
+        if self.door is not None:
+            self.door.open()
+        for episode in self.episodes:
+            episode.stop()
+        for tool in self.tools:
+            self._end_episode(tool)
+        limit = time.monotonic() + FREE_AFTER_S
+        while not self.describe_exit():
+            if self._is_free(min(1.0, self.settings.timeout)):
+                return ""
+            if time.monotonic() > limit:
+                return f"it answered no discovery for {FREE_AFTER_S:g} s"
+            for episode in self.episodes:
+                self._play_out(episode)
+            for tool in self.tools:
+                self._end_episode(tool)
+        return self.describe_exit()
+
+    def _is_free(self, seconds: float) -> bool:
+        """Return whether the server answers with its ID; another rule checks the hash."""
+
+        def is_answer(message: Message) -> bool:
+            for episode in self.episodes:
+                if message.topic == "sensor" and message.maybe.get("simulation_hash") == episode.hash:
+                    with suppress(Failure):
+                        episode.take(message)
+            return self.is_answer(message)
+
+        self.client.send("discovery", **self.discovery())
+        free = self.client.next(is_answer, seconds) is not None
+        self.client.waiting.clear()
+        return free
+
+    def _end_episode(self, tool: str) -> None:
+        fields = {"server": self.id, "simulation_hash": tool, "run": False, "tool": tool}
+        self.client.send("control", simulation=self.settings.title, **fields)
+
+    def _play_out(self, episode: Episode) -> None:
+        """Play an episode that could not be aborted to its end."""
+        episode.over = not episode.pending
+        with suppress(Failure):
+            episode.play()
+        episode.over = True
+
+    def revive(self) -> bool:
+        """Restart its process if the kit started it; return whether it answers."""
+        if self.process is None:
+            return False
+        self.process.start()
+        answer = await_answer(self, 30.0)
+        if answer is None:
+            return False
+        # A restarted server has another instance.
+        self.note_capabilities(answer)
+        return True
+
+    def prepare_retry(self) -> bool:
+        """Prepare for another try within a rule; return whether that was possible."""
+        if self.recover() and not self.revive():
+            return False
+        self.client.drain()
+        self._allow(10 + 4 * self.settings.timeout)
+        return True
+
+    def waits(self) -> bool:
+        """Return whether the server sends nothing until agents are answered; tested once."""
+        if self._waits is None:
+            self.client.deadline = time.monotonic() + WATCH_S + 2 * self.settings.timeout
+            episode = self.episode()
+            episode.configure()
+            episode.start()
+            with suppress(Failure, Overdue):
+                episode.gather()
+                limit = time.monotonic() + WATCH_S
+                while time.monotonic() < limit and not (episode.repeated or episode.over):
+                    for message in self.client.drain(0.1):
+                        if episode.is_mine(message):
+                            episode.take(message)
+            self._waits = not (episode.repeated or episode.over)
+        return self._waits
+
+    def describe_exit(self) -> str:
+        """Describe how the process ended; empty while it runs, or if the kit did not start it."""
+        return "" if self.process is None else self.process.ended
+
+
+def await_answer(server: Server, seconds: float) -> Json | None:
+    """Repeat the discovery until the server answers; return the answer, None after a time-out."""
+    client: Client = server.client
+    client.deadline = float("inf")
+    limit = time.monotonic() + seconds
+    while time.monotonic() < limit:
+        client.send("discovery", **server.discovery())
+        answer = client.next(server.is_answer, 0.2)
+        if answer is not None:
+            return dict(answer.maybe)
+        if server.process is not None and server.process.ended:
+            return None
+    return None

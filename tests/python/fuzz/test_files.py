@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from swarmwright import Controller, Experiment, InputError, Run, RunError, frevo
 from swarmwright.analysis.sweep import Sweep
 from swarmwright.experiment.parameter_files import read_object
-from swarmwright.interop.frevo import _field
+from swarmwright.interop.frevo import _document
 from swarmwright.runs.store import FILE
 from swarmwright.servers.broker.passwords import set_password
 from tests.conftest import ROOT
@@ -171,7 +171,7 @@ def test_results_of_frevo(tmp_path: Path, data: bytes) -> None:
 @fuzz()
 @given(data=mutated([SER, LIST], JAVA))
 def test_fields_of_frevo(tmp_path: Path, data: bytes) -> None:
-    refused(tmp_path / "fuzzed.ser", _field.read_field, data)
+    refused(tmp_path / "fuzzed.ser", _document.read_field, data)
 
 
 @fuzz(share=4)

@@ -4,16 +4,7 @@ from swarmwright.conformance.optimizer import (  # noqa: I001 - the order of the
     episodes,
     wrong_messages,
     failures,
-    extensions,
-    ending,
 )
-from swarmwright.conformance.optimizer._rules import RULES
+from swarmwright.conformance.optimizer._tool import RULES
 
-__all__ = [
-    "RULES",
-    "ending",
-    "episodes",
-    "extensions",
-    "failures",
-    "wrong_messages",
-]
+__all__ = ["RULES", "episodes", "failures", "wrong_messages"]

@@ -7,12 +7,23 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.conformance._broker import Door
-from swarmwright.conformance._process import Process
-from swarmwright.conformance.optimizer._requests import OTHER_MODES
-from swarmwright.conformance.optimizer._stage import TOOL_TOPICS, Actor, Record, Stage
-from swarmwright.conformance.rules import Rule, Skip
+from swarmwright.conformance._peers import Door, Process
+from swarmwright.conformance.optimizer._stage import OTHER_MODES, TOOL_TOPICS, Actor, Record, Stage
+from swarmwright.conformance.rules import Rule, Rules, Skip
 from swarmwright.servers.broker.client import TO_SERVER, TOPICS, Client, Failure
+
+GROUPS = {
+    "O1": "Discovery",
+    "O2": "Episodes",
+    "O3": "Actuators",
+    "O4": "Wrong messages",
+    "O5": "Servers that fail",
+    "O6": "Extensions",
+    "O7": "The end",
+}
+RULES = Rules("optimizer", GROUPS)
+rule = RULES.rule
+
 
 SILENCE_S = 3.0
 """Seconds of silence after which the run of a tool that the kit did not start counts as ended."""

@@ -8,10 +8,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from swarmwright.common.json_text import is_number
-from swarmwright.conformance.optimizer._requests import Batching, Offloading
-from swarmwright.conformance.optimizer._rules import rule
-from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, Played, make_sensors
-from swarmwright.conformance.optimizer._tool import Tool, must_go_on
+from swarmwright.conformance.optimizer._stage import (
+    AGENTS,
+    STEPS,
+    Actor,
+    Batching,
+    Json,
+    Offloading,
+    Played,
+    make_sensors,
+)
+from swarmwright.conformance.optimizer._tool import Tool, must_go_on, rule
 from swarmwright.conformance.rules import Skip
 from swarmwright.servers.broker.client import Failure
 

@@ -1,10 +1,11 @@
-"""O5: servers that are reserved by others, fall silent, or are temporarily unreachable."""
+"""O5 to O7: servers that are reserved or fall silent, requests to servers with extensions, the end."""
 
+import json
 import time
 
-from swarmwright.conformance.optimizer._rules import rule
-from swarmwright.conformance.optimizer._stage import Actor
-from swarmwright.conformance.optimizer._tool import Tool, must_go_on
+from swarmwright.conformance.optimizer._stage import Actor, Json, Offloading, Record
+from swarmwright.conformance.optimizer._tool import Tool, must_go_on, rule
+from swarmwright.conformance.rules import Skip
 from swarmwright.servers.broker.client import Failure
 
 
@@ -99,3 +100,172 @@ class Patient(Actor):
         """Abort the episode after the time-out."""
         if self.episode is not None and time.monotonic() > self.since + 1:
             self.episode = None
+
+
+NUMBERS = "protocol.md, Messages of numbers"
+
+
+def play_offloaded(tool: Tool) -> Record:
+    """Play a run on two servers that evaluate offloaded; skip the rule if the tool does not use them."""
+    record = tool.requests("offloaded")
+    if not record.requests:
+        raise Skip("the tool sends no evaluate: it does not offload")
+    return record
+
+
+def must_be_whole(tool: Tool, record: Record, done: str) -> None:
+    """Raise Failure unless as many episodes were evaluated as stepwise, if that number is known.
+
+    done: verb for the message, such as "asked for".
+    """
+    expected = len(tool.plain().finished)
+    if expected and record.evaluated < expected:
+        raise Failure(f"{record.evaluated} of {expected} episodes were {done}; {record.ended}", "a whole run")
+    if not expected and (not record.evaluated or record.status):
+        raise Failure(f"{record.evaluated} episodes were {done}; {record.ended}", "a whole run, and status 0")
+
+
+@rule(
+    "O6.1",
+    "evaluate has its keys, a controller, whole candidates and seeds; request numbers are unique.",
+    where=f"{NUMBERS}; protocol/schemas/evaluate.schema.json",
+    fix="write every field with its type; count requests",
+    needs=["O3.1"],
+    seconds=600,
+)
+def evaluates(tool: Tool) -> str:
+    """Play a run on two servers that announce offloaded evaluation."""
+    record = play_offloaded(tool)
+    if record.wrong:
+        raise record.wrong[0]
+    numbers = [request.get("request") for request in record.requests]
+    if len(set(numbers)) < len(numbers):
+        raise Failure(f"the requests {numbers}", "a new number for each request")
+    must_be_whole(tool, record, "asked for")
+    return f"{record.evaluated} episodes in {len(numbers)} requests"
+
+
+class Refusing(Offloading):
+    """Refuses the first request as taken."""
+
+    refused = False
+
+    def serve(self, request: Json) -> None:
+        """Refuse the first request."""
+        if not self.refused:
+            self.refused = True
+            error = {"kind": "taken", "reason": "taken by another tool"}
+            self.reply(request, fitness=b"", error=error, seconds=0.0)
+        else:
+            super().serve(request)
+
+
+@rule(
+    "O6.2",
+    "Work refused as taken is evaluated by another server, or later.",
+    where=NUMBERS,
+    fix="resend a request with error taken to another server or later",
+    needs=["O6.1"],
+    seconds=600,
+)
+def retries_refused(tool: Tool) -> str:
+    """Play two servers, one of which refuses the first request."""
+    without = play_offloaded(tool)
+    expected = len(tool.plain().finished) or without.evaluated
+    record = tool.scene("refused", [Refusing(1), Offloading(2)], mode="auto")
+    if record.evaluated < expected:
+        came = f"{record.evaluated} of {expected} episodes were evaluated; {record.ended}"
+        raise Failure(came, "a whole run", "error taken for the first request to server 1")
+    return f"in {record.seconds:.1f} s"
+
+
+@rule(
+    "O6.3",
+    "A batch's actuators match the step and rows of their sensors, from -1 to +1.",
+    where="protocol.md, Batched stepwise",
+    fix="answer each sensors message with as many rows, the same request and step",
+    needs=["O3.1"],
+    seconds=600,
+)
+def batches(tool: Tool) -> str:
+    """Play a run on two servers that announce batches of four episodes."""
+    record = tool.requests("batched")
+    starts = [request for request in record.requests if request.get("kind") == "start"]
+    if not starts:
+        raise Skip("the tool sends no start: it does not use batches")
+    if record.wrong:
+        raise record.wrong[0]
+    must_be_whole(tool, record, "played")
+    return f"{record.evaluated} episodes in {len(starts)} batches"
+
+
+TAKEN = "protocol.md, Reservation of servers"
+
+
+def release(record: Record) -> str:
+    """Return the name of the tool; skip the rule if it has none."""
+    names = {str(content["tool"]) for _, content in record.messages if "tool" in content}
+    if not names:
+        raise Skip("the tool does not name itself: its servers are free after each episode")
+    if len(names) > 1:
+        raise Failure(f"it calls itself {' and '.join(sorted(names))}", "one name in all its messages")
+    return names.pop()
+
+
+def must_give_back(record: Record) -> None:
+    """Raise Failure unless each used server received run: false after its last episode."""
+    for server in sorted({episode.server for episode in record.episodes}):
+        mine = [content for content in record.on("control") if content.get("server") == server]
+        if not mine or mine[-1].get("run", True) is not False:
+            came = f"the last control for server {server} was {json.dumps(mine[-1]) if mine else 'none'}"
+            raise Failure(came, f'control with "run": false; {record.ended}')
+
+
+@rule(
+    "O7.1",
+    "A tool that names itself releases its servers at the end: control with run: false.",
+    where=TAKEN,
+    fix="publish control with run: false, tool and the last hash for each server that you used",
+    needs=["O2.1"],
+    seconds=600,
+)
+def gives_back(tool: Tool) -> str:
+    """Check the last control message for each server."""
+    record = tool.stepwise()
+    name = release(record)
+    must_give_back(record)
+    return f'it calls itself "{name}"'
+
+
+@rule(
+    "O7.2",
+    "On SIGINT, it ends its episodes with run: false, and exits.",
+    where=TAKEN,
+    fix="on SIGINT, publish control with run: false for every server with an episode of yours",
+    needs=["O2.1"],
+    seconds=600,
+)
+def interrupt(tool: Tool) -> str:
+    """Send SIGINT in the middle of an episode."""
+    tool.stepwise()
+    record = tool.scene("interrupt", [Slow(1), Slow(2)], interrupt=True)
+    if not record.ended:
+        raise Failure(f"it went on for {record.seconds:.0f} s", "its end", "SIGINT")
+    must_give_back(record)
+    return f"exit status {record.status}"
+
+
+class Slow(Actor):
+    """Answers slowly, so that an episode can be interrupted in the middle."""
+
+    at = 0.0
+
+    def ask(self) -> None:
+        """Postpone the step."""
+        self.at = time.monotonic() + 0.05
+
+    def tick(self) -> None:
+        """Perform the postponed step."""
+        if self.episode is not None and 0 < self.at < time.monotonic():
+            self.at = 0.0
+            super().ask()

@@ -4,9 +4,8 @@ import json
 import time
 from collections import defaultdict, deque
 
-from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json, make_sensors
-from swarmwright.conformance.optimizer._tool import Tool, must_go_on
+from swarmwright.conformance.optimizer._tool import Tool, must_go_on, rule
 from swarmwright.servers.broker.client import Failure, format_payload
 
 PAUSE_S = 0.03

@@ -1,9 +1,7 @@
 """The rules for simulation servers, in the order in which they are tried."""
 
 from swarmwright.conformance.server import (  # noqa: I001 - the order of the rules
-    discovery,
     episodes,
-    determinism,
     wrong_messages,
     reservation,
     presence,
@@ -12,7 +10,6 @@ from swarmwright.conformance.server import (  # noqa: I001 - the order of the ru
     vectors,
     batches,
     connection,
-    ending,
 )
 from swarmwright.conformance.server._rules import RULES
 
@@ -20,9 +17,6 @@ __all__ = [
     "RULES",
     "batches",
     "connection",
-    "determinism",
-    "discovery",
-    "ending",
     "episode_extensions",
     "episodes",
     "offloaded",

@@ -25,12 +25,11 @@ from swarmwright.conformance._extensions import (
     numbers,
     play_episode,
 )
-from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance._trajectory import Steer, Trajectory, is_same_fitness
+from swarmwright.conformance._server_under_test import Server, Steer, Trajectory, is_same_fitness
 from swarmwright.conformance.rules import Note, NotTried, Skip
-from swarmwright.conformance.server._evaluations import NUMBERS, SEEDS, list_controllers, request_fitness
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.determinism import BEYOND_32_BITS, LARGEST_SEED
+from swarmwright.conformance.server.episodes import BEYOND_32_BITS, LARGEST_SEED
+from swarmwright.conformance.server.offloaded import NUMBERS, SEEDS, list_controllers, request_fitness
 from swarmwright.conformance.server.reservation import (
     HOLD_S,
     must_be_free_within,

@@ -9,13 +9,11 @@ import numpy as np
 from swarmwright.common import metric_names
 from swarmwright.common.json_text import Json, is_number
 from swarmwright.conformance._extensions import decode_message
-from swarmwright.conformance._server_peer import ServerPeer
-from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance._trajectory import Trajectory
+from swarmwright.conformance._server_under_test import Server, ServerPeer, Trajectory
 from swarmwright.conformance.rules import Skip
-from swarmwright.conformance.server._disturb import Junk, disturb
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begin_episode
+from swarmwright.conformance.server.wrong_messages import Junk, disturb
 from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Failure, format_payload
 
 

@@ -5,12 +5,37 @@ import re
 import time
 
 from swarmwright.common.json_text import Json, is_number
-from swarmwright.conformance._episode import Episode
-from swarmwright.conformance._server_under_test import Server
+from swarmwright.conformance._server_under_test import Episode, Server
 from swarmwright.conformance.rules import Skip
-from swarmwright.conformance.server._retained import read_retained, skip_without_presence
 from swarmwright.conformance.server._rules import rule
-from swarmwright.servers.broker.client import PRESENCE, TOPICS, Failure, format_payload
+from swarmwright.servers.broker.client import PRESENCE, TOPICS, Client, Failure, Message, format_payload
+
+MODES = ("batched", "offloaded")
+"""Modes whose servers have presence and can be reserved by named tools."""
+
+
+def read_retained(server: Server, topics: list[str]) -> list[Message]:
+    """Return the retained messages on these topics."""
+    with Client(server.client.url, server.prefix, topics) as client:
+        return [message for message in client.drain(server.quiet) if message.retained and message.payload]
+
+
+def must_have_presence(server: Server) -> bool:
+    """Return whether the announcement requires presence: it has an instance, or a mode of `MODES`."""
+    modes = server.announced.get("modes")
+    return bool(server.instance) or (isinstance(modes, list) and any(mode in modes for mode in MODES))
+
+
+def skip_without_presence(server: Server) -> None:
+    """Skip the rule unless extensions are announced, and presence exists or is required by one of them."""
+    server.announces()
+    if must_have_presence(server) or read_retained(server, [f"{PRESENCE}{server.id}"]):
+        return
+    raise Skip(
+        "no presence is published, and none is required: capabilities.swarmwright has no instance and none "
+        f"of the modes {', '.join(MODES)}"
+    )
+
 
 WHERE = "protocol.md, Presence"
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")

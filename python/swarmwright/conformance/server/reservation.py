@@ -2,13 +2,12 @@
 
 import time
 
-from swarmwright.conformance._episode import Episode
 from swarmwright.conformance._extensions import decode_message
-from swarmwright.conformance._server_under_test import Server
+from swarmwright.conformance._server_under_test import Episode, Server
 from swarmwright.conformance.rules import Skip
-from swarmwright.conformance.server._retained import skip_without_presence
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begin_episode
+from swarmwright.conformance.server.presence import skip_without_presence
 from swarmwright.servers.broker.client import TO_TOOL, Failure, Message
 
 LONGEST_REASON = 2000

@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 
 from swarmwright.common.json_text import Json
 from swarmwright.conformance._extensions import ControllerSet, evaluation, free_again, numbers
-from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance._trajectory import Always, is_same_fitness
+from swarmwright.conformance._server_under_test import Always, Server, is_same_fitness
 from swarmwright.conformance.rules import Skip
-from swarmwright.conformance.server._evaluations import request_fitness
 from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.offloaded import request_fitness
 from swarmwright.servers.broker.client import Failure
 
 Floats = NDArray[np.float32]
