@@ -111,7 +111,7 @@ def test_the_conformance_check(cluster: Cluster) -> None:
 
 
 def test_a_killed_node_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    from swarmwright.servers.evaluation.launched.access import find_own_address
+    from swarmwright.servers.evaluation.launched.servers import find_own_address
 
     # As on other machines: the code travels, the broker has TLS and accounts.
     made = experiment(cluster, written(tmp_path / "simulation"), broker_host=find_own_address())

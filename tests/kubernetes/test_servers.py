@@ -53,7 +53,7 @@ def test_the_conformance_check(cluster: Cluster, namespace: Namespace) -> None:
 def test_a_deleted_pod_a_drained_node_and_a_lost_api_change_nothing(
     cluster: Cluster, namespace: Namespace, tmp_path: Path
 ) -> None:
-    from swarmwright.servers.evaluation.launched.access import find_own_address
+    from swarmwright.servers.evaluation.launched.servers import find_own_address
 
     control, name = cluster.control, namespace("lab", "pod-security.kubernetes.io/enforce=restricted")
     made = experiment(cluster, name, written(tmp_path / "simulation"), broker_host=find_own_address())

@@ -42,7 +42,7 @@ READ = {
     "cli/_main.py": "CPython and Rayon tell only in words that no thread could be started",
     "export/c_family.py": "compilers refuse -march=native in words",
     "servers/broker/waiting.py": "shortens the line that is printed",
-    "servers/launchers/_kubernetes_api.py": "urllib3 puts the cause behind its own words",
+    "servers/launchers/kubernetes.py": "urllib3 puts the cause behind its own words",
     "servers/launchers/_ray_cluster.py": "Ray puts a traceback into its message",
     "servers/launchers/slurm.py": "sbatch tells only in words that it timed out",
     "simulations/catalogue.py": "TypeError of constructors of environments",

@@ -43,7 +43,7 @@ def test_the_conformance_check(slurm: Cluster, tmp_path: Path) -> None:
 
 @pytest.mark.timeout(240)
 def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_path: Path) -> None:
-    from swarmwright.servers.evaluation.launched.access import find_own_address
+    from swarmwright.servers.evaluation.launched.servers import find_own_address
 
     made = experiment(tmp_path / "shared", written(tmp_path / "simulation"), broker_host=find_own_address())
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
@@ -77,7 +77,7 @@ def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_p
 @pytest.mark.timeout(400)
 def test_time_limits_end_in_the_middle_of_evaluations(slurm: Cluster, tmp_path: Path) -> None:
     """Slurm asks the servers to end 30 s to 90 s before the limit: each time in an episode of 8 s."""
-    from swarmwright.servers.evaluation.launched.access import find_own_address
+    from swarmwright.servers.evaluation.launched.servers import find_own_address
 
     name = written(tmp_path / "simulation")
     file = tmp_path / "simulation" / "paced.py"

@@ -114,7 +114,7 @@ def test_values_of_the_environment_are_in_no_arguments(machine: Machine, tmp_pat
 
 @pytest.mark.timeout(120)
 def test_tls_with_an_account_and_a_connection_that_breaks(machine: Machine, tmp_path: Path) -> None:
-    from swarmwright.servers.evaluation.launched.access import find_own_address
+    from swarmwright.servers.evaluation.launched.servers import find_own_address
 
     broken: list[int] = []
 

@@ -13,7 +13,7 @@ from PIL import Image
 from swarmwright import InputError, Run, RunError, _engine
 from swarmwright.display import Recording
 from swarmwright.runs.replay import Replay
-from swarmwright.servers.evaluation import remote
+from swarmwright.servers.evaluation import shown
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch
 from tests.system.plain_server import Json, PlainServer
@@ -351,5 +351,5 @@ def test_attempts_end() -> None:
         raise _engine.LostError("server 3 sent nothing")
 
     with pytest.raises(RunError, match="server 3 sent nothing; tried 3 times"):
-        remote.retry_lost(attempt)
+        shown.retry_lost(attempt)
     assert len(tried) == 3

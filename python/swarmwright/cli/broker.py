@@ -479,7 +479,7 @@ def _check_exposure(
 
 def _check_certificate(file: Path | None) -> None:
     """Warn about a certificate that clients refuse."""
-    from swarmwright.servers.broker.certificates import is_authority_certificate
+    from swarmwright.servers.broker.mosquitto import is_authority_certificate
 
     if file is not None and is_authority_certificate(file):
         _LOGGER.warning(
@@ -509,7 +509,7 @@ def _loopback(host: str) -> bool:
 
 
 def _add_user(output: Output, file: Path, name: str) -> int:
-    from swarmwright.servers.broker.passwords import check_user, set_password
+    from swarmwright.servers.broker.mosquitto import check_user, set_password
 
     check_user(name)
     if sys.stdin.isatty():

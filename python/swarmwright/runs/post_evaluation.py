@@ -25,9 +25,8 @@ from swarmwright.experiment.settings import parameter_settings
 from swarmwright.methods.rankings import Ranking
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.store import Evaluation
-from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results, Servers
-from swarmwright.servers.evaluation.code_failures import build_error
-from swarmwright.servers.evaluation.metrics import select_metrics
+from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results, Servers, build_error
+from swarmwright.servers.evaluation.evaluate import select_metrics
 from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.opening import open_backend, open_once
 

@@ -11,7 +11,7 @@ import pytest
 from swarmwright import Controller, Experiment, InputError, frevo, sweep
 from swarmwright.common import yaml
 from swarmwright.common.files import read_bytes, suggest_file, write_whole
-from swarmwright.servers.broker.passwords import set_password
+from swarmwright.servers.broker.mosquitto import set_password
 
 Read = Callable[[Path], object]
 Named = Callable[[Path, Path], Path]

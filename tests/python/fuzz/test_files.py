@@ -14,7 +14,7 @@ from swarmwright.analysis.sweep import Sweep
 from swarmwright.experiment.parameter_files import read_object
 from swarmwright.interop.frevo import _document
 from swarmwright.runs.store import FILE
-from swarmwright.servers.broker.passwords import set_password
+from swarmwright.servers.broker.mosquitto import set_password
 from tests.conftest import ROOT
 from tests.python.fuzz.mutation import fuzz, mutated
 from tests.python.interop.frevo.test_field_files import LIST, SER

@@ -37,7 +37,7 @@ from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE as STORE
 from swarmwright.runs.store.folder import SWEEP
 from swarmwright.servers.broker.credentials import load_from_keyring
-from swarmwright.servers.evaluation import local
+from swarmwright.servers.evaluation import opening
 from swarmwright.servers.evaluation.base import BROKERLESS, Servers, resolve_servers
 from swarmwright.servers.supervision.local_servers import automatic_count, count_processors
 from swarmwright.simulations import catalogue
@@ -77,7 +77,7 @@ def choose_servers(
     """
     first = experiments[0]
     choice = resolve_servers(first, servers)
-    if broker is None and choice == "auto" and local.prefers_local(first):
+    if broker is None and choice == "auto" and opening.prefers_local(first):
         choice = "local"
     if any(experiment.simulation.startswith("__main__:") for experiment in experiments):
         jobs = 1  # the class is defined in this session and unknown to other processes
@@ -85,7 +85,7 @@ def choose_servers(
     if broker is None and choice in BROKERLESS:
         jobs = min(jobs or count_processors(), most)
         if choice == "in-process" or not all(
-            local.has_workers(experiment.simulation) for experiment in experiments
+            opening.has_workers(experiment.simulation) for experiment in experiments
         ):
             return [choice] * jobs
         choice = max(count_processors(), jobs)  # for all runs together

@@ -14,8 +14,7 @@ from swarmwright.methods.competition import Competition, Matches
 from swarmwright.methods.rankings.tournament import Tournament
 from swarmwright.runs.matches import COLUMNS, SideFitness
 from swarmwright.runs.optimization.loop import Loop, Strategy
-from swarmwright.servers.evaluation.base import Backend, Controllers, Results
-from swarmwright.servers.evaluation.seeds import check_seeds
+from swarmwright.servers.evaluation.base import Backend, Controllers, Results, check_seeds
 from swarmwright.servers.rows import GenerationResult, Journal
 
 

@@ -8,8 +8,7 @@ from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.statistics import means
 from swarmwright.runs.optimization.ahead import Ahead, can_run_ahead, replay_search
 from swarmwright.runs.optimization.loop import Loop, Strategy
-from swarmwright.servers.evaluation.base import Backend, Controllers, Results
-from swarmwright.servers.evaluation.seeds import check_seeds
+from swarmwright.servers.evaluation.base import Backend, Controllers, Results, check_seeds
 from swarmwright.servers.rows import GenerationResult, Journal
 
 

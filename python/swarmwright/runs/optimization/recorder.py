@@ -7,8 +7,7 @@ from swarmwright.common.errors import PlugInError, RunError
 from swarmwright.runs.optimization.account import Account
 from swarmwright.runs.optimization.generation import OnGeneration, should_continue
 from swarmwright.runs.store import StoreWriter
-from swarmwright.servers.evaluation.base import Progress
-from swarmwright.servers.evaluation.code_failures import FailureOf, build_error
+from swarmwright.servers.evaluation.base import FailureOf, Progress, build_error
 from swarmwright.servers.rows import GenerationResult, Journal
 
 

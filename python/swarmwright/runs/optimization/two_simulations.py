@@ -31,8 +31,7 @@ from swarmwright.servers.evaluation.base import (
     resolve_servers,
 )
 from swarmwright.servers.evaluation.opening import open_backend
-from swarmwright.servers.rows import Journal
-from swarmwright.servers.server_use import ServerUses
+from swarmwright.servers.rows import Journal, ServerUses
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.permission import require_named
 

@@ -31,10 +31,11 @@ from swarmwright.servers.rows import (
     FailureReason,
     GenerationResult,
     ServerShare,
+    ServerUse,
     Session,
+    from_json,
     parse_journal_line,
 )
-from swarmwright.servers.server_use import ServerUse, from_json
 
 
 class StoreReader:

@@ -27,8 +27,7 @@ from swarmwright.runs.store.lock import Lock, MovedError
 from swarmwright.runs.store.open_store import OpenStore
 from swarmwright.runs.store.provenance import HASH_SEED, record_experiment, timestamp, versions
 from swarmwright.runs.store.reader import StoreReader
-from swarmwright.servers.rows import GenerationResult, Journal
-from swarmwright.servers.server_use import ServerUses, add_uses, to_json
+from swarmwright.servers.rows import GenerationResult, Journal, ServerUses, add_uses, to_json
 from swarmwright.simulations.user_code.copying import FOLDER as CODE
 from swarmwright.simulations.user_code.copying import Copy
 from swarmwright.simulations.user_code.copying import remove as remove_copies

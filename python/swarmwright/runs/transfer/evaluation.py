@@ -17,8 +17,7 @@ from swarmwright.runs.post_evaluation import evaluate_genomes
 from swarmwright.runs.store import Evaluation
 from swarmwright.runs.transfer.transferred import Candidate
 from swarmwright.servers.evaluation.base import Progress, Servers
-from swarmwright.servers.evaluation.local import needs_no_servers, require_here
-from swarmwright.servers.evaluation.opening import open_backend, open_once
+from swarmwright.servers.evaluation.opening import needs_no_servers, open_backend, open_once, require_here
 from swarmwright.simulations import catalogue
 
 Values = NDArray[np.float64]

@@ -12,16 +12,80 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.common.arrays import Genomes
 from swarmwright.common.engine_types import AttemptFields, WarningFields
-from swarmwright.common.errors import InputError, PlugInError, SimulationError
+from swarmwright.common.errors import InputError, PlugInError, RunError, SimulationError, with_message
 from swarmwright.common.plug_in_code import is_plug_in, locate_method, numbers
+from swarmwright.common.untrusted import escape_line, escape_lines
 from swarmwright.common.yaml import format_path
 from swarmwright.controllers import Representation
 from swarmwright.experiment.document import MAX_SERVERS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.launcher_entries import WORDS, Entries, entries_of, parse_text, with_files
-from swarmwright.servers.rows import Journal, WarningEntry
-from swarmwright.servers.server_use import ServerUses
+from swarmwright.methods.rankings import Ranking
+from swarmwright.servers.rows import Journal, ServerUses, WarningEntry
 from swarmwright.simulations.fitness import FitnessExpression
+
+FailureOf = Callable[[str], SimulationError | None]
+"""Returns the error of the simulation's code for a reason in a journal; None for other reasons."""
+
+_MAX_REASONS = 200
+"""Number of distinct reasons to remember; the oldest are dropped."""
+
+
+class CodeFailures:
+    """Reasons of failures in a simulation's code, with their tracebacks.
+
+    A run's journal contains the traceback of a reason only once, so it is remembered here.
+    """
+
+    def __init__(self) -> None:
+        self._stacks: dict[str, str | None] = {}
+
+    def note(self, journal: Journal) -> None:
+        """Note the reasons in a journal, from this process and from servers."""
+        for attempt in journal.attempts:
+            is_known = attempt.error in self._stacks or attempt.outcome == "failed"
+            if attempt.error and (attempt.stack is not None or is_known):
+                self._remember(attempt.error, attempt.stack)
+
+    def find_error(self, reason: str) -> SimulationError | None:
+        """Return the error for a reason; None if it did not come from a simulation's code.
+
+        A traceback from another process is attached as a note.
+        """
+        if reason not in self._stacks:
+            return None
+        stack = self._stacks[reason]
+        error = SimulationError(reason, stack)
+        if stack is not None:
+            error.add_note("\n".join(["In the simulation:", *(f"  {line}" for line in escape_lines(stack))]))
+        return error
+
+    def _remember(self, reason: str, stack: str | None) -> None:
+        before = self._stacks.pop(reason, None)  # becomes the newest
+        self._stacks[reason] = before if stack is None else stack
+        if len(self._stacks) > _MAX_REASONS:
+            del self._stacks[next(iter(self._stacks))]
+
+
+def build_error(message: str, reasons: list[str], failure_of: FailureOf, *, unknown: str = "") -> RunError:
+    """Build the error for failed evaluations: SimulationError if the last reason came from its code.
+
+    Args:
+        message: beginning of the message, followed by the last reason.
+        reasons: reasons of the failed episodes, in order.
+        failure_of: function of this name of the backend.
+        unknown: end of the message if there are no reasons.
+    """
+    if not reasons:
+        return RunError(f"{message}{unknown}")
+    words = f"{message}{escape_line(reasons[-1])}"
+    failure = failure_of(reasons[-1])
+    if failure is None:
+        return RunError(words)
+    error = with_message(failure, words)
+    error.__cause__ = failure.__cause__
+    return error
+
 
 Servers = int | str | Mapping[str, Any] | Sequence[Any]
 """The key `servers` as a caller writes it: 4, "auto", "slurm:4", {"launcher": "slurm", ..}."""
@@ -330,3 +394,31 @@ def metrics_of(expression: FitnessExpression | None, more: Sequence[str] = ()) -
     """Return the names of the metrics that the fitness needs, followed by `more`."""
     needed = () if expression is None else expression.metrics
     return (*needed, *(name for name in dict.fromkeys(more) if name not in needed))
+
+
+def check_seeds(ranking: Ranking, seeds: Any) -> list[int]:  # noqa: ANN401 - whatever a plug-in returns
+    """Return the seeds as integers. Raises PlugInError if a plug-in returns other values."""
+    if not is_plug_in(type(ranking)):
+        return list(seeds)
+    ok = isinstance(seeds, list | tuple | range | np.ndarray) and len(seeds) > 0
+    if not ok or not all(isinstance(value, int | np.integer) and 0 <= value < 2**63 for value in seeds):
+        raise PlugInError(
+            f"{locate_method(ranking, 'seeds')}: returned {escape_line(repr(seeds)[:100])}; expected a list "
+            "of at least "
+            "one integer, the seeds of the episodes"
+        )
+    return [int(seed) for seed in seeds]
+
+
+def seeds_of(ranking: Ranking, first: int, generation: int) -> list[int]:
+    """Return the seeds of a generation.
+
+    first: `parameters.seed`. Raises InputError for a generation without valid seeds, PlugInError as
+    `check_seeds`.
+    """
+    if generation < 0:
+        raise InputError(f"generation: must be at least 0, not {generation}")
+    seeds = check_seeds(ranking, ranking.seeds(first, generation))
+    if max(seeds) >= 2**63:
+        raise InputError(f"generation: {generation} is too large; its seeds would exceed 2**63 - 1")
+    return seeds

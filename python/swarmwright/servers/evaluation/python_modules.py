@@ -9,11 +9,15 @@ from swarmwright.common.errors import RunError, SimulationError
 from swarmwright.common.simulation_names import is_python
 from swarmwright.controllers.modules.grammar import PYTHON_KIND
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.servers.evaluation.base import Controllers, Progress, Results
-from swarmwright.servers.evaluation.code_failures import CodeFailures
-from swarmwright.servers.evaluation.in_process import InProcessBackend, PythonBackend
-from swarmwright.servers.evaluation.machines import LANES, MachineEvaluations
-from swarmwright.servers.evaluation.repetition import Failure, Repetition, Value
+from swarmwright.servers.evaluation.base import CodeFailures, Controllers, Progress, Results
+from swarmwright.servers.evaluation.in_process import (
+    Failure,
+    InProcessBackend,
+    PythonBackend,
+    Repetition,
+    Value,
+)
+from swarmwright.servers.evaluation.served_modules import LANES, MachineEvaluations
 from swarmwright.simulations import catalogue
 
 _REPORT_S = 0.1

@@ -36,9 +36,8 @@ from typing import Any
 from swarmwright import _engine
 from swarmwright.common.errors import SwarmwrightError, engine_errors
 from swarmwright.servers.broker.waiting import connect_with_retries
-from swarmwright.servers.supervision.marked_output import mark_output
+from swarmwright.servers.supervision.output import Sample, mark_output
 from swarmwright.servers.supervision.process import STACK_SIGNAL
-from swarmwright.servers.supervision.progress import Sample
 from swarmwright.simulations import catalogue
 
 DISCONNECT_S = 2.0

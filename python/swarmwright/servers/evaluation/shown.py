@@ -1,14 +1,17 @@
 """Episodes of experiments, played for display."""
 
-from collections.abc import Iterator, Sequence
+import logging
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 from swarmwright import _engine
 from swarmwright.common.arguments import simulation_seed
-from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.errors import InputError, RunError, engine_errors
 from swarmwright.common.random_numbers import Stream
+from swarmwright.common.time_limit import bound_seconds, check_time_limit
+from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.controller import Controller
 from swarmwright.controllers.kinds import describe_controller
 from swarmwright.controllers.machines import machines_of
@@ -18,9 +21,10 @@ from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictured, PictureRecording
 from swarmwright.display.pictures import record as record_pictures
 from swarmwright.display.pictures import save as save_pictures
-from swarmwright.experiment.derived import fitness_expression
+from swarmwright.experiment.derived import fitness_expression, with_environment
 from swarmwright.experiment.robots import list_kinds
-from swarmwright.servers.evaluation import remote
+from swarmwright.servers.broker.credentials import prepare
+from swarmwright.servers.broker.waiting import connect_with_retries
 from swarmwright.servers.evaluation.evaluate import check_fit
 from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.opening import open_backend
@@ -28,8 +32,89 @@ from swarmwright.simulations import catalogue
 from swarmwright.simulations.fitness import JudgedEpisode
 
 if TYPE_CHECKING:
+    from swarmwright.common.engine_types import Requirements
     from swarmwright.display import Shown
     from swarmwright.experiment.experiment import Experiment
+
+Result = TypeVar("Result")
+
+ATTEMPTS = 3
+"""Attempts at an episode whose messages get lost."""
+
+_LOGGER = logging.getLogger("swarmwright")
+
+
+def begin(
+    experiment: "Experiment", broker: str, parameters: dict[str, Any], controller: str
+) -> _engine.RemoteEpisode:
+    """Begin an episode on a server that has scenes.
+
+    Args:
+        experiment: names simulation, requirements, prefix and time-outs.
+        broker: where servers are.
+        parameters: parameters of the episode, `seed` among them.
+        controller: its specification with weights, as JSON.
+
+    Raises:
+        RunError: no broker, no free server with scenes, or the episode did not begin.
+        InputError: the address or the requirements cannot be used.
+    """
+    prepare(broker)
+    prefix = with_environment(experiment).prefix
+    requirements = cast("Requirements", experiment.requirements.model_dump(exclude_none=True))
+
+    def attempt() -> _engine.RemoteEpisode:
+        check_time_limit()
+        return _engine.RemoteEpisode(
+            broker,
+            simulation=catalogue.title(experiment.simulation),
+            parameters=parameters,
+            requirements=requirements,
+            controller=controller,
+            prefix=prefix,
+            discovery=bound_seconds(experiment.timeouts.discovery),
+            step=bound_seconds(experiment.timeouts.step),
+        )
+
+    with engine_errors():
+        return retry_lost(lambda: connect_with_retries(attempt, experiment.timeouts.connect, _LOGGER.warning))
+
+
+def record_episode(make: Callable[[], tuple[_engine.RemoteEpisode, Playable]]) -> Recording:
+    """Record an episode to its end; restart it if messages get lost.
+
+    make: begins the episode and returns it with its playable view. Raises RunError if all attempts fail.
+    """
+
+    def attempt() -> Recording:
+        episode, played = make()
+        try:
+            recording = record(played)
+            if episode.missing:
+                scenes = f"{episode.missing} scene{'s' * (episode.missing > 1)}"
+                _LOGGER.warning("server %d: %s did not arrive and are left out", episode.server, scenes)
+            return recording
+        finally:
+            episode.close()
+
+    with engine_errors():
+        return retry_lost(attempt)
+
+
+def retry_lost(attempt: Callable[[], Result]) -> Result:
+    """Call `attempt` again while messages get lost, and return its result.
+
+    Raises RunError with the last reason if all attempts fail.
+    """
+    for number in range(1, ATTEMPTS + 1):
+        try:
+            return attempt()
+        except _engine.LostError as error:
+            reason = escape_line(str(error))
+            if number == ATTEMPTS:
+                raise RunError(f"{reason}; tried {ATTEMPTS} times") from error
+            _LOGGER.warning("%s; restarting the episode", reason)
+    raise AssertionError  # the last attempt returns or raises
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +208,7 @@ class ShownEpisode:
             episode = self._remote()
             return episode, self._apply_fitness(episode)
 
-        return remote.record_episode(make)
+        return record_episode(make)
 
     def recordings(self, beginning: int, most_bodies: int | None = None) -> Iterator[tuple[Recording, bool]]:
         """Play the episode; yield a recording of its first steps, if it is longer, then of the whole.
@@ -139,7 +224,7 @@ class ShownEpisode:
 
     def _remote(self) -> _engine.RemoteEpisode:
         parameters = {**self.experiment.parameters, "seed": self.seed}
-        return remote.begin(self.experiment, self.broker or "", parameters, self.controller.json)
+        return begin(self.experiment, self.broker or "", parameters, self.controller.json)
 
     def _apply_fitness(self, episode: Any) -> Playable:  # noqa: ANN401 - one of the engine's
         expression = fitness_expression(self.experiment)

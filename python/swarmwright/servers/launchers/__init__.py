@@ -6,8 +6,6 @@ docs/how-to/use-clusters.md.
 """
 
 from swarmwright.experiment.launchers import LAUNCHERS, LauncherOptions
-from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
-from swarmwright.servers.launchers._code import Code
-from swarmwright.servers.launchers._specification import Specification
+from swarmwright.servers.launchers._base import Code, Health, Launcher, LauncherError, Specification
 
 __all__ = ["LAUNCHERS", "Code", "Health", "Launcher", "LauncherError", "LauncherOptions", "Specification"]

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from distributed import Client, get_worker, wait
 
-from swarmwright.servers.launchers._base import Health, LauncherError
+from swarmwright.servers.launchers._base import Health, LauncherError, Specification
 from swarmwright.servers.launchers._slot import GRACE_S, End, Slot
-from swarmwright.servers.launchers._specification import Specification
 
 if TYPE_CHECKING:
     from swarmwright.servers.launchers.dask import DaskOptions

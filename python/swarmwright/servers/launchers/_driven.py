@@ -14,9 +14,8 @@ from typing import Any, ClassVar
 from urllib.parse import urlsplit
 
 from swarmwright.common.errors import InputError
-from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
+from swarmwright.servers.launchers._base import Health, Launcher, LauncherError, Specification
 from swarmwright.servers.launchers._slot import GRACE_S
-from swarmwright.servers.launchers._specification import Specification
 
 _CONNECT_S = 10.0
 """Time limit for connecting to a cluster's address, seconds."""

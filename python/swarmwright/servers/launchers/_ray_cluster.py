@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import ray
 from ray.exceptions import GetTimeoutError, RayError
 
-from swarmwright.servers.launchers._base import Health
+from swarmwright.servers.launchers._base import Health, Specification
 from swarmwright.servers.launchers._slot import GRACE_S, End, Slot
-from swarmwright.servers.launchers._specification import Specification
 
 if TYPE_CHECKING:
     from swarmwright.servers.launchers.ray import RayOptions

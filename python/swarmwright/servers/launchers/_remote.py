@@ -7,7 +7,7 @@ from pydantic import Field
 
 from swarmwright.experiment.launchers import LauncherOptions
 from swarmwright.servers.broker.credentials import CREDENTIALS
-from swarmwright.servers.launchers._specification import Specification
+from swarmwright.servers.launchers._base import Specification
 
 
 class RemoteOptions(LauncherOptions):

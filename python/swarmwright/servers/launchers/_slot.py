@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from swarmwright.servers.launchers._specification import Specification
+from swarmwright.servers.launchers._base import Specification
 
 GRACE_S = 10.0
 """Seconds for a server to end after SIGTERM."""

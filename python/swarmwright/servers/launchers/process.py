@@ -10,10 +10,9 @@ from pydantic import Field
 from swarmwright.common.errors import RunError
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.experiment.launchers import LauncherOptions
-from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
-from swarmwright.servers.launchers._specification import Specification
+from swarmwright.servers.launchers._base import Health, Launcher, LauncherError, Specification
 from swarmwright.servers.supervision import News, Output, ServerEvent, Supervisor
-from swarmwright.servers.supervision.supervised_server import Limits
+from swarmwright.servers.supervision.process import Limits
 
 if TYPE_CHECKING:
     from swarmwright import _engine

@@ -16,9 +16,8 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from swarmwright.common.errors import InputError
-from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
+from swarmwright.servers.launchers._base import Health, Launcher, LauncherError, Specification
 from swarmwright.servers.launchers._remote import RemoteOptions, format_command, format_setup, format_unpack
-from swarmwright.servers.launchers._specification import Specification
 
 ANSWER_S = 60.0
 """Time limit for answers of Slurm's programs, seconds."""

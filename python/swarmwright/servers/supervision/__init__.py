@@ -1,8 +1,14 @@
 """Supervision of simulation servers in their own processes."""
 
-from swarmwright.servers.supervision.news import News, ServerEnd, ServerEvent, ServerRestart
 from swarmwright.servers.supervision.output import Output, listening_to_output
-from swarmwright.servers.supervision.server_exit import ServerExit, signal_name
+from swarmwright.servers.supervision.server_exit import (
+    News,
+    ServerEnd,
+    ServerEvent,
+    ServerExit,
+    ServerRestart,
+    signal_name,
+)
 from swarmwright.servers.supervision.supervisor import Supervisor
 
 __all__ = [

@@ -11,9 +11,9 @@ from typing import Any, Self
 
 from swarmwright import _engine
 from swarmwright.common.errors import RunError
-from swarmwright.servers.server_use import ServerUses
+from swarmwright.servers.rows import ServerUses
 from swarmwright.servers.supervision import News, Output, ServerEnd, ServerEvent, Supervisor
-from swarmwright.servers.supervision.supervised_server import Limits
+from swarmwright.servers.supervision.process import Limits
 
 _log = logging.getLogger("swarmwright")
 

@@ -1,17 +1,159 @@
 """Output of started servers: the last lines in memory, all lines in a file of the run."""
 
+import io
 import logging
+import os
+import re
+import struct
+import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Self
 
 from swarmwright.common import untrusted
-from swarmwright.servers.supervision.marked_output import MARK
+
+_NUMBERS = struct.Struct("<6Q")
+_ALL = 2**64 - 1
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A snapshot of a server's work; see `_engine.serve`."""
+
+    request: int = 0
+    first: int = 0
+    """Index of the first candidate in the request."""
+    candidates: int = 0
+    """Number of candidates; 0 outside a request."""
+    episode: int | None = None
+    """Index of the episode in the request; None for all of them. Without candidates: None when idle, else
+    episodes are being stepped, whose numbers only the tool knows."""
+    ended: int = 0
+    """Evaluations finished since the process started."""
+    beats: int = 0
+    """Signs of life."""
+
+    @classmethod
+    def read(cls, file: int) -> Self:
+        """Read a sample from an open file."""
+        data = os.pread(file, _NUMBERS.size, 0)
+        if len(data) < _NUMBERS.size:
+            return cls()
+        request, first, candidates, episode, ended, beats = _NUMBERS.unpack(data)
+        return cls(request, first, candidates, None if episode == _ALL else episode, ended, beats)
+
+    @property
+    def is_at_work(self) -> bool:
+        """Whether the server was computing."""
+        return self.candidates > 0 or self.episode is not None
+
+    @property
+    def is_stepped(self) -> bool:
+        """Whether episodes were being stepped."""
+        return self.is_at_work and not self.candidates
+
+    def continues(self, before: Self) -> bool:
+        """Whether the server still works on the request or stepped episodes of an earlier sample."""
+        if before.candidates:
+            return self.candidates > 0 and self.request == before.request
+        return before.is_stepped and self.is_stepped and self.ended == before.ended
+
+    @property
+    def position(self) -> tuple[int, int, int, int | None] | None:
+        """The current work, as `_engine.Supervision.ended` takes it, or None."""
+        return (self.request, self.first, self.candidates, self.episode) if self.candidates else None
+
+
+class Progress:
+    """The shared memory of one process."""
+
+    def __init__(self) -> None:
+        if hasattr(os, "memfd_create"):
+            self.file = os.memfd_create("swarmwright")
+        else:
+            with TemporaryFile() as file:
+                self.file = os.dup(file.fileno())
+
+    def read(self) -> Sample:
+        """Return the current content."""
+        return Sample.read(self.file)
+
+    def close(self) -> None:
+        """Release the memory."""
+        os.close(self.file)
+
+
+MARK = b"\x1e"
+"""Delimits `request first episode` at the beginning of a line."""
+
+
+_LINE = re.compile(rb"[^\n]*\n|[^\n]+")
+
+
+class MarkedOutput(io.RawIOBase):
+    """Stream that writes marked lines to a file descriptor.
+
+    Args:
+        target: file descriptor to write to.
+        progress: file descriptor of the process's progress.
+    """
+
+    def __init__(self, target: int, progress: int) -> None:
+        super().__init__()
+        self._target = target
+        self._progress = progress
+        self._in_line = False
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    def fileno(self) -> int:
+        """Return the file descriptor, to which code outside Python writes without marks."""
+        return self._target
+
+    def isatty(self) -> bool:
+        """Return False, as a program reads the output."""
+        return False
+
+    def write(self, data: "io._WriteBuffer") -> int:  # type: ignore[name-defined]
+        """Write data with a mark at the beginning of each line."""
+        text = bytes(data)
+        if not text:
+            return 0
+        sample = Sample.read(self._progress)
+        mark = b""
+        if sample.candidates:
+            episode = "" if sample.episode is None else str(sample.episode)
+            mark = MARK + f"{sample.request} {sample.first} {episode}".encode() + MARK
+        lines = _LINE.findall(text)  # carriage returns of progress bars do not split lines
+        marked = [line if self._in_line and not index else mark + line for index, line in enumerate(lines)]
+        self._in_line = not text.endswith(b"\n")
+        remaining = memoryview(b"".join(marked))
+        while remaining:
+            remaining = remaining[os.write(self._target, remaining) :]
+        return len(text)
+
+
+def mark_output(progress: int) -> None:
+    """Mark the output of Python code.
+
+    progress: file descriptor of this process's progress.
+    """
+    for name, target in (("stdout", 1), ("stderr", 2)):
+        stream = io.BufferedWriter(MarkedOutput(target, progress))
+        wrapped = io.TextIOWrapper(stream, "utf-8", "backslashreplace", line_buffering=True)
+        setattr(sys, name, wrapped)
+        setattr(sys, f"__{name}__", wrapped)
+
 
 MAX_KEPT_LINES = 1000
 """Upper limit of lines kept in memory, waiting for a file or of an ended server."""

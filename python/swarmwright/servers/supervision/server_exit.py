@@ -2,9 +2,10 @@
 
 import re
 import signal
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from swarmwright.common.tracebacks import is_installed, shorten_path
 
@@ -111,3 +112,34 @@ def split_output(lines: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]
     current = [stack for stack in stacks if stack[0].startswith("Current")]
     stack = (in_code or current or stacks or [[]])[0]
     return tuple(lines[:first]), (*head, *stack)
+
+
+@dataclass(frozen=True)
+class ServerEvent:
+    """A report of a server: `ready`, `busy`, `warning`, `failure`, `lost` or `error`."""
+
+    server: int
+    pid: int
+    report: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ServerEnd:
+    """A server's process has ended unexpectedly.
+
+    pause: seconds until its restart; None if it is not restarted.
+    """
+
+    server_exit: ServerExit
+    pause: float | None
+
+
+@dataclass(frozen=True)
+class ServerRestart:
+    """A server was restarted."""
+
+    server: int
+    pid: int
+
+
+News = ServerEvent | ServerEnd | ServerRestart

@@ -8,16 +8,20 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.errors import RunError
-from swarmwright.servers.supervision.news import News, ServerEnd, ServerEvent, ServerRestart
-from swarmwright.servers.supervision.output import Output
-from swarmwright.servers.supervision.process import Process
-from swarmwright.servers.supervision.progress import Sample
-from swarmwright.servers.supervision.server_exit import ServerExit
-from swarmwright.servers.supervision.supervised_server import (
+from swarmwright.servers.supervision.output import Output, Sample
+from swarmwright.servers.supervision.process import (
     LONGEST_PAUSE_S,
     Limits,
+    Process,
     SupervisedServer,
     stagger_quotas,
+)
+from swarmwright.servers.supervision.server_exit import (
+    News,
+    ServerEnd,
+    ServerEvent,
+    ServerExit,
+    ServerRestart,
 )
 
 if TYPE_CHECKING:

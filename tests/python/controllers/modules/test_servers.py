@@ -13,7 +13,7 @@ import pytest
 from swarmwright import Experiment, InputError, Run, RunError, _engine, evaluate, optimize, resume, simulate
 from swarmwright.runs.repeat import repeat
 from swarmwright.servers.evaluation.base import Controllers
-from swarmwright.servers.evaluation.launched.packing import pack_code
+from swarmwright.servers.evaluation.launched.starting import pack_code
 from swarmwright.servers.evaluation.module_code import import_modules, names_of
 from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.servers.evaluation.through_broker import BrokerBackend

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import _engine
-from swarmwright.servers.broker.certificates import is_authority_certificate
+from swarmwright.servers.broker.mosquitto import is_authority_certificate
 
 
 def test_a_certificate_of_an_authority_is_told_from_one_that_it_signed(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright.common.errors import InputError
-from swarmwright.servers.broker.passwords import set_password
+from swarmwright.servers.broker.mosquitto import set_password
 
 
 def test_users_are_added_and_changed(tmp_path: Path) -> None:

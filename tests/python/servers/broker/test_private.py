@@ -17,7 +17,7 @@ from swarmwright import Experiment, _engine
 from swarmwright.common.errors import RunError, engine_errors
 from swarmwright.servers.broker.credentials import location_of
 from swarmwright.servers.broker.private import start_private
-from swarmwright.servers.evaluation.launched.access import start_embedded
+from swarmwright.servers.evaluation.launched.servers import start_embedded
 from swarmwright.servers.evaluation.opening import open_backend
 from tests.conftest import STATE
 from tests.python.cli.test_services import events

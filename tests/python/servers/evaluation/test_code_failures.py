@@ -19,7 +19,7 @@ from swarmwright import (
 )
 from swarmwright.common.engine_types import Outcome
 from swarmwright.controllers.controller import Controller
-from swarmwright.servers.evaluation.code_failures import CodeFailures, build_error
+from swarmwright.servers.evaluation.base import CodeFailures, build_error
 from swarmwright.servers.rows import AttemptEntry, Journal
 
 SOURCE = """\

@@ -7,8 +7,8 @@ import pytest
 
 from swarmwright import Experiment, InputError, _engine, evaluate
 from swarmwright.servers.evaluation.base import Controllers
+from swarmwright.servers.evaluation.evaluate import prepare_evaluation
 from swarmwright.servers.evaluation.opening import open_backend
-from swarmwright.servers.evaluation.prepared import prepare_evaluation
 
 ROWS = np.random.default_rng(5).uniform(-2, 2, (300, 49)).astype(np.float32)
 

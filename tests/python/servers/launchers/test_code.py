@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, optimize
-from swarmwright.servers.evaluation.launched.packing import pack_code
+from swarmwright.servers.evaluation.launched.starting import pack_code
 from swarmwright.servers.launchers import Code
 from swarmwright.servers.launchers.process import ProcessOptions
 

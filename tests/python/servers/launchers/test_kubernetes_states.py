@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from swarmwright.servers.launchers import _kubernetes_states as states
-from swarmwright.servers.launchers._kubernetes_manifests import INDEX, JOB
+from swarmwright.servers.launchers import kubernetes as states
+from swarmwright.servers.launchers.kubernetes import INDEX, JOB
 
 JUST = {"metadata": {"name": "j"}, "status": {}}
 QUOTA = (

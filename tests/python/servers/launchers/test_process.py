@@ -13,7 +13,7 @@ import pytest
 
 from swarmwright import Experiment, RunError, optimize
 from swarmwright.servers.broker.credentials import CREDENTIALS
-from swarmwright.servers.evaluation.launched.access import find_own_address
+from swarmwright.servers.evaluation.launched.servers import find_own_address
 from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.servers.evaluation.through_broker import BrokerBackend
 from swarmwright.servers.launchers import LauncherError, Specification

@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from swarmwright.servers.launchers import Code, LauncherError, Specification
-from swarmwright.servers.launchers._kubernetes_manifests import make_job
 from swarmwright.servers.launchers._remote import RemoteOptions, format_setup, format_unpack
-from swarmwright.servers.launchers.kubernetes import KubernetesOptions
+from swarmwright.servers.launchers.kubernetes import KubernetesOptions, make_job
 from swarmwright.servers.launchers.slurm import Slurm, SlurmOptions
 
 pytestmark = pytest.mark.slow

@@ -1,6 +1,6 @@
 import pytest
 
-from swarmwright.servers.launchers._specification import Specification
+from swarmwright.servers.launchers._base import Specification
 
 
 @pytest.mark.parametrize("prefix", ["", "lab1"])

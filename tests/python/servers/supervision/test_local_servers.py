@@ -12,7 +12,7 @@ import pytest
 from swarmwright import Experiment, RunError, _engine, evaluate
 from swarmwright.servers.supervision import Supervisor
 from swarmwright.servers.supervision.local_servers import LocalServers, automatic_count
-from swarmwright.servers.supervision.supervised_server import Limits
+from swarmwright.servers.supervision.process import Limits
 
 
 def settings(broker: str, identifier: int = 1) -> dict[str, Any]:

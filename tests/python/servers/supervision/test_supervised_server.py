@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from swarmwright.servers.supervision import News, Output, ServerEnd, Supervisor
-from swarmwright.servers.supervision.progress import Sample
-from swarmwright.servers.supervision.supervised_server import stagger_quotas
+from swarmwright.servers.supervision.output import Sample
+from swarmwright.servers.supervision.process import stagger_quotas
 from tests.conftest import free_port
 
 

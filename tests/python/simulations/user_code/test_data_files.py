@@ -11,7 +11,7 @@ import pytest
 
 from swarmwright import InputError, Run, optimize, post_evaluate, repeat, resume
 from swarmwright.runs.store.verification import verify
-from swarmwright.servers.evaluation.launched.packing import pack_code
+from swarmwright.servers.evaluation.launched.starting import pack_code
 from swarmwright.servers.launchers import LAUNCHERS, Health, Launcher, LauncherOptions
 from swarmwright.servers.launchers._slot import End, Slot
 from tests.python.records import same_record

@@ -1,24 +1,358 @@
 """Supervision of launchers: starts and replaces servers, and gives up launchers that keep failing."""
 
+import ipaddress
 import logging
+import math
+import os
 import secrets
+import socket
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
+from urllib.parse import urlsplit
 
 from swarmwright import _engine
 from swarmwright.common.errors import InputError, RunError, engine_errors
+from swarmwright.common.formatting import format_amount
+from swarmwright.common.processes import allow_more_open_files
+from swarmwright.common.temporary import TemporaryFolder
+from swarmwright.servers.broker.mosquitto import Account, format_access_rules
+from swarmwright.servers.broker.private import create_account, start_private
 from swarmwright.servers.evaluation.base import BudgetSpent
-from swarmwright.servers.evaluation.launched.access import Access
-from swarmwright.servers.evaluation.launched.entry import Entry, LaunchedServer
-from swarmwright.servers.evaluation.launched.scaling import Load, Scaling
-from swarmwright.servers.launchers import Health, LauncherError
-from swarmwright.servers.server_use import ServerUse
+from swarmwright.servers.launchers import Health, Launcher, LauncherError, LauncherOptions
+from swarmwright.servers.rows import ServerUse
 from swarmwright.servers.supervision.output import MAX_KEPT_LINES, Output
+
+WORK_S = 60.0
+"""Seconds of work per server; more work starts another server."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """Work of a pool."""
+
+    evaluations: int
+    """Remaining evaluations of the run, as far as known."""
+    at_once: int
+    """Evaluations of a generation, which can run in parallel."""
+    speed: float | None
+    """Mean evaluations per second of one server; None before the first measurement."""
+    busy: frozenset[int]
+    """Servers that have work."""
+
+    @classmethod
+    def from_status(cls, status: Mapping[str, Any]) -> "Load":
+        """Read the status that a pool publishes."""
+        speeds = [
+            status_of_server["speed"]
+            for status_of_server in status.get("servers", ())
+            if status_of_server.get("speed")
+        ]
+        total = status.get("total", 0)
+        later = (
+            max(0, status.get("generations", 0) - status["generation"] - 1) if "generation" in status else 0
+        )
+        return cls(
+            max(0, total - status.get("done", 0)) + later * total,
+            total,
+            sum(speeds) / len(speeds) if speeds else None,
+            frozenset(status_of_server["server"] for status_of_server in status.get("waiting_for", ())),
+        )
+
+
+def count_needed(load: Load, least: int, most: int) -> int:
+    """Return how many servers the work can occupy, from `least` to `most`."""
+    if load.speed is None:
+        return least
+    seconds = load.evaluations / load.speed
+    return max(least, min(most, load.at_once, math.ceil(seconds / WORK_S)))
+
+
+@dataclass
+class Scaling:
+    """Number of servers over time: grows at once, shrinks after `idle` seconds of lower need."""
+
+    least: int
+    most: int
+    idle: float
+    _history: deque[tuple[float, int]] = field(default_factory=deque)
+
+    def choose_count(self, now: float, current: int, load: Load) -> int:
+        """Return the new number of servers. now: monotonic seconds."""
+        need = count_needed(load, self.least, self.most)
+        self._history.append((now, need))
+        # Keep the needs within the last `idle` seconds, and the entry before.
+        while len(self._history) > 1 and self._history[1][0] <= now - self.idle:
+            self._history.popleft()
+        if need >= current or self._history[0][0] > now - self.idle:
+            return max(need, current)
+        return min(current, max(count for _, count in self._history))
+
+
+SHORTEST_USE_S = 36.0
+"""Use below which servers without a price are not reported: 0.01 hours."""
+
+
+@dataclass
+class LaunchedServer:
+    """A started server."""
+
+    since: float
+    """When it was started or began to run, monotonic seconds."""
+    health: Health = field(default_factory=lambda: Health("waiting"))
+    was_ready: bool = False
+    """Whether the server has been on the broker."""
+
+
+@dataclass
+class Entry:
+    """A launcher and its servers. Times are monotonic seconds."""
+
+    name: str
+    launcher: Launcher
+    options: LauncherOptions
+    servers: dict[int, LaunchedServer] = field(default_factory=dict)
+    """Running servers, by id."""
+    target: int = 0
+    """Intended number of servers."""
+    failures: int = 0
+    """Consecutive servers that ended before they reached the broker."""
+    replace_at: float = 0.0
+    """Earliest time to replace ended servers."""
+    checked_at: float = 0.0
+    """Time of the last health check."""
+    answered_at: float = field(default_factory=time.monotonic)
+    """Time when the launcher last answered or had a server on the broker."""
+    failure: str | None = None
+    """Why the launcher is no longer used; None while it is."""
+    scaling: Scaling | None = None
+    """Scaling with the work; None for a fixed number of servers."""
+    seconds: float = 0.0
+    """Total running time of all servers in this session."""
+    earlier: ServerUse = field(default_factory=ServerUse)
+    """Use of servers in earlier sessions of the run."""
+    counted_at: float = 0.0
+    """Time up to which `seconds` are counted."""
+    is_spent: bool = False
+    """Whether the budget is spent."""
+    reported_waiting: str = ""
+    """The last report about queued servers."""
+    reported_starting: bool = False
+    """Whether it was reported that no running server has reached the broker."""
+    early_exits: list[str] = field(default_factory=list)
+    """Messages of the last servers that ended before they reached the broker."""
+
+    @property
+    def use(self) -> ServerUse:
+        """Use of its servers in this session so far."""
+        return ServerUse(self.seconds, self.seconds / 3600 * (self.options.cost_per_hour or 0.0))
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether its use is reported: for remote servers and for servers with a price."""
+        return not self.launcher.is_here or self.options.cost_per_hour is not None
+
+    @property
+    def is_notable(self) -> bool:
+        """Whether its use exceeds 0.01 hours or has a price."""
+        seconds = (self.earlier + self.use).seconds
+        return self.options.cost_per_hour is not None or seconds >= SHORTEST_USE_S
+
+    @property
+    def usage_text(self) -> str:
+        """Use of servers and their cost as text."""
+
+        def format_use(use: ServerUse) -> str:
+            cost = "" if self.options.cost_per_hour is None else f", cost {format_amount(use.cost)}"
+            return f"{format_amount(use.seconds / 3600)} server hours{cost}"
+
+        whole = f" (the whole run: {format_use(self.earlier + self.use)})" if self.earlier.seconds else ""
+        return f"{self.name} {format_use(self.use)}{whole}"
+
+    def count_use(self, now: float) -> None:
+        """Count the time of running servers, and check the budget."""
+        running = sum(server.health.state == "running" for server in self.servers.values())
+        self.seconds += running * (now - self.counted_at)
+        self.counted_at = now
+        self.compare_with_budget()
+
+    def compare_with_budget(self) -> None:
+        """Check whether the budget is spent, including earlier sessions."""
+        budget, cost = self.options.budget, self.earlier.cost + self.use.cost
+        self.is_spent = self.is_spent or (budget is not None and cost >= budget)
+
+    @property
+    def budget_message(self) -> str:
+        """Message that earlier sessions of the run have spent the budget."""
+        return (
+            f"the budget of {self.name}, {self.options.budget:g}, is spent: earlier sessions of this run "
+            f"cost {format_amount(self.earlier.cost)}"
+        )
+
+    @contextmanager
+    def prefix_errors(self) -> Iterator[None]:
+        """Prefix errors of the launcher with its name within this block."""
+        try:
+            yield
+        except LauncherError as error:
+            raise LauncherError(f"{self.name}: {error}") from error
+
+
+_CERTIFICATE_DAYS = 366
+"""Validity of the certificate, which serves one run."""
+TOOL = "tool"
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """Credentials of a client for a broker; None for what the broker does not require."""
+
+    username: str | None = None
+    password: str | None = field(default=None, repr=False)
+    authority: str | None = field(default=None, repr=False)
+    """PEM text."""
+    certificate: str | None = field(default=None, repr=False)
+    """The client's certificate as PEM text."""
+    key: str | None = field(default=None, repr=False)
+    """The client's private key as PEM text."""
+
+    @classmethod
+    def from_environment(cls, variables: "os._Environ[str] | dict[str, str]", label: str) -> Self:
+        """Read the credentials in Swarmwright's variables. Raises InputError that begins with `what`."""
+
+        def text(name: str) -> str | None:
+            file = variables.get(name)
+            if not file:
+                return None
+            try:
+                return Path(file).read_text(encoding="utf-8")
+            except (OSError, UnicodeDecodeError) as error:
+                raise InputError(f"{label}: {name}: {file} cannot be read: {error}") from error
+
+        password = variables.get("SWARMWRIGHT_PASSWORD") or None
+        if password is None:
+            lines = (text("SWARMWRIGHT_PASSWORD_FILE") or "").splitlines()
+            password = lines[0] if lines else None
+        username = variables.get("SWARMWRIGHT_USERNAME") or None
+        return cls(
+            username,
+            password,
+            text("SWARMWRIGHT_CA_FILE"),
+            text("SWARMWRIGHT_CERTIFICATE_FILE"),
+            text("SWARMWRIGHT_KEY_FILE"),
+        )
+
+
+@dataclass(frozen=True)
+class Access:
+    """A broker's address and credentials."""
+
+    address: str
+    """The address as seen from this process."""
+    tool: Credentials | None = None
+    """Credentials of this process; None to find them in the environment."""
+    servers: dict[str, Credentials] = field(default_factory=dict)
+    """Credentials of servers, by account."""
+    authority_file: str | None = None
+
+    def address_for(self, host: str | None) -> str:
+        """Return the address for servers that reach this machine as `host`."""
+        if host is None:
+            return self.address
+        parts = urlsplit(self.address)
+        location = f"[{host}]" if ":" in host else host
+        return f"{parts.scheme}://{location}:{parts.port}"
+
+    @property
+    def account(self) -> tuple[str, str, str] | None:
+        """User name, password and CA file of this process; None to find them in the environment."""
+        if self.tool is None:
+            return None
+        return self.tool.username or "", self.tool.password or "", self.authority_file or ""
+
+
+def find_own_address() -> str:
+    """Return the address of this machine's default route, or its host name without one."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # documentation address (RFC 5737); nothing is sent
+            return str(probe.getsockname()[0])
+        except OSError:
+            return socket.gethostname()
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host name or address refers to the local machine."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def start_embedded(
+    stack: ExitStack, hosts: Sequence[str], accounts: Sequence[str], *, port: int | None, prefix: str
+) -> Access:
+    """Start the embedded broker, which ends with the stack.
+
+    Args:
+        stack: ends it.
+        hosts: names by which servers reach this machine.
+        accounts: a name for each launcher.
+        port: None for any.
+        prefix: prefix of all topics.
+
+    Raises:
+        RunError: the port is taken.
+    """
+    if all(map(is_loopback, hosts)):
+        address, account = start_private(stack, port or 0)
+        credentials = Credentials(account.username, account.password)
+        return Access(address, servers=dict.fromkeys(accounts, credentials))
+    return _start_with_accounts(stack, hosts, accounts, port=port, prefix=prefix)
+
+
+def _start_with_accounts(
+    stack: ExitStack, hosts: Sequence[str], accounts: Sequence[str], *, port: int | None, prefix: str
+) -> Access:
+    allow_more_open_files()
+    folder = stack.enter_context(TemporaryFolder("broker"))
+    names = list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1"]))
+    with engine_errors("servers: broker_host: "):
+        authority, _, certificate, key = _engine.certificates(names, _CERTIFICATE_DAYS)
+    passwords = {name: create_account().password for name in (TOOL, *accounts)}
+    root = prefix.removesuffix("/")
+    rules = [Account(TOOL, "tool", root), *(Account(name, "server", root) for name in accounts)]
+    files = {
+        "access": format_access_rules(rules),
+        "ca.pem": authority,
+        "broker.pem": certificate,
+        "broker-key.pem": key,
+    }
+    for name, text in files.items():
+        (folder / name).touch(0o600)
+        (folder / name).write_text(text, encoding="utf-8")
+    with engine_errors():
+        broker = _engine.Broker(
+            "::" if any(":" in host for host in hosts) else "0.0.0.0",  # noqa: S104 - with TLS and passwords
+            port or 0,
+            accounts=list(passwords.items()),
+            access=str(folder / "access"),
+            certificate=str(folder / "broker.pem"),
+            key=str(folder / "broker-key.pem"),
+        )
+    stack.callback(broker.stop)
+    credentials = {name: Credentials(name, password, authority) for name, password in passwords.items()}
+    tool = credentials.pop(TOOL)
+    return Access(f"mqtts://127.0.0.1:{broker.port}", tool, credentials, str(folder / "ca.pem"))
+
 
 _log = logging.getLogger("swarmwright")
 

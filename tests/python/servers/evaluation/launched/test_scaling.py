@@ -1,6 +1,6 @@
 """The number of servers follows the work."""
 
-from swarmwright.servers.evaluation.launched.scaling import WORK_S, Load, Scaling, count_needed
+from swarmwright.servers.evaluation.launched.servers import WORK_S, Load, Scaling, count_needed
 
 
 def load(evaluations: int, seconds: float | None = 1.0) -> Load:

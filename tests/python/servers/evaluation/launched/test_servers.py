@@ -9,11 +9,10 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, RunError, _engine, optimize, resume
 from swarmwright.servers.broker.mosquitto import write_configuration
-from swarmwright.servers.evaluation.launched import scaling, servers
-from swarmwright.servers.evaluation.launched.access import start_embedded
-from swarmwright.servers.evaluation.launched.entry import Entry, LaunchedServer
+from swarmwright.servers.evaluation.launched import servers
+from swarmwright.servers.evaluation.launched.servers import Entry, LaunchedServer, start_embedded
 from swarmwright.servers.launchers import LAUNCHERS, Health, Specification
-from swarmwright.servers.server_use import ServerUse
+from swarmwright.servers.rows import ServerUse
 from tests.paced_simulation import written
 from tests.python.records import same_record
 
@@ -34,7 +33,7 @@ def experiment(folder: Path, generations: int, **options: Any) -> Experiment:
 def test_servers_join_while_there_is_work_and_leave_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scaling, "WORK_S", 1.0)
+    monkeypatch.setattr(servers, "WORK_S", 1.0)
     numbers: list[int] = []
     looked = servers.LaunchedServers._check_servers
 
