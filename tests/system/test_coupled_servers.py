@@ -9,10 +9,9 @@ import pytest
 
 from swarmwright import Experiment
 from swarmwright.export.simulation_fmu import LIBRARY, Address, build_model_fmu, proxy_model
-from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.instances import FmuError
 from swarmwright.simulations.fmu.program import Coupled
-from swarmwright.simulations.fmu.ssp import describe, read_system
+from swarmwright.simulations.fmu.ssp import describe, read_system, write_system
 from tests.conftest import ROOT
 from tests.data.coupled_parts import Battery, Vehicle
 from tests.system.brokers import BrokerProcess

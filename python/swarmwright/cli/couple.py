@@ -46,7 +46,7 @@ def command(
     and units of connections are checked.
     """
     from swarmwright.common.errors import InputError
-    from swarmwright.simulations.fmu.coupling import component_files, write_system
+    from swarmwright.simulations.fmu.ssp import component_files, write_system
 
     show_warnings()
     if target.suffix != ".ssp":

@@ -29,12 +29,12 @@ from swarmwright.simulations.user_code import changes
 from swarmwright.simulations.user_code.changes import (
     choose,
     format_difference,
+    is_other,
     read_current,
     shorten_path,
     summarize_changes,
 )
 from swarmwright.simulations.user_code.copying import FOLDER, CopiedPart, Copy, compute_digest, with_files
-from swarmwright.simulations.user_code.in_process import is_other
 from swarmwright.simulations.user_code.parts import (
     SECTIONS,
     Part,

@@ -28,7 +28,7 @@ from swarmwright.common.problems import FieldError, problems_of
 from swarmwright.simulations.command.definition import Command
 from swarmwright.simulations.command.process import resolve_word
 from swarmwright.simulations.command.ros_definition import Area, Interval, Pose, Reduce
-from swarmwright.simulations.ros.reductions import FUNCTIONS
+from swarmwright.simulations.ros.expression import FUNCTIONS
 
 
 class Device(Options):

@@ -79,8 +79,7 @@ def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whos
 
 @cache
 def _describe_class(kind: Any) -> Any:  # noqa: ANN401 - as above
-    from swarmwright.simulations.description import find_misspelt_attributes
-    from swarmwright.simulations.host import Host
+    from swarmwright.simulations.host import Host, find_misspelt_attributes
 
     description = Host(kind).description
     for text in find_misspelt_attributes(kind):
@@ -218,7 +217,7 @@ def _description_with(simulation: str, parameters: dict[str, Any]) -> Any:  # no
     given_parameters = {name: value for name, value in parameters.items() if name != "seed"}
     if not given_parameters or not hasattr(kind, "configure"):
         return _describe_class(kind)
-    from swarmwright.simulations.description import describe
+    from swarmwright.simulations.host import describe
 
     made_with = kind()
     try:

@@ -13,8 +13,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import MISSIONS
 from swarmwright.simulations.base import BatchSimulation, Simulation
 from swarmwright.simulations.calls import Calls, check_methods, summarize
-from swarmwright.simulations.description import check_determinism
-from swarmwright.simulations.host import Host
+from swarmwright.simulations.host import Host, check_determinism
 
 
 @dataclass(frozen=True)

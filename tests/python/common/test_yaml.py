@@ -63,7 +63,7 @@ def test_scalars(text: str, value: object) -> None:
 
 
 def test_long_words_are_written_at_once() -> None:
-    values = {"simulation": "swarmwright.simulations.mujoco._quadrotors:Quadrotors" + "a" * 200 + "!"}
+    values = {"simulation": "swarmwright.simulations.mujoco._robots:Quadrotors" + "a" * 200 + "!"}
     assert parse(dump(values), "x.yaml").values == values
 
 

@@ -22,9 +22,8 @@ from swarmwright.export.exporting import export_controller
 from swarmwright.export.fmu_parts import name_variables
 from swarmwright.export.simulation_fmu import LIBRARY, Model, build_simulation_fmu
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.program import Coupled
-from swarmwright.simulations.fmu.ssp import describe, read_system
+from swarmwright.simulations.fmu.ssp import describe, read_system, write_system
 from tests.fmus import Driven, driving
 
 pytestmark = [

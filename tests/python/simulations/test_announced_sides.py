@@ -9,8 +9,7 @@ from swarmwright import Experiment, InputError, Side
 from swarmwright.common.groups import DeclaredSide
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.base import Group
-from swarmwright.simulations.description import describe
-from swarmwright.simulations.host import Host
+from swarmwright.simulations.host import Host, describe
 from tests.python.simulations.pursuit import Pursuit
 
 

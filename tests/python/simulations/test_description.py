@@ -10,7 +10,7 @@ import pytest
 from swarmwright import Episodes, Experiment, InputError, Parameter, Simulation
 from swarmwright.common.simulation_names import is_python
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.description import describe, find_misspelt_attributes
+from swarmwright.simulations.host import describe, find_misspelt_attributes
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import make_absolute, name_of
 from swarmwright.simulations.parameters import fill_parameters, parse_parameters

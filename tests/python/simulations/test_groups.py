@@ -23,8 +23,7 @@ from swarmwright import (
 from swarmwright.common.errors import SimulationError
 from swarmwright.controllers.figures import figure
 from swarmwright.runs.replay import Replay
-from swarmwright.simulations.description import describe
-from swarmwright.simulations.host import Host
+from swarmwright.simulations.host import Host, describe
 from tests.python.records import same_record
 from tests.python.simulations.pursuit import Pursuit
 

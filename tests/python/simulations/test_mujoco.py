@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from swarmwright import Experiment, InputError, optimize, simulate
 from swarmwright.runs import mujoco_film as film
-from swarmwright.simulations.description import describe
+from swarmwright.simulations.host import describe
 from swarmwright.simulations.mujoco import Quadrotors, Rovers
 from swarmwright.simulations.mujoco._robots import Arena
 from tests.python.records import same_record

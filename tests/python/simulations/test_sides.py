@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from swarmwright import Group, InputError, Side
 from swarmwright.common.groups import DeclaredSide
 from swarmwright.simulations.base import check_sides
-from swarmwright.simulations.description import describe
+from swarmwright.simulations.host import describe
 from tests.python.simulations.pursuit import Pursuit
 
 GROUPS = {name: Group(1, 1, 1) for name in ("red", "blue", "ball boys")}

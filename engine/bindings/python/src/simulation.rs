@@ -75,7 +75,7 @@ pub struct Hosted {
     controller: Option<String>,
 }
 
-/// Whether an episode can be repeated; `swarmwright/simulations/description.py` has checked the name.
+/// Whether an episode can be repeated; `swarmwright/simulations/host.py` has checked the name.
 pub fn determinism(host: &Bound<'_, PyAny>) -> PyResult<Determinism> {
     let name: Option<String> = host.getattr("determinism")?.extract()?;
     Ok(match name.as_deref() {

@@ -54,7 +54,7 @@ from swarmwright.runs.validation import validate
 from swarmwright.servers.evaluation.base import BROKERLESS, Backend, Progress, Servers, resolve_servers
 from swarmwright.servers.rows import NOTHING_LEFT
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.user_code.in_process import fingerprints, warn_of_edits
+from swarmwright.simulations.user_code.changes import fingerprints, warn_of_edits
 from swarmwright.simulations.user_code.parts import SECTIONS, distributions
 
 __all__ = ["Generation", "optimize", "resume"]

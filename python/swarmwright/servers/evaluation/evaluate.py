@@ -44,7 +44,7 @@ from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.opening import is_here, open_backend
 from swarmwright.servers.rows import Journal
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.user_code.in_process import warn_of_edits
+from swarmwright.simulations.user_code.changes import warn_of_edits
 from swarmwright.simulations.user_code.parts import read_simulation
 
 

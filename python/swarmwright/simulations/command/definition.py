@@ -31,7 +31,7 @@ from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.yaml import Path_, format_path
 from swarmwright.simulations.command import work_files
-from swarmwright.simulations.ros.reductions import FUNCTIONS
+from swarmwright.simulations.ros.expression import FUNCTIONS
 
 _FORM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\(\s*(.+?)\s*\))?\s*")
 

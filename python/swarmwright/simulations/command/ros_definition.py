@@ -14,10 +14,10 @@ from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean, suggest_or_list
 from swarmwright.common.yaml import Path_, format_path
 from swarmwright.simulations.command.definition import Choices, Command, CommandOptions, Definition
+from swarmwright.simulations.ros.expression import FUNCTIONS
 from swarmwright.simulations.ros.fields import READERS, STATES, WRITERS, SameFieldError, reader, writers
 from swarmwright.simulations.ros.mapping import MappingError, choice, read_mapping, short_type
 from swarmwright.simulations.ros.names import namespace_of, resolve
-from swarmwright.simulations.ros.reductions import FUNCTIONS
 
 
 def problems(options: "RosOptions") -> list[tuple[Path_, str]]:

@@ -36,8 +36,7 @@ from swarmwright.simulations.fmu.ssp import (
     find_variable,
     read_system,
 )
-from swarmwright.simulations.ros.expression import Expression
-from swarmwright.simulations.ros.reductions import FUNCTIONS, mean
+from swarmwright.simulations.ros.expression import FUNCTIONS, Expression, mean
 
 PATIENCE_S = 1.0
 """Seconds of waiting for a component after which a message is printed."""

@@ -11,9 +11,6 @@ from swarmwright.simulations.mujoco._library import load as _load
 undrawable = _load()
 """Exception that explains why MuJoCo cannot draw on this machine; None if it can."""
 
-from swarmwright.simulations.mujoco._missions import Missions  # noqa: E402
-from swarmwright.simulations.mujoco._quadrotors import Quadrotors  # noqa: E402
-from swarmwright.simulations.mujoco._robots import Robots  # noqa: E402
-from swarmwright.simulations.mujoco._rovers import Rovers  # noqa: E402
+from swarmwright.simulations.mujoco._robots import Missions, Quadrotors, Robots, Rovers  # noqa: E402
 
 __all__ = ["Missions", "Quadrotors", "Robots", "Rovers"]

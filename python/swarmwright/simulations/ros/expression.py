@@ -11,7 +11,32 @@ import math
 import operator
 import tokenize
 import warnings
-from typing import Any, Callable, Mapping
+from typing import Any, Callable, Mapping, Sequence
+
+
+def mean(values: Sequence[float]) -> float:
+    """Return the mean."""
+    return math.fsum(values) / len(values)
+
+
+def std(values: Sequence[float]) -> float:
+    """Return the population standard deviation."""
+    center = mean(values)
+    return math.sqrt(math.fsum((value - center) * (value - center) for value in values) / len(values))
+
+
+FUNCTIONS: dict[str, Callable[[Sequence[float]], float]] = {
+    "last": lambda values: values[-1],
+    "first": lambda values: values[0],
+    "mean": mean,
+    "sum": math.fsum,
+    "min": min,
+    "max": max,
+    "std": std,
+    "count": lambda values: float(len(values)),
+}
+"""Reductions of at least one value, by name."""
+
 
 _BINARY: dict[type, Callable[[float, float], float]] = {
     ast.Add: operator.add,

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Experiment, optimize
-from swarmwright.servers.evaluation.missing_audits import MissingAudits
 from swarmwright.servers.evaluation.reports import listening
+from swarmwright.servers.evaluation.through_broker import MissingAudits
 from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from swarmwright import Experiment, Group, InputError, Side, optimize
 from swarmwright.common.errors import SimulationError
 from swarmwright.simulations.attached import load_adapter
-from swarmwright.simulations.description import describe
+from swarmwright.simulations.host import describe
 from swarmwright.simulations.pettingzoo import PettingZoo
 from tests.python.records import same_record
 

@@ -11,9 +11,8 @@ from swarmwright import Experiment, optimize
 from swarmwright.export import EXPORTERS
 from swarmwright.export.exporting import write
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.fmu.coupling import write_system
 from swarmwright.simulations.fmu.program import Coupled
-from swarmwright.simulations.fmu.ssp import Linear, describe, read_system
+from swarmwright.simulations.fmu.ssp import Linear, describe, read_system, write_system
 from tests.python.export.specifications import ALL, subject
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from swarmwright.simulations.ros.dds import Dds
-from swarmwright.simulations.ros.feeds import Feeds, Value
+from swarmwright.simulations.ros.episodes import Feeds, Value
 from swarmwright.simulations.ros.mapping import SensorMapping, TopicField
 from tests.python.simulations.ros.conversation import until
 from tests.python.simulations.ros.network import environment

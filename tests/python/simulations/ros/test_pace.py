@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmwright.simulations.ros.pace import Pace
+from swarmwright.simulations.ros.episodes import Pace
 
 
 def paced(duration: float, *times: float) -> Pace:

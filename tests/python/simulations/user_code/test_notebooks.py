@@ -12,7 +12,7 @@ SESSION = """
 import numpy as np
 import swarmwright
 from swarmwright import Experiment, InputError, Run, Simulation, optimize, post_evaluate, resume
-from swarmwright.simulations.user_code.in_process import fingerprint
+from swarmwright.simulations.user_code.changes import fingerprint
 
 def define(value, helper="return 1.0"):
     exec(f'''

@@ -1,6 +1,9 @@
-"""Traffic in SUMO: vehicles that controllers accelerate, or traffic lights that controllers change.
+"""Traffic in SUMO as a swarm: vehicles, or traffic lights, are the agents.
 
-The files of a configuration are checked first, because SUMO exits at a network that is not XML.
+`simulation: swarmwright.simulations.sumo:Vehicles`, or `:TrafficLights`, with `parameters: {config:
+town.sumocfg}`. SUMO runs in the same process (libsumo), `pip install 'swarmwright[sumo]'`.
+
+Source: Alvarez Lopez et al., Microscopic Traffic Simulation using SUMO, ITSC 2018, https://sumo.dlr.de.
 """
 
 import contextlib
