@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._log import Log, log_options
+from swarmwright.cli._observing import Log, log_options
 from swarmwright.cli._options import ExistingPath, WholeNumber, json_option, topic_prefix
 from swarmwright.cli._output import Output
 from swarmwright.common.errors import InputError

@@ -13,8 +13,7 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._log import Log
-from swarmwright.cli._observing import ObserverOptions, observe_options, observe_servers
+from swarmwright.cli._observing import Log, ObserverOptions, observe_options, observe_servers
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._signals import Terminated
 from swarmwright.experiment.broker_address import DEFAULT_BROKER

@@ -100,7 +100,7 @@ def test_commands_print_by_the_functions_that_escape() -> None:
     folder = Path(swarmwright.cli.__file__).parent
     # The command line's reference is written from what is ours alone; `replay` draws what it has computed.
     allowed = {("_reference.py", "print"), ("replay.py", "sys.stdout"), ("_main.py", "sys.stdout")}
-    allowed |= {("_main.py", "sys.stderr"), ("_log.py", "sys.stderr")}
+    allowed |= {("_main.py", "sys.stderr"), ("_observing.py", "sys.stderr")}
     found = set()
     for file in sorted(folder.glob("*.py")):
         if file.name in {"_output.py", "_console.py"}:

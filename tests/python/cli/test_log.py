@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from swarmwright import InputError
-from swarmwright.cli._log import Log
+from swarmwright.cli._observing import Log
 from tests.python.cli.test_services import events
 
 QUICK = "simulation: minisim\nmethod: {kind: random_search, population: 12, generations: 3}\nseed: 3\n"
