@@ -261,11 +261,9 @@ _MODULES = ("__init__", "dds_node", "exported", "rclpy_node")
 _COPIED = (
     "control",
     "dds",
-    "dds_messages",
     "fields",
     "mapping",
     "middleware",
-    "names",
     "rclpy_middleware",
     "topics",
 )

@@ -31,7 +31,7 @@ from swarmwright.controllers.source.text import MARK, check_prefix
 from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.export._base import Files, render
-from swarmwright.export.fmu_parts import (
+from swarmwright.export.fmu import (
     add_range,
     add_units,
     format_xml,

@@ -18,8 +18,7 @@ from swarmwright.controllers.controller import Controller
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.run import Run
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.mujoco import undrawable
-from swarmwright.simulations.mujoco._library import cannot_draw
+from swarmwright.simulations.mujoco import cannot_draw, undrawable
 from swarmwright.simulations.mujoco._robots import Robots
 from swarmwright.simulations.parameters import fill_parameters, parse_parameters
 

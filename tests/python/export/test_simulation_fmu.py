@@ -19,7 +19,7 @@ from swarmwright import Experiment, InputError, _engine, optimize
 from swarmwright.cli._commands import program
 from swarmwright.export import simulation_fmu as module
 from swarmwright.export.exporting import export_controller
-from swarmwright.export.fmu_parts import name_variables
+from swarmwright.export.fmu import name_variables
 from swarmwright.export.simulation_fmu import LIBRARY, Model, build_simulation_fmu
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.fmu.program import Coupled

@@ -555,16 +555,10 @@ def format_page(
     return _fill_template(data, caption, looks)
 
 
-def pack_page(
-    shows: Recording | Sequence[Part],
-    *,
-    caption: Caption,
-    speed: float = 1.0,
-    shown: Shown | None = None,
-) -> bytes:
+def pack_page(shows: Recording | Sequence[Part], *, caption: Caption) -> bytes:
     """Return an episode for a page of `format_player`. Arguments as of `format_page`."""
     parts = [Part(shows)] if isinstance(shows, Recording) else shows
-    data, looks = page_data(parts, speed=speed, shown=shown or Shown())
+    data, looks = page_data(parts, speed=1.0, shown=Shown())
     style = format_css(looks.custom_colors) if looks.custom_colors else ""
     return to_bytes({**data, **_caption_data(data, caption), "style": style})
 
@@ -579,9 +573,9 @@ def format_picture_page(recording: "PictureRecording", *, caption: Caption, spee
     return _fill_template(picture_data(recording, speed=speed), caption, Looks(()))
 
 
-def pack_picture_page(recording: "PictureRecording", *, caption: Caption, speed: float = 1.0) -> bytes:
+def pack_picture_page(recording: "PictureRecording", *, caption: Caption) -> bytes:
     """Return an episode of pictures for a page of `format_player`."""
-    data = picture_data(recording, speed=speed)
+    data = picture_data(recording, speed=1.0)
     return to_bytes({**data, **_caption_data(data, caption)})
 
 

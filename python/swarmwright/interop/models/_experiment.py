@@ -23,8 +23,16 @@ from swarmwright.experiment.start_from import make_entry
 from swarmwright.experiment.validation import check
 from swarmwright.interop.models._files import list_files
 from swarmwright.interop.models._files import load as load_part
-from swarmwright.interop.models._names import SimulationParameters, find_title
-from swarmwright.interop.models._parts import Location, Member, OptimisedParameter, Part, Problems, Property
+from swarmwright.interop.models._parts import (
+    Location,
+    Member,
+    OptimisedParameter,
+    Part,
+    Problems,
+    Property,
+    SimulationParameters,
+    find_title,
+)
 from swarmwright.methods import METHODS
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import make_absolute, make_relative

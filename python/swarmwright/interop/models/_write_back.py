@@ -18,8 +18,7 @@ from swarmwright.export.subject import Subject, load_subject
 from swarmwright.interop.models import json_source, sysml
 from swarmwright.interop.models._files import list_files
 from swarmwright.interop.models._files import load as load_part
-from swarmwright.interop.models._names import SimulationParameters
-from swarmwright.interop.models._parts import OptimisedParameter, Part
+from swarmwright.interop.models._parts import OptimisedParameter, Part, SimulationParameters
 from swarmwright.runs.run import Run, open_run
 
 CANDIDATE = "candidate.json"

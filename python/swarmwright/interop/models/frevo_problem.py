@@ -6,8 +6,7 @@ Modelio's CPSwarm modules write such a file for the problem of a model; FREVO ha
 from pathlib import Path
 
 from swarmwright.common.xml import Element, read
-from swarmwright.interop.models._names import parse_integer, parse_number
-from swarmwright.interop.models._parts import Location, Part, Problems, Property
+from swarmwright.interop.models._parts import Location, Part, Problems, Property, parse_integer, parse_number
 
 ROOTS = ("icomponent",)
 WORDS = "a FREVO problem description (<icomponent>)"

@@ -7,8 +7,7 @@ CPSwarm module and read by the launcher of the CPSwarm workbench.
 from pathlib import Path
 
 from swarmwright.common.xml import read
-from swarmwright.interop.models._names import parse_integer
-from swarmwright.interop.models._parts import Location, Member, Part, Problems
+from swarmwright.interop.models._parts import Location, Member, Part, Problems, parse_integer
 
 ROOTS = ("swarm", "SwarmComposition", "Swarm")
 WORDS = "a SwarmComposition (<Swarm> with <SwarmMember>)"

@@ -17,7 +17,7 @@ from swarmwright.simulations.command.definition import Choices, Command, Command
 from swarmwright.simulations.ros.expression import FUNCTIONS
 from swarmwright.simulations.ros.fields import READERS, STATES, WRITERS, SameFieldError, reader, writers
 from swarmwright.simulations.ros.mapping import MappingError, choice, read_mapping, short_type
-from swarmwright.simulations.ros.names import namespace_of, resolve
+from swarmwright.simulations.ros.middleware import namespace_of, resolve
 
 
 def problems(options: "RosOptions") -> list[tuple[Path_, str]]:

@@ -228,8 +228,7 @@ def _node(definition: Mapping[str, Any]) -> Middleware:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             time_of = Parameter("use_sim_time", value=simulated)
             return Rclpy(Node(name, parameter_overrides=[time_of]))
-        from .dds import Dds
-        from .dds_messages import define
+        from .dds import Dds, define
 
         define(MESSAGES, SERVICES)
         return Dds(name, use_sim_time=simulated)

@@ -10,8 +10,7 @@ from typing import Any, Callable, Iterator, Mapping, Sequence
 from .expression import FUNCTIONS, Expression
 from .fields import binary32, describe_missing_value, number_reader
 from .mapping import SensorMapping, TopicField, read_mapping, resolve_topics
-from .middleware import Middleware
-from .names import namespace_of, resolve
+from .middleware import Middleware, namespace_of, resolve
 from .simulation_interfaces import Simulation
 from .topics import Outputs
 

@@ -10,8 +10,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from .mapping import short_type
-from .middleware import MiddlewareError
-from .names import resolve
+from .middleware import MiddlewareError, resolve
 
 _SLICE_S = 0.1
 

@@ -71,7 +71,7 @@ SERVICES = {
     ),
     "simulation_interfaces/StepSimulation": ("uint64 steps 1", _RESULT),
 }
-"""The published definitions, in the notation of `dds_messages`."""
+"""The published definitions, in the notation of `dds.define`."""
 
 
 class SimulationError(Exception):

@@ -10,7 +10,7 @@ from swarmwright import InputError, evaluate
 from swarmwright.interop import models
 from swarmwright.interop.models._experiment import Model, Parameters
 from swarmwright.interop.models._files import load as load_part
-from swarmwright.interop.models._names import SimulationParameters
+from swarmwright.interop.models._parts import SimulationParameters
 from swarmwright.simulations.names import make_absolute
 from tests.python.interop.models.conftest import Edited
 

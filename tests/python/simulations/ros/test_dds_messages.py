@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright.simulations.ros.dds_messages import MESSAGES, SERVICES, message_type, new, service_types
+from swarmwright.simulations.ros.dds import MESSAGES, SERVICES, message_type, new, service_types
 from tests.python.simulations.ros.definitions import DISTRIBUTIONS, decoded, drawn, encoded, plain, store
 
 

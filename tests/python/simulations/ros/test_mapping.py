@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright.simulations.ros.mapping import MappingError, format_value, read_mapping, resolve_topics
-from swarmwright.simulations.ros.names import namespace_of, resolve
+from swarmwright.simulations.ros.middleware import namespace_of, resolve
 from swarmwright.simulations.ros.topics import Generator, Inputs
 from tests.python.simulations.ros.conversation import on_wheels
 from tests.python.simulations.ros.mistakes import ACTUATORS, IN_THE_FILE, MAPPING, SENSORS, changed

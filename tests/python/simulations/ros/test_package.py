@@ -11,7 +11,6 @@ MODULES = sorted(FOLDER.glob("*.py"))
 MIDDLEWARE = {
     "attaching": {"rclpy"},
     "dds": {"cyclonedds"},
-    "dds_messages": {"cyclonedds"},
     "rclpy_middleware": {"rclpy"},
     "rospy_middleware": {"rosgraph", "roslib", "rospy"},
 }

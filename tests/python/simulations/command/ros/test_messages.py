@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from rosbags.typesys import get_types_from_msg
 
-from swarmwright.simulations.ros.dds_messages import define, message_type, new, service_types
+from swarmwright.simulations.ros.dds import define, message_type, new, service_types
 from swarmwright.simulations.ros.simulation_interfaces import MESSAGES, SERVICES
 from tests.python.simulations.ros.definitions import drawn, encoded, plain, store
 
