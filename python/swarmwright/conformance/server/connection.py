@@ -470,43 +470,30 @@ def _short(value: float) -> str:
     return f"{value:,.0f}" if value >= 10 else f"{value:.2g}"
 
 
-@rule(
-    "S12.1",
-    "Stepwise: episodes and steps per second (measured, not judged).",
-    where="explanation/performance.md",
-    fix="switch Nagle's algorithm off (TCP_NODELAY)",
-    needs=["S2.8"],
-    seconds=60,
+_MODES = (
+    ("S12.1", "stepwise", "switch Nagle's algorithm off (TCP_NODELAY)", "S2.8"),
+    ("S12.2", "batched", "step the episodes of a batch side by side", "S10.1"),
+    ("S12.3", "offloaded", "evaluate the candidates of a request without messages in between", "S9.1"),
 )
-def stepwise(server: Server) -> str:
-    """Play layered networks, one episode after the other, as an optimization tool would."""
-    return _measure(server, "stepwise")
+"""For each mode: the id of its rule, advice, and the rule that it needs."""
 
 
-@rule(
-    "S12.2",
-    "Batched: episodes and steps per second (measured, not judged).",
-    where="explanation/performance.md",
-    fix="step the episodes of a batch side by side",
-    needs=["S10.1"],
-    seconds=60,
-)
-def measure_batched(server: Server) -> str:
-    """Play batches of layered networks."""
-    return _measure(server, "batched")
+def _register_mode(number: str, mode: str, advice: str, need: str) -> None:
+    @rule(
+        number,
+        f"{mode.capitalize()}: episodes and steps per second (measured, not judged).",
+        where="explanation/performance.md",
+        fix=advice,
+        needs=[need],
+        seconds=60,
+    )
+    def _measure_mode(server: Server) -> str:
+        """Evaluate layered networks in a mode, as an optimization tool would."""
+        return _measure(server, mode)
 
 
-@rule(
-    "S12.3",
-    "Offloaded: episodes and steps per second (measured, not judged).",
-    where="explanation/performance.md",
-    fix="evaluate the candidates of a request without messages in between",
-    needs=["S9.1"],
-    seconds=60,
-)
-def measure_offloaded(server: Server) -> str:
-    """Evaluate layered networks offloaded."""
-    return _measure(server, "offloaded")
+for _row in _MODES:
+    _register_mode(*_row)
 
 
 @rule(

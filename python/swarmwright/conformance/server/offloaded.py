@@ -242,13 +242,6 @@ def properties(server: Server) -> None:
         )
 
 
-def _must_equal_stepwise(server: Server, kind: str, **options: str) -> str:
-    must_announce_kind(server, kind)
-    server.comparable()
-    _ = server.reference
-    return _must_have_stepwise_fitness(server, controller_set(server, kind, CANDIDATES, **options))
-
-
 def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> str:
     """Raise Failure unless all candidates have their stepwise fitness; return how many values differ."""
     fitness = numbers(request_fitness(server, evaluation(server, controllers, SEEDS)), "fitness", "<f8")
@@ -267,107 +260,76 @@ def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> s
     return f"{len(set(fitness.tolist()))} different values"
 
 
-@rule(
-    "S9.3",
-    "Layered networks give their stepwise fitness, to the last bit.",
-    where="decision 002",
-    fix="compute in binary32 in the order of decision 002; map output o to the actuator o for "
-    "output_range [-1, 1], 2 * o - 1 for [0, 1], else (o - lo) / (hi - lo) * 2 - 1, and NaN to 0; "
-    "replay protocol/vectors/controllers.json",
-    needs=["S9.1", "S3.2"],
+_KINDS: tuple[tuple[str, str, str, dict[str, str], str], ...] = (
+    (
+        "S9.3",
+        "Layered networks",
+        "layered",
+        {},
+        (
+            "compute in binary32 in the order of decision 002; map output o to the actuator o for "
+            "output_range [-1, 1], 2 * o - 1 for [0, 1], else (o - lo) / (hi - lo) * 2 - 1, and NaN to 0"
+        ),
+    ),
+    ("S9.4", "Fully meshed networks", "fully_meshed", {}, "reset every agent's nodes at the start"),
+    ("S9.5", "Finite-state machines", "mealy_fsm", {}, "reset every agent's state at the start"),
+    (
+        "S9.15",
+        "EvoStick's networks",
+        "evostick",
+        {},
+        "use the logistic function of 4.924273 times the sum, bias last, mapped to -1..1",
+    ),
+    (
+        "S9.18",
+        "Networks with Hebbian learning",
+        "hebbian",
+        {},
+        "start with the genome's weights, learn in binary64, keep a node's weight to itself",
+    ),
+    (
+        "S9.19",
+        "NEAT's networks",
+        "neat",
+        {},
+        "compute in binary64 with the e^x of decision 002, node by node, and keep the outputs in binary64",
+    ),
+    (
+        "S9.16",
+        "Machines of modules",
+        "modules",
+        {},
+        "take random numbers from the ninth sensor alone; make no transition in the step that enters a state",
+    ),
+    (
+        "S9.17",
+        "Behaviour trees of modules",
+        "modules",
+        {"form": "tree"},
+        "continue the subtree of the last step, and stop for a step after the last one",
+    ),
 )
-def evaluates_layered(server: Server) -> str:
-    """Evaluate three candidates with two seeds."""
-    return _must_equal_stepwise(server, "layered")
+"""For each kind of controller: the id of its rule, its name, its options, and advice."""
 
 
-@rule(
-    "S9.4",
-    "Fully meshed networks give their stepwise fitness, to the last bit.",
-    where="decision 002",
-    fix="reset every agent's nodes at the start; replay protocol/vectors/controllers.json",
-    needs=["S9.1", "S3.2"],
-)
-def fully_meshed(server: Server) -> str:
-    """Evaluate three candidates with two seeds."""
-    return _must_equal_stepwise(server, "fully_meshed")
+def _register_kind(number: str, words: str, kind: str, options: Mapping[str, str], advice: str) -> None:
+    @rule(
+        number,
+        f"{words} give their stepwise fitness, to the last bit.",
+        where="decision 002",
+        fix=f"{advice}; replay protocol/vectors/controllers.json",
+        needs=["S9.1", "S3.2"],
+    )
+    def _equals_stepwise(server: Server) -> str:
+        """Evaluate three candidates with two seeds."""
+        must_announce_kind(server, kind)
+        server.comparable()
+        _ = server.reference
+        return _must_have_stepwise_fitness(server, controller_set(server, kind, CANDIDATES, **options))
 
 
-@rule(
-    "S9.5",
-    "Finite-state machines give their stepwise fitness, to the last bit.",
-    where="decision 002",
-    fix="reset every agent's state at the start; replay protocol/vectors/controllers.json",
-    needs=["S9.1", "S3.2"],
-)
-def mealy_fsm(server: Server) -> str:
-    """Evaluate three candidates with two seeds."""
-    return _must_equal_stepwise(server, "mealy_fsm")
-
-
-@rule(
-    "S9.15",
-    "EvoStick's networks give their stepwise fitness, to the last bit.",
-    where="decision 002",
-    fix="use the logistic function of 4.924273 times the sum, bias last, mapped to -1..1; replay "
-    "protocol/vectors/controllers.json",
-    needs=["S9.1", "S3.2"],
-)
-def evostick(server: Server) -> str:
-    """Evaluate three candidates with two seeds."""
-    return _must_equal_stepwise(server, "evostick")
-
-
-@rule(
-    "S9.18",
-    "Networks with Hebbian learning give their stepwise fitness, to the last bit.",
-    where="decision 002",
-    fix="start with the genome's weights, learn in binary64, keep a node's weight to itself; replay "
-    "protocol/vectors/controllers.json",
-    needs=["S9.1", "S3.2"],
-)
-def hebbian(server: Server) -> str:
-    """Evaluate three candidates with two seeds."""
-    return _must_equal_stepwise(server, "hebbian")
-
-
-@rule(
-    "S9.19",
-    "NEAT's networks give their stepwise fitness, to the last bit.",
-    where="decision 002",
-    fix="compute in binary64 with the e^x of decision 002, node by node, and keep the outputs in "
-    "binary64; replay protocol/vectors/controllers.json",
-    needs=["S9.1", "S3.2"],
-)
-def neat(server: Server) -> str:
-    """Evaluate three candidates with two seeds."""
-    return _must_equal_stepwise(server, "neat")
-
-
-@rule(
-    "S9.16",
-    "Machines of modules give their stepwise fitness, to the last bit.",
-    where="decision 002",
-    fix="take random numbers from the ninth sensor alone; make no transition in the step that enters a "
-    "state; replay protocol/vectors/controllers.json",
-    needs=["S9.1", "S3.2"],
-)
-def machines(server: Server) -> str:
-    """Evaluate three candidates with two seeds."""
-    return _must_equal_stepwise(server, "modules")
-
-
-@rule(
-    "S9.17",
-    "Behaviour trees of modules give their stepwise fitness, to the last bit.",
-    where="decision 002",
-    fix="continue the subtree of the last step, and stop for a step after the last one; replay "
-    "protocol/vectors/controllers.json",
-    needs=["S9.1", "S3.2"],
-)
-def trees(server: Server) -> str:
-    """Evaluate three candidates with two seeds."""
-    return _must_equal_stepwise(server, "modules", form="tree")
+for _row in _KINDS:
+    _register_kind(*_row)
 
 
 @rule(
