@@ -517,10 +517,12 @@ experiment_prefix_option: Decorator = click.option(
 """`--prefix P` of commands that have an experiment, which may name a prefix itself."""
 
 
-def experiment_broker_options(
-    text: str = "Use the servers on this broker. Default: the experiment's, SWARMWRIGHT_BROKER, or a private "
-    "one.",
-) -> Decorator:
+_SERVERS_OF_EXPERIMENT = (
+    "Use the servers on this broker. Default: the experiment's, SWARMWRIGHT_BROKER, or a private one."
+)
+
+
+def experiment_broker_options(text: str = _SERVERS_OF_EXPERIMENT) -> Decorator:
     """Add `--broker URL`, with this help, and `--prefix P` to a command that has an experiment."""
     return combine_options(broker_option(default=None, text=text), experiment_prefix_option)
 
@@ -611,6 +613,18 @@ def server_output_option(command: Any) -> Any:  # noqa: ANN401 - click's decorat
         help=f"At the end, show the last {LINES} output lines of local servers on standard error.",
     )
     return option(command)
+
+
+def seed_option(text: str) -> Decorator:
+    """Add `--seed S`, the first simulation seed, with this help."""
+    return click.option("--seed", type=WholeNumber(min=0, max=2**62), metavar="S", help=text)
+
+
+def evaluation_options(text: str = _SERVERS_OF_EXPERIMENT) -> Decorator:
+    """Add what commands that evaluate controllers share: the broker, with this help, servers, trust, JSON."""
+    return combine_options(
+        experiment_broker_options(text), servers_option, server_output_option, trust_option, json_option
+    )
 
 
 def episodes_options(figure: str, table: str) -> Decorator:

@@ -32,23 +32,16 @@ from swarmwright.cli._output import Output, show_warnings
     show_default=True,
     help="Number of episodes.",
 )
-@click.option(
-    "--seed",
-    type=options.WholeNumber(min=0, max=2**62),
-    metavar="S",
-    help="Simulation seed of the first episode; the others count up. Default: held-out seeds that neither "
-    "run used.",
+@options.seed_option(
+    "Simulation seed of the first episode; the others count up. Default: held-out seeds that neither "
+    "run used."
 )
 @options.set_option("Override a value of the experiment: parameters.maxSteps=40, ranking.failed=0.")
 @options.episodes_options(
     "Draw the episodes of both and their differences: .png, .svg or .pdf.",
     "Write every episode as a table: seed, first, second, difference.",
 )
-@options.experiment_broker_options()
-@options.servers_option
-@options.server_output_option
-@options.trust_option
-@options.json_option
+@options.evaluation_options()
 def command(
     first: str,
     second: str,

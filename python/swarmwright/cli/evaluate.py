@@ -49,12 +49,9 @@ NOT_EVALUATED = (
     type=options.WholeNumber(min=1, max=10_000_000),
     help="Evaluate in N episodes on seeds outside the record. Default with --seed: 100.",
 )
-@click.option(
-    "--seed",
-    type=options.WholeNumber(min=0, max=2**62),
-    metavar="S",
-    help="Simulation seed of the first episode; the others count up. Default: the held-out seeds of the "
-    "run's validation; give S for fresh seeds.",
+@options.seed_option(
+    "Simulation seed of the first episode; the others count up. Default: the held-out seeds of the "
+    "run's validation; give S for fresh seeds."
 )
 @click.option(
     "--curve",

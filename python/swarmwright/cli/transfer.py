@@ -1,6 +1,7 @@
 """`swarmwright transfer`: what candidates lose in other simulations."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -33,7 +34,6 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--pseudo-reality",
-    "pseudo_reality",
     is_flag=True,
     help="Vary the noise of the arena's e-pucks around their reference model: drive 0..0.15, proximity "
     "and ground 0..0.1, light 0..0.9, message loss 0.8..0.95.",
@@ -61,40 +61,26 @@ from swarmwright.cli._output import Output, show_warnings
     show_default=True,
     help="Episodes of each candidate in each simulation, on the same held-out seeds.",
 )
-@click.option(
-    "--seed",
-    type=options.WholeNumber(min=0, max=2**62),
-    metavar="S",
-    help="First simulation seed; the others count up. Default: those of the runs' validations; give S for "
-    "fresh seeds.",
+@options.seed_option(
+    "First simulation seed; the others count up. Default: those of the runs' validations; give S for "
+    "fresh seeds."
 )
 @options.episodes_options(
     "Draw fitness in the other simulation (y) over that in the run's own (x): .png, .svg or .pdf.",
     "Write every episode as a table.",
 )
-@options.experiment_broker_options(
+@options.evaluation_options(
     "Use the servers on this broker where the runs used one, and for simulations that only a server offers. "
     "Default: the runs'."
 )
-@options.servers_option
-@options.server_output_option
-@options.trust_option
-@options.json_option
 def command(
     runs: tuple[Path, ...],
     targets: tuple[str, ...],
     vary: tuple[str, ...],
-    pseudo_reality: bool,
-    candidates: int,
-    random: int,
-    seeds: int,
-    seed: int | None,
     picture: Path | None,
     table: Path | None,
-    broker: str | None,
-    prefix: str | None,
-    servers: options.Servers | None,
     output: Output,
+    **chosen: Any,  # noqa: ANN401 - as click passes options
 ) -> None:
     """Test the best controllers of runs in other simulations.
 
@@ -108,25 +94,14 @@ def command(
 
     show_warnings()
     names = [name.strip() for text in targets for name in text.split(",") if name.strip()]
-    if not names and not vary and not pseudo_reality:
+    if not names and not vary and not chosen["pseudo_reality"]:
         raise click.UsageError(
             "nothing to transfer to: name simulations with --to, or parameters with --vary KEY=LOW..HIGH."
         )
     folders, _ = run_folders(runs)
     with episodes(output) as on_progress:
         result = transfer(
-            folders,
-            names,
-            vary=[Range.parse(text) for text in vary],
-            pseudo_reality=pseudo_reality,
-            candidates=candidates,
-            random=random,
-            seeds=seeds,
-            seed=seed,
-            broker=broker,
-            servers=servers,
-            prefix=prefix,
-            on_progress=on_progress,
+            folders, names, vary=[Range.parse(text) for text in vary], on_progress=on_progress, **chosen
         )
     output.block(str(result))
     output.json(result.to_mapping())

@@ -1,5 +1,6 @@
 """`swarmwright conformance`: checks of a peer against the protocol."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -121,24 +122,11 @@ _shared = options.combine_options(
 )
 @_shared
 def server_command(
-    server: int | None,
-    simulation: str | None,
-    dimensions: float | None,
-    parameters: str | None,
-    sensors: int | None,
-    actuators: int | None,
-    vary: str | None,
-    step_timeout: float | None,
-    start: str | None,
-    broker: str | None,
-    prefix: str | None,
-    rules: tuple[str, ...],
-    profile: "Profile",
-    junit: Path | None,
-    listing: bool,
-    timeout: float,
-    wait: float,
     output: Output,
+    server: int | None,
+    parameters: str | None,
+    vary: str | None,
+    **chosen: Any,  # noqa: ANN401 - as click passes options
 ) -> int:
     """Try every rule on a simulation server.
 
@@ -148,36 +136,13 @@ def server_command(
     The exit status is 0 if all applicable rules hold, 1 if a rule is broken or could not be tried, 2 if the
     input is wrong.
     """
+    from swarmwright.conformance import check_server
     from swarmwright.conformance.server import RULES
 
-    if listing:
-        return _list(output, RULES, rules, profile)
-    if server is None and start is None:
+    if server is None and chosen["start"] is None and not chosen["listing"]:
         raise click.UsageError("The server is missing: give its --id, or start it with --exec.")
-    from swarmwright.conformance import check_server
-
-    chosen = options.peer_broker(broker, start)
-    reporter = _Reporter(output)
-    report = check_server(
-        server=1 if server is None else server,
-        command=start,
-        broker=chosen,
-        prefix=options.peer_prefix(prefix, chosen),
-        simulation=simulation,
-        dimensions=dimensions,
-        parameters=_parameters_of(parameters),
-        vary=_parameters_of(vary, "--vary"),
-        sensors=sensors,
-        actuators=actuators,
-        step_timeout=step_timeout,
-        timeout=timeout,
-        wait=wait,
-        rules=rules,
-        profile=profile,
-        tell=reporter.tell,
-        say=reporter.say,
-    )
-    return reporter.finish(report, RULES, junit)
+    chosen |= {"parameters": _parameters_of(parameters), "vary": _parameters_of(vary, "--vary")}
+    return _check(output, RULES, check_server, server=1 if server is None else server, **chosen)
 
 
 @command.command(
@@ -216,22 +181,7 @@ def server_command(
     help="Time-out of a single run of the tool.",
 )
 @_shared
-def optimizer_command(
-    simulation: str | None,
-    sensors: int,
-    actuators: int,
-    episodes: int | None,
-    lasts: float,
-    start: str | None,
-    broker: str | None,
-    prefix: str | None,
-    rules: tuple[str, ...],
-    profile: "Profile",
-    junit: Path | None,
-    listing: bool,
-    wait: float,
-    output: Output,
-) -> int:
+def optimizer_command(output: Output, **chosen: Any) -> int:  # noqa: ANN401 - as above
     """Try every rule on an optimization tool; the kit plays the simulation servers.
 
     In COMMAND, {broker} and {prefix} are replaced by the broker's address and the topic prefix, {experiment}
@@ -242,30 +192,38 @@ def optimizer_command(
     The exit status is 0 if all applicable rules hold, 1 if a rule is broken or could not be tried, 2 if the
     input is wrong.
     """
+    from swarmwright.conformance import check_optimizer
     from swarmwright.conformance.optimizer import RULES
 
-    if listing:
-        return _list(output, RULES, rules, profile)
-    from swarmwright.conformance import check_optimizer
+    return _check(output, RULES, check_optimizer, **chosen)
 
-    chosen = options.peer_broker(broker, start)
+
+def _check(
+    output: Output,
+    table: "Rules",
+    check: Callable[..., "Report"],
+    *,
+    start: str | None,
+    broker: str | None,
+    prefix: str | None,
+    junit: Path | None,
+    listing: bool,
+    **chosen: Any,  # noqa: ANN401 - as click passes options
+) -> int:
+    """Check a peer, or list the rules; return the exit status. chosen: the other arguments of `check`."""
+    if listing:
+        return _list(output, table, chosen["rules"], chosen["profile"])
+    broker = options.peer_broker(broker, start)
     reporter = _Reporter(output)
-    report = check_optimizer(
+    report = check(
         command=start,
-        broker=chosen,
-        prefix=options.peer_prefix(prefix, chosen),
-        simulation=simulation,
-        sensors=sensors,
-        actuators=actuators,
-        episodes=episodes,
-        lasts=lasts,
-        wait=wait,
-        rules=rules,
-        profile=profile,
+        broker=broker,
+        prefix=options.peer_prefix(prefix, broker),
         tell=reporter.tell,
         say=reporter.say,
+        **chosen,
     )
-    return reporter.finish(report, RULES, junit)
+    return reporter.finish(report, table, junit)
 
 
 def _list(output: Output, rules: "Rules", names: tuple[str, ...], profile: "Profile") -> int:
