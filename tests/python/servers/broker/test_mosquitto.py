@@ -11,14 +11,17 @@ from pathlib import Path
 import pytest
 from cryptography import x509
 
+from swarmwright import _engine
 from swarmwright.common.errors import InputError
 from swarmwright.servers.broker import mosquitto
 from swarmwright.servers.broker.mosquitto import (
     add_accounts,
     can_add,
     format_access_rules,
+    is_authority_certificate,
     list_hosts,
     make_accounts,
+    set_password,
     write_configuration,
 )
 
@@ -240,3 +243,57 @@ def test_nothing_is_added_to_another_configuration(tmp_path: Path) -> None:
     assert not can_add(tmp_path)
     (tmp_path / "mosquitto.conf").write_text("listener 1883\n")
     assert not can_add(tmp_path)
+
+
+def test_a_certificate_of_an_authority_is_told_from_one_that_it_signed(tmp_path: Path) -> None:
+    authority, _, certificate, _ = _engine.certificates(["localhost"], 2)
+    chain = tmp_path / "chain.pem"
+    chain.write_text(certificate + authority)
+    assert not is_authority_certificate(chain)
+    chain.write_text(authority)
+    assert is_authority_certificate(chain)
+
+
+@pytest.mark.parametrize("content", [b"", b"-----BEGIN CERTIFICATE-----\nAAAA", b"\xff\xfe"])
+def test_what_is_not_pem_is_not_judged(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "chain.pem"
+    file.write_bytes(content)
+    assert not is_authority_certificate(file)
+    assert not is_authority_certificate(tmp_path / "none.pem")
+
+
+def test_users_are_added_and_changed(tmp_path: Path) -> None:
+    path = tmp_path / "users"
+    assert set_password(path, "ada", "correct horse")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    path.write_text(path.read_text() + "# guests\nbob:$7$1$c2FsdA==$aGFzaA==")  # no line break at the end
+    path.chmod(0o640)
+    first = path.read_text()
+    assert set_password(path, "eve", "battery staple")
+    assert path.read_text().startswith(first + "\neve:$argon2id$v=19$m=19456,t=2,p=1$")
+    assert not set_password(path, "ada", "battery staple")
+    lines = path.read_text().splitlines()
+    assert [line.split(":")[0] for line in lines] == ["ada", "# guests", "bob", "eve"]
+    assert lines[0] != first.splitlines()[0]
+    assert "correct" not in path.read_text()
+    assert "battery" not in path.read_text()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640, "as its owner had set it"
+    assert [file.name for file in tmp_path.iterdir()] == ["users"]
+
+
+@pytest.mark.parametrize(
+    ("user", "password"), [("", "x"), ("a:b", "x"), ("#a", "x"), ("a b", "x"), ("a\n", "x"), ("a", "")]
+)
+def test_what_cannot_stand_in_the_file(tmp_path: Path, user: str, password: str) -> None:
+    with pytest.raises(InputError):
+        set_password(tmp_path / "users", user, password)
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_that_cannot_be_changed(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        set_password(tmp_path / "nowhere" / "users", "ada", "x")
+    (tmp_path / "users").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="UTF-8"):
+        set_password(tmp_path / "users", "ada", "x")
+    assert (tmp_path / "users").read_bytes() == b"\xff\xfe"

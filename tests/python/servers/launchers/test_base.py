@@ -1,5 +1,3 @@
-"""Code of a custom simulation in one piece."""
-
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +6,14 @@ import pytest
 from swarmwright import Experiment, InputError, optimize
 from swarmwright.servers.evaluation.launched.starting import pack_code
 from swarmwright.servers.launchers import Code
+from swarmwright.servers.launchers._base import Specification
 from swarmwright.servers.launchers.process import ProcessOptions
+
+
+@pytest.mark.parametrize("prefix", ["", "lab1"])
+def test_the_prefix_is_that_of_the_run_whatever_the_environment_there_has(prefix: str) -> None:
+    arguments = Specification("minisim", "mqtt://lab:1883", prefix=prefix).arguments(7)
+    assert arguments[arguments.index("--prefix") + 1] == prefix
 
 
 def test_the_same_files_give_the_same_bytes_in_any_order() -> None:
