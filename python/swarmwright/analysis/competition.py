@@ -7,27 +7,35 @@ earlier opponents alone are those of Cliff and Miller, "Tracking the red queen: 
 progress in co-evolutionary simulations", ECAL 1995.
 """
 
+import csv
 import dataclasses
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.analysis.standings import games_against_equals, standings
+from swarmwright.analysis.table import CSV, check
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.runs.matches import play, sides_of
+from swarmwright.common.files import write_text
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.runs.code import resolve_experiment
+from swarmwright.runs.matches import FIRST_SEED, joined_champions, play_all, slices_of
 from swarmwright.runs.run import Run
 from swarmwright.servers.evaluation.base import Progress, Servers
 
 Values = NDArray[np.float64]
 
-FIRST_SEED = 1_000_000_000
-"""Default seed of the first episode, after which those of a run are not expected."""
 _RESAMPLES = 400
 """Samples of each bootstrap and of the null model."""
 _LEVEL = 0.95
+_COLUMNS = ("means", "low", "high", "ratings", "ratings_low", "ratings_high")
 _MOST = {"champions": 1000, "episodes": 10_000, "seed": 2**62}
 """Upper limits of arguments."""
 
@@ -46,6 +54,13 @@ class SideProgress:
     low: Values
     """(generations,): lower limits of their 95 % intervals, from resampled seeds."""
     high: Values
+    """(generations,): upper limits."""
+    ratings: Values
+    """(generations,): Bradley-Terry ratings in the units of Elo's, 0 for the average champion of this side.
+    A champion wins against another if its fitness is higher against the same opponent and seed."""
+    ratings_low: Values
+    """(generations,): lower limits of their 95 % intervals, from resampled seeds."""
+    ratings_high: Values
     """(generations,): upper limits."""
     gain: float
     """Mean of the last tenth of the champions minus that of the first, at least one champion each."""
@@ -66,13 +81,22 @@ class SideProgress:
         """Whether the cyclic share is more than noise explains."""
         return self.cyclic_share > self.null[1] + 1e-9
 
+    @property
+    def verdict(self) -> str:
+        """The gain in words."""
+        if self.gain_low > 0:
+            return "later champions are better"
+        return "later champions are worse" if self.gain_high < 0 else "no clear progress"
+
+    def columns(self) -> dict[str, list[float]]:
+        """Return what is known of each champion, by name."""
+        return {name: getattr(self, name).tolist() for name in _COLUMNS}
+
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return {
             "generations": list(self.generations),
-            "means": self.means.tolist(),
-            "low": self.low.tolist(),
-            "high": self.high.tolist(),
+            **self.columns(),
             "gain": self.gain,
             "gain_low": self.gain_low,
             "gain_high": self.gain_high,
@@ -94,11 +118,26 @@ class CompetitionProgress:
     seed: int
     """Seed of the first."""
 
+    def export(self, path: str | PathLike[str]) -> None:
+        """Write a table, .csv, with a row for each champion of each side.
+
+        Raises InputError for another suffix, and if the file cannot be written.
+        """
+        check(Path(path), CSV)
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(["side", "generation", *_COLUMNS])
+        for side in self.sides:
+            rows = zip(side.generations, *side.columns().values(), strict=True)
+            table.writerows([side.side, *row] for row in rows)
+        write_text(path, text.getvalue())
+
 
 @check_arguments
 def measure_progress(
     run: Run,
     *,
+    experiment: Experiment | None = None,
     champions: int = 30,
     episodes: int = 10,
     seed: int = FIRST_SEED,
@@ -111,6 +150,7 @@ def measure_progress(
 
     Args:
         run: a competition with two sides.
+        experiment: in place of the run's, for other time limits of servers.
         champions: number of champions of each side, of evenly spaced generations, at least 2.
         episodes: episodes of each match, at least 2, from which the noise is estimated.
         seed: seed of the first episode.
@@ -126,30 +166,40 @@ def measure_progress(
     for name, value, least in (("champions", champions, 2), ("episodes", episodes, 2), ("seed", seed, 0)):
         if not least <= value <= _MOST[name]:
             raise InputError(f"{name}: must be from {least} to {_MOST[name]}, not {value}")
-    names = sides_of(run.experiment)
-    if len(names) != 2:
-        raise InputError(f"progress compares two sides, but the run has {len(names)}: {', '.join(names)}")
-    first, second = (run.champions(name) for name in names)
-    if len(first) < 2:
-        raise InputError(f"{run.path}: progress needs at least two finished generations, not {len(first)}")
-    rows = np.unique(np.linspace(0, len(first) - 1, min(champions, len(first))).round().astype(np.intp))
-    generations = [first[row].generation for row in rows]
-    joined = np.stack(
-        [np.concatenate([first[row].genome, second[column].genome]) for row in rows for column in rows]
+    slices = slices_of(run.experiment)
+    if len(slices) != 2:
+        raise InputError(f"progress compares two sides, but the run has {len(slices)}: {', '.join(slices)}")
+    if run.generations < 2:
+        raise InputError(
+            f"{run.path}: progress needs at least two finished generations, not {run.generations}"
+        )
+    generations = spread(run.generations, champions)
+    joined = joined_champions(run, generations)
+    experiment = experiment or resolve_experiment(run, generations[-1])
+    if prefix is not None:
+        experiment = dataclasses.replace(experiment, prefix=prefix)
+    own, other = (joined[:, genes] for genes in slices.values())
+    fitness = play_all(
+        experiment,
+        own,
+        other,
+        range(seed, seed + episodes),
+        broker=broker,
+        servers=servers,
+        on_progress=on_progress,
     )
-    seeds = range(seed, seed + episodes)
-    experiment = run.experiment if prefix is None else dataclasses.replace(run.experiment, prefix=prefix)
-    fitness = play(
-        experiment, joined, seeds, broker=broker, servers=servers, on_progress=on_progress
-    ).reshape(len(rows), len(rows), episodes, 2)
     if not np.isfinite(fitness).all():
         failed = int(np.count_nonzero(~np.isfinite(fitness).all(axis=(2, 3))))
-        raise RunError(f"{failed} of {len(joined)} matches failed; progress needs all of them")
+        raise RunError(f"{failed} of {len(joined) ** 2} matches failed; progress needs all of them")
     parts = (fitness[..., 0], fitness[..., 1].transpose(1, 0, 2))
-    own, other = (
-        assess(name, generations, np.ascontiguousarray(part)) for name, part in zip(names, parts, strict=True)
-    )
-    return CompetitionProgress((own, other), episodes, seed)
+    first, second = (assess(name, generations, part) for name, part in zip(slices, parts, strict=True))
+    return CompetitionProgress((first, second), episodes, seed)
+
+
+def spread(generations: int, most: int) -> list[int]:
+    """Return evenly spaced generations, at most this many, of which the first and the last are some."""
+    numbers = np.linspace(0, generations - 1, min(most, generations))
+    return [int(number) for number in np.unique(numbers.round())]
 
 
 def assess(side: str, generations: Sequence[int], values: Values) -> SideProgress:
@@ -177,6 +227,9 @@ def assess(side: str, generations: Sequence[int], values: Values) -> SideProgres
     take = int(np.flatnonzero((lead_low <= 0) & (lead_high >= 0))[0])
     earlier = np.tril_indices(len(generations), -1)
     share = cyclic_share(outcomes)
+    places = standings(games_against_equals(values))
+    ratings = np.array([place.rating for place in places])
+    intervals = [place.rating_interval or (place.rating, place.rating) for place in places]
     return SideProgress(
         side=side,
         generations=tuple(generations),
@@ -184,6 +237,9 @@ def assess(side: str, generations: Sequence[int], values: Values) -> SideProgres
         means=means,
         low=low,
         high=high,
+        ratings=ratings,
+        ratings_low=np.array([interval[0] for interval in intervals]),
+        ratings_high=np.array([interval[1] for interval in intervals]),
         gain=float(means[-tenth:].mean() - means[:tenth].mean()),
         gain_low=float(gain_low),
         gain_high=float(gain_high),
@@ -215,24 +271,16 @@ def cyclic_share(outcomes: Values) -> float:
 def fit_ranking(outcomes: Values) -> Values:
     """Return the outcomes nearest to these in which better players do better against every opponent.
 
-    Players are ranked by their means. For each opponent, it is the isotonic regression, by its min-max
-    formula.
+    Players are ranked by their means; for each opponent it is the isotonic regression.
 
     outcomes: (players, opponents), finite.
     """
+    from scipy.optimize import isotonic_regression
+
     order = np.argsort(outcomes.mean(axis=1), kind="stable")
-    ordered = outcomes[order]
-    players = len(ordered)
-    sums = np.concatenate([np.zeros((1, ordered.shape[1])), np.cumsum(ordered, axis=0)])
-    index = np.arange(players)
-    lengths = (index[np.newaxis] - index[:, np.newaxis] + 1).astype(np.float64)
-    valid = lengths > 0
-    blocks = (sums[np.newaxis, 1:] - sums[:-1, np.newaxis]) / np.where(valid, lengths, 1.0)[..., np.newaxis]
-    blocks[~valid] = np.inf  # from a to b, a <= b
-    least = np.minimum.accumulate(blocks[:, ::-1], axis=1)[:, ::-1]  # over b >= i
-    least[~valid] = -np.inf
     fitted = np.empty_like(outcomes)
-    fitted[order] = least.max(axis=0)
+    for opponent in range(outcomes.shape[1]):
+        fitted[order, opponent] = isotonic_regression(outcomes[order, opponent]).x
     return fitted
 
 
@@ -244,10 +292,10 @@ def _find_null_range(values: Values, random: np.random.Generator) -> tuple[float
     noise = (values - outcomes[:, :, np.newaxis]) * np.sqrt(episodes / (episodes - 1))
     # All matches have the same seeds, so seeds are resampled, not cells. With cells, what a seed does to all
     # matches alike would count as noise of each, and hide cycles.
-    shares = [
-        cyclic_share(fitted + noise[:, :, random.integers(episodes, size=episodes)].mean(axis=2))
-        for _ in range(_RESAMPLES)
-    ]
+    shares = []
+    for _ in range(_RESAMPLES):
+        drawn = np.bincount(random.integers(episodes, size=episodes), minlength=episodes) / episodes
+        shares.append(cyclic_share(fitted + noise @ drawn))
     low, high = _interval(np.array(shares))
     return float(low), float(high)
 

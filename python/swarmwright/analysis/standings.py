@@ -75,10 +75,17 @@ def games_on_side(fitness: Values, side: int) -> Games:
         fitness: as for `games_of_matches`.
         side: 0 or 1.
     """
-    own = fitness[..., side] if side == 0 else np.swapaxes(fitness[..., side], 0, 1)
-    players, _, seeds = own.shape
+    return games_against_equals(fitness[..., side] if side == 0 else np.swapaxes(fitness[..., side], 0, 1))
+
+
+def games_against_equals(own: Values) -> Games:
+    """Return the games between players who never meet: a game is the same opponent and seed.
+
+    own: (players, opponents, seeds) fitness; NaN if a match was not played or has failed.
+    """
+    players, opponents, seeds = own.shape
     wins, draws = np.zeros((seeds, players, players)), np.zeros((seeds, players, players))
-    for opponent in range(players):
+    for opponent in range(opponents):
         for seed in range(seeds):
             column = own[:, opponent, seed]
             with np.errstate(invalid="ignore"):

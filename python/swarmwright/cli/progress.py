@@ -48,12 +48,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="First simulation seed; the others count up.",
 )
-@click.option(
-    "--out",
-    "file",
-    cls=options.SaveOption,
-    type=options.OutputFile(),
-    help="Draw the outcomes of all matches: .png, .svg or .pdf.",
+@options.episodes_options(
+    "Draw the outcomes of all matches, means and ratings: .png, .svg or .pdf.",
+    "Write mean fitness and rating of each champion, with 95 % intervals, as a table, .csv.",
 )
 @options.experiment_broker_options("Use the servers on this broker. Default: the run's.")
 @options.servers_option
@@ -65,7 +62,8 @@ def command(
     champions: int,
     episodes: int,
     seed: int,
-    file: Path | None,
+    picture: Path | None,
+    table: Path | None,
     broker: str | None,
     prefix: str | None,
     servers: options.Servers | None,
@@ -83,8 +81,6 @@ def command(
     from swarmwright.display.figures.progress import Champions, draw_progress
 
     show_warnings()
-    if file is not None:
-        style.check_figure_path(file)
     opened = Run.open(run)
     with show_episodes(output) as on_progress:
         result = measure_progress(
@@ -99,10 +95,13 @@ def command(
         )
     for line in _lines(result, run):
         output.text(line)
-    if file is not None:
+    if table is not None:
+        result.export(table)
+        output.text(f"The table is in {table}")
+    if picture is not None:
         sides = [Champions(*(getattr(side, name) for name in Champions._fields)) for side in result.sides]
-        style.save(draw_progress(sides, result.sides[0].generations, f"Progress of {opened.name}"), file)
-        output.text(f"The figure is in {file}")
+        style.save(draw_progress(sides, result.sides[0].generations, f"Progress of {opened.name}"), picture)
+        output.text(f"The figure is in {picture}")
     output.json(
         {
             "run": str(run),
@@ -124,15 +123,9 @@ def _lines(result: "CompetitionProgress", run: Path) -> Iterator[str]:
 
 def _side_lines(side: "SideProgress", other: "SideProgress", run: Path) -> Iterator[str]:
     name, opponent = escape_line(side.side), escape_line(other.side)
-    if side.gain_low > 0:
-        verdict = "later champions are better"
-    elif side.gain_high < 0:
-        verdict = "later champions are worse"
-    else:
-        verdict = "no clear progress"
     interval = f"95 % interval {side.gain_low:.3g} to {side.gain_high:.3g}"
     yield (
-        f"{name}: {verdict}. From the first tenth to the last, mean fitness changed by {side.gain:.3g}, "
+        f"{name}: {side.verdict}. From the first tenth to the last, mean fitness changed by {side.gain:.3g}, "
         f"{interval}."
     )
     low, high = side.null

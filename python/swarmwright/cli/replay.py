@@ -20,12 +20,22 @@ _BEFORE_A_RUN = (
 )
 
 
+def _read_match(_context: click.Context, _option: click.Parameter, text: str | None) -> tuple[int, ...]:
+    """Return the generations of `--match`."""
+    if text is None:
+        return ()
+    if re.fullmatch(r"\d{1,18}(,\d{1,18})+", text, re.ASCII) is None:
+        raise click.BadParameter(f"{text!r} is not a list of generations such as 40,3.")
+    return tuple(map(int, text.split(",")))
+
+
 @click.command(
     "replay",
     cls=Command,
     example="swarmwright replay runs/minisim-1 --speed 2\n"
     "swarmwright replay runs/minisim-1 --generation 0 --candidate 7 --save early.gif\n"
     "swarmwright replay runs/minisim-1 --save best.html --open\n"
+    "swarmwright replay runs/pursuit-1 --match 40,3 --save match.html\n"
     "swarmwright replay runs/line-1 --broker mqtt://lab-3:1883 --save line.html\n"
     "swarmwright replay runs/minisim-1 --beside 0:7 --beside runs/minisim-2 --save several.html",
 )
@@ -46,10 +56,18 @@ _BEFORE_A_RUN = (
     help="Replay this controller file or run folder instead of a candidate of RUN.",
 )
 @click.option(
+    "--match",
+    "match",
+    metavar="G1,G2",
+    callback=_read_match,
+    help="Replay the match of champions of a competition: the generation of each side's, in the order of the "
+    "sides.",
+)
+@click.option(
     "--episode",
     type=options.WholeNumber(min=0),
     metavar="E",
-    help="Episode of the run, counted from 0. Default: 0.",
+    help="Episode of the run, counted from 0; of a match, as `progress` counts. Default: 0.",
 )
 @click.option(
     "--seed", type=options.WholeNumber(min=0), metavar="S", help="Simulation seed of a new episode."
@@ -69,6 +87,7 @@ def command(
     generation: int | None,
     candidate: int | None,
     controller: Path | None,
+    match: tuple[int, ...],
     episode: int | None,
     seed: int | None,
     broker: str | None,
@@ -82,10 +101,13 @@ def command(
     By default, the best candidate of RUN is replayed in this process, with the parameters and seed of the
     run.
     """
-    if controller is not None and (generation is not None or candidate is not None):
-        raise click.UsageError(
-            "--controller excludes --generation and --candidate; leave it out, or leave out these."
-        )
+    for name, is_given in (("--controller", controller is not None), ("--match", bool(match))):
+        if is_given and (generation is not None or candidate is not None):
+            raise click.UsageError(
+                f"{name} excludes --generation and --candidate; leave it out, or leave out these."
+            )
+    if controller is not None and match:
+        raise click.UsageError("--controller and --match exclude each other; leave one out.")
     if seed is not None and episode is not None:
         raise click.UsageError("--episode and --seed exclude each other; leave one out.")
     if beside and (picture.file is None or picture.file.suffix.lower() != ".html"):
@@ -106,6 +128,7 @@ def command(
         generation=generation,
         candidate=candidate,
         controller=controller,
+        match=match,
         episode=episode,
         seed=seed,
         **how,

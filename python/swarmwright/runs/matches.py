@@ -1,6 +1,6 @@
 """Matches of competitions: those of a run's record, and new ones between any controllers."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, NamedTuple
@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.common.arguments import check_arguments
-from swarmwright.common.arrays import Genome
+from swarmwright.common.arrays import Genome, Genomes
 from swarmwright.common.errors import InputError
 from swarmwright.controllers.kinds.team import Team
 from swarmwright.experiment.competition import needed_metrics
 from swarmwright.experiment.experiment import Experiment, as_experiment
 from swarmwright.methods.rankings.tournament import TournamentOptions
+from swarmwright.runs.store import Evaluation
 from swarmwright.servers.evaluation.base import Controllers, Progress, Results, Servers
 from swarmwright.servers.evaluation.evaluate import log_failures
 from swarmwright.servers.evaluation.opening import open_backend
@@ -33,6 +34,8 @@ def column_names(options: TournamentOptions) -> list[str]:
     return [f"{side}.{column}" for side in options.sides or () for column in COLUMNS]
 
 
+FIRST_SEED = 1_000_000_000
+"""Seed of the first episode of a match that is not in the record; those of a run are not expected there."""
 _CHUNK = 4096
 """Matches that are evaluated at once."""
 
@@ -120,10 +123,39 @@ def champions(run: "Run", side: str) -> list[Champion]:
     if side not in slices:
         raise InputError(f"side: {side!r} is none of {', '.join(slices)}")
     return [
-        Champion(summary.generation, summary.evaluations - 1, evaluation.genome[slices[side]])
-        for summary in run.history
-        for evaluation in (run._store.evaluation(summary.evaluations - 1, None),)
+        Champion(evaluation.generation, evaluation.number, evaluation.genome[slices[side]])
+        for generation in range(run.generations)
+        for evaluation in (_last_match(run, generation),)
     ]
+
+
+def _last_match(run: "Run", generation: int) -> Evaluation:
+    """Return the last match of a generation, which is that of its champions."""
+    return run._store.evaluation(None, generation)
+
+
+def joined_champions(run: "Run", generations: Sequence[int]) -> Genomes:
+    """Return the champions of all sides, (generations, genome_size).
+
+    Raises InputError for a generation that does not exist.
+    """
+    return np.stack([_last_match(run, generation).genome for generation in generations])
+
+
+def join_champions(run: "Run", generations: Sequence[int]) -> Genome:
+    """Return the joined genome of champions of different generations.
+
+    generations: one of each side.
+
+    Raises InputError if the run is no competition, has another number of sides, or lacks a generation.
+    """
+    slices = slices_of(run.experiment)
+    if len(generations) != len(slices):
+        raise InputError(
+            f"match: must have a generation of each of {', '.join(slices)}, not {len(generations)} numbers"
+        )
+    genomes = joined_champions(run, generations)
+    return np.concatenate([genome[cut] for genome, cut in zip(genomes, slices.values(), strict=True)])
 
 
 def describe_champions(run: "Run") -> str | None:
@@ -164,30 +196,86 @@ def play(
         InputError: the experiment is no competition, or the genomes have another size.
         RunError: no broker or no matching server.
     """
-    experiment = as_experiment(experiment)
+    rows = np.ascontiguousarray(genomes, dtype=np.float32)
+    return _play(
+        as_experiment(experiment),
+        rows.shape,
+        lambda first, end: rows[first:end],
+        seeds,
+        broker=broker,
+        servers=servers,
+        on_progress=on_progress,
+    )
+
+
+def play_all(
+    experiment: Experiment,
+    first: Genomes,
+    second: Genomes,
+    seeds: Sequence[int],
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> NDArray[np.float64]:
+    """Let each controller of the first of two sides meet each of the second; otherwise as `play`.
+
+    Memory is that of the result: genomes are joined as they are needed.
+
+    Args:
+        experiment: a competition of two sides.
+        first: genomes of the first side, (players, genes).
+        second: genomes of the second side, (opponents, genes).
+        seeds: seeds of the episodes of each match.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`.
+
+    Returns:
+        (players, opponents, seeds, 2).
+    """
+
+    def join(start: int, end: int) -> Genomes:
+        players, opponents = np.divmod(np.arange(start, end), len(second))
+        return np.concatenate([first[players], second[opponents]], axis=1)
+
+    shape = len(first) * len(second), first.shape[1] + second.shape[1]
+    values = _play(experiment, shape, join, seeds, broker=broker, servers=servers, on_progress=on_progress)
+    return values.reshape(len(first), len(second), len(seeds), -1)
+
+
+def _play(
+    experiment: Experiment,
+    shape: tuple[int, ...],
+    join: Callable[[int, int], Genomes],
+    seeds: Sequence[int],
+    *,
+    broker: str | None,
+    servers: Servers | None,
+    on_progress: Progress | None,
+) -> NDArray[np.float64]:
+    """Play matches whose joined genomes, of this shape, `join` returns from a first to before another."""
     sides = sides_of(experiment)
     options = experiment.ranking
     assert isinstance(options, TournamentOptions)
-    rows = np.ascontiguousarray(genomes, dtype=np.float32)
-    seeds = [int(seed) for seed in seeds]
+    count, seeds = shape[0], [int(seed) for seed in seeds]
     fitness = SideFitness(options)
-    values = np.full((len(rows), len(seeds), len(sides)), np.nan)
+    values = np.full((count, len(seeds), len(sides)), np.nan)
     names = needed_metrics(options)
-    whole = len(rows) * len(seeds)
+    whole = count * len(seeds)
     with open_backend(experiment, broker=broker, servers=servers, metrics=names) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
-        if rows.ndim != 2 or rows.shape[1] != representation.genome_size:
-            raise InputError(
-                f"genomes: shape is {rows.shape}; expected (matches, {representation.genome_size})"
-            )
-        for first in range(0, len(rows), _CHUNK):
+        if shape[1:] != (representation.genome_size,):
+            raise InputError(f"genomes: shape is {shape}; expected (matches, {representation.genome_size})")
+        for first in range(0, count, _CHUNK):
+            end = min(first + _CHUNK, count)
 
             def progress(done: int, _: int, waiting_for: str, before: int = first * len(seeds)) -> None:
                 if on_progress is not None:
                     on_progress(before + done, whole, waiting_for)
 
-            controllers = Controllers.from_genomes(representation, rows[first : first + _CHUNK])
+            controllers = Controllers.from_genomes(representation, join(first, end))
             results = backend.evaluate(controllers, seeds, progress)
-            values[first : first + _CHUNK], warnings = fitness(backend.metrics, results)
+            values[first:end], warnings = fitness(backend.metrics, results)
             log_failures(backend, replace(results, journal=results.journal.with_warnings(warnings)))
     return values

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import label_of
+from swarmwright.common.untrusted import escape_line
 from swarmwright.common.values import flatten
 from swarmwright.controllers.controller import Controller
 from swarmwright.controllers.kinds import describe_controller
@@ -18,6 +19,7 @@ from swarmwright.display import Caption
 from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import resolve_experiment
+from swarmwright.runs.matches import FIRST_SEED, join_champions, sides_of
 from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.shown import ShownEpisode, check_showable
 from swarmwright.simulations import catalogue
@@ -45,6 +47,8 @@ class Replay(ShownEpisode):
     """Index of the episode; None if the run did not have it."""
     controller_run: "Run | None" = None
     """The run that the controller is a candidate of, if it is another run."""
+    match: tuple[int, ...] = ()
+    """Generation of the champion of each side, if they are of a competition, in place of a candidate."""
     settings: tuple[str | Setting, ...] = ()
     """Changed parameters and fitness, each `KEY.PATH=VALUE`, or parsed."""
 
@@ -56,6 +60,7 @@ class Replay(ShownEpisode):
         generation: int | None = None,
         candidate: int | None = None,
         controller: Path | None = None,
+        match: Sequence[int] = (),
         episode: int | None = None,
         seed: int | None = None,
         simulation: str | type | None = None,
@@ -70,7 +75,8 @@ class Replay(ShownEpisode):
             generation: as in `Run.evaluation`.
             candidate: as in `Run.evaluation`.
             controller: file or run folder with another controller, in place of a candidate of the run.
-            episode: index of an episode of the run, by default 0.
+            match: generation of the champion of each side of a competition, in place of a candidate.
+            episode: index of an episode of the run, by default 0; of a match, as `measure_progress` counts.
             seed: simulation seed, for an episode that is not in the run.
             simulation: a class, or `FILE:Class`, in place of the code that evaluated the candidate.
             settings: changes of parameters and fitness, see `Experiment.load`.
@@ -85,14 +91,18 @@ class Replay(ShownEpisode):
         settings = list(settings)
         refuse_seed(settings)
         broker = broker or _find_broker(run, simulation)
-        chosen = None if controller is not None else choose(run, generation, candidate)
-        used = resolve_experiment(run, None if chosen is None else chosen.generation, simulation)
+        joined = join_champions(run, match) if match else None
+        chosen = None if controller is not None or match else choose(run, generation, candidate)
+        version = max(match) if match else None if chosen is None else chosen.generation
+        used = resolve_experiment(run, version, simulation)
         experiment = used.with_settings(
             settings, only=("parameters", "fitness"), reason="only parameters and fitness can be set here"
         )
         if prefix is not None:
             experiment = experiment.replace(prefix=prefix)
         seeds = run.seeds(0) if chosen is None else chosen.seeds
+        if match and seed is None:
+            seed = _seed_of_match(episode or 0)
         number = None if seed is not None else episode or 0
         if seed is not None:
             simulation_seed("seed", seed)
@@ -102,13 +112,19 @@ class Replay(ShownEpisode):
                 f"episode {number}: the run has {available}; for another episode specify its seed with "
                 "--seed S (in Python: seed=S)"
             )
-        replayed = Controller(chosen.specification) if chosen is not None else Controller.load(controller)  # type: ignore[arg-type] # chosen is None only with a controller
+        if joined is not None:
+            replayed = Controller(used.representation().specification(joined))
+        elif chosen is not None:
+            replayed = Controller(chosen.specification)
+        else:
+            replayed = Controller.load(controller)  # type: ignore[arg-type] # there is one without the others
         check_showable(broker, replayed)
         return cls(
             run=run,
             controller=replayed,
             choice=chosen,
             source=controller,
+            match=tuple(match),
             number=number,
             seed=seeds[number] if number is not None else seed or 0,
             experiment=experiment,
@@ -153,7 +169,9 @@ class Replay(ShownEpisode):
 
     @property
     def name(self) -> str:
-        """Name on the command line: GENERATION:CANDIDATE, or the controller's file."""
+        """Name on the command line: GENERATION:CANDIDATE, those of a match, or the controller's file."""
+        if self.match:
+            return ",".join(map(str, self.match))
         if self.choice is None:
             return str(self.source)
         return f"{self.choice.generation}:{self.choice.candidate}"
@@ -171,7 +189,13 @@ class Replay(ShownEpisode):
 
     @property
     def controller_text(self) -> str:
-        """Description of the candidate or controller."""
+        """Description of the candidate, match or controller."""
+        if self.match:
+            sides = map(escape_line, sides_of(self.run.experiment))
+            return " against ".join(
+                f"{side} of generation {generation}"
+                for side, generation in zip(sides, self.match, strict=True)
+            )
         if self.choice is None:
             return f"controller of {self.source}"
         return f"candidate {self.choice.candidate} of generation {self.choice.generation}"
@@ -188,7 +212,8 @@ class Replay(ShownEpisode):
 
     def outcome(self, fitness: float) -> str:
         """Describe the episode's fitness, and the candidate's if that is something else."""
-        text = f"Fitness {fitness + 0.0:.6g}"  # no -0
+        side = f" of {escape_line(sides_of(self.run.experiment)[0])}" if self.match else ""
+        text = f"Fitness{side} {fitness + 0.0:.6g}"  # no -0
         if self.choice is None:
             return f"{text}."
         if self.number is not None and self._as_recorded:
@@ -234,6 +259,7 @@ class Replay(ShownEpisode):
             "candidate": choice.candidate if choice else None,
             "candidate_fitness": choice.fitness if choice else None,
             "controller": str(self.source) if self.source else None,
+            **({"match": list(self.match)} if self.match else {}),
         }
 
     def caption(self, recording: "Recording | PictureRecording | None" = None) -> Caption:
@@ -253,6 +279,13 @@ class Replay(ShownEpisode):
             facts.append(("fitness of this episode", f"{recording.fitness + 0.0:.6g}"))
         facts.append(("simulation seed", str(self.seed)))
         return Caption(self.title, tuple(facts))
+
+
+def _seed_of_match(episode: int) -> int:
+    """Return the seed of an episode of matches that are not in the record."""
+    if episode < 0:
+        raise InputError(f"episode {episode}: must be at least 0")
+    return FIRST_SEED + episode
 
 
 def name_replays(replays: Iterable[Replay]) -> list[str]:

@@ -494,6 +494,7 @@ class Run:
         *,
         generation: int | None = None,
         candidate: int | None = None,
+        match: Sequence[int] = (),
         episode: int | None = None,
         seed: SupportsIndex | None = None,
         parameters: Mapping[str, Any] | None = None,
@@ -506,7 +507,8 @@ class Run:
         Args:
             generation: generation of the candidate, from 0; as in `evaluation`.
             candidate: as in `evaluation`; by default the best.
-            episode: index of an episode of the run, by default 0.
+            match: generation of the champion of each side of a competition, in place of a candidate.
+            episode: index of an episode of the run, by default 0; of a match, as `measure_progress` counts.
             seed: simulation seed, for an episode that is not in the run.
             parameters: other values for parameters of the simulation, with keys such as `robots` or
                 `robot.drive.noise`.
@@ -527,6 +529,7 @@ class Run:
             self,
             generation=generation,
             candidate=candidate,
+            match=match,
             episode=episode,
             seed=None if seed is None else index(seed),
             settings=parameter_settings(parameters or {}),

@@ -9,6 +9,7 @@ from swarmwright.common.untrusted import escape_line
 from swarmwright.display.figures.style import (
     COLORS,
     INK,
+    PAPER,
     SOFT,
     clip_drawable,
     disable_offset,
@@ -20,6 +21,7 @@ from swarmwright.display.figures.style import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -36,20 +38,23 @@ class Champions(NamedTuple):
     """(generations,)"""
     low: "Values"
     high: "Values"
+    ratings: "Values"
+    ratings_low: "Values"
+    ratings_high: "Values"
 
 
 @use_style_fonts()
 def draw_progress(sides: Sequence[Champions], generations: Sequence[int], heading: str) -> "Figure":
-    """Return a figure with a row for each side: its outcomes as a heat map, and their means.
+    """Return a figure with a row for each side: its outcomes as a heat map, their means, and ratings.
 
     Args:
         sides: two sides.
         generations: generations of the champions, the same for both sides.
         heading: title of the figure.
     """
-    figure = new_figure(9.4, 8.4)
+    figure = new_figure(13.4, 8.4)
     draw_title(figure, heading)
-    axes = figure.subplots(2, 2)
+    axes = figure.subplots(2, 3)
     first, last = generations[0], generations[-1]
     half = (last - first) / max(len(generations) - 1, 1) / 2
     extent = (first - half, last + half, first - half, last + half)
@@ -64,13 +69,23 @@ def draw_progress(sides: Sequence[Champions], generations: Sequence[int], headin
         disable_offset(bar.ax.yaxis)
         style_axes(axes[row, 0], x=f"generation of {escape_line(other.side)}", y=f"generation of {name}")
         axes[row, 0].grid(visible=False)
-        axes[row, 1].fill_between(
-            generations, clip_drawable(own.low), clip_drawable(own.high), color=COLORS[row], alpha=0.2, lw=0
-        )
-        axes[row, 1].plot(generations, clip_drawable(own.means), color=COLORS[row])
+        axes[row, 0].plot((first, last), (first, last), color=PAPER, lw=0.8, ls=":")
+        _draw_line(axes[row, 1], generations, (own.low, own.means, own.high), row)
         style_axes(axes[row, 1], x=f"generation of {name}", y="mean fitness")
-        disable_offset(axes[row, 1].yaxis)
-        axes[row, 1].set_title(
-            f"{name} against all opponents, 95 % interval", loc="left", fontsize=scale_points(10), color=SOFT
-        )
+        _draw_line(axes[row, 2], generations, (own.ratings_low, own.ratings, own.ratings_high), row)
+        style_axes(axes[row, 2], x=f"generation of {name}", y="rating (Bradley-Terry)")
+        for column, words in ((1, "against all opponents"), (2, "among themselves")):
+            axes[row, column].set_title(
+                f"{name} {words}, 95 % interval", loc="left", fontsize=scale_points(10), color=SOFT
+            )
     return figure
+
+
+def _draw_line(
+    axes: "Axes", generations: Sequence[int], values: "tuple[Values, Values, Values]", side: int
+) -> None:
+    """Draw values in the colour of a side, within their lower and upper limits."""
+    low, middle, high = map(clip_drawable, values)
+    axes.fill_between(generations, low, high, color=COLORS[side], alpha=0.2, lw=0)
+    axes.plot(generations, middle, color=COLORS[side])
+    disable_offset(axes.yaxis)
