@@ -24,9 +24,11 @@ from swarmwright.analysis.table import CSV, check
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.files import write_text
+from swarmwright.display.figures.progress import choose_side_colors
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.robots import find_colors
 from swarmwright.runs.code import resolve_experiment
-from swarmwright.runs.matches import FIRST_SEED, joined_champions, play_all, slices_of
+from swarmwright.runs.matches import FIRST_SEED, joined_champions, play_all, sides_of, slices_of
 from swarmwright.runs.run import Run
 from swarmwright.servers.evaluation.base import Progress, Servers
 
@@ -194,6 +196,12 @@ def measure_progress(
     parts = (fitness[..., 0], fitness[..., 1].transpose(1, 0, 2))
     first, second = (assess(name, generations, part) for name, part in zip(slices, parts, strict=True))
     return CompetitionProgress((first, second), episodes, seed)
+
+
+def color_sides(experiment: Experiment) -> list[str]:
+    """Return the colour of each side of a competition, such as `#0072B2`: that of its robots in pictures."""
+    colors = find_colors(experiment.simulation, experiment.parameters)
+    return choose_side_colors([colors.get(side) for side in sides_of(experiment)])
 
 
 def spread(generations: int, most: int) -> list[int]:

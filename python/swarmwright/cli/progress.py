@@ -75,7 +75,7 @@ def command(
     competition does not show progress, since the opponents change with it.
     """
     from swarmwright import Run
-    from swarmwright.analysis.competition import measure_progress
+    from swarmwright.analysis.competition import color_sides, measure_progress
     from swarmwright.cli._progress import episodes as show_episodes
     from swarmwright.display.figures import style
     from swarmwright.display.figures.progress import Champions, draw_progress
@@ -100,7 +100,8 @@ def command(
         output.text(f"The table is in {table}")
     if picture is not None:
         sides = [Champions(*(getattr(side, name) for name in Champions._fields)) for side in result.sides]
-        style.save(draw_progress(sides, result.sides[0].generations, f"Progress of {opened.name}"), picture)
+        generations, heading = result.sides[0].generations, f"Progress of {opened.name}"
+        style.save(draw_progress(sides, generations, heading, color_sides(opened.experiment)), picture)
         output.text(f"The figure is in {picture}")
     output.json(
         {

@@ -54,6 +54,15 @@ def subject_of(simulation: str, label: str, parameters: Mapping[str, Any]) -> st
     return f"{label}, {mission}" if isinstance(mission, str) and mission else label
 
 
+def find_colors(simulation: str, parameters: Mapping[str, Any]) -> dict[str, str]:
+    """Return the colours that a mission of the arena gives its kinds of robots, by the name of the kind."""
+    if catalogue.find_built_in(simulation) != catalogue.ARENA:
+        return {}
+    robots = (mission_of(parameters.get("mission")) or {}).get("robots")
+    kinds = [kind for kind in robots if isinstance(kind, Mapping)] if isinstance(robots, list) else []
+    return {str(kind.get("name")): str(kind["color"]) for kind in kinds if "color" in kind}
+
+
 def mission_name(mission: Any) -> Any:  # noqa: ANN401 - as the arena's parameter has it
     """Return the longer name of a built-in mission; other values unchanged."""
     long = (entry["also"] for entry in _engine.missions() if entry["also"] and entry["name"] == mission)

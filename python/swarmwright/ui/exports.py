@@ -165,15 +165,23 @@ def export_replay(run: Run, ending: str, options: Mapping[str, Any], speed: floa
         replay = run.replay(**options, speed=speed)
         file = Path(folder) / f"replay{ending}"
         replay.save(file)
-        numbers = options.get("generation"), options.get("candidate")
-        return Export(f"{file_name(run, *numbers, f'seed-{replay.seed}')}{ending}", file.read_bytes())
+        seed = f"seed-{replay.seed}"
+        if options.get("match"):
+            name = join_name(run, *map(str, options["match"]), seed)
+        else:
+            name = file_name(run, options.get("generation"), options.get("candidate"), seed)
+        return Export(f"{name}{ending}", file.read_bytes())
 
 
 def file_name(run: Run, generation: int | None, candidate: int | None, *words: str | None) -> str:
     """Return the name of a file without suffix: of the run, the candidate and other words."""
     evaluation = run.evaluation(candidate, generation)
-    numbers = f"{evaluation.generation}-{evaluation.candidate}"
-    return safe("-".join([run.path.resolve().name[:LONGEST_NAME], numbers, *filter(None, words)]))
+    return join_name(run, f"{evaluation.generation}-{evaluation.candidate}", *filter(None, words))
+
+
+def join_name(run: Run, *words: str) -> str:
+    """Return the name of a file without suffix: of the run and other words."""
+    return safe("-".join([run.path.resolve().name[:LONGEST_NAME], *words]))
 
 
 def safe(text: str) -> str:

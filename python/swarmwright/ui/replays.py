@@ -10,7 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
-from swarmwright import InputError, Run, SwarmwrightError, post_evaluate
+from swarmwright import Experiment, InputError, Run, SwarmwrightError, post_evaluate
 from swarmwright.common.time_limit import TimeLimit
 from swarmwright.experiment.adjustable import list_adjustable
 from swarmwright.runs.code import resolve_experiment
@@ -139,6 +139,14 @@ def check_parameters(values: Any) -> dict[str, Any]:  # noqa: ANN401 - JSON
     return values
 
 
+def shorten_waits(experiment: Experiment) -> Experiment:
+    """Return an experiment that waits for a broker and its servers at most `LONGEST_SEARCH_S` each."""
+    waits = {
+        name: min(getattr(experiment.timeouts, name), LONGEST_SEARCH_S) for name in ("connect", "discovery")
+    }
+    return dataclasses.replace(experiment, timeouts=experiment.timeouts.model_copy(update=waits))
+
+
 def mean_of(
     run: Run,
     parameters: Mapping[str, Any],
@@ -174,13 +182,7 @@ def mean_of(
 
     experiment = None
     if broker is not None:
-        experiment = resolve_experiment(run, run.evaluation(candidate, generation).generation)
-        waits = {
-            name: min(getattr(experiment.timeouts, name), LONGEST_SEARCH_S)
-            for name in ("connect", "discovery")
-        }
-        timeouts = experiment.timeouts.model_copy(update=waits)
-        experiment = dataclasses.replace(experiment, timeouts=timeouts)
+        experiment = shorten_waits(resolve_experiment(run, run.evaluation(candidate, generation).generation))
     with limit:
         evaluation = post_evaluate(
             run,

@@ -28,6 +28,23 @@ if TYPE_CHECKING:
     Values = NDArray[np.float64]
 
 
+_COLORS = {
+    "red": "#D55E00", "blue": "#0072B2", "green": "#009E73", "magenta": "#CC79A7", "cyan": "#56B4E9",
+    "yellow": "#E69F00",
+}  # fmt: skip
+"""Colours of `style.COLORS` that are nearest to those of robots."""
+
+
+def choose_side_colors(names: Sequence[str | None]) -> list[str]:
+    """Return a colour for each side: that of its robots in pictures, if it has one of its own.
+
+    names: names of the robots' colours, such as `red`; None if a side has none.
+    """
+    if len(set(names)) == len(names) and all(name in _COLORS for name in names):
+        return [_COLORS[str(name)] for name in names]
+    return list(COLORS[: len(names)])
+
+
 class Champions(NamedTuple):
     """Champions of a side against those of the other."""
 
@@ -44,13 +61,16 @@ class Champions(NamedTuple):
 
 
 @use_style_fonts()
-def draw_progress(sides: Sequence[Champions], generations: Sequence[int], heading: str) -> "Figure":
+def draw_progress(
+    sides: Sequence[Champions], generations: Sequence[int], heading: str, colors: Sequence[str]
+) -> "Figure":
     """Return a figure with a row for each side: its outcomes as a heat map, their means, and ratings.
 
     Args:
         sides: two sides.
         generations: generations of the champions, the same for both sides.
         heading: title of the figure.
+        colors: of the sides.
     """
     figure = new_figure(13.4, 8.4)
     draw_title(figure, heading)
@@ -70,9 +90,9 @@ def draw_progress(sides: Sequence[Champions], generations: Sequence[int], headin
         style_axes(axes[row, 0], x=f"generation of {escape_line(other.side)}", y=f"generation of {name}")
         axes[row, 0].grid(visible=False)
         axes[row, 0].plot((first, last), (first, last), color=PAPER, lw=0.8, ls=":")
-        _draw_line(axes[row, 1], generations, (own.low, own.means, own.high), row)
+        _draw_line(axes[row, 1], generations, (own.low, own.means, own.high), colors[row])
         style_axes(axes[row, 1], x=f"generation of {name}", y="mean fitness")
-        _draw_line(axes[row, 2], generations, (own.ratings_low, own.ratings, own.ratings_high), row)
+        _draw_line(axes[row, 2], generations, (own.ratings_low, own.ratings, own.ratings_high), colors[row])
         style_axes(axes[row, 2], x=f"generation of {name}", y="rating (Bradley-Terry)")
         for column, words in ((1, "against all opponents"), (2, "among themselves")):
             axes[row, column].set_title(
@@ -82,10 +102,10 @@ def draw_progress(sides: Sequence[Champions], generations: Sequence[int], headin
 
 
 def _draw_line(
-    axes: "Axes", generations: Sequence[int], values: "tuple[Values, Values, Values]", side: int
+    axes: "Axes", generations: Sequence[int], values: "tuple[Values, Values, Values]", color: str
 ) -> None:
-    """Draw values in the colour of a side, within their lower and upper limits."""
+    """Draw values within their lower and upper limits."""
     low, middle, high = map(clip_drawable, values)
-    axes.fill_between(generations, low, high, color=COLORS[side], alpha=0.2, lw=0)
-    axes.plot(generations, middle, color=COLORS[side])
+    axes.fill_between(generations, low, high, color=color, alpha=0.2, lw=0)
+    axes.plot(generations, middle, color=color)
     disable_offset(axes.yaxis)

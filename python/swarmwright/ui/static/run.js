@@ -115,7 +115,7 @@ export function show(view, query, id) {
         ["failed", row.failed ? `${figure(row.failed)} evaluations, ${figure(details?.failed_episodes)} episodes` : null],
         ["evaluations/s", row.rate === null ? null : figure(row.rate)], ["time left", row.left === null ? null : duration(row.left)],
         ["took", duration(row.seconds)], ["started", date(row.created)],
-        ["champions", details?.champions ?? null, "The last match of each side's best: fitness depends on the opponents; see `swarmwright progress`"],
+        ["champions", details?.champions ?? null, "The last match of each side's best: fitness depends on the opponents; see the tab Progress"],
         ["best recorded", best && !details.champions ? `${figure(best.fitness)} (generation ${best.generation}, candidate ${best.candidate})` : null,
           "The best of many evaluations: biased upwards where fitness depends on the seed"],
         ["on held-out seeds", heldOutWords(details?.held_out ?? null), "Seeds that evolution did not use: report this"],
@@ -145,7 +145,8 @@ export function show(view, query, id) {
 
   function replay(which, isBeside) {
     const subject = which.candidate === undefined ? "the best" : `candidate ${which.candidate}`;
-    const name = which.generation === undefined ? subject : `${subject} of generation ${which.generation}`;
+    const name = which.match ? `generations ${which.match.replaceAll(",", " against ")}`
+      : which.generation === undefined ? subject : `${subject} of generation ${which.generation}`;
     if (isBeside && variant) panes.remove(variant);
     const beside = panes.show(which, name, { isBeside });
     if (Object.keys(whatIf.parameters).length) vary(whatIf.parameters);

@@ -25,6 +25,7 @@ BUILT_IN = (
     "front",
     "archive",
     "races",
+    "progress",
     "timeline",
     "notes",
 )

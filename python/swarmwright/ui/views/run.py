@@ -3,6 +3,7 @@
 import base64
 import contextlib
 import json
+import re
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import asdict
 from enum import IntEnum
@@ -45,6 +46,7 @@ MOST_SERVERS = 500
 MOST_REASONS = 50
 BEGINNING = 100
 """Steps of an episode that are on the screen while the others are computed."""
+MATCH = re.compile(r"[0-9]{1,9}(,[0-9]{1,9}){1,9}")
 SEED_BYTES = 8
 """Of the seed before a kept episode."""
 newest = Newest()
@@ -172,13 +174,22 @@ def read_episode(request: Request) -> dict[str, Any]:
     }
     if "seed" in options:
         options.pop("episode", None)
+    if query.get("match"):
+        options["match"] = read_match(query["match"])
     parameters = read_parameters(query.get("parameters", ""))
     return {**options, "parameters": parameters} if parameters else options
 
 
+def read_match(text: Any) -> list[int]:  # noqa: ANN401 - JSON
+    """Return the generations of a match. Raises InputError for anything else than `40,3`."""
+    if not isinstance(text, str) or MATCH.fullmatch(text) is None:
+        raise InputError(f"match: must be generations such as '40,3', not {str(text)[:50]!r}")
+    return [int(generation) for generation in text.split(",")]
+
+
 def page_key(run: Run, options: dict[str, Any], kind: str) -> Hashable:
     """Return what a page of an episode depends on."""
-    best = () if {"generation", "candidate"} & options.keys() else (run.evaluations,)
+    best = () if {"generation", "candidate", "match"} & options.keys() else (run.evaluations,)
     return (kind, str(run.path), run.created, json.dumps(options, sort_keys=True), *best)
 
 
@@ -242,6 +253,8 @@ def limit_bodies(options: dict[str, Any]) -> int:
 def compare_parameters(window: Window, values: dict[str, Any]) -> Values:
     """Return the mean fitness and metrics with the run's and with other parameters, on the same seeds."""
     run = window.run_of(read_field(values, "run", str))
+    if "match" in values:
+        raise InputError("means are those of a candidate; of matches there are only replays here")
     parameters = check_parameters(read_field(values, "parameters", dict))
     caller, number = read_field(values, "caller", str)[:100], read_whole(values.get("number"), "number")
     episodes = EPISODES if values.get("episodes") is None else read_whole(values["episodes"], "episodes")
@@ -280,6 +293,11 @@ def export(window: Window, values: dict[str, Any]) -> Values:
     """Make a file of a candidate: code, a bundle, or a replay; return its name, and how to fetch it."""
     run = window.run_of(read_field(values, "run", str))
     numbers, form = read_candidate(values), read_field(values, "to", str)
+    match = read_match(values["match"]) if "match" in values else []
+    if match and form not in FORMATS:
+        raise InputError(
+            "a match has controllers of several generations; watch a candidate of the generation to export"
+        )
     with exporting:
         if form == BUNDLE:
             exported = make_bundle(run, **numbers)
@@ -290,6 +308,7 @@ def export(window: Window, values: dict[str, Any]) -> Values:
                 if values.get(name) not in (None, "")
             }
             options |= {name: value for name, value in numbers.items() if value is not None}
+            options |= {"match": match} if match else {}
             parameters = check_parameters(values.get("parameters") or {})
             if parameters:
                 options["parameters"] = parameters
