@@ -142,10 +142,11 @@ export function show(element, run) {
     for (let row = 0; row < count; row += 1) {
       for (let column = 0; column < count; column += 1) if (isShown(row, column)) values[column * count + row] = sides[own].outcomes[row][column];
     }
-    const labels = generations.map(String);
+    const half = generations.at(-1) / (count - 1) / 2; // they are evenly spread from 0 on
+    const axis = (name) => ({ label: `generation of ${name}`, range: [-half, generations.at(-1) + half], whole: true });
     map.show({
       columns: count, rows: count, values, range: rangeOf(values), isUpward: true,
-      below: { label: `generation of ${sides[other].name}`, labels }, left: { label: `generation of ${sides[own].name}`, labels },
+      below: axis(sides[other].name), left: axis(sides[own].name),
       bar: `mean fitness of ${sides[own].name}`,
       words: (column, row) => `${sides[own].name} of generation ${generations[row]} against ${sides[other].name} of generation ${generations[column]}`
         + (isShown(row, column) ? `: ${figure(sides[own].outcomes[row][column])}` : ""),

@@ -15,13 +15,14 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from swarmwright import InputError, Run
+from swarmwright.common.untrusted import escape_line
 from swarmwright.display.files import FORMATS
 from swarmwright.display.page import format_player
 from swarmwright.runs.density import evaluation_density, nearest_evaluation
 from swarmwright.runs.matches import describe_champions
 from swarmwright.runs.page import PackedEpisode, pack_replay
 from swarmwright.ui.exports import BUNDLE, ExportShelf, export_code, export_replay, list_exports, make_bundle
-from swarmwright.ui.index import as_values, finite
+from swarmwright.ui.index import MOST_CHARACTERS, as_values, finite
 from swarmwright.ui.replays import (
     EPISODES,
     MOST_BODIES,
@@ -66,7 +67,7 @@ class EpisodePart(IntEnum):
 def describe(run: Run) -> dict[str, Any]:
     """Return the figures of a run: its curve, best candidate, validation, sessions and experiment."""
     experiment = run.experiment
-    best = None
+    best, champions = None, describe_champions(run)
     if run.history:
         leading = run.best
         best = {
@@ -77,7 +78,7 @@ def describe(run: Run) -> dict[str, Any]:
     return {
         "curve": curve(run),
         "best": best,
-        "champions": describe_champions(run),
+        "champions": None if champions is None else escape_line(champions[:MOST_CHARACTERS]),
         "best_words": run.best_words,
         "failed_episodes": run.failed_episodes if run.failed_evaluations else 0,
         "episodes": experiment.ranking.episodes,

@@ -101,7 +101,7 @@ def test_a_cell_is_replayed(app: Starlette, competition: Path) -> None:
         ("progress_play", {"run": "race", "champions": 1, "episodes": 2}, "champions: must be from 2 to 40"),
         ("progress_play", {"run": "race", "champions": 41, "episodes": 2}, "champions: must be from 2 to 40"),
         ("progress_play", {"run": "race", "champions": 3, "episodes": 10**30}, "episodes: must be from 2"),
-        ("progress_play", {"run": "race", "champions": "9" * 99, "episodes": 2}, "champions: must be a whole"),
+        ("progress_play", {"run": "race", "champions": "9" * 99, "episodes": 2}, "must be a whole number"),
         ("progress_play", {"run": "race", "champions": [3], "episodes": 2}, "champions: must be a whole"),
         ("progress_play", {"run": "race", "champions": True, "episodes": 2}, "champions: must be a whole"),
         ("progress_play", {"run": "race", "champions": 2.5, "episodes": 2}, "champions: must be a whole"),
