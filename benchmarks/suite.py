@@ -76,6 +76,12 @@ def _arena(scale: Scale) -> Suite:
     return ArenaSuite(scale.smaller)
 
 
+def _competition(scale: Scale) -> Suite:
+    from benchmarks.competition import CompetitionSuite
+
+    return CompetitionSuite(scale.smaller)
+
+
 def _jax(_scale: Scale) -> Suite:
     from benchmarks.against_jax import JaxSuite
 
@@ -176,6 +182,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "mqtt": _mqtt,
     "rollouts": _rollouts,
     "arena": _arena,
+    "competition": _competition,
     "jax": _jax,
     "evosax": _evosax,
     "bound": _bound,
@@ -196,7 +203,18 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "build": _build,
 }
 """By name, which `--only` searches."""
-QUICK_SUITES = ("mqtt", "rollouts", "arena", "bound", "tasks", "methods", "store", "wrappers", "commands")
+QUICK_SUITES = (
+    "mqtt",
+    "rollouts",
+    "arena",
+    "competition",
+    "bound",
+    "tasks",
+    "methods",
+    "store",
+    "wrappers",
+    "commands",
+)
 """Those that take seconds and need no library for Python of their own."""
 
 

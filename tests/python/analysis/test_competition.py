@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 
 import swarmwright
 from swarmwright import InputError
-from swarmwright.analysis.competition import assess, cyclic_share, fit_ranking, measure_progress
+from swarmwright.analysis.competition import (
+    assess,
+    color_sides,
+    cyclic_share,
+    fit_ranking,
+    measure_progress,
+    spread,
+)
 from tests.python.runs.optimization.test_competing import MINISIM, POPULATIONS, TOURNAMENT
 
 
@@ -104,3 +111,39 @@ def test_mistakes_are_a_message(tmp_path: Path) -> None:
     alone = swarmwright.optimize({**MINISIM, "parameters": {}}, servers="in-process", out=tmp_path / "alone")
     with pytest.raises(InputError, match="no competition"):
         measure_progress(alone)
+
+
+def test_ratings_recover_the_order_of_strengths() -> None:
+    strengths = np.arange(12.0)
+    outcomes = np.tanh((strengths[:, np.newaxis] - strengths[np.newaxis]) / 4)
+    progress = assess("left", range(12), noisy(outcomes, 0.1))
+    assert (np.diff(progress.ratings) > 0).all()
+    assert (progress.ratings_low <= progress.ratings).all()
+    assert (progress.ratings_high >= progress.ratings).all()
+    assert (progress.ratings_high > progress.ratings_low).any()
+    certain = assess("left", range(12), np.repeat(outcomes[..., np.newaxis], 2, axis=2))
+    assert certain.ratings_low.tolist() == certain.ratings.tolist() == certain.ratings_high.tolist()
+
+
+def test_generations_are_evenly_spread() -> None:
+    assert spread(4, 30) == [0, 1, 2, 3]
+    assert spread(1000, 5) == [0, 250, 500, 749, 999]
+
+
+@pytest.mark.parametrize(
+    ("mission", "colors"),
+    [
+        ({"mission": "pursuit"}, ["#D55E00", "#0072B2"]),
+        ({"mission": "territory"}, ["#0072B2", "#D55E00"]),
+    ],
+)
+def test_sides_have_the_colours_of_their_robots(mission: dict[str, str], colors: list[str]) -> None:
+    values = {"simulation": "arena", "parameters": mission, "ranking": {"kind": "tournament"}}
+    if mission["mission"] == "pursuit":
+        values = {**values, "populations": {"predators": {}, "prey": {}}}
+        values.pop("ranking")
+    assert color_sides(swarmwright.Experiment.from_mapping(values)) == colors
+
+
+def test_other_sides_have_the_first_colours() -> None:
+    assert color_sides(swarmwright.Experiment.from_mapping(TOURNAMENT)) == ["#0072B2", "#D55E00"]

@@ -59,7 +59,7 @@ class Playing:
     done: int = 0
     """Finished episodes."""
     whole: int = 0
-    waiting_for: str = "the matches of another run"
+    waiting_for: str = ""
     is_stopped: bool = False
 
     def follow(self, done: int, whole: int, waiting_for: str) -> None:
@@ -125,6 +125,7 @@ class Tournaments:
             result, error = None, None
             try:
                 while not playing.acquire(timeout=PAUSE_S):
+                    new.waiting_for = "the matches of another run"
                     if new.is_stopped:
                         return
                 try:

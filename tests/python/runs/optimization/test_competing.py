@@ -8,7 +8,7 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run, RunError
-from swarmwright.runs.matches import play, slices_of
+from swarmwright.runs.matches import play, play_all, slices_of
 
 MINISIM: dict[str, Any] = {
     "simulation": "minisim",
@@ -145,6 +145,32 @@ def test_unknown_sides_and_wrong_genomes_are_a_message(tmp_path: Path) -> None:
         run.champions("left")
     with pytest.raises(InputError, match=r"genomes: shape is \(1, 3\); expected \(matches, 26\)"):
         play(run.experiment, np.zeros((1, 3)), [0], servers="in-process")
+
+
+def test_all_meet_all_in_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    experiment = swarmwright.Experiment.from_mapping(POPULATIONS)
+    sizes = [cut.stop - cut.start for cut in slices_of(experiment).values()]
+    random = np.random.default_rng(1)
+    first, second = (
+        random.uniform(-1, 1, (count, size)).astype(np.float32)
+        for count, size in zip((3, 4), sizes, strict=True)
+    )
+    joined = [np.concatenate([own, other]) for own in first for other in second]
+    expected = play(experiment, joined, [1, 2], servers="in-process")
+    monkeypatch.setattr("swarmwright.runs.matches._CHUNK", 5)
+    reports: list[tuple[int, int]] = []
+    values = play_all(
+        experiment,
+        first,
+        second,
+        [1, 2],
+        servers="in-process",
+        on_progress=lambda done, whole, _: reports.append((done, whole)),
+    )
+    assert values.shape == (3, 4, 2, 2)
+    assert values.reshape(12, 2, 2).tolist() == expected.tolist()
+    assert reports == sorted(reports)
+    assert reports[-1] == (24, 24)
 
 
 def test_comparisons_say_that_opponents_differ(tmp_path: Path) -> None:
