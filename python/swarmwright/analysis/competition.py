@@ -37,6 +37,8 @@ Values = NDArray[np.float64]
 _RESAMPLES = 400
 """Samples of each bootstrap and of the null model."""
 _LEVEL = 0.95
+_LARGEST_FITNESS = 1e100
+"""Its squares can be added up."""
 _COLUMNS = ("means", "low", "high", "ratings", "ratings_low", "ratings_high")
 _MOST = {"champions": 1000, "episodes": 10_000, "seed": 2**62}
 """Upper limits of arguments."""
@@ -163,7 +165,7 @@ def measure_progress(
 
     Raises:
         InputError: the run is no competition, has other than two sides, or fewer than two generations.
-        RunError: all matches failed, or there is no server.
+        RunError: matches failed, their fitness is beyond ±1e100, or there is no server.
     """
     for name, value, least in (("champions", champions, 2), ("episodes", episodes, 2), ("seed", seed, 0)):
         if not least <= value <= _MOST[name]:
@@ -193,6 +195,11 @@ def measure_progress(
     if not np.isfinite(fitness).all():
         failed = int(np.count_nonzero(~np.isfinite(fitness).all(axis=(2, 3))))
         raise RunError(f"{failed} of {len(joined) ** 2} matches failed; progress needs all of them")
+    if np.abs(fitness).max() > _LARGEST_FITNESS:
+        raise RunError(
+            f"fitness is up to {np.abs(fitness).max():.3g}, but progress needs at most {_LARGEST_FITNESS:g}; "
+            "scale it down"
+        )
     parts = (fitness[..., 0], fitness[..., 1].transpose(1, 0, 2))
     first, second = (assess(name, generations, part) for name, part in zip(slices, parts, strict=True))
     return CompetitionProgress((first, second), episodes, seed)

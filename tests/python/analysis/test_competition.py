@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import swarmwright
-from swarmwright import InputError
+from swarmwright import InputError, RunError
 from swarmwright.analysis.competition import (
     assess,
     color_sides,
@@ -111,6 +111,14 @@ def test_mistakes_are_a_message(tmp_path: Path) -> None:
     alone = swarmwright.optimize({**MINISIM, "parameters": {}}, servers="in-process", out=tmp_path / "alone")
     with pytest.raises(InputError, match="no competition"):
         measure_progress(alone)
+
+
+def test_fitness_that_cannot_be_averaged_is_a_message(tmp_path: Path) -> None:
+    huge = {**POPULATIONS["populations"], "agents": {"fitness": "1e200 * (1 + steps)"}}
+    values = {**POPULATIONS, "populations": huge}
+    run = swarmwright.optimize(values, servers="in-process", out=tmp_path / "run")
+    with pytest.raises(RunError, match=r"fitness is up to .*e\+20., but progress needs at most 1e\+100"):
+        measure_progress(run, champions=3, episodes=2, servers="in-process")
 
 
 def test_ratings_recover_the_order_of_strengths() -> None:

@@ -36,6 +36,8 @@ LONGEST_NAME = 100
 """Characters of the name of a side."""
 LARGEST_BYTES = 4 << 20
 """Of a file with results."""
+MOST_WAITING = 20
+"""Runs whose matches wait for those of another one."""
 MOST_KEPT = 100
 """Runs whose results are kept."""
 PAUSE_S = 0.1
@@ -102,7 +104,7 @@ class Tournaments:
             episodes: likewise.
             broker: whose servers play; None: this process does.
 
-        Raises InputError when the run's code is not trusted or missing.
+        Raises InputError when the run's code is not trusted or missing, or too many others wait.
         """
         experiment = resolve_experiment(run, run.generations - 1)
         if broker is not None:
@@ -144,6 +146,10 @@ class Tournaments:
         with self._lock:
             if key in self._playing:
                 return
+            if len(self._playing) > MOST_WAITING:
+                raise InputError(
+                    f"the matches of {MOST_WAITING} other runs are waiting; stop some, or try later"
+                )
             self._playing[key] = new
             self._errors.pop(key, None)
         threading.Thread(target=work, name="matches", daemon=True).start()

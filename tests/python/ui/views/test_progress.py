@@ -13,6 +13,7 @@ from starlette.applications import Starlette
 
 from swarmwright import Run, optimize
 from swarmwright.analysis.competition import measure_progress
+from swarmwright.simulations.user_code import trust
 from swarmwright.ui.app import create_app
 from swarmwright.ui.views import progress
 from tests.python.runs.optimization.test_competing import MINISIM, POPULATIONS
@@ -194,6 +195,37 @@ def test_matches_are_stopped_and_those_of_other_runs_wait(
     play(app, "second")
     assert wait(app, "second")["result"] is not None
     assert post(app, "progress_stop", run="second").status == 200, "there is nothing to stop"
+
+
+def test_few_runs_wait(app: Starlette, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "MOST_WAITING", 1)
+    waiting = {"a": progress.Playing(), "b": progress.Playing()}
+    monkeypatch.setattr(progress.TOURNAMENTS, "_playing", waiting)
+    assert "are waiting; stop some" in play(app).values["error"]
+
+
+def test_code_of_others_is_not_executed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, open_app: Callable[[Path], Starlette]
+) -> None:
+    source = (Path(__file__).parents[2] / "simulations" / "duel.py").read_text()
+    (tmp_path / "duel.py").write_text(source)
+    optimize(
+        {
+            "simulation": f"{tmp_path / 'duel.py'}:Duel",
+            "ranking": {"kind": "tournament", "pairing": "round_robin"},
+            "method": {"population": 4, "generations": 2},
+            "validate": False,
+        },
+        servers="in-process",
+        out=tmp_path / "runs" / "theirs",
+    )
+    app = open_app(tmp_path / "runs")
+    assert play(app, "theirs").status == 200
+    assert wait(app, "theirs")["error"] is None
+    monkeypatch.setattr(trust, "_granted", set())
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another user"))
+    answer = play(app, "theirs")
+    assert (answer.status, "--trust" in answer.values["error"]) == (422, True), answer.values
 
 
 def test_a_run_that_is_deleted_meanwhile(
