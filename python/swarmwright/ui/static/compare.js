@@ -1,5 +1,5 @@
 // Several runs compared: the same statistics, tables and figure as `swarmwright runs compare`.
-import { Newest, figure, h, table, tell } from "./dom.js";
+import { Newest, change, figure, h, table, tell } from "./dom.js";
 import { runAddress } from "./runs.js";
 
 const BY = { fitness: "fitness", hypervolume: "hypervolume of fronts", qd_score: "QD score of archives", coverage: "coverage of archives" };
@@ -43,6 +43,7 @@ function probability(p) {
 export function show(view, query) {
   const runs = query.getAll("run");
   const newest = new Newest();
+  const newestLeague = new Newest();
   let result = null;
   const box = (name) => {
     const input = h("input", { type: "checkbox", change: load });
@@ -59,6 +60,9 @@ export function show(view, query) {
   const tables = h("div");
   const picture = h("div", { class: "figure" });
   const status = h("span", { role: "status", class: "hint" });
+  const league = h("div", { class: "league" });
+  const games = h("section", { hidden: true }, h("div", { class: "tools" },
+    h("button", { type: "button", click: playLeague }, "Play a league"), h("span", { class: "hint" }, "The best of each run against all others, on both sides, on seeds that no run used.")), league);
   const copied = (words, text) => h("button", { type: "button", click: async () => {
     try {
       await navigator.clipboard.writeText(text());
@@ -74,8 +78,22 @@ export function show(view, query) {
       h("label", {}, "after ", at, " ", unit), h("label", {}, inputs.unfinished, " with unfinished runs")),
     h("div", { class: "tools" }, h("label", {}, "over ", x), h("label", {}, inputs.metrics, " all metrics"), h("label", {}, "style ", style), links,
       copied("Copy as text", () => result?.text ?? ""), copied("Copy as LaTeX", () => result?.latex ?? ""), status),
-    picture, tables,
+    picture, tables, games,
   );
+
+  async function playLeague(event) {
+    const button = event.currentTarget;
+    button.disabled = true;
+    league.replaceChildren(h("p", { class: "empty" }, "playing…"));
+    try {
+      const { tables: played, notes } = await change("league", { runs }, newestLeague.next());
+      league.replaceChildren(...played.flatMap(({ side, head, rows }) => [side ? h("h2", {}, side) : "", table(head, rows, { isNumeric: true })]),
+        h("ul", { class: "notes" }, notes.map((note) => h("li", {}, note))));
+    } catch (error) {
+      tell(league, error);
+    }
+    button.disabled = false;
+  }
 
   function parameters() {
     const values = {
@@ -105,7 +123,8 @@ export function show(view, query) {
     }
   }
 
-  function draw({ values, figure: svg }) {
+  function draw({ values, figure: svg, can_play: canPlay }) {
+    games.hidden = !canPlay || runs.length < 2;
     tables.replaceChildren(...values.tasks.flatMap((task) => {
       const groups = values.groups.filter((group) => task.groups.includes(group.label));
       const pairs = values.pairs.filter((pair) => task.groups.includes(pair.first) && task.groups.includes(pair.second));
@@ -124,5 +143,5 @@ export function show(view, query) {
   }
 
   load();
-  return { trail: ["compare"], leave: () => newest.end() };
+  return { trail: ["compare"], leave: () => [newest, newestLeague].forEach((each) => each.end()) };
 }

@@ -2,15 +2,22 @@
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import Response
 
 from swarmwright import Comparison, InputError, compare
+from swarmwright.analysis.league import play_league
 from swarmwright.analysis.table import csv_text, latex_text
+from swarmwright.common.time_limit import TimeLimit
+from swarmwright.runs.post_evaluation import EvaluationOptions
 from swarmwright.ui.index import as_values
-from swarmwright.ui.requests import read_optional_integer
+from swarmwright.ui.replays import EPISODES, LONGEST_S, MOST_EPISODES, computing
+from swarmwright.ui.requests import read_optional_integer, read_whole
 from swarmwright.ui.views._base import STATIC, Values, View
+from swarmwright.ui.views.progress import is_competition
+from swarmwright.ui.views.runs import read_runs
 from swarmwright.ui.window import Window
 
 MOST_COMPARED = 500
@@ -60,7 +67,30 @@ def answer(window: Window, request: Request) -> Values:
             "values": as_values(values),
             "latex": latex_text(comparison),
             "figure": draw(comparison, request, "svg").decode(),
+            "can_play": all(is_competition(run) for group in comparison.groups for run in group.runs),
         }
+
+
+def play(window: Window, values: dict[str, Any]) -> Values:
+    """Return the league table of the best candidates of runs, as by `swarmwright league`."""
+    names = read_runs(window, values)
+    episodes = EPISODES if values.get("episodes") is None else read_whole(values["episodes"], "episodes")
+    if not 1 <= episodes <= MOST_EPISODES:
+        raise InputError(f"episodes: must be from 1 to {MOST_EPISODES}, not {episodes}")
+    limit = TimeLimit(
+        LONGEST_S, f"the matches take more than {LONGEST_S:.0f} s; use `swarmwright league FOLDER`"
+    )
+    broker = window.find_broker(window.run_of(names[0]))
+    servers = "in-process" if broker is None else "auto"
+    where = EvaluationOptions.of(episodes, None, broker, servers, lambda *_: limit.check())
+    with computing, limit:
+        league = play_league(window.index.folder, None, where, names)
+    tables = []
+    for side, _ in league.tables:
+        head, *rows = league.cells(side)
+        tables.append({"side": side, "head": head, "rows": rows})
+    left_out = [f"left out: {each.reason}" for each in league.left_out]
+    return {"tables": tables, "notes": [*league.heading, *league.caveats, *left_out]}
 
 
 def download(window: Window, request: Request) -> Response:
@@ -78,4 +108,9 @@ def download(window: Window, request: Request) -> Response:
     return Response(content, media_type=media_type, headers=headers)
 
 
-VIEW = View("compare", STATIC / "compare.js", answers={"compare": answer, "compare_file": download})
+VIEW = View(
+    "compare",
+    STATIC / "compare.js",
+    answers={"compare": answer, "compare_file": download},
+    asks={"league": play},
+)

@@ -1,6 +1,7 @@
 """The comparison of several runs in the window."""
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,11 @@ import pytest
 from starlette.applications import Starlette
 
 import swarmwright
+from swarmwright.analysis.league import play_league
+from swarmwright.runs.post_evaluation import EvaluationOptions
+from tests.python.runs.optimization.test_competing import TOURNAMENT
 from tests.python.ui.client import call
+from tests.python.ui.views.test_replays import post
 
 RUNS = ["run-1", "run-2"]
 
@@ -75,3 +80,49 @@ def test_other_formats_are_refused(app: Starlette, ending: str) -> None:
     answer = call(app, "/api/compare_file", run=RUNS, format=ending)
     assert answer.status == 422
     assert answer.values["error"].startswith("format: must be one of svg, pdf, png, csv")
+
+
+def test_a_league_is_that_of_the_command(tmp_path: Path, open_app: Callable[[Path], Starlette]) -> None:
+    for seed in (1, 2, 3):
+        swarmwright.optimize(
+            TOURNAMENT, servers="in-process", seed=seed, out=tmp_path / "sub" / f"run-{seed}"
+        )
+    runs = [f"sub/run-{seed}" for seed in (1, 2, 3)]
+    app = open_app(tmp_path)
+    assert call(app, "/api/compare", run=runs).values["can_play"]
+    values = post(app, "league", runs=runs, episodes=2).values
+    where = EvaluationOptions.of(2, None, None, "in-process", None)
+    league = play_league(tmp_path, None, where, runs)
+    [table] = values["tables"]
+    assert [table["head"], *table["rows"]] == league.cells("")
+    assert values["notes"][: len(league.heading)] == league.heading
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"runs": RUNS}, "no run in it is a competition"),
+        ({"runs": []}, "runs: choose 1 to 500 runs"),
+        ({"runs": "run-1"}, "runs: must be a list"),
+        ({"runs": [7]}, "runs: must be text"),
+        ({"runs": ["../x"]}, "there is no such run"),
+        ({"runs": RUNS, "episodes": 0}, "episodes: must be from 1 to 1000, not 0"),
+        ({"runs": RUNS, "episodes": 10**9}, "episodes: must be from 1 to 1000"),
+        ({"runs": RUNS, "episodes": "two"}, "episodes: must be a whole number"),
+    ],
+)
+def test_leagues_that_cannot_be_played_are_refused(
+    app: Starlette, values: dict[str, Any], message: str
+) -> None:
+    assert not call(app, "/api/compare", run=RUNS).values["can_play"]
+    answer = post(app, "league", **values)
+    assert (answer.status, message in answer.values["error"]) == (422, True), answer.values
+
+
+def test_leagues_take_no_longer_than_the_limit(
+    tmp_path: Path, open_app: Callable[[Path], Starlette], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in (1, 2):
+        swarmwright.optimize(TOURNAMENT, servers="in-process", seed=seed, out=tmp_path / f"run-{seed}")
+    monkeypatch.setattr("swarmwright.ui.views.compare.LONGEST_S", 0.0)
+    assert "use `swarmwright league FOLDER`" in post(open_app(tmp_path), "league", runs=RUNS).values["error"]
