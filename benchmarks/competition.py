@@ -12,7 +12,7 @@ from swarmwright.runs.matches import play_all, slices_of
 from swarmwright.servers.evaluation.base import Controllers
 from swarmwright.servers.evaluation.opening import open_backend
 
-CHAMPIONS = 100
+CHAMPIONS = 200
 """Of each side."""
 EPISODES = 5
 ROBOTS = 8

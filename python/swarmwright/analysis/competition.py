@@ -293,9 +293,9 @@ def fit_ranking(outcomes: Values) -> Values:
     from scipy.optimize import isotonic_regression
 
     order = np.argsort(outcomes.mean(axis=1), kind="stable")
+    rows = np.ascontiguousarray(outcomes[order].T)
     fitted = np.empty_like(outcomes)
-    for opponent in range(outcomes.shape[1]):
-        fitted[order, opponent] = isotonic_regression(outcomes[order, opponent]).x
+    fitted[order] = np.stack([isotonic_regression(row).x for row in rows]).T
     return fitted
 
 

@@ -15,6 +15,8 @@ RESAMPLES = 200
 _RESAMPLED_CELLS = 4_000_000
 """Pairs of players in all bootstrap samples together, which bounds memory; at least `_FEWEST` are drawn."""
 _FEWEST = 40
+_COUNTED = 255
+"""Games that a byte counts."""
 _TAIL = 2.5
 """Percentage of the bootstrap samples on each side of the 95 % interval."""
 Interval = tuple[float, float] | None
@@ -85,13 +87,16 @@ def games_against_equals(own: Values) -> Games:
     """
     players, opponents, seeds = own.shape
     wins, draws = np.zeros((seeds, players, players)), np.zeros((seeds, players, players))
-    for opponent in range(opponents):
-        for seed in range(seeds):
-            column = own[:, opponent, seed]
-            with np.errstate(invalid="ignore"):
-                wins[seed] += column[:, np.newaxis] > column
-                draws[seed] += column[:, np.newaxis] == column
     for seed in range(seeds):
+        columns = np.ascontiguousarray(own[:, :, seed].T)
+        for start in range(0, opponents, _COUNTED):
+            won, drawn = np.zeros((2, players, players), np.uint8)
+            for column in columns[start : start + _COUNTED]:
+                with np.errstate(invalid="ignore"):
+                    won += (column[:, np.newaxis] > column).view(np.uint8)
+                    drawn += (column[:, np.newaxis] == column).view(np.uint8)
+            wins[seed] += won
+            draws[seed] += drawn
         np.fill_diagonal(draws[seed], 0.0)
     return Games(wins, draws)
 

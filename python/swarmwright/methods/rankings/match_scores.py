@@ -220,7 +220,8 @@ def _win_chance(gap: float) -> float:
 
 def _win_chances(gaps: Scores) -> Scores:
     # NumPy's exp has other last digits on processors with other instruction sets.
-    return np.fromiter(map(_win_chance, gaps.tolist()), np.float64, len(gaps))
+    odds = np.fromiter(map(math.exp, (-np.abs(gaps)).tolist()), np.float64, len(gaps))
+    return np.asarray(np.where(gaps >= 0.0, 1.0, odds) / (1.0 + odds))
 
 
 def _half_log_cosh(gaps: Scores) -> Scores:
