@@ -28,7 +28,7 @@ from swarmwright.display.figures.progress import choose_side_colors
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.robots import find_colors
 from swarmwright.runs.code import resolve_experiment
-from swarmwright.runs.matches import FIRST_SEED, joined_champions, play_all, sides_of, slices_of
+from swarmwright.runs.matches import FIRST_SEED, play_all, sides_of, slices_of, stack_champions
 from swarmwright.runs.run import Run
 from swarmwright.servers.evaluation.base import Progress, Servers
 
@@ -178,7 +178,7 @@ def measure_progress(
             f"{run.path}: progress needs at least two finished generations, not {run.generations}"
         )
     generations = spread(run.generations, champions)
-    joined = joined_champions(run, generations)
+    joined = stack_champions(run, generations)
     experiment = experiment or resolve_experiment(run, generations[-1])
     if prefix is not None:
         experiment = dataclasses.replace(experiment, prefix=prefix)
@@ -242,9 +242,9 @@ def assess(side: str, generations: Sequence[int], values: Values) -> SideProgres
     take = int(np.flatnonzero((lead_low <= 0) & (lead_high >= 0))[0])
     earlier = np.tril_indices(len(generations), -1)
     share = cyclic_share(outcomes)
-    places = standings(games_against_equals(values))
-    ratings = np.array([place.rating for place in places])
-    intervals = [place.rating_interval or (place.rating, place.rating) for place in places]
+    table = standings(games_against_equals(values))
+    ratings = np.array([row.rating for row in table])
+    intervals = [row.rating_interval or (row.rating, row.rating) for row in table]
     return SideProgress(
         side=side,
         generations=tuple(generations),

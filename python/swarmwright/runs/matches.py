@@ -134,7 +134,7 @@ def _last_match(run: "Run", generation: int) -> Evaluation:
     return run._store.evaluation(None, generation)
 
 
-def joined_champions(run: "Run", generations: Sequence[int]) -> Genomes:
+def stack_champions(run: "Run", generations: Sequence[int]) -> Genomes:
     """Return the champions of all sides, (generations, genome_size).
 
     Raises InputError for a generation that does not exist.
@@ -154,7 +154,7 @@ def join_champions(run: "Run", generations: Sequence[int]) -> Genome:
         raise InputError(
             f"match: must have a generation of each of {', '.join(slices)}, not {len(generations)} numbers"
         )
-    genomes = joined_champions(run, generations)
+    genomes = stack_champions(run, generations)
     return np.concatenate([genome[cut] for genome, cut in zip(genomes, slices.values(), strict=True)])
 
 

@@ -171,13 +171,13 @@ class Tournaments:
 TOURNAMENTS = Tournaments()
 
 
-def remember(kept: OrderedDict[str, T], key: str, value: T | None) -> None:
+def remember(entries: OrderedDict[str, T], key: str, value: T | None) -> None:
     """Keep a value, if there is one, as long as it is among the newest."""
     if value is not None:
-        kept[key] = value
-        kept.move_to_end(key)
-        while len(kept) > MOST_KEPT:
-            kept.popitem(last=False)
+        entries[key] = value
+        entries.move_to_end(key)
+        while len(entries) > MOST_KEPT:
+            entries.popitem(last=False)
 
 
 def key_of(run: Run) -> str:
