@@ -8,7 +8,7 @@ import { drawChart, series } from "./lines.js";
 const LOOK_MS = 500; // between two looks at matches that are played
 const ALL = "all";
 const ANCESTORS = "against earlier opponents (CIAO)";
-const LINES = { "rating among themselves": ["ratings_low", "ratings", "ratings_high"], "mean fitness": ["low", "means", "high"] };
+const LINES = { rating: ["ratings_low", "ratings", "ratings_high"], "mean fitness": ["low", "means", "high"] };
 
 const percent = (share) => `${figure(Math.round(1000 * share) / 10)} %`;
 const interval = (low, high) => `95 %: ${figure(low)} to ${figure(high)}`;
@@ -168,7 +168,7 @@ export function show(element, run) {
       ...sides.flatMap((each) => [figure(each.ratings[index]), `${figure(each.ratings_low[index])} to ${figure(each.ratings_high[index])}`,
         figure(each.means[index]), `${figure(each.low[index])} to ${figure(each.high[index])}`]),
       h("button", { type: "button", click: (event) => replay(index, index, event.shiftKey) }, "Watch"),
-    ])));
+    ]), { isNumeric: true }));
   }
 
   /** Watches the match of a cell: the rows are those of the side that is chosen. */
