@@ -87,7 +87,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_from_the_list_to_a_replay_and_a_comparison(browser: Chrome, folder: Path, tmp_path: Path) -> None:
     with window(folder) as address:
-        browser.get(write_opening_page(tmp_path, address))
+        browser.get(write_opening_page(tmp_path, address).as_uri())
         eventually(lambda: "2 runs" in page_text(browser), "both runs are listed")
         assert "token" not in browser.current_url
 

@@ -85,7 +85,8 @@ def test_a_budget_is_that_of_the_whole_run(
     assert run.interrupted
     assert 3 <= run.generations < 20
     first = r"process 20\.\d\d server hours, cost 10\.\d\d"
-    assert re.search(f"the budget for servers is spent: {first}; continue with `swarmwright resume`", caplog.text)
+    advice = "continue with `swarmwright resume`"
+    assert re.search(f"the budget for servers is spent: {first}; {advice}", caplog.text)
     (text,) = used(run)
     assert re.fullmatch(first, text)
     # Nothing of it is left for another session.
