@@ -24,6 +24,7 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.verification import Verification
 from swarmwright.methods.archive import Axis, Grid
+from swarmwright.methods.voronoi import Voronoi
 from swarmwright.runs.elites import Elite, Elites, Outside
 from swarmwright.runs.learning_curve import CurvePoint
 from swarmwright.runs.page import ReplayPage
@@ -72,4 +73,5 @@ __all__ = [
     "Task",
     "Transferred",
     "Verification",
+    "Voronoi",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 from swarmwright.common.arguments import mapping, number
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
-from swarmwright.methods.archive import Values, ranks
+from swarmwright.methods.archive import Grid, Values, ranks
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.runs.elites import Elites, compute_elites, compute_elites_over_generations
@@ -198,9 +198,9 @@ def find_shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
     if len(fronts) == len(methods) and all(front.objectives == fronts[0].objectives for front in fronts):
         return ("hypervolume",)
     if len(archives) == len(methods) and all(
-        archive.measures == archives[0].measures for archive in archives
+        _division(archive) == _division(archives[0]) for archive in archives
     ):
-        return "qd_score", "coverage"
+        return ("qd_score",) if archives[0].cells is None else ("qd_score", "coverage")
     return ()
 
 
@@ -253,7 +253,7 @@ def build_indicator(elites: Elites) -> Indicator:
     """
     return (
         _build_front_indicator([elites], None)
-        if elites.grid is None
+        if elites.kind == "front"
         else _build_archive_indicator([elites], None)
     )
 
@@ -271,13 +271,17 @@ def _check_objectives(by: By, runs: Sequence[Run]) -> None:
 
 def _check_cells(by: By, runs: Sequence[Run]) -> None:
     first = _options(by, runs[0], MapElitesOptions, "map_elites, which have an archive")
-    for run in runs[1:]:
+    for run in runs:
         options = _options(by, run, MapElitesOptions, "map_elites, which have an archive")
-        if options.measures != first.measures:
+        if by == "coverage" and options.cells is None:
+            raise InputError(
+                f"{run.path}: an unstructured archive has no cells, and so no coverage; compare by qd_score"
+            )
+        if _division(options) != _division(first):
             raise InputError(
                 f"{runs[0].path} and {run.path} have archives of different cells, and so no {WORDS[by]} that "
                 f"can be compared: {_cells(first)}; {_cells(options)}. Name runs with the same measures, "
-                "ranges and bins"
+                "ranges and bins, and the same archive"
             )
 
 
@@ -296,11 +300,20 @@ def _objectives(options: Nsga2Options) -> str:
     return ", ".join(["fitness (maximize)", *goals])
 
 
+def _division(options: MapElitesOptions) -> object:
+    """Return what decides which elites an archive can have."""
+    return dict(zip(options.needed_metrics, options.axes, strict=False)), options.archive
+
+
 def _cells(options: MapElitesOptions) -> str:
-    return ", ".join(
-        f"{name} {axis.range[0]:g} to {axis.range[1]:g} in {axis.bins} bins"
-        for name, axis in sorted(options.measures.items())
-    )
+    measures = zip(options.needed_metrics, options.axes, strict=False)
+    if isinstance(options.cells, Grid):
+        return ", ".join(
+            f"{name} {axis.low:g} to {axis.high:g} in {axis.bins} bins" for name, axis in sorted(measures)
+        )
+    ranges = ", ".join(f"{name} {axis.low:g} to {axis.high:g}" for name, axis in sorted(measures))
+    archive = ", ".join(f"{key}: {value}" for key, value in options.archive.model_dump().items())
+    return f"{ranges}, archive {{{archive}}}"
 
 
 def _reference(values: Mapping[str, float], run: Run) -> dict[str, float]:

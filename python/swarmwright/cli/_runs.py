@@ -183,7 +183,7 @@ def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
         "kind": elites.kind,
         "goals": elites.goals,
         "count": len(elites.candidates),
-        "cells": None if elites.grid is None else elites.grid.cells,
+        "cells": None if elites.cells is None else elites.cells.cells,
         "coverage": elites.coverage,
         "qd_score": elites.qd_score(offset),
         "evaluated": elites.evaluated,
@@ -196,18 +196,17 @@ def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
 def elites_line(elites: "Elites", offset: float = 0.0) -> str:
     """Return a sentence on the number of elites."""
     count = len(elites.candidates)
-    if elites.grid is None:
+    if elites.kind == "front":
         goals = ", ".join(f"{name} ({goal}d)" for name, goal in elites.goals.items())
         return (
             f"The front has {format_count(count, 'candidate')} not dominated in fitness, "
             f"{escape_line(goals)}."
         )
-    cells, share = elites.grid.cells, 100 * (elites.coverage or 0.0)
-    less = f" (offset {offset:g})" if offset else ""
-    return (
-        f"The archive has elites in {count:,} of {cells:,} cells (coverage {share:.3g} %), QD score "
-        f"{elites.qd_score(offset):.6g}{less}."
-    )
+    score = f"QD score {elites.qd_score(offset):.6g}" + (f" (offset {offset:g})" if offset else "")
+    if elites.cells is None:
+        return f"The unstructured archive has {format_count(count, 'elite')}, {score}."
+    cells, share = elites.cells.cells, 100 * (elites.coverage or 0.0)
+    return f"The archive has elites in {count:,} of {cells:,} cells (coverage {share:.3g} %), {score}."
 
 
 def describe(output: Output, run: "Run") -> None:

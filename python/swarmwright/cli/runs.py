@@ -262,7 +262,7 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, outpu
     from swarmwright.cli._runs import elites_facts, list_elites
 
     archive = Run.open(run).elites
-    if offset is not None and archive.grid is None:
+    if offset is not None and archive.kind == "front":
         raise click.UsageError(
             "--offset is for the QD score of an archive, and this run has a front; leave it out."
         )

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +24,20 @@ _EPSILON = 1e-6
 
 @dataclass(frozen=True)
 class Axis:
-    """A measure that divides an archive into bins."""
+    """A measure of an archive."""
 
     low: float
     high: float
     bins: int
+    """Bins of a grid; 1 in other archives."""
+
+
+def scale(measures: Values, axes: Sequence[Axis]) -> Values:
+    """Return measures in units of their ranges: 0 at the low end, 1 at the high end, (n, measures)."""
+    low = np.array([axis.low for axis in axes])
+    width = np.array([axis.high - axis.low for axis in axes])
+    with np.errstate(over="ignore"):  # far beyond the range
+        return np.asarray((measures - low) / width)
 
 
 @dataclass(frozen=True)
@@ -71,13 +81,28 @@ class Grid:
         return np.where(finite, cells, -1)
 
 
+class Cells(Protocol):
+    """A division of the space of measures into cells: `Grid` or `Voronoi`."""
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """The measures, in order."""
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+
+    def cells_of(self, measures: Values) -> NDArray[np.int64]:
+        """Return the cells of candidates, (n,), from 0; -1 if a measure is not finite."""
+
+
 class Archive:
     """The best candidate of each cell, by number; the earlier of equal candidates stays."""
 
-    def __init__(self, grid: Grid) -> None:
-        self.grid = grid
-        self._fitness = np.full(grid.cells, np.nan)  # by cell
-        self._numbers = np.full(grid.cells, -1, dtype=np.int64)
+    def __init__(self, division: Cells) -> None:
+        self.division = division
+        self._fitness = np.full(division.cells, np.nan)  # by cell
+        self._numbers = np.full(division.cells, -1, dtype=np.int64)
         self._count = 0
 
     def __len__(self) -> int:
@@ -94,7 +119,7 @@ class Archive:
             fitness: (n,).
             measures: (n, measures).
         """
-        cells = self.grid.cells_of(measures)
+        cells = self.division.cells_of(measures)
         rows = np.flatnonzero((cells >= 0) & np.isfinite(fitness))
         taken_by = np.where(self._numbers[cells[rows]] < 0, -np.inf, self._fitness[cells[rows]])
         rows = rows[fitness[rows] > taken_by]

@@ -2,29 +2,34 @@
 
 import math
 import sys
-from typing import Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.options import Options
+from swarmwright.common.problems import FieldError
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions, check_metric_mapping
 from swarmwright.methods._numbers import center_and_reach
-from swarmwright.methods.archive import Archive, Axis, Grid, Values
+from swarmwright.methods.archive import Archive, Axis, Cells, Grid, Values
+from swarmwright.methods.unstructured import Unstructured
+from swarmwright.methods.voronoi import Voronoi
 
 _MOST_CELLS = 1_000_000
-"""Upper limit of cells in an archive."""
+"""Upper limit of cells in a grid."""
+_BINS = 20
+"""Default number of bins of a measure in a grid."""
 
 
 class Measure(Options):
     """Division of the archive by a metric."""
 
     range: list[float] = Field(min_length=2, max_length=2)
-    """Lowest and highest value; values beyond belong to the first or last bin."""
-    bins: int = Field(default=20, ge=1, le=10_000)
-    """Number of bins."""
+    """Lowest and highest value; values beyond count as these, except in an unstructured archive."""
+    bins: int | None = Field(default=None, ge=1, le=10_000)
+    """Number of bins of a grid. Default: 20."""
 
     @model_validator(mode="before")
     @classmethod
@@ -40,10 +45,10 @@ class Measure(Options):
             raise ValueError(f"range must be [low, high] with low < high, not [{low:g}, {high:g}]")
         if not math.isfinite(high - low):
             raise ValueError(f"range [{low:g}, {high:g}] is too wide: its width is not a finite number")
-        if (high - low) / self.bins < sys.float_info.min:
+        if (high - low) / (self.bins or _BINS) < sys.float_info.min:
             raise ValueError(
-                f"range [{low:g}, {high:g}] is too narrow for {self.bins} bins: their width would be below "
-                f"{sys.float_info.min:.3g}, the smallest normal number"
+                f"range [{low:g}, {high:g}] is too narrow for {self.bins or _BINS} bins: their width would be "
+                f"below {sys.float_info.min:.3g}, the smallest normal number"
             )
         return self
 
@@ -52,6 +57,33 @@ def _form(numbers: list[Any]) -> str:
     """Return the form of a measure, with the range and bins that `[0, 15, 5]` may mean."""
     low, high, bins, *_ = [*map(str, numbers), *("0", "1", "20")[len(numbers) :]]
     return f"{{range: [{low}, {high}], bins: {bins}}}"
+
+
+class GridOptions(Options):
+    """Cells by equal bins of each measure."""
+
+    kind: Literal["grid"]
+    """Each measure is divided into its `bins`."""
+
+
+class CvtOptions(Options):
+    """A number of cells of nearly equal size, for any number of measures."""
+
+    kind: Literal["cvt"]
+    """A centroidal Voronoi tessellation."""
+    cells: int = Field(default=1000, ge=1, le=10_000)
+    """Number of cells."""
+
+
+class UnstructuredOptions(Options):
+    """No cells: elites keep a distance."""
+
+    kind: Literal["unstructured"]
+    """Candidates join if they are novel, and else replace the nearest elite if it is worse."""
+    threshold: float = Field(default=0.05, ge=1e-6, le=1000)
+    """Least mean distance to the nearest elites, where 1 is the range of a measure."""
+    neighbors: int = Field(default=1, ge=1, le=1000)
+    """Number of nearest elites."""
 
 
 class MapElitesOptions(MethodOptions):
@@ -64,6 +96,13 @@ class MapElitesOptions(MethodOptions):
     measures: dict[str, Measure] = Field(default={}, max_length=8)
     """Metrics that describe behaviour, as means over episodes: `{cohesion: {range: [0, 1], bins: 20}}`.
     Required in experiments."""
+    archive: Annotated[GridOptions | CvtOptions | UnstructuredOptions, Field(discriminator="kind")] = (
+        GridOptions(kind="grid")
+    )
+    """{kind: grid}: the bins of the measures. {kind: cvt, cells: 1000}: that many cells of nearly equal size.
+    {kind: unstructured, threshold: 0.05, neighbors: 1}: no cells; a candidate joins if its mean distance to the
+    nearest elites is at least the threshold, where 1 is the range of a measure, and else replaces the nearest
+    elite if that is worse."""
     initial: int = Field(default=0, ge=0, le=10_000_000)
     """Random candidates before variation, in whole generations; 0: one generation."""
     variation: Literal["auto", "line", "mutation"] = "auto"
@@ -85,9 +124,20 @@ class MapElitesOptions(MethodOptions):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        cells = math.prod(measure.bins for measure in self.measures.values())
+        if not isinstance(self.archive, GridOptions):
+            kind = self.archive.kind
+            for name, measure in self.measures.items():
+                if measure.bins is not None:
+                    cure = "set archive.cells" if kind == "cvt" else "set archive.threshold"
+                    reason = f"only a grid has bins, not archive.kind {kind}; leave it out and {cure}"
+                    raise FieldError(("measures", name, "bins"), reason)
+            return self
+        cells = math.prod(axis.bins for axis in self.axes)
         if cells > _MOST_CELLS:
-            raise ValueError(f"measures make {cells:,} cells, more than {_MOST_CELLS:,}; use fewer bins")
+            raise ValueError(
+                f"measures make {cells:,} cells, more than {_MOST_CELLS:,}; use fewer bins, or archive: "
+                "{kind: cvt}"
+            )
         return self
 
     @property
@@ -96,14 +146,33 @@ class MapElitesOptions(MethodOptions):
         return tuple(self.measures)
 
     @property
-    def grid(self) -> Grid:
-        """The archive's cells; a single cell without measures."""
-        axes = [Axis(measure.range[0], measure.range[1], measure.bins) for measure in self.measures.values()]
-        return Grid(tuple(axes or [Axis(0.0, 1.0, 1)]))
+    def axes(self) -> tuple[Axis, ...]:
+        """The measures; a single bin without measures."""
+        has_bins = isinstance(self.archive, GridOptions)
+        axes = [
+            Axis(measure.range[0], measure.range[1], (measure.bins or _BINS) if has_bins else 1)
+            for measure in self.measures.values()
+        ]
+        return tuple(axes or [Axis(0.0, 1.0, 1)])
+
+    @property
+    def cells(self) -> Cells | None:
+        """The archive's cells; None if it is unstructured."""
+        if isinstance(self.archive, CvtOptions):
+            return Voronoi(self.axes, self.archive.cells)
+        return Grid(self.axes) if isinstance(self.archive, GridOptions) else None
+
+    def new_archive(self) -> Archive | Unstructured:
+        """Return an empty archive."""
+        archive, cells = self.archive, self.cells
+        if isinstance(archive, UnstructuredOptions):
+            return Unstructured(self.axes, threshold=archive.threshold, neighbors=archive.neighbors)
+        assert cells is not None
+        return Archive(cells)
 
 
 class MapElites(Method):
-    """MAP-Elites, whose archive holds the best candidate for each cell of a grid over measures of behaviour.
+    """MAP-Elites, whose archive holds the best candidate for each cell of the space of measures of behaviour.
 
     Each generation varies random elites and adds candidates that are better than the elite of their cell, or
     whose cell is empty. The result is a collection of controllers that behave differently:
@@ -121,7 +190,7 @@ class MapElites(Method):
 
     def __init__(self, options: MapElitesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
-        self._archive = Archive(options.grid)
+        self._archive = options.new_archive()
         self._genomes: dict[int, Genome] = {}  # by cell
 
     @classmethod
@@ -145,7 +214,7 @@ class MapElites(Method):
         return self._archive.fitness if len(self._archive) else np.full(1, np.nan)
 
     @property
-    def archive(self) -> Archive:
+    def archive(self) -> Archive | Unstructured:
         """The archive, with elites numbered by their evaluation in the run, from 0."""
         return self._archive
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from swarmwright.common.arrays import Fitness
 from swarmwright.common.errors import InputError
 from swarmwright.common.statistics import means
-from swarmwright.methods.archive import Archive, Axis, Grid, Values, front_with
+from swarmwright.methods.archive import Axis, Cells, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
+from swarmwright.methods.voronoi import Voronoi
 from swarmwright.simulations.catalogue import description, find_built_in
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class Elites:
         goals: goal of each metric by name: "measure" in archives, "maximize" or "minimize" in fronts.
         candidates: sorted by fitness, the best first; a front has the earliest of candidates that are equal
             in all values.
-        grid: the cells of an archive, None for fronts.
+        cells: the cells of an archive, `Grid` or `Voronoi`; None for unstructured archives and fronts.
         evaluated: number of successfully evaluated candidates of the run.
         missing: for each incomplete metric, the number of these candidates without a finite value, which
             cannot be elites.
@@ -77,7 +78,7 @@ class Elites:
     kind: Literal["archive", "front"]
     goals: dict[str, str]
     candidates: list[Elite]
-    grid: Grid | None
+    cells: Cells | None
     evaluated: int
     missing: dict[str, int]
     outside: dict[str, Outside]
@@ -87,7 +88,7 @@ class Elites:
     def __repr__(self) -> str:
         """Return the kind and the number of elites."""
         goals = ", ".join(f"{name} ({goal})" for name, goal in self.goals.items())
-        cells = "" if self.grid is None else f" in {self.grid.cells} cells"
+        cells = "" if self.cells is None else f" in {self.cells.cells} cells"
         return f"<Elites: {self.kind} of {len(self.candidates)} candidates{cells}; fitness, {goals}>"
 
     @property
@@ -107,24 +108,25 @@ class Elites:
             parts = [(outside.below, "below", "first"), (outside.above, "above", "last")]
             counts = " and ".join(f"{count:,} {side}" for count, side, _ in parts if count)
             bins = " and ".join(bin_ for count, _, bin_ in parts if count)
+            place = f"for its {bins} bin" if isinstance(self.cells, Grid) else "as its end"
             limits = f"{outside.low:g} to {outside.high:g}"
             notes.append(
                 f"{counts} of {self.evaluated:,} candidates are outside the range of {name}, {limits}, and "
-                f"count for its {bins} bin; values are {outside.lowest:.6g} to {outside.highest:.6g}."
+                f"count {place}; values are {outside.lowest:.6g} to {outside.highest:.6g}."
             )
         return notes
 
     @property
     def coverage(self) -> float | None:
-        """Share of an archive's cells that have an elite, 0 to 1; None for fronts."""
-        return None if self.grid is None else len(self.candidates) / self.grid.cells
+        """Share of an archive's cells that have an elite, 0 to 1; None without cells."""
+        return None if self.cells is None else len(self.candidates) / self.cells.cells
 
     def qd_score(self, offset: float = 0.0) -> float | None:
         """Return the sum of fitness - offset over an archive's elites; None for fronts.
 
         offset: the worst possible fitness, so that additional elites never lower the score (as in pyribs).
         """
-        if self.grid is None:
+        if self.kind == "front":
             return None
         return math.fsum(candidate.fitness - offset for candidate in self.candidates)
 
@@ -136,8 +138,9 @@ class Elites:
     def plot(self, path: "str | PathLike[str] | None" = None) -> "Figure":
         """Draw a heat map of the archive, or the front; return the matplotlib figure.
 
-        An archive is drawn over its first two measures; with more measures, each cell shows the best of its
-        elites. A front is drawn over fitness and its first metric, and colours show the second metric.
+        An archive is drawn over its first two measures; with more measures, each cell of a grid shows the
+        best of its elites. An unstructured archive, and one of Voronoi cells unless it has two measures, is
+        drawn as points. A front is drawn over fitness and its first metric, and colours show the second metric.
 
         Args:
             path: file to write (.png, .svg or .pdf); by default none.
@@ -146,8 +149,8 @@ class Elites:
         """
         from pathlib import Path  # noqa: PLC0415
 
+        from swarmwright.display.figures import elites as drawing  # noqa: PLC0415
         from swarmwright.display.figures import style  # noqa: PLC0415 - it takes long to import
-        from swarmwright.display.figures.elites import draw_archive, draw_front  # noqa: PLC0415
         from swarmwright.display.figures.run import title_of  # noqa: PLC0415
 
         if path is not None:
@@ -155,16 +158,21 @@ class Elites:
         if not self.candidates:
             raise InputError("there is no elite to draw: no candidate has finite fitness and metrics")
         values, names, heading = self.values(), self._metric_labels(), title_of(self.experiment)
-        if self.grid is None:
-            figure = draw_front(values, names, list(self.goals.values()), heading)
-        else:
-            plane = Grid(self.grid.axes[:2])
+        filled = len(values), 0 if self.cells is None else self.cells.cells
+        limits = [] if self.cells is None else [(axis.low, axis.high) for axis in self.cells.axes[:2]]
+        if self.kind == "front":
+            figure = drawing.draw_front(values, names, list(self.goals.values()), heading)
+        elif isinstance(self.cells, Grid):
+            plane = Grid(self.cells.axes[:2])
             best = np.full(plane.cells, np.nan)
             np.fmax.at(best, plane.cells_of(values[:, 1:3]), values[:, 0])
-            limits = [(axis.low, axis.high) for axis in plane.axes]
-            figure = draw_archive(
-                best.reshape(plane.shape), names, limits, (len(values), self.grid.cells), heading
-            )
+            figure = drawing.draw_archive(best.reshape(plane.shape), names, limits, filled, heading)
+        elif isinstance(self.cells, Voronoi) and len(names) == 2:
+            best = np.full(self.cells.cells, np.nan)
+            best[self.cells.cells_of(values[:, 1:])] = values[:, 0]
+            figure = drawing.draw_voronoi(best, self.cells.centroids, names, limits, filled, heading)
+        else:
+            figure = drawing.draw_points(values, names, limits, filled, heading)
         if path is not None:
             style.save(figure, Path(path))
         return figure
@@ -230,8 +238,8 @@ class EliteCollector:
         self._ends = run._store.ends()
         self._read = 0  # evaluations
         if isinstance(options, MapElitesOptions):
-            self._elites: _Best | _Front = _Best(options.grid, len(self._names))
-            self._metrics = _Metrics(self._names, options.grid.axes)
+            self._elites: _Best | _Front = _Best(options)
+            self._metrics = _Metrics(self._names, () if options.cells is None else options.axes)
         else:
             self._elites = _Front(options)
             self._metrics = _Metrics(self._names, ())
@@ -286,8 +294,11 @@ class EliteCollector:
         options = self._options
         if isinstance(options, MapElitesOptions):
             goals = dict.fromkeys(self._names, "measure")
-            return Elites("archive", goals, candidates, options.grid, *counts, self._experiment)
+            return Elites("archive", goals, candidates, options.cells, *counts, self._experiment)
         return Elites("front", dict(options.objectives), candidates, None, *counts, self._experiment)
+
+
+_COLUMNS = ("numbers", "fitness", "metrics", "gaps")
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,31 +314,41 @@ class _Rows:
     gaps: NDArray[np.bool_]
     """(n, metrics), whether each metric has no value in some episodes."""
 
+    @classmethod
+    def zeros(cls, count: int, metrics: int) -> "_Rows":
+        """Return empty rows."""
+        shape = count, metrics
+        return cls(np.zeros(count, np.int64), np.zeros(count), np.zeros(shape), np.zeros(shape, bool))
+
+    def joined_with(self, rows: "_Rows") -> "_Rows":
+        """Return these rows, followed by others."""
+        return _Rows(*(np.concatenate([getattr(self, name), getattr(rows, name)]) for name in _COLUMNS))
+
     def select(self, rows: NDArray[Any]) -> "_Rows":
         """Return some rows."""
         return _Rows(self.numbers[rows], self.fitness[rows], self.metrics[rows], self.gaps[rows])
 
 
 class _Best:
-    """The elites of an archive's cells."""
+    """The elites of an archive."""
 
-    def __init__(self, grid: Grid, metrics: int) -> None:
-        self._cells = Archive(grid)
-        self._rows = _Rows(
-            np.zeros(grid.cells, np.int64),
-            np.zeros(grid.cells),
-            np.zeros((grid.cells, metrics)),
-            np.zeros((grid.cells, metrics), bool),
-        )
+    def __init__(self, options: MapElitesOptions) -> None:
+        self._archive = options.new_archive()
+        count = 0 if options.cells is None else options.cells.cells
+        self._rows = _Rows.zeros(count, len(options.measures))
 
     def add(self, rows: _Rows) -> None:
-        new = np.array(self._cells.add(range(len(rows.fitness)), rows.fitness, rows.metrics), np.int64)
+        measures = rows.metrics if rows.metrics.shape[1] else np.zeros((len(rows.fitness), 1))
+        new = np.array(self._archive.add(range(len(rows.fitness)), rows.fitness, measures), np.int64)
         cells, chosen = new.reshape(-1, 2).T
-        for name in ("numbers", "fitness", "metrics", "gaps"):
+        if cells.max(initial=-1) >= len(self._rows.fitness):  # only an unstructured archive grows
+            more = _Rows.zeros(int(cells.max()) + 1, rows.metrics.shape[1])
+            self._rows = self._rows.joined_with(more)
+        for name in _COLUMNS:
             getattr(self._rows, name)[cells] = getattr(rows, name)[chosen]
 
     def rows(self) -> _Rows:
-        return self._rows.select(self._cells.cells)
+        return self._rows.select(self._archive.cells)
 
 
 class _Front:
@@ -336,9 +357,7 @@ class _Front:
     def __init__(self, options: Nsga2Options) -> None:
         self._options = options
         count = len(options.objectives)
-        self._rows = _Rows(
-            np.zeros(0, np.int64), np.zeros(0), np.zeros((0, count)), np.zeros((0, count), bool)
-        )
+        self._rows = _Rows.zeros(0, count)
         self._values: Values = np.empty((0, 1 + count))
 
     def add(self, rows: _Rows) -> None:
@@ -346,8 +365,7 @@ class _Front:
         finite = np.flatnonzero(np.isfinite(values).all(axis=1))
         stays, joins = front_with(self._values, values[finite])
         old, new = self._rows.select(stays), rows.select(finite[joins])
-        columns = ("numbers", "fitness", "metrics", "gaps")
-        self._rows = _Rows(*(np.concatenate([getattr(old, name), getattr(new, name)]) for name in columns))
+        self._rows = old.joined_with(new)
         self._values = np.concatenate([self._values[stays], values[finite[joins]]])
 
     def rows(self) -> _Rows:

@@ -1,5 +1,6 @@
 """MAP-Archive: what it asks for, and that it fills its archive."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from swarmwright import InputError
 from swarmwright.common.arrays import Genomes
 from swarmwright.methods import METHODS, Method
 from swarmwright.methods.archive import Archive
-from swarmwright.methods.map_elites import MapElites
+from swarmwright.methods.map_elites import MapElites, MapElitesOptions
+from swarmwright.methods.unstructured import Unstructured
 from tests.python.methods.functions import new, sphere, ten_genes
 
 MEASURES = {"x": {"range": [-5, 5], "bins": 20}, "y": {"range": [-5, 5], "bins": 20}}
@@ -34,10 +36,11 @@ def evolved(seed: int = 1, generations: int = 60, **options: Any) -> MapElites:
     return method
 
 
-def at_random(seed: int, generations: int = 60) -> Archive:
+def at_random(seed: int, generations: int = 60) -> Archive | Unstructured:
     """The archive that random search fills with as many evaluations."""
     options = METHODS.get("map_elites").options_model.model_validate({"measures": MEASURES})
-    elites = Archive(options.grid)  # type: ignore[attr-defined] # of MapElitesOptions
+    assert isinstance(options, MapElitesOptions)
+    elites = options.new_archive()
     method = new("random_search", seed=seed, population=50, generations=generations)
     while not method.done:
         points = method.ask().astype(np.float64)
@@ -134,11 +137,44 @@ def test_telling_it_needs_metrics_of_the_right_shape() -> None:
             {"measures": {name: {"range": [0, 1], "bins": 200} for name in "abc"}},
             "measures make 8,000,000 cells, more than 1,000,000; use fewer bins",
         ),
+        (
+            {"measures": MEASURES, "archive": {"kind": "cvt"}},
+            r"measures\.x\.bins: only a grid has bins, not archive\.kind cvt; leave it out and set ",
+        ),
+        ({"archive": {"kind": "cvt", "cells": 0}}, "greater than or equal to 1"),
+        ({"archive": {"kind": "unstructured", "threshold": math.nan}}, "finite number"),
+        ({"archive": {"kind": "unstructured", "threshold": 0}}, "greater than or equal to"),
+        ({"archive": {"kind": "grid", "cells": 5}}, "Extra inputs are not permitted"),
+        ({"archive": {"kind": "octree"}}, "does not match any of the expected tags"),
     ],
 )
 def test_wrong_measures(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         METHODS.get("map_elites").options_model.model_validate(options)
+
+
+@pytest.mark.parametrize(
+    "archive", [{"kind": "cvt", "cells": 60}, {"kind": "unstructured", "threshold": 0.1}]
+)
+def test_other_archives(archive: dict[str, Any]) -> None:
+    ranges = {name: {"range": [-5, 5]} for name in ("x", "y")}
+
+    def evolved(generations: int) -> MapElites:
+        method = new("map_elites", population=40, generations=generations, measures=ranges, archive=archive)
+        assert isinstance(method, MapElites)
+        before = -math.inf
+        while not method.done:
+            points = method.ask().astype(np.float64)
+            method.tell(-sphere(points[:, 2:]), metrics=points[:, :2])
+            score = float((method.archive.fitness + 1e6).sum())
+            assert score >= before
+            before = score
+        return method
+
+    first, after = evolved(3).archive, evolved(30).archive
+    assert 10 < len(first) < len(after)
+    assert after.fitness.max() > first.fitness.max()
+    assert after.numbers.tolist() == evolved(30).archive.numbers.tolist()
 
 
 def test_the_same_seed_gives_the_same_archive() -> None:

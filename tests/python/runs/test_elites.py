@@ -12,6 +12,7 @@ from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
 from swarmwright.analysis.sweep import Sweep
 from swarmwright.cli._runs import extra_lines
 from swarmwright.common.statistics import mean
+from swarmwright.methods.map_elites import MapElites
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.runs.store import StoreReader
 from swarmwright.runs.store.best_of_equals import BestOfEquals
@@ -29,6 +30,7 @@ ARCHIVE = {
     **BASE,
     "method": {"kind": "map_elites", "population": 20, "generations": 8, "measures": MEASURES},
 }
+OTHERS = [{"kind": "cvt", "cells": 12}, {"kind": "unstructured", "threshold": 0.15}]
 FRONT = {
     **BASE,
     "fitness": "arrived - caught",
@@ -134,6 +136,45 @@ def test_figures(kind: str, count: int, tmp_path: Path) -> None:
     assert figure.get_suptitle() == f"minisim: {kind} evolves a {run.experiment.controller.kind} controller"
     with pytest.raises(InputError, match=r"unknown suffix of a figure"):
         run.elites.plot(tmp_path / "elites.txt")
+
+
+def archive_of(archive: dict[str, Any], *names: str) -> dict[str, Any]:
+    """An experiment with another archive."""
+    measures = {name: {"range": MEASURES.get(name, {"range": [0, 3]})["range"]} for name in names}
+    return {**BASE, "method": {**ARCHIVE["method"], "measures": measures, "archive": archive}}
+
+
+@pytest.mark.parametrize("archive", OTHERS)
+def test_elites_of_other_archives_are_those_that_the_method_has(
+    archive: dict[str, Any], tmp_path: Path
+) -> None:
+    experiment = Experiment.from_mapping(archive_of(archive, "steps", "distance"))
+    run = optimize(experiment, out=tmp_path / "run")
+    rows, elites = means_of(run), run.elites
+    method = experiment.new_method(run.experiment.representation())
+    for generation in range(run.generations):
+        method.ask()
+        told = np.array(rows[generation * 20 : generation * 20 + 20])
+        method.tell(told[:, 0], metrics=told[:, 1:])
+    assert isinstance(method, MapElites)
+    numbers = {one.generation * 20 + one.candidate for one in elites.candidates}
+    assert numbers == set(method.archive.numbers.tolist())
+    assert elites.qd_score(-9.0) == pytest.approx((method.archive.fitness + 9).sum())
+    assert elites.coverage == (len(numbers) / 12 if archive["kind"] == "cvt" else None)
+    assert elites.plot().axes[0].get_title(loc="left").startswith(f"{len(numbers)} ")
+    again = Experiment.from_mapping(run.experiment.to_mapping())
+    assert again.method == run.experiment.method
+
+
+@pytest.mark.parametrize("names", [["steps"], ["steps", "distance", "arrived"]])
+@pytest.mark.parametrize("archive", OTHERS)
+def test_figures_of_other_archives(archive: dict[str, Any], names: list[str], tmp_path: Path) -> None:
+    values = archive_of(archive, *names)
+    values["method"] |= {"population": 10, "generations": 2}
+    run = optimize(Experiment.from_mapping(values), out=tmp_path / "run")
+    axes = run.elites.plot().axes[0]
+    assert axes.get_xlabel() == "steps, steps"
+    assert axes.get_ylabel().startswith("fitness" if len(names) == 1 else "distance")
 
 
 @pytest.mark.parametrize("values", [ARCHIVE, FRONT])

@@ -29,20 +29,29 @@ export function show(element, run) {
 
   function draw(states, elites) {
     const [name, other] = [across.list.value, up.list.value];
-    const horizontal = states.axes[name];
-    const vertical = other === NONE || other === name ? null : states.axes[other];
+    const names = Object.keys(states.axes);
+    // A raster of Voronoi cells has the first measure across.
+    const raster = states.raster !== null && name === names[0] && other === names[1] ? states.raster : null;
+    const withBins = (axis) => (raster === null ? axis : { ...axis, bins: raster.size });
+    const horizontal = withBins(states.axes[name]);
+    const vertical = other === NONE || other === name ? null : withBins(states.axes[other]);
     const [columns, rows] = [horizontal.bins, vertical?.bins ?? 1];
     const values = new Float32Array(columns * rows).fill(NaN);
     cells = new Map();
-    // The best are first: cells of other measures are projected by their best.
-    elites.columns.fitness.forEach((fitness, index) => {
-      const [column, row] = [elites.bins[name][index], vertical ? elites.bins[other][index] : 0];
+    const place = (column, row, index) => {
       const key = `${column} ${row}`;
-      if (cells.has(key)) return;
+      if (index === undefined || cells.has(key)) return;
       cells.set(key, index);
-      values[column * rows + row] = fitness;
-    });
-    const hidden = Object.keys(states.axes).filter((each) => each !== name && each !== (vertical ? other : null));
+      values[column * rows + row] = elites.columns.fitness[index];
+    };
+    if (raster === null) {
+      // The best are first: cells of other measures are projected by their best.
+      elites.born.forEach((_, index) => place(elites.bins[name][index], vertical ? elites.bins[other][index] : 0, index));
+    } else {
+      const elite = new Map(elites.cells.map((cell, index) => [cell, index]));
+      raster.cells.forEach((cell, point) => place(Math.floor(point / rows), point % rows, elite.get(cell)));
+    }
+    const hidden = names.filter((each) => each !== name && each !== (vertical ? other : null));
     map.show({
       columns, rows, values, range: rangeOf(elites.columns.fitness), isUpward: true,
       below: { label: name, range: [horizontal.low, horizontal.high] },

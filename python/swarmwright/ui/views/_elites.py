@@ -41,7 +41,7 @@ class State:
     def of(cls, generation: int, elites: Elites, indicator: Indicator) -> Self:
         """Return a state with its indicators, without those that would take long."""
         indicators = {indicator.words: finite(indicator.value(elites)) if indicator.has_curve else None}
-        if elites.grid is not None:
+        if elites.coverage is not None:
             indicators["coverage"] = elites.coverage
         return cls(generation, elites, indicators)
 

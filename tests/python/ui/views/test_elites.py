@@ -27,6 +27,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "front": {"kind": "nsga2", "objectives": {"steps": "minimize", "distance": "minimize"}},
     "archive": {"kind": "map_elites", "measures": MEASURES},
 }
+RANGES = {name: {"range": measure["range"]} for name, measure in MEASURES.items()}
 POINTS = {"front": "front_points", "archive": "archive_cells"}
 
 
@@ -61,6 +62,29 @@ def test_elites_and_indicators_are_those_of_the_library(
         ]
         if tab == "archive":
             assert all(0 <= cell < 5 for cell in points["bins"]["steps"])
+
+
+@pytest.mark.parametrize("archive", [{"kind": "cvt", "cells": 9}, {"kind": "unstructured"}])
+def test_archives_without_bins(
+    tmp_path: Path, open_app: Callable[[Path], Starlette], archive: dict[str, Any]
+) -> None:
+    method = {"kind": "map_elites", "measures": RANGES, "archive": archive, "population": 12}
+    run = optimize(
+        Experiment.from_mapping({**BASE, "method": {**method, "generations": 2}}), out=tmp_path / "run"
+    )
+    app = open_app(tmp_path)
+    states = call(app, "/api/archive", run="run").values
+    assert {axis["bins"] for axis in states["axes"].values()} == {40}
+    points = call(app, "/api/archive_cells", run="run", generation=1).values
+    assert len(points["born"]) == len(run.elites.candidates) == states["counts"][-1]
+    if archive["kind"] == "cvt":
+        assert set(states["raster"]["cells"]) == set(range(9))
+        assert len(states["raster"]["cells"]) == states["raster"]["size"] ** 2
+        assert len(set(points["cells"])) == len(points["cells"])
+        assert "coverage" in states["indicators"]
+    else:
+        assert states["raster"] is None
+        assert list(states["indicators"]) == ["QD score"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,94 @@
+"""Archives without cells, in which elites keep a distance."""
+
+from collections.abc import Sequence
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.common.arrays import Fitness
+from swarmwright.methods.archive import Axis, Values, scale
+from swarmwright.methods.voronoi import squared_distances
+
+MOST_ELITES = 100_000
+"""Elites after which candidates only replace others."""
+
+
+class Unstructured:
+    """Elites whose behaviour was novel when they joined, or that replaced a worse elite nearby.
+
+    A candidate joins if the mean distance to its nearest elites, in units of the ranges of the measures, is at
+    least the threshold. Otherwise it replaces the nearest elite if its fitness is higher. Candidates are
+    added one after the other, so that the archive does not depend on how they are divided into batches.
+
+    Source: the archive of Lehman and Stanley, "Abandoning objectives: evolution through the search for
+    novelty alone", Evolutionary Computation 19(2), 2011, with the local competition of `ProximityArchive` in
+    pyribs, which compares a batch with the archive before it.
+    """
+
+    def __init__(self, axes: Sequence[Axis], *, threshold: float, neighbors: int) -> None:
+        self._axes = axes
+        self._threshold, self._neighbors = threshold, neighbors
+        self._count = 0
+        self._points: Values = np.empty((64, len(axes)))
+        self._fitness = np.empty(64)
+        self._numbers = np.empty(64, dtype=np.int64)
+
+    def __len__(self) -> int:
+        """Return the number of elites."""
+        return self._count
+
+    def add(self, numbers: Sequence[int], fitness: Fitness, measures: Values) -> list[tuple[int, int]]:
+        """Add candidates, one after the other; return (place, row) of each that became an elite.
+
+        A later one may have replaced an earlier one. Candidates without finite fitness and measures are
+        skipped.
+
+        Args:
+            numbers: numbers of the candidates, n of them.
+            fitness: (n,).
+            measures: (n, measures).
+        """
+        points = scale(measures, self._axes)
+        usable = np.isfinite(fitness) & np.logical_and.reduce(np.isfinite(points), axis=1)
+        new = []
+        for row in np.flatnonzero(usable).tolist():
+            place = self._find_place(points[row], float(fitness[row]))
+            if place is not None:
+                self._points[place], self._fitness[place] = points[row], fitness[row]
+                self._numbers[place] = numbers[row]
+                new.append((place, row))
+        return new
+
+    def _find_place(self, point: NDArray[np.float64], fitness: float) -> int | None:
+        """Return the place that a candidate gets; None if it does not become an elite."""
+        distances = squared_distances(point[np.newaxis], self._points[: self._count])[0]
+        nearest = np.sort(distances)[: self._neighbors].tolist()
+        novelty = sum(map(sqrt, nearest)) / max(len(nearest), 1)
+        if not nearest or (novelty >= self._threshold and self._count < MOST_ELITES):
+            self._grow()
+            self._count += 1
+            return self._count - 1
+        place = int(distances.argmin())
+        return place if fitness > self._fitness[place] else None
+
+    def _grow(self) -> None:
+        if self._count == len(self._fitness):
+            for name in ("_points", "_fitness", "_numbers"):
+                values = getattr(self, name)
+                setattr(self, name, np.concatenate([values, np.empty_like(values)]))
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Places of the elites, in order."""
+        return np.arange(self._count)
+
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        """Numbers of the elites, in the order of `cells`."""
+        return self._numbers[: self._count].copy()
+
+    @property
+    def fitness(self) -> Fitness:
+        """Fitness of the elites, in the order of `cells`."""
+        return self._fitness[: self._count].copy()
