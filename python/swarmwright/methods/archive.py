@@ -132,6 +132,18 @@ class Archive:
         self._numbers[new] = [numbers[row] for row in rows.tolist()]
         return list(zip(new.tolist(), rows.tolist(), strict=True))
 
+    def compare(self, fitness: Fitness, measures: Values) -> tuple[NDArray[np.bool_], Fitness]:
+        """Return which candidates are in empty cells, and fitness minus that of the cell's elite, (n,) each.
+
+        In empty cells the difference is the fitness itself; it is NaN for candidates without finite fitness
+        and measures.
+        """
+        cells = self.division.cells_of(measures)
+        empty = self._numbers[cells] < 0
+        values = np.where(empty, fitness, fitness - self._fitness[cells])
+        usable = (cells >= 0) & np.isfinite(fitness)
+        return empty & usable, np.where(usable, values, np.nan)
+
     @property
     def cells(self) -> NDArray[np.int64]:
         """Cells with an elite, in order."""

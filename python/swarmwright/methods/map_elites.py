@@ -10,15 +10,19 @@ from pydantic import Field, field_validator, model_validator
 from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.options import Options
 from swarmwright.common.problems import FieldError
+from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions, check_metric_mapping
-from swarmwright.methods._numbers import center_and_reach
+from swarmwright.methods._numbers import center_and_reach, explain_too_many_genes
 from swarmwright.methods.archive import Archive, Axis, Cells, Grid, Values
+from swarmwright.methods.emitters import Emitters, Improvements, Thresholds
 from swarmwright.methods.unstructured import Unstructured
 from swarmwright.methods.voronoi import Voronoi
 
 _MOST_CELLS = 1_000_000
 """Upper limit of cells in a grid."""
+_MOST_GENES = 5000
+"""Genes for which a covariance matrix is affordable."""
 _BINS = 20
 """Default number of bins of a measure in a grid."""
 
@@ -47,8 +51,8 @@ class Measure(Options):
             raise ValueError(f"range [{low:g}, {high:g}] is too wide: its width is not a finite number")
         if (high - low) / (self.bins or _BINS) < sys.float_info.min:
             raise ValueError(
-                f"range [{low:g}, {high:g}] is too narrow for {self.bins or _BINS} bins: their width would be "
-                f"below {sys.float_info.min:.3g}, the smallest normal number"
+                f"range [{low:g}, {high:g}] is too narrow for {self.bins or _BINS} bins: their width would "
+                f"be below {sys.float_info.min:.3g}, the smallest normal number"
             )
         return self
 
@@ -100,14 +104,16 @@ class MapElitesOptions(MethodOptions):
         GridOptions(kind="grid")
     )
     """{kind: grid}: the bins of the measures. {kind: cvt, cells: 1000}: that many cells of nearly equal size.
-    {kind: unstructured, threshold: 0.05, neighbors: 1}: no cells; a candidate joins if its mean distance to the
-    nearest elites is at least the threshold, where 1 is the range of a measure, and else replaces the nearest
-    elite if that is worse."""
+    {kind: unstructured, threshold: 0.05, neighbors: 1}: no cells; a candidate joins if its mean distance to
+    the nearest elites is at least the threshold, where 1 is the range of a measure, and else replaces the
+    nearest elite if that is worse."""
     initial: int = Field(default=0, ge=0, le=10_000_000)
     """Random candidates before variation, in whole generations; 0: one generation."""
-    variation: Literal["auto", "line", "mutation"] = "auto"
+    variation: Literal["auto", "line", "mutation", "cma_me", "cma_mae"] = "auto"
     """line: an elite plus a normal step per gene and a normal share of the difference to another elite.
-    mutation: the representation's mutation. auto: line for numeric genes, else mutation."""
+    mutation: the representation's mutation. cma_me: searches by CMA-ES for improvements of the archive.
+    cma_mae: the same with thresholds of cells that rise slowly, which explores where fitness is nearly flat.
+    auto: line for numeric genes, else mutation."""
     step: float = Field(default=0.01, ge=0, le=10)
     """line: standard deviation of steps, relative to the initial range of a gene."""
     line: float = Field(default=0.2, ge=0, le=10)
@@ -116,11 +122,39 @@ class MapElitesOptions(MethodOptions):
     """mutation: its size, relative to the initial range of weights and biases."""
     probability: float = Field(default=0.3, ge=0, le=1)
     """mutation: probability that it changes a gene."""
+    emitters: int = Field(default=5, ge=1, le=10_000)
+    """cma_me, cma_mae: number of searches, among which the population is divided evenly."""
+    sigma: float = Field(default=0.3, gt=0, le=1000)
+    """cma_me, cma_mae: initial standard deviation, as a share of half the initial range of a gene."""
+    learning_rate: float = Field(default=0.01, ge=0, le=1)
+    """cma_mae: share of the way to the fitness of an accepted candidate by which a threshold rises."""
+    threshold_min: float | None = None
+    """cma_mae: first threshold of each cell, the worst fitness worth keeping. Required there."""
 
     @field_validator("measures", mode="before")
     @classmethod
     def _check_measures(cls, value: object) -> object:
         return check_metric_mapping(value, "a range", "cohesion", _form([]))
+
+    @property
+    def uses_emitters(self) -> bool:
+        """Whether candidates come from searches by CMA-ES."""
+        return self.variation in ("cma_me", "cma_mae")
+
+    @model_validator(mode="after")
+    def _check_emitters(self) -> Self:
+        if not self.uses_emitters:
+            return self
+        if self.population % self.emitters or self.population < 3 * self.emitters:
+            raise FieldError(
+                "population",
+                f"{self.population} must be a multiple of emitters ({self.emitters}), at least 3 for each",
+            )
+        if self.variation == "cma_mae" and self.threshold_min is None:
+            raise FieldError("threshold_min", "cma_mae needs it: the worst fitness worth keeping")
+        if self.variation == "cma_mae" and self.cells is None:
+            raise FieldError("variation", "cma_mae needs cells; use archive.kind grid or cvt, or cma_me")
+        return self
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -180,7 +214,8 @@ class MapElites(Method):
 
     Source: Mouret and Clune, "Illuminating search spaces by mapping elites", arXiv:1504.04909, 2015; the
     variation `line`: Vassiliades and Mouret, "Discovering the elite hypervolume by leveraging interspecies
-    correlation", GECCO 2018.
+    correlation", GECCO 2018. Archives and emitters have their sources in `Voronoi`, `Unstructured`,
+    `Emitters` and `Thresholds`.
     """
 
     kind: ClassVar[str] = "map_elites"
@@ -192,15 +227,41 @@ class MapElites(Method):
         super().__init__(options, representation, seed=seed)
         self._archive = options.new_archive()
         self._genomes: dict[int, Genome] = {}  # by cell
+        self._emitters: Emitters | None = None
+        self._emitted = False  # whether the last candidates are those of the emitters
+        self._thresholds: Thresholds | None = None
+        cells = options.cells
+        if options.uses_emitters:
+            self._emitters = Emitters(
+                representation,
+                seed=seed,
+                count=options.emitters,
+                population=options.population,
+                sigma=options.sigma,
+                patient=options.variation == "cma_mae",
+            )
+        if options.variation == "cma_mae" and cells is not None and options.threshold_min is not None:
+            self._thresholds = Thresholds(
+                cells, learning_rate=options.learning_rate, least=options.threshold_min
+            )
 
     @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
         """Refuse numeric variation if genes are choices."""
         invalid = super().problems(options, representation)
         assert isinstance(options, MapElitesOptions)
-        if options.variation == "line" and representation is not None and not representation.continuous:
-            kind = representation.kind
-            invalid["variation"] = f"line needs numeric genes, but those of {kind} are choices; use mutation"
+        if representation is None or options.variation in ("auto", "mutation"):
+            return invalid
+        kind, variation = representation.kind, options.variation
+        if not representation.continuous:
+            invalid["variation"] = (
+                f"{variation} needs numeric genes, but those of {kind} are choices; use mutation"
+            )
+        elif options.uses_emitters and representation.genome_size < 2:
+            invalid["variation"] = f"{variation} needs at least two genes; use line"
+        elif options.uses_emitters:
+            reason = explain_too_many_genes(representation, _MOST_GENES, "line")
+            invalid |= {} if reason is None else {"variation": reason}
         return invalid
 
     @property
@@ -221,8 +282,12 @@ class MapElites(Method):
     def _ask(self) -> Genomes:
         count = self.options.population
         candidates = range(count)
+        self._emitted = False
         if self.generation * count < self.options.initial or not len(self._archive):
             return self.initials(candidates)
+        if self._emitters is not None:
+            self._emitted = True
+            return self._emitters.ask(self.generation, self._draw_elite)
         chosen = self.streams("map_elites.choose", candidates).integers(len(self._archive), 2)
         cells = self._archive.cells[chosen].tolist()
         parents, partners = (np.stack([self._genomes[cell[column]] for cell in cells]) for column in (0, 1))
@@ -235,6 +300,9 @@ class MapElites(Method):
         return self.representation.mutations(
             parents, streams, severity=options.severity, probability=options.probability
         )
+
+    def _draw_elite(self, stream: Stream) -> Genome:
+        return self._genomes[int(self._archive.cells[stream.integer(len(self._archive))])]
 
     def _vary_along_lines(self, parents: Genomes, partners: Genomes, normals: Values) -> Genomes:
         """Vary parents along lines to others. normals: (n, genome_size + 1)."""
@@ -249,6 +317,12 @@ class MapElites(Method):
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         measures = self.metrics if self.options.measures else np.zeros((len(genomes), 1))
+        if self._thresholds is not None:
+            improvements = self._thresholds.improve(fitness, measures)
+        elif self._emitters is not None:
+            improvements = Improvements(*self._archive.compare(fitness, measures))
+        if self._emitters is not None and self._emitted:
+            self._emitters.tell(improvements)
         numbers = range(self.evaluations, self.evaluations + len(genomes))
         for cell, row in self._archive.add(numbers, fitness, measures):
             self._genomes[cell] = genomes[row].copy()  # a view would keep the whole generation

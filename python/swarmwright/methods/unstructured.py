@@ -17,8 +17,8 @@ MOST_ELITES = 100_000
 class Unstructured:
     """Elites whose behaviour was novel when they joined, or that replaced a worse elite nearby.
 
-    A candidate joins if the mean distance to its nearest elites, in units of the ranges of the measures, is at
-    least the threshold. Otherwise it replaces the nearest elite if its fitness is higher. Candidates are
+    A candidate joins if the mean distance to its nearest elites, in units of the ranges of the measures, is
+    at least the threshold. Otherwise it replaces the nearest elite if its fitness is higher. Candidates are
     added one after the other, so that the archive does not depend on how they are divided into batches.
 
     Source: the archive of Lehman and Stanley, "Abandoning objectives: evolution through the search for
@@ -60,12 +60,32 @@ class Unstructured:
                 new.append((place, row))
         return new
 
+    def compare(self, fitness: Fitness, measures: Values) -> tuple[NDArray[np.bool_], Fitness]:
+        """Return which candidates are novel, and fitness minus that of the nearest elite, (n,) each.
+
+        For novel candidates the difference is the fitness itself; it is NaN for candidates without finite
+        fitness and measures. All are compared with the archive as it is.
+        """
+        points = scale(measures, self._axes)
+        usable = np.isfinite(fitness) & np.logical_and.reduce(np.isfinite(points), axis=1)
+        new, values = np.zeros(len(fitness), dtype=bool), np.full(len(fitness), np.nan)
+        for row in np.flatnonzero(usable).tolist():
+            distances = squared_distances(points[row][np.newaxis], self._points[: self._count])[0]
+            new[row] = self._is_novel(distances)
+            values[row] = fitness[row] - (0.0 if new[row] else self._fitness[distances.argmin()])
+        return new, values
+
+    def _is_novel(self, distances: NDArray[np.float64]) -> bool:
+        """Return whether a candidate at these squared distances from the elites joins."""
+        nearest = np.sort(distances)[: self._neighbors].tolist()
+        if not nearest:
+            return True
+        return sum(map(sqrt, nearest)) / len(nearest) >= self._threshold and self._count < MOST_ELITES
+
     def _find_place(self, point: NDArray[np.float64], fitness: float) -> int | None:
         """Return the place that a candidate gets; None if it does not become an elite."""
         distances = squared_distances(point[np.newaxis], self._points[: self._count])[0]
-        nearest = np.sort(distances)[: self._neighbors].tolist()
-        novelty = sum(map(sqrt, nearest)) / max(len(nearest), 1)
-        if not nearest or (novelty >= self._threshold and self._count < MOST_ELITES):
+        if self._is_novel(distances):
             self._grow()
             self._count += 1
             return self._count - 1

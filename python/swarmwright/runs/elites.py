@@ -140,7 +140,7 @@ class Elites:
 
         An archive is drawn over its first two measures; with more measures, each cell of a grid shows the
         best of its elites. An unstructured archive, and one of Voronoi cells unless it has two measures, is
-        drawn as points. A front is drawn over fitness and its first metric, and colours show the second metric.
+        drawn as points. A front is drawn over fitness and its first metric; colours show the second metric.
 
         Args:
             path: file to write (.png, .svg or .pdf); by default none.
