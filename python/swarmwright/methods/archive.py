@@ -103,14 +103,15 @@ class Archive:
         self.division = division
         self._fitness = np.full(division.cells, np.nan)  # by cell
         self._numbers = np.full(division.cells, -1, dtype=np.int64)
+        self._winners = np.empty(division.cells, dtype=np.int64)  # rows of the last batch, where it has any
         self._count = 0
 
     def __len__(self) -> int:
         """Return the number of cells with an elite."""
         return self._count
 
-    def add(self, numbers: Sequence[int], fitness: Fitness, measures: Values) -> list[tuple[int, int]]:
-        """Add candidates, one after the other; return (cell, row) of the new elites.
+    def add(self, numbers: Sequence[int] | NDArray[np.int64], fitness: Fitness, measures: Values) -> NDArray[np.int64]:
+        """Add candidates, one after the other; return cell and row of each new elite, (k, 2).
 
         Candidates without finite fitness and measures are skipped.
 
@@ -123,14 +124,15 @@ class Archive:
         rows = np.flatnonzero((cells >= 0) & np.isfinite(fitness))
         taken_by = np.where(self._numbers[cells[rows]] < 0, -np.inf, self._fitness[cells[rows]])
         rows = rows[fitness[rows] > taken_by]
-        # Of each cell the best, and the first of equals.
-        rows = rows[np.lexsort((rows, -fitness[rows], cells[rows]))]
-        new, firsts = np.unique(cells[rows], return_index=True)
-        rows = rows[firsts]
+        # Of each cell the best, and the first of equals, which is written last.
+        order = rows[np.argsort(-fitness[rows], kind="stable")[::-1]]
+        self._winners[cells[order]] = order
+        rows = rows[self._winners[cells[rows]] == rows]
+        new = cells[rows]
         self._count += int((self._numbers[new] < 0).sum())
         self._fitness[new] = fitness[rows]
-        self._numbers[new] = [numbers[row] for row in rows.tolist()]
-        return list(zip(new.tolist(), rows.tolist(), strict=True))
+        self._numbers[new] = np.asarray(numbers)[rows]
+        return np.stack([new, rows], axis=1)
 
     def compare(self, fitness: Fitness, measures: Values) -> tuple[NDArray[np.bool_], Fitness]:
         """Return which candidates are in empty cells, and fitness minus that of the cell's elite, (n,) each.

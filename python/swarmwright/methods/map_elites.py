@@ -5,6 +5,7 @@ import sys
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from swarmwright.common.arrays import Fitness, Genome, Genomes
@@ -226,7 +227,10 @@ class MapElites(Method):
     def __init__(self, options: MapElitesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self._archive = options.new_archive()
-        self._genomes: dict[int, Genome] = {}  # by cell
+        self._genomes: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
+        """Genomes of the elites, in the order in which their cells were filled."""
+        self._rows = np.empty(0, dtype=np.int64)
+        """Row of each cell in the genomes."""
         self._emitters: Emitters | None = None
         self._emitted = False  # whether the last candidates are those of the emitters
         self._thresholds: Thresholds | None = None
@@ -289,8 +293,8 @@ class MapElites(Method):
             self._emitted = True
             return self._emitters.ask(self.generation, self._draw_elite)
         chosen = self.streams("map_elites.choose", candidates).integers(len(self._archive), 2)
-        cells = self._archive.cells[chosen].tolist()
-        parents, partners = (np.stack([self._genomes[cell[column]] for cell in cells]) for column in (0, 1))
+        rows = self._rows[self._archive.cells[chosen]]
+        parents, partners = self._genomes[rows[:, 0]], self._genomes[rows[:, 1]]
         streams = self.streams("map_elites.vary", candidates)
         if self.options.variation == "line" or (
             self.options.variation == "auto" and self.representation.continuous
@@ -302,7 +306,7 @@ class MapElites(Method):
         )
 
     def _draw_elite(self, stream: Stream) -> Genome:
-        return self._genomes[int(self._archive.cells[stream.integer(len(self._archive))])]
+        return np.asarray(self._genomes[self._rows[self._archive.cells[stream.integer(len(self._archive))]]])
 
     def _vary_along_lines(self, parents: Genomes, partners: Genomes, normals: Values) -> Genomes:
         """Vary parents along lines to others. normals: (n, genome_size + 1)."""
@@ -324,5 +328,22 @@ class MapElites(Method):
         if self._emitters is not None and self._emitted:
             self._emitters.tell(improvements)
         numbers = range(self.evaluations, self.evaluations + len(genomes))
-        for cell, row in self._archive.add(numbers, fitness, measures):
-            self._genomes[cell] = genomes[row].copy()  # a view would keep the whole generation
+        self._store(genomes, self._archive.add(numbers, fitness, measures))
+
+    def _store(self, genomes: Genomes, new: NDArray[np.int64]) -> None:
+        """Keep the genomes of new elites. new: their cells and rows, (k, 2)."""
+        cells, rows = new.T
+        self._rows = _lengthen(self._rows, int(cells.max(initial=-1)) + 1, -1)
+        empty = np.unique(cells[self._rows[cells] < 0])
+        count = len(self._archive)
+        self._rows[empty] = np.arange(count - len(empty), count)
+        self._genomes = _lengthen(self._genomes, count, 0)
+        self._genomes[self._rows[cells]] = genomes[rows]
+
+
+def _lengthen(values: NDArray[Any], count: int, value: float) -> NDArray[Any]:
+    """Return an array with at least `count` rows, twice as many if it was too short."""
+    if len(values) >= count:
+        return values
+    more = np.full((2 * count - len(values), *values.shape[1:]), value, dtype=values.dtype)
+    return np.concatenate([values, more])

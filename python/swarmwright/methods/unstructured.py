@@ -38,8 +38,10 @@ class Unstructured:
         """Return the number of elites."""
         return self._count
 
-    def add(self, numbers: Sequence[int], fitness: Fitness, measures: Values) -> list[tuple[int, int]]:
-        """Add candidates, one after the other; return (place, row) of each that became an elite.
+    def add(
+        self, numbers: Sequence[int] | NDArray[np.int64], fitness: Fitness, measures: Values
+    ) -> NDArray[np.int64]:
+        """Add candidates, one after the other; return place and row of each that became an elite, (k, 2).
 
         A later one may have replaced an earlier one. Candidates without finite fitness and measures are
         skipped.
@@ -58,7 +60,7 @@ class Unstructured:
                 self._points[place], self._fitness[place] = points[row], fitness[row]
                 self._numbers[place] = numbers[row]
                 new.append((place, row))
-        return new
+        return np.array(new, dtype=np.int64).reshape(-1, 2)
 
     def compare(self, fitness: Fitness, measures: Values) -> tuple[NDArray[np.bool_], Fitness]:
         """Return which candidates are novel, and fitness minus that of the nearest elite, (n,) each.

@@ -339,8 +339,7 @@ class _Best:
 
     def add(self, rows: _Rows) -> None:
         measures = rows.metrics if rows.metrics.shape[1] else np.zeros((len(rows.fitness), 1))
-        new = np.array(self._archive.add(range(len(rows.fitness)), rows.fitness, measures), np.int64)
-        cells, chosen = new.reshape(-1, 2).T
+        cells, chosen = self._archive.add(range(len(rows.fitness)), rows.fitness, measures).T
         if cells.max(initial=-1) >= len(self._rows.fitness):  # only an unstructured archive grows
             more = _Rows.zeros(int(cells.max()) + 1, rows.metrics.shape[1])
             self._rows = self._rows.joined_with(more)

@@ -81,8 +81,8 @@ def test_an_archive_has_the_best_of_each_cell_and_of_equal_ones_the_first(part: 
 
 def test_what_is_reported_as_new_is_what_is_in_the_archive_afterwards() -> None:
     elites = Archive(Grid((Axis(0.0, 1.0, 1),)))
-    assert elites.add([5, 6, 7], np.array([1.0, 3.0, 2.0]), np.zeros((3, 1))) == [(0, 1)]
-    assert elites.add([8, 9], np.array([3.0, np.nan]), np.zeros((2, 1))) == []
+    assert elites.add([5, 6, 7], np.array([1.0, 3.0, 2.0]), np.zeros((3, 1))).tolist() == [[0, 1]]
+    assert elites.add([8, 9], np.array([3.0, np.nan]), np.zeros((2, 1))).tolist() == []
     assert (elites.numbers.tolist(), elites.fitness.tolist(), len(elites)) == ([6], [3.0], 1)
 
 

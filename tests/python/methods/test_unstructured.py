@@ -18,7 +18,7 @@ def filled(parts: int, neighbors: int = 1, count: int = 600) -> tuple[Unstructur
     new = []
     for rows in np.array_split(np.arange(count), parts):
         added = archive.add(rows.tolist(), fitness[rows], measures[rows])
-        new += [(place, int(rows[row])) for place, row in added]
+        new += [(place, int(rows[row])) for place, row in added.tolist()]
     return archive, new
 
 
@@ -33,14 +33,14 @@ def test_it_does_not_depend_on_batches(neighbors: int) -> None:
 def test_candidates_join_far_from_elites_and_replace_worse_ones_nearby() -> None:
     archive = Unstructured(AXES, threshold=0.1, neighbors=1)
 
-    def add(number: int, fitness: float, *measures: float) -> list[tuple[int, int]]:
-        return archive.add([number], np.array([fitness]), np.array([measures]))
+    def add(number: int, fitness: float, *measures: float) -> list[list[int]]:
+        return archive.add([number], np.array([fitness]), np.array([measures])).tolist()
 
-    assert add(0, 1.0, 5.0, 0.0) == [(0, 0)]
+    assert add(0, 1.0, 5.0, 0.0) == [[0, 0]]
     assert add(1, 1.0, 5.5, 0.0) == []  # 0.05 away and no better
-    assert add(2, 2.0, 5.5, 0.0) == [(0, 0)]
-    assert add(3, -9.0, 6.6, 0.0) == [(1, 0)]
-    assert add(4, 0.0, 500.0, 0.0) == [(2, 0)]  # ranges are units, not limits
+    assert add(2, 2.0, 5.5, 0.0) == [[0, 0]]
+    assert add(3, -9.0, 6.6, 0.0) == [[1, 0]]
+    assert add(4, 0.0, 500.0, 0.0) == [[2, 0]]  # ranges are units, not limits
     assert add(5, np.nan, 0.0, 0.0) == add(6, 1.0, np.inf, 0.0) == []
     assert archive.numbers.tolist() == [2, 3, 4]
     assert archive.fitness.tolist() == [2.0, -9.0, 0.0]
@@ -52,7 +52,7 @@ def test_novelty_is_the_mean_over_neighbours() -> None:
     measures = np.array([[0.0, 0.0], [4.0, 0.0], [2.0, 0.0], [1.0, 0.0]])
     # The third is 0.2 from both; the fourth would be 0.1 and 0.3 from the first two.
     added = archive.add(range(4), np.zeros(4), measures)
-    assert added == [(0, 0), (1, 1)]
+    assert added.tolist() == [[0, 0], [1, 1]]
 
 
 def test_no_addition_lowers_the_sum_above_the_worst_fitness() -> None:
