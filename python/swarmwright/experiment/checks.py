@@ -384,7 +384,7 @@ def find_setting_warnings(experiment: Experiment) -> list[str]:
             "false, the run does not show whether its best is better"
         )
     ranking = experiment.ranking
-    if method.needed_metrics and ranking.seeds == "new":
+    if method.needed_metrics and ranking.seeds == "new" and not getattr(method, "reevaluate", 0):
         episodes = ranking.episodes
         warnings.append(
             f"ranking.seeds: new makes {method.kind} compare candidates across seeds, so that those with "

@@ -46,6 +46,11 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
             if unwanted:
                 report(("ranking", key), f"{reason}; leave the key out, or use operation: generational")
         return
+    if getattr(method, "reevaluate", 0) and ranking.seeds != "new":
+        report(
+            ("ranking", "seeds"),
+            "must be new with method.reevaluate, as evaluations on the same seeds would say nothing new",
+        )
     if ranking.reevaluate and not METHODS.get(kind).keeps_members:
         report(
             ("ranking", "reevaluate"),

@@ -17,6 +17,7 @@ from swarmwright.methods._base import Method, MethodOptions, check_metric_mappin
 from swarmwright.methods._numbers import center_and_reach, explain_too_many_genes
 from swarmwright.methods.archive import Archive, Axis, Cells, Grid, Values
 from swarmwright.methods.emitters import Emitters, Improvements, Thresholds
+from swarmwright.methods.sampled_archive import SampledArchive
 from swarmwright.methods.unstructured import Unstructured
 from swarmwright.methods.voronoi import Voronoi
 
@@ -123,6 +124,9 @@ class MapElitesOptions(MethodOptions):
     """mutation: its size, relative to the initial range of weights and biases."""
     probability: float = Field(default=0.3, ge=0, le=1)
     """mutation: probability that it changes a gene."""
+    reevaluate: float = Field(default=0, ge=0, le=0.9)
+    """Largest share of a generation that evaluates elites and their challengers again, so that means over
+    several evaluations decide; needs `ranking.seeds: new`. 0: one evaluation decides."""
     emitters: int = Field(default=5, ge=1, le=10_000)
     """cma_me, cma_mae: number of searches, among which the population is divided evenly."""
     sigma: float = Field(default=0.3, gt=0, le=1000)
@@ -141,6 +145,14 @@ class MapElitesOptions(MethodOptions):
     def uses_emitters(self) -> bool:
         """Whether candidates come from searches by CMA-ES."""
         return self.variation in ("cma_me", "cma_mae")
+
+    @model_validator(mode="after")
+    def _check_reevaluate(self) -> Self:
+        if self.reevaluate and (self.uses_emitters or self.cells is None):
+            raise FieldError(
+                "reevaluate", "needs archive.kind grid or cvt, and variation line or mutation; leave it out"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_emitters(self) -> Self:
@@ -197,9 +209,11 @@ class MapElitesOptions(MethodOptions):
             return Voronoi(self.axes, self.archive.cells)
         return Grid(self.axes) if isinstance(self.archive, GridOptions) else None
 
-    def new_archive(self) -> Archive | Unstructured:
+    def new_archive(self) -> Archive | Unstructured | SampledArchive:
         """Return an empty archive."""
         archive, cells = self.archive, self.cells
+        if self.reevaluate and cells is not None:
+            return SampledArchive(cells, population=self.population, share=self.reevaluate)
         if isinstance(archive, UnstructuredOptions):
             return Unstructured(self.axes, threshold=archive.threshold, neighbors=archive.neighbors)
         assert cells is not None
@@ -227,6 +241,8 @@ class MapElites(Method):
     def __init__(self, options: MapElitesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self._archive = options.new_archive()
+        self._sampled_genomes: dict[int, Genome] = {}
+        """Genomes of a `SampledArchive` by number."""
         self._genomes: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
         """Genomes of the elites, in the order in which their cells were filled."""
         self._rows = np.empty(0, dtype=np.int64)
@@ -279,34 +295,48 @@ class MapElites(Method):
         return self._archive.fitness if len(self._archive) else np.full(1, np.nan)
 
     @property
-    def archive(self) -> Archive | Unstructured:
+    def archive(self) -> Archive | Unstructured | SampledArchive:
         """The archive, with elites numbered by their evaluation in the run, from 0."""
         return self._archive
 
     def _ask(self) -> Genomes:
-        count = self.options.population
-        candidates = range(count)
+        again = self._ask_again()
+        candidates = range(len(again), self.options.population)
         self._emitted = False
-        if self.generation * count < self.options.initial or not len(self._archive):
-            return self.initials(candidates)
+        if self.generation * self.options.population < self.options.initial or not len(self._archive):
+            return np.concatenate([again, self.initials(candidates)])
         if self._emitters is not None:
             self._emitted = True
             return self._emitters.ask(self.generation, self._draw_elite)
         chosen = self.streams("map_elites.choose", candidates).integers(len(self._archive), 2)
-        rows = self._rows[self._archive.cells[chosen]]
-        parents, partners = self._genomes[rows[:, 0]], self._genomes[rows[:, 1]]
+        parents, partners = self._genomes_of(chosen[:, 0]), self._genomes_of(chosen[:, 1])
         streams = self.streams("map_elites.vary", candidates)
         if self.options.variation == "line" or (
             self.options.variation == "auto" and self.representation.continuous
         ):
-            return self._vary_along_lines(parents, partners, streams.normals(parents.shape[1] + 1))
-        options = self.options
-        return self.representation.mutations(
-            parents, streams, severity=options.severity, probability=options.probability
-        )
+            children = self._vary_along_lines(parents, partners, streams.normals(parents.shape[1] + 1))
+        else:
+            options = self.options
+            children = self.representation.mutations(
+                parents, streams, severity=options.severity, probability=options.probability
+            )
+        return np.concatenate([again, children])
+
+    def _ask_again(self) -> Genomes:
+        """Return the genomes that are evaluated again."""
+        planned = self._archive.planned if isinstance(self._archive, SampledArchive) else []
+        genomes = [self._sampled_genomes[number] for number in planned]
+        return np.array(genomes, dtype=np.float32).reshape(-1, self.representation.genome_size)
+
+    def _genomes_of(self, elites: NDArray[np.int64]) -> Genomes:
+        """Return the genomes of elites, by their index in `archive.cells`."""
+        archive = self._archive
+        if isinstance(archive, SampledArchive):
+            return np.stack([self._sampled_genomes[number] for number in archive.numbers[elites].tolist()])
+        return self._genomes[self._rows[archive.cells[elites]]]
 
     def _draw_elite(self, stream: Stream) -> Genome:
-        return np.asarray(self._genomes[self._rows[self._archive.cells[stream.integer(len(self._archive))]]])
+        return np.asarray(self._genomes_of(np.array([stream.integer(len(self._archive))]))[0])
 
     def _vary_along_lines(self, parents: Genomes, partners: Genomes, normals: Values) -> Genomes:
         """Vary parents along lines to others. normals: (n, genome_size + 1)."""
@@ -321,14 +351,23 @@ class MapElites(Method):
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         measures = self.metrics if self.options.measures else np.zeros((len(genomes), 1))
+        archive = self._archive
+        numbers = range(self.evaluations, self.evaluations + len(genomes))
+        if isinstance(archive, SampledArchive):
+            archive.add(numbers, fitness, measures)
+            known, first = self._sampled_genomes, self.evaluations
+            self._sampled_genomes = {
+                number: genomes[number - first].copy() if number >= first else known[number]
+                for number in archive.members
+            }
+            return
         if self._thresholds is not None:
             improvements = self._thresholds.improve(fitness, measures)
         elif self._emitters is not None:
-            improvements = Improvements(*self._archive.compare(fitness, measures))
+            improvements = Improvements(*archive.compare(fitness, measures))
         if self._emitters is not None and self._emitted:
             self._emitters.tell(improvements)
-        numbers = range(self.evaluations, self.evaluations + len(genomes))
-        self._store(genomes, self._archive.add(numbers, fitness, measures))
+        self._store(genomes, archive.add(numbers, fitness, measures))
 
     def _store(self, genomes: Genomes, new: NDArray[np.int64]) -> None:
         """Keep the genomes of new elites. new: their cells and rows, (k, 2)."""

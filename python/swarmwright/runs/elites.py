@@ -15,6 +15,7 @@ from swarmwright.common.statistics import means
 from swarmwright.methods.archive import Axis, Cells, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
+from swarmwright.methods.sampled_archive import SampledArchive
 from swarmwright.methods.voronoi import Voronoi
 from swarmwright.simulations.catalogue import description, find_built_in
 
@@ -36,6 +37,10 @@ class Elite(NamedTuple):
     fitness: float
     metrics: dict[str, float]
     """Measures or objectives by name: means over the candidate's episodes."""
+    evaluations: int = 1
+    """Number of evaluations of which fitness and metrics are means; more than one only with `reevaluate`."""
+    interval: tuple[float, float] | None = None
+    """95 % confidence interval of the fitness; None with a single evaluation."""
 
 
 class Outside(NamedTuple):
@@ -238,7 +243,9 @@ class EliteCollector:
         self._ends = run._store.ends()
         self._read = 0  # evaluations
         if isinstance(options, MapElitesOptions):
-            self._elites: _Best | _Front = _Best(options)
+            self._elites: _Best | _SampledBest | _Front = (
+                _SampledBest(options) if options.reevaluate else _Best(options)
+            )
             self._metrics = _Metrics(self._names, () if options.cells is None else options.axes)
         else:
             self._elites = _Front(options)
@@ -279,8 +286,15 @@ class EliteCollector:
         generations = np.searchsorted(self._ends, rows.numbers, side="right")
         starts = np.concatenate([[0], self._ends])[generations]
         candidates = [
-            Elite(generation, candidate, fitness, dict(zip(self._names, metrics, strict=True)))
-            for generation, candidate, fitness, metrics in zip(
+            Elite(
+                generation,
+                candidate,
+                fitness,
+                dict(zip(self._names, metrics, strict=True)),
+                *self._elites.evidence(number),
+            )
+            for number, generation, candidate, fitness, metrics in zip(
+                rows.numbers.tolist(),
                 generations.tolist(),
                 (rows.numbers - starts).tolist(),
                 rows.fitness.tolist(),
@@ -298,6 +312,8 @@ class EliteCollector:
         return Elites("front", dict(options.objectives), candidates, None, *counts, self._experiment)
 
 
+Evidence = tuple[int, tuple[float, float] | None]
+"""Number of evaluations, and the confidence interval of the fitness."""
 _COLUMNS = ("numbers", "fitness", "metrics", "gaps")
 
 
@@ -349,6 +365,39 @@ class _Best:
     def rows(self) -> _Rows:
         return self._rows.select(self._archive.cells)
 
+    def evidence(self, _number: int) -> Evidence:
+        return 1, None
+
+
+class _SampledBest:
+    """The elites of an archive whose candidates are evaluated again."""
+
+    def __init__(self, options: MapElitesOptions) -> None:
+        archive = options.new_archive()
+        assert isinstance(archive, SampledArchive)
+        self._archive = archive
+        self._gaps: dict[int, NDArray[np.bool_]] = {}
+        """Of the evaluations that lack metrics in some episodes, by number."""
+        self._none = np.zeros(len(options.measures), dtype=bool)
+
+    def add(self, rows: _Rows) -> None:
+        self._archive.add(rows.numbers, rows.fitness, rows.metrics)
+        for row in np.flatnonzero(rows.gaps.any(axis=1)).tolist():
+            self._gaps[int(rows.numbers[row])] = rows.gaps[row]
+
+    def rows(self) -> _Rows:
+        elites = self._archive.elites
+        empty = _Rows.zeros(len(elites), len(self._none))
+        for row, elite in enumerate(elites):
+            empty.metrics[row] = elite.measures
+            for number in elite.rows:
+                empty.gaps[row] |= self._gaps.get(number, self._none)
+        return _Rows(self._archive.numbers, self._archive.fitness, empty.metrics, empty.gaps)
+
+    def evidence(self, number: int) -> Evidence:
+        elite = self._archive.members[number]
+        return elite.evaluations, elite.interval
+
 
 class _Front:
     """The non-dominated candidates, the first of equals."""
@@ -369,6 +418,9 @@ class _Front:
 
     def rows(self) -> _Rows:
         return self._rows
+
+    def evidence(self, _number: int) -> Evidence:
+        return 1, None
 
 
 class _Metrics:
