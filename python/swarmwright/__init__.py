@@ -36,6 +36,7 @@ Overview:
     Run, Controller             results: record, plots, replays; a callable controller
     transfer                    fitness that candidates lose in other simulations
     sweep, compare              variants with several seeds, and statistical tests
+    reproduce_elites            an archive on held-out seeds: which elites are illusory
     compare_controllers         two controllers in the same episodes
     export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
     export_bundle, verify_bundle  an archive to hand over, with evidence; its check
@@ -92,6 +93,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.optimization.optimize import Generation, optimize, resume
     from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, post_evaluate
     from swarmwright.runs.repeat import Repetition, repeat
+    from swarmwright.runs.reproduction import Reproduction, reproduce_elites
     from swarmwright.runs.run import Run
     from swarmwright.runs.validation import Validation
     from swarmwright.servers.evaluation.episodes import Episodes
@@ -130,6 +132,7 @@ __all__ = [
     "PlugInError",
     "PostEvaluation",
     "Repetition",
+    "Reproduction",
     "Run",
     "RunError",
     "Side",
@@ -158,6 +161,7 @@ __all__ = [
     "rankings",
     "repeat",
     "representations",
+    "reproduce_elites",
     "results",
     "resume",
     "simulate",
@@ -189,6 +193,7 @@ _LAZY = {
     "ControllerEvaluation": "runs.post_evaluation",
     "PostEvaluation": "runs.post_evaluation",
     "Repetition": "runs.repeat",
+    "Reproduction": "runs.reproduction",
     "Run": "runs.run",
     "Side": "simulations.base",
     "Simulation": "simulations.base",
@@ -204,6 +209,7 @@ _LAZY = {
     "learning_curve": "runs.learning_curve",
     "optimize": "runs.optimization.optimize",
     "post_evaluate": "runs.post_evaluation",
+    "reproduce_elites": "runs.reproduction",
     "repeat": "runs.repeat",
     "resume": "runs.optimization.optimize",
     "simulate": "servers.evaluation.evaluate",

@@ -28,6 +28,7 @@ from swarmwright.methods.voronoi import Voronoi
 from swarmwright.runs.elites import Elite, Elites, Outside
 from swarmwright.runs.learning_curve import CurvePoint
 from swarmwright.runs.page import ReplayPage
+from swarmwright.runs.reproduction import Interval
 from swarmwright.runs.run import Best
 from swarmwright.runs.store import Evaluation
 from swarmwright.runs.store.table import RecordTable
@@ -56,6 +57,7 @@ __all__ = [
     "GroupPair",
     "GroupTask",
     "Indicator",
+    "Interval",
     "Kruskal",
     "LeftOut",
     "Observation",

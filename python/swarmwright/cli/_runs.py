@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from swarmwright import Run
-    from swarmwright.runs.elites import Elites
+    from swarmwright.runs.elites import Elite, Elites
+    from swarmwright.runs.reproduction import Reproduction
     from swarmwright.runs.store.verification import Verification
 
 _WARNINGS = 10
@@ -158,7 +159,9 @@ def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
 def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> None:
     """Print the elites of a run as a table, the best first; limit: rows, 0 for all."""
     output.text(elites_line(elites, offset))
-    heading = ("generation", "candidate", "fitness", *elites.goals)
+    sampled = any(elite.evaluations > 1 for elite in elites.candidates)
+    evidence = ("evaluations", "95 % interval") if sampled else ()
+    heading = ("generation", "candidate", "fitness", *elites.goals, *evidence)
     shown_elites = elites.candidates[: limit or None]
     rows = [
         (
@@ -166,6 +169,7 @@ def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> 
             str(elite.candidate),
             f"{elite.fitness + 0.0:.6g}",
             *(f"{value + 0.0:.6g}" for value in elite.metrics.values()),
+            *(_evidence(elite) if sampled else ()),
         )
         for elite in shown_elites
     ]
@@ -175,6 +179,31 @@ def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> 
         output.text(f".. and {len(elites.candidates) - len(shown_elites):,} more: --limit 0 shows all")
     for note in elites.notes:
         output.text(note)
+
+
+def _evidence(elite: "Elite") -> tuple[str, str]:
+    """Return the number of evaluations of an elite, and the interval of its fitness."""
+    interval = "" if elite.interval is None else f"{elite.interval[0]:.4g} to {elite.interval[1]:.4g}"
+    return str(elite.evaluations), interval
+
+
+def list_reproduction(output: Output, found: "Reproduction", offset: float) -> None:
+    """Print how the elites of a run did on held-out seeds."""
+    episodes = len(found.evaluations[0].episodes)
+    output.text(
+        f"On held-out seeds, {format_count(episodes, 'episode')} each: "
+        f"{int(found.illusory.sum()):,} of {format_count(len(found.evaluations), 'elite')} are illusory "
+        f"({int(found.moved.sum()):,} in another cell, {int(found.overestimated.sum()):,} with less fitness)."
+    )
+    share, coverage, score = found.reproducibility, found.coverage(), found.qd_score(offset)
+    rows = [("", "held-out", "95 % interval")]
+    for name, (value, low, high), form in (
+        ("reproducibility", share, ".3g"),
+        ("coverage", coverage, ".3g"),
+        ("QD score", score, ".6g"),
+    ):
+        rows.append((name, f"{value:{form}}", f"{low:{form}} to {high:{form}}"))
+    _table(output, rows)
 
 
 def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:

@@ -225,6 +225,7 @@ def show(run: Path, output: Output) -> None:
     "elites",
     example="swarmwright runs elites runs/arena-1\n"
     "swarmwright runs elites runs/arena-1 --limit 0 --plot archive.png\n"
+    "swarmwright runs elites runs/arena-1 --episodes 100\n"
     "swarmwright runs elites runs/arena-1 --json",
 )
 @click.argument("run", type=options.ExistingPath(folder=True))
@@ -249,8 +250,33 @@ def show(run: Path, output: Output) -> None:
     metavar="FITNESS",
     help="Worst possible fitness, subtracted from each elite's in the QD score. Default: 0.",
 )
+@click.option(
+    "--episodes",
+    type=options.WholeNumber(min=1, max=100_000),
+    help="Evaluate each elite of an archive in N episodes on held-out seeds, and count those that are "
+    "illusory: in another cell, or with less fitness than in the record.",
+)
+@click.option(
+    "--seed",
+    type=options.WholeNumber(min=0, max=2**62),
+    metavar="S",
+    help="With --episodes: simulation seed of the first episode.",
+)
+@options.experiment_broker_options()
+@options.servers_option
 @options.json_option
-def elites(run: Path, limit: int, file: Path | None, offset: float | None, output: Output) -> None:
+def elites(
+    run: Path,
+    limit: int,
+    file: Path | None,
+    offset: float | None,
+    episodes: int | None,
+    seed: int | None,
+    broker: str | None,
+    prefix: str | None,
+    servers: options.Servers | None,
+    output: Output,
+) -> None:
     """List the elites of RUN, an archive or a front.
 
     Archives come from map_elites (quality diversity), fronts from nsga2 (several objectives). `evaluate`,
@@ -258,10 +284,17 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, outpu
     the earliest is listed. The lines below the table count candidates without a value of a metric, or
     outside the range of a measure.
     """
-    from swarmwright import Run
-    from swarmwright.cli._runs import elites_facts, list_elites
+    from swarmwright import Run, reproduce_elites
+    from swarmwright.cli._progress import episodes as shown_episodes
+    from swarmwright.cli._runs import elites_facts, list_elites, list_reproduction
+    from swarmwright.runs.code import resolve_experiment
 
-    archive = Run.open(run).elites
+    if episodes is None and any(option is not None for option in (seed, broker, prefix, servers)):
+        raise click.UsageError(
+            "--seed, --broker, --prefix and --servers need --episodes N; add it, or leave them out."
+        )
+    opened = Run.open(run)
+    archive = opened.elites
     if offset is not None and archive.kind == "front":
         raise click.UsageError(
             "--offset is for the QD score of an archive, and this run has a front; leave it out."
@@ -269,16 +302,28 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, outpu
     offset = offset or 0.0
     if file is not None and archive.candidates:
         archive.plot(file)
+    reproduction = None
+    if episodes is not None:
+        experiment = resolve_experiment(opened).with_settings(options.prefix_settings(prefix))
+        where = options.experiment_broker(experiment, broker, servers)
+        with shown_episodes(output) as on_progress:
+            reproduction = reproduce_elites(
+                opened, episodes=episodes, seed=seed, experiment=experiment, broker=where, servers=servers,
+                on_progress=on_progress,
+            )  # fmt: skip
     output.json(
         {
             "run": str(run),
             **elites_facts(archive, offset),
             "elites": [candidate._asdict() for candidate in archive.candidates],
+            "held_out": None if reproduction is None else reproduction.to_mapping(offset),
             "picture": None if file is None or not archive.candidates else str(file),
         }
     )
     if not output.as_json:
         list_elites(output, archive, limit, offset)
+        if reproduction is not None:
+            list_reproduction(output, reproduction, offset)
         if file is not None and archive.candidates:
             output.text(f"The figure is in {file}")
     if file is not None and not archive.candidates:

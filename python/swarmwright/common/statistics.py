@@ -148,6 +148,20 @@ def estimate(values: Sequence[float], *, comparisons: int = 1) -> Estimate:
     return Estimate(middle, deviation, error, low, high)
 
 
+def proportion_interval(successes: int, count: int) -> tuple[float, float]:
+    """Return the 95 % confidence interval of a proportion; (0, 1) without observations.
+
+    Source: Wilson, "Probable inference, the law of succession, and statistical inference", Journal of the
+    American Statistical Association 22, 1927.
+    """
+    if not count:
+        return 0.0, 1.0
+    share, square = successes / count, _Z * _Z / count
+    middle = (share + square / 2) / (1 + square)
+    reach = math.sqrt(share * (1 - share) * square + square * square / 4) / (1 + square)
+    return max(middle - reach, 0.0), min(middle + reach, 1.0)
+
+
 _Z = 1.959963984540054
 """95 % of the standard normal distribution are within +-_Z."""
 _EXPANSION_FREEDOM = 1000

@@ -110,7 +110,9 @@ class Archive:
         """Return the number of cells with an elite."""
         return self._count
 
-    def add(self, numbers: Sequence[int] | NDArray[np.int64], fitness: Fitness, measures: Values) -> NDArray[np.int64]:
+    def add(
+        self, numbers: Sequence[int] | NDArray[np.int64], fitness: Fitness, measures: Values
+    ) -> NDArray[np.int64]:
         """Add candidates, one after the other; return cell and row of each new elite, (k, 2).
 
         Candidates without finite fitness and measures are skipped.

@@ -95,11 +95,11 @@ class Emitters:
         elite: draws a random elite.
         """
         genomes = []
-        for number, search in enumerate(self._searches):
+        for number, present in enumerate(self._searches):
+            search = present
             if search is None:
-                stream = Stream(self._seed, "map_elites.restart", generation, number)
-                search = self._searches[number] = self._begin(elite(stream))
-                self._generations[number] = 0
+                search = self._begin(elite(Stream(self._seed, "map_elites.restart", generation, number)))
+                self._searches[number], self._generations[number] = search, 0
             candidates = range(number * self._size, (number + 1) * self._size)
             genomes.append(search.ask(Streams(self._seed, "map_elites.emit", generation, candidates)))
         return np.concatenate(genomes)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from math import isfinite, sqrt
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +57,9 @@ class SampledArchive:
 
     A share of each generation evaluates candidates again: first the challengers, then the elites with the
     fewest evaluations. A candidate with a higher mean than the elite of its cell challenges it, and replaces
-    it once it has as many evaluations, or 10. An elite whose mean measures leave its cell moves, or is dropped
-    if the elite there is better; it is also dropped if an evaluation fails. Candidates are added one after the other, so that the archive does not depend
-    on how they are divided into batches.
+    it once it has as many evaluations, or 10. An elite whose mean measures leave its cell moves, or is
+    dropped if the elite there is better; it is also dropped if an evaluation fails. Candidates are added one
+    after the other, so that the archive does not depend on how they are divided into batches.
 
     Source: adaptive sampling of Justesen, Risi and Mouret, "MAP-Elites for noisy domains by adaptive
     sampling", GECCO 2019, with a challenger that is sampled over generations instead of at once.
@@ -109,14 +109,16 @@ class SampledArchive:
             fitness: (n,).
             measures: (n, measures).
         """
-        usable = np.isfinite(fitness) & np.logical_and.reduce(np.isfinite(measures), axis=1)
+        cells = self.division.cells_of(measures)
+        usable = np.isfinite(fitness) & (cells >= 0)
         for row, number in enumerate(map(int, numbers)):
             position = number % self._population
             if position < len(self.planned):
                 self._add_again(self.planned[position], number, usable[row], fitness[row], measures[row])
             elif usable[row]:
-                cell = int(self.division.cells_of(measures[row : row + 1])[0])
-                self._insert(Sampled(number, measures[row], float(fitness[row]), cell, rows=[number]))
+                self._insert(
+                    Sampled(number, measures[row], float(fitness[row]), int(cells[row]), rows=[number])
+                )
             if position == self._population - 1:
                 self._planned = None
 

@@ -10,7 +10,8 @@ from pydantic import ValidationError
 from swarmwright import InputError
 from swarmwright.common.arrays import Genomes
 from swarmwright.methods import METHODS, Method
-from swarmwright.methods.archive import Archive
+from swarmwright.methods.archive import Archive, Axis, Grid
+from swarmwright.methods.emitters import Emitters, Thresholds
 from swarmwright.methods.map_elites import MapElites, MapElitesOptions
 from swarmwright.methods.unstructured import Unstructured
 from tests.python.methods.functions import new, sphere, ten_genes
@@ -201,3 +202,76 @@ def test_genes_that_are_choices_are_mutated() -> None:
     assert {row.tobytes() for row in method.ask()} == {(first[first[:, 0].argmax()] + 1).tobytes()}
     with pytest.raises(InputError, match=r"method\.variation: line needs numeric genes"):
         new("map_elites", subject=subject, variation="line")
+
+
+def illuminated(**options: Any) -> MapElites:
+    """An archive of a fitness that is highest at the edge of the measures, by 6,000 evaluations."""
+    measures = {name: {"range": [-3, 3], "bins": 20} for name in ("x", "y")}
+    method = new("map_elites", population=60, generations=100, **{"measures": measures, **options})
+    assert isinstance(method, MapElites)
+    while not method.done:
+        points = method.ask().astype(np.float64)
+        method.tell(100 - sphere(points - 2), metrics=points[:, [0, 5]] / 2 + points[:, [1, 6]] / 2)
+    return method
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"variation": "cma_me"},
+        {"variation": "cma_mae", "threshold_min": 0.0, "learning_rate": 0.5},
+        {"variation": "cma_me", "archive": {"kind": "unstructured", "threshold": 0.05}},
+    ],
+)
+def test_emitters_illuminate_better_than_lines(options: dict[str, Any]) -> None:
+    if "archive" in options:
+        options["measures"] = {name: {"range": [-3, 3]} for name in ("x", "y")}
+
+    def score(method: MapElites) -> float:
+        return float(method.archive.fitness.sum())
+
+    lines = {name: value for name, value in options.items() if name in ("archive", "measures")}
+    emitted = illuminated(**options)
+    assert score(emitted) > 1.02 * score(illuminated(**lines))
+    again = illuminated(**options)
+    assert emitted.archive.fitness.tobytes() == again.archive.fitness.tobytes()
+
+
+def test_emitters_that_learn_nothing_begin_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[int] = []
+    begin = Emitters._begin
+
+    def note(self: Emitters, center: Any) -> Any:
+        begun.append(1)
+        return begin(self, center)
+
+    monkeypatch.setattr(Emitters, "_begin", note)
+    method = new("map_elites", population=12, generations=9, emitters=2, variation="cma_me")
+    fitness = iter([np.arange(12.0), np.zeros(12), np.full(12, np.nan), np.arange(12.0) + 90, np.zeros(12)])
+    counts = []
+    for values in fitness:
+        method.ask()
+        method.tell(values)
+        counts.append(len(begun))
+    # After random candidates both begin; what did not improve anything begins anew, unless all failed.
+    assert counts == [0, 2, 4, 4, 4]
+
+
+def test_thresholds_follow_the_mean_of_accepted_candidates() -> None:
+    thresholds = Thresholds(Grid((Axis(0, 2, 2),)), learning_rate=0.1, least=0.0)
+    measures = np.array([[0.5], [0.5], [0.5], [1.5], [np.nan]])
+    first = thresholds.improve(np.array([10.0, 20.0, -5.0, 4.0, 9.0]), measures)
+    assert first.values[:4].tolist() == [10, 20, -5, 4]
+    assert np.isnan(first.values[4])
+    second = thresholds.improve(np.full(5, 50.0), measures)
+    assert second.values[:4] == pytest.approx([50 - 15 * (1 - 0.9**2)] * 3 + [50 - 0.4])
+
+
+@pytest.mark.parametrize("variation", ["cma_me", "cma_mae"])
+def test_emitters_need_two_numeric_genes(variation: str) -> None:
+    class Choices(type(ten_genes())):  # type: ignore[misc] # a class that is looked up
+        continuous = False
+
+    subject = Choices(ten_genes().options, sensors=9, actuators=1)
+    with pytest.raises(InputError, match=rf"method\.variation: {variation} needs numeric genes"):
+        new("map_elites", subject=subject, variation=variation, threshold_min=0.0)
