@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.random_numbers import Streams
 from swarmwright.controllers import Representation
+from swarmwright.methods import real_variation
 from swarmwright.methods._base import Method, MethodOptions, check_metric_mapping
 from swarmwright.methods.archive import Values, crowding, ranks
 
@@ -29,10 +30,17 @@ class Nsga2Options(MethodOptions):
     experiments."""
     crossover: float = Field(default=0.9, ge=0, le=1)
     """Probability of a child of two members, which is then mutated; other children are mutated copies."""
+    variation: Literal["auto", "sbx", "representation"] = "auto"
+    """sbx: simulated binary crossover and polynomial mutation. representation: the operators of the
+    controller's representation. auto: sbx for numeric genes, else representation."""
+    crossover_index: float = Field(default=15, ge=0, le=1000)
+    """sbx: distribution index of crossovers; the larger, the closer children are to their parents."""
+    mutation_index: float = Field(default=20, ge=0, le=1000)
+    """sbx: distribution index of mutations; the larger, the smaller they are."""
     severity: float = Field(default=0.2, ge=0, le=1000)
-    """Size of mutations, relative to the initial range of weights and biases."""
+    """representation: size of mutations, relative to the initial range of weights and biases."""
     probability: float = Field(default=0.2, ge=0, le=1)
-    """Probability that a mutation changes a gene."""
+    """representation: probability that a mutation changes a gene."""
 
     @field_validator("objectives", mode="before")
     @classmethod
@@ -53,13 +61,13 @@ class Nsga2Options(MethodOptions):
 class Nsga2(Method):
     """NSGA-II, which sorts members and children by non-dominated fronts, and within a front by isolation.
 
-    Parents win a tournament of two by front, then by isolation. Variation is that of the representation; a
-    child that equals a member or another child is mutated again. The result is the front of all non-dominated
-    evaluations: `swarmwright runs elites RUN`.
+    Parents win a tournament of two by front, then by isolation. Numbers vary by simulated binary crossover
+    and polynomial mutation, other genes as their representation does; a child that equals a member or another
+    child is mutated again. The result is the front of all non-dominated evaluations:
+    `swarmwright runs elites RUN`.
 
     Source: Deb, Pratap, Agarwal and Meyarivan, "A fast and elitist multiobjective genetic algorithm:
-    NSGA-II", IEEE Transactions on Evolutionary Computation 6(2), 2002. It varies numbers by simulated binary
-    crossover and polynomial mutation; here the representation does, so that any controller can be evolved.
+    NSGA-II", IEEE Transactions on Evolutionary Computation 6(2), 2002.
     """
 
     kind: ClassVar[str] = "nsga2"
@@ -74,6 +82,23 @@ class Nsga2(Method):
         self._values: Values = np.empty((0, 1 + len(options.objectives)))
         self._ranks: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._crowding: Values = np.empty(0)
+
+    @classmethod
+    def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
+        """Refuse numeric variation if genes are choices."""
+        invalid = super().problems(options, representation)
+        assert isinstance(options, Nsga2Options)
+        if options.variation == "sbx" and representation is not None and not representation.continuous:
+            invalid["variation"] = (
+                f"sbx needs numeric genes, but those of {representation.kind} are choices; use representation"
+            )
+        return invalid
+
+    @property
+    def _is_real(self) -> bool:
+        """Whether genes vary as numbers."""
+        variation = self.options.variation
+        return variation == "sbx" or (variation == "auto" and self.representation.continuous)
 
     @property
     def budget(self) -> int:
@@ -96,10 +121,12 @@ class Nsga2(Method):
         children = self._members[parents[:, 0]]
         crossed = np.flatnonzero(self.streams("nsga2.cross", candidates).units(1)[:, 0] < options.crossover)
         if len(crossed):
-            children[crossed] = self.representation.crossovers(
-                children[crossed],
-                self._members[parents[crossed, 1]],
-                self.streams("nsga2.crossover", crossed),
+            pairs = children[crossed], self._members[parents[crossed, 1]]
+            streams = self.streams("nsga2.crossover", crossed)
+            children[crossed] = (
+                real_variation.cross(*pairs, streams, self.representation, options.crossover_index)
+                if self._is_real
+                else self.representation.crossovers(*pairs, streams)
             )
         mutants = self._mutate(children, self.streams("nsga2.mutate", candidates))
         digests = {_digest(member) for member in self._members}
@@ -113,6 +140,8 @@ class Nsga2(Method):
 
     def _mutate(self, genomes: Genomes, streams: Streams) -> Genomes:
         options = self.options
+        if self._is_real:
+            return real_variation.mutate(genomes, streams, self.representation, options.mutation_index)
         return self.representation.mutations(
             genomes, streams, severity=options.severity, probability=options.probability
         )
