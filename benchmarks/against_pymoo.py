@@ -35,7 +35,8 @@ class Case:
         from pymoo.problems import get_problem
 
         if self.problem.startswith("dtlz"):
-            return get_problem(self.problem, n_var=self.objectives + 9, n_obj=self.objectives)
+            genes = self.objectives + (4 if self.problem == "dtlz1" else 9)
+            return get_problem(self.problem, n_var=genes, n_obj=self.objectives)
         return get_problem(self.problem)
 
     def _volume(self, costs: Points) -> float:
@@ -97,6 +98,8 @@ class Case:
 CASES = (
     *(Case("nsga2", f"zdt{number}") for number in (1, 2, 3, 4, 6)),
     Case("nsga2", "dtlz2"),
+    *(Case("nsga3", f"dtlz{number}", 3, 92, 400, 12) for number in (1, 2, 4)),
+    Case("nsga3", "dtlz2", 5, 212, 300, 6),
 )
 
 

@@ -13,7 +13,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
 from swarmwright.methods.archive import Grid, Values, ranks
 from swarmwright.methods.map_elites import MapElitesOptions
-from swarmwright.methods.nsga2 import Nsga2Options
+from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.runs.elites import Elites, compute_elites, compute_elites_over_generations
 from swarmwright.runs.run import Run
 
@@ -193,7 +193,7 @@ def find_shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
     if not runs:
         return ()
     methods = [run.experiment.method for run in runs]
-    fronts = [method for method in methods if isinstance(method, Nsga2Options)]
+    fronts = [method for method in methods if isinstance(method, ParetoOptions)]
     archives = [method for method in methods if isinstance(method, MapElitesOptions)]
     if len(fronts) == len(methods) and all(front.objectives == fronts[0].objectives for front in fronts):
         return ("hypervolume",)
@@ -259,9 +259,9 @@ def build_indicator(elites: Elites) -> Indicator:
 
 
 def _check_objectives(by: By, runs: Sequence[Run]) -> None:
-    first = _options(by, runs[0], Nsga2Options, "nsga2, which have a front")
+    first = _options(by, runs[0], ParetoOptions, "nsga2 or nsga3, which have a front")
     for run in runs[1:]:
-        options = _options(by, run, Nsga2Options, "nsga2, which have a front")
+        options = _options(by, run, ParetoOptions, "nsga2 or nsga3, which have a front")
         if options.objectives != first.objectives:
             raise InputError(
                 f"{runs[0].path} and {run.path} have different objectives, and so no {WORDS[by]} that can be "
@@ -295,7 +295,7 @@ def _options(by: By, run: Run, kind: type[Any], methods: str) -> Any:  # noqa: A
     return options
 
 
-def _objectives(options: Nsga2Options) -> str:
+def _objectives(options: ParetoOptions) -> str:
     goals = [f"{name} ({goal})" for name, goal in sorted(options.objectives.items())]
     return ", ".join(["fitness (maximize)", *goals])
 

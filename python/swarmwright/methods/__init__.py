@@ -22,6 +22,7 @@ METHODS: Registry[Method] = Registry(
         "map_elites": "swarmwright.methods.map_elites:MapElites",
         "nnga": "swarmwright.methods.nnga:Nnga",
         "nsga2": "swarmwright.methods.nsga2:Nsga2",
+        "nsga3": "swarmwright.methods.nsga3:Nsga3",
         "openai_es": "swarmwright.methods.openai_es:OpenaiEs",
         "pgpe": "swarmwright.methods.pgpe:Pgpe",
         "pso": "swarmwright.methods.pso:Pso",

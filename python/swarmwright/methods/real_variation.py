@@ -12,7 +12,13 @@ from swarmwright.methods.archive import Values
 
 
 def cross(
-    mothers: Genomes, fathers: Genomes, streams: Streams, representation: Representation, index: float
+    mothers: Genomes,
+    fathers: Genomes,
+    streams: Streams,
+    representation: Representation,
+    index: float,
+    *,
+    second: NDArray[np.bool_],
 ) -> Genomes:
     """Return a child of each mother by simulated binary crossover, (n, genome_size), within the bounds.
 
@@ -27,15 +33,17 @@ def cross(
         streams: n streams.
         representation: of the genomes, with numeric genes.
         index: distribution index; the larger, the closer children are to parents.
+        second: whether each is the second child of a pair, (n,), whose crossed genes come from near the other
+            parent than those of the first, with the same stream and parents in the other order.
     """
     count, genes = mothers.shape
     drawn = streams.units(3 * genes).reshape(count, 3, genes)
-    first, second = mothers.astype(np.float64), fathers.astype(np.float64)
-    low, high = np.minimum(first, second), np.maximum(first, second)
+    first, other = mothers.astype(np.float64), fathers.astype(np.float64)
+    low, high = np.minimum(first, other), np.maximum(first, other)
     lower, upper = representation.bounds
     is_crossed = (drawn[:, 0] < 0.5) & (high > low)
     width = np.where(is_crossed, high - low, 1.0)
-    takes_low = drawn[:, 1] < 0.5
+    takes_low = (drawn[:, 1] < 0.5) ^ second[:, np.newaxis]
     margin = np.where(takes_low, low - lower, upper - high)
     alpha = 2.0 - _power(1.0 + 2.0 * np.maximum(margin, 0.0) / width, -(index + 1.0))
     share = drawn[:, 2] * alpha

@@ -14,7 +14,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.statistics import means
 from swarmwright.methods.archive import Axis, Cells, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
-from swarmwright.methods.nsga2 import Nsga2Options
+from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.methods.sampled_archive import SampledArchive
 from swarmwright.methods.voronoi import Voronoi
 from swarmwright.simulations.catalogue import description, find_built_in
@@ -65,7 +65,7 @@ class Elites:
     """The elites of a multi-objective or quality-diversity run.
 
     Attributes:
-        kind: "archive" of `map_elites`, with the best candidate of each cell, or "front" of `nsga2`, with the
+        kind: "archive" of `map_elites`, with the best candidate of each cell, or "front" of `nsga2` or `nsga3`, with the
             non-dominated candidates of the whole run.
         goals: goal of each metric by name: "measure" in archives, "maximize" or "minimize" in fronts.
         candidates: sorted by fitness, the best first; a front has the earliest of candidates that are equal
@@ -195,7 +195,7 @@ class Elites:
 
 def has_elites(run: "Run") -> bool:
     """Return whether the run's method has an archive or a front."""
-    return isinstance(run.experiment.method, MapElitesOptions | Nsga2Options)
+    return isinstance(run.experiment.method, MapElitesOptions | ParetoOptions)
 
 
 def compute_elites(run: "Run", evaluations: int | None = None) -> Elites:
@@ -230,11 +230,11 @@ class EliteCollector:
 
     def __init__(self, run: "Run") -> None:
         options = run.experiment.method
-        if not isinstance(options, MapElitesOptions | Nsga2Options):
+        if not isinstance(options, MapElitesOptions | ParetoOptions):
             kind: str = options.kind
             raise InputError(
                 f"{run.path}: has no elites, since {kind} has a single objective and no archive; use a run "
-                "of map_elites or nsga2"
+                "of map_elites, nsga2 or nsga3"
             )
         self._experiment = run.experiment
         self._options = options
@@ -402,7 +402,7 @@ class _SampledBest:
 class _Front:
     """The non-dominated candidates, the first of equals."""
 
-    def __init__(self, options: Nsga2Options) -> None:
+    def __init__(self, options: ParetoOptions) -> None:
         self._options = options
         count = len(options.objectives)
         self._rows = _Rows.zeros(0, count)

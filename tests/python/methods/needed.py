@@ -5,6 +5,7 @@ from typing import Any
 NEEDED: dict[str, dict[str, Any]] = {
     "map_elites": {"measures": {"steps": {"range": [0, 50], "bins": 10}}},
     "nsga2": {"objectives": {"steps": "minimize"}},
+    "nsga3": {"objectives": {"steps": "minimize"}},
 }
 """For Minisim, by kind of method."""
 

@@ -2,7 +2,7 @@
 
 from starlette.requests import Request
 
-from swarmwright.methods.nsga2 import Nsga2Options
+from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.ui.requests import read_integer
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.views._elites import check_method, describe_elites, describe_states
@@ -12,14 +12,14 @@ from swarmwright.ui.window import Window
 def describe(window: Window, request: Request) -> Values:
     """Return the objectives and the hypervolume over generations."""
     run = window.run(request)
-    check_method(run, Nsga2Options, "nsga2")
+    check_method(run, ParetoOptions, "nsga2 or nsga3")
     return describe_states(run)
 
 
 def describe_points(window: Window, request: Request) -> Values:
     """Return the front after a generation."""
     run = window.run(request)
-    check_method(run, Nsga2Options, "nsga2")
+    check_method(run, ParetoOptions, "nsga2 or nsga3")
     return describe_elites(run, read_integer(request, "generation"))
 
 
@@ -27,6 +27,6 @@ VIEW = View(
     "front",
     STATIC / "front.js",
     "Front",
-    tab_of=lambda run: run.generations > 0 and isinstance(run.experiment.method, Nsga2Options),
+    tab_of=lambda run: run.generations > 0 and isinstance(run.experiment.method, ParetoOptions),
     answers={"front": describe, "front_points": describe_points},
 )
