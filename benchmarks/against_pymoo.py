@@ -43,7 +43,9 @@ class Case:
         """Return the hypervolume up to 1.1 times the ends of the front, as a share of the front's."""
         from pymoo.indicators.hv import Hypervolume
 
-        front = self._problem.pareto_front(self._directions) if self.partitions else self._problem.pareto_front()
+        front = (
+            self._problem.pareto_front(self._directions) if self.partitions else self._problem.pareto_front()
+        )
         volume = Hypervolume(ref_point=front.min(axis=0) + 1.1 * (front.max(axis=0) - front.min(axis=0)))
         return float(volume(costs)) / float(volume(front))
 
@@ -113,7 +115,8 @@ def rows(cases: tuple[Case, ...] = CASES) -> Iterator[str]:
             volumes = [run(seed) for seed in SEEDS]
             error = statistics.stdev(volumes) / len(volumes) ** 0.5
             figures.append(f"{statistics.mean(volumes):.4f} ± {error:.4f}")
-        yield f"| `{case.kind}`, {case.problem.upper()}, {case.objectives} objectives | {' | '.join(figures)} |"
+        name = f"`{case.kind}`, {case.problem.upper()}, {case.objectives} objectives"
+        yield f"| {name} | {' | '.join(figures)} |"
 
 
 if __name__ == "__main__":

@@ -11,9 +11,9 @@ import numpy as np
 from swarmwright.common.arguments import mapping, number
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
+from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.methods.archive import Grid, Values, ranks
 from swarmwright.methods.map_elites import MapElitesOptions
-from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.runs.elites import Elites, compute_elites, compute_elites_over_generations
 from swarmwright.runs.run import Run
 

@@ -1,14 +1,13 @@
 """NSGA-III: optimization of many objectives."""
 
 import math
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.common.problems import FieldError
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._pareto import ParetoMethod, ParetoOptions
@@ -40,7 +39,7 @@ class Nsga3Options(ParetoOptions):
         rows = []
         for bars in combinations(range(parts + count - 1), count - 1):
             borders = (-1, *bars, parts + count - 1)
-            rows.append([after - before - 1 for before, after in zip(borders, borders[1:], strict=False)])
+            rows.append([after - before - 1 for before, after in pairwise(borders)])
         return np.array(rows[::-1], dtype=np.float64) / parts
 
 
@@ -103,8 +102,7 @@ class Nsga3(ParetoMethod):
         return self._shuffle(2 * count).reshape(count, 2)
 
     def _select(self, values: Values) -> list[int]:
-        costs = -values
-        fronts = ranks(costs * -1.0)
+        costs, fronts = -values, ranks(values)
         usable: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(costs), axis=1)
         if usable.any():
             nadir = self._update_scale(costs[usable], costs[usable & (fronts == 0)])

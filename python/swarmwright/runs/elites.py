@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from swarmwright.common.arrays import Fitness
 from swarmwright.common.errors import InputError
 from swarmwright.common.statistics import means
+from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.methods.archive import Axis, Cells, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
-from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.methods.sampled_archive import SampledArchive
 from swarmwright.methods.voronoi import Voronoi
 from swarmwright.simulations.catalogue import description, find_built_in
@@ -65,8 +65,8 @@ class Elites:
     """The elites of a multi-objective or quality-diversity run.
 
     Attributes:
-        kind: "archive" of `map_elites`, with the best candidate of each cell, or "front" of `nsga2` or `nsga3`, with the
-            non-dominated candidates of the whole run.
+        kind: "archive" of `map_elites`, with the best candidate of each cell, or "front" of `nsga2` or
+            `nsga3`, with the non-dominated candidates of the whole run.
         goals: goal of each metric by name: "measure" in archives, "maximize" or "minimize" in fronts.
         candidates: sorted by fitness, the best first; a front has the earliest of candidates that are equal
             in all values.

@@ -87,8 +87,8 @@ def test_only_the_simulation_is_required() -> None:
             "my.yaml:2: files: unknown key; list files that the simulation reads in the section servers",
         ),
         (
-            "method: {kind: cma_es, learning_rate: 1}\n",
-            "my.yaml:2: method.learning_rate: unknown key; known keys: kind, generations, ",
+            "method: {kind: cma_es, momentum: 1}\n",
+            "my.yaml:2: method.momentum: unknown key; known keys: kind, generations, ",
         ),
         (
             "controller:\n  hidden:\n    - 8\n    - eight\n",

@@ -143,7 +143,5 @@ def test_runs_without_cells_are_refused(tmp_path: Path) -> None:
     options = {"measures": ranges, "archive": {"kind": "unstructured"}, "generations": 2}
     values = {**BASE, "method": {**BASE["method"], **options}}
     run = optimize(Experiment.from_mapping(values), out=tmp_path / "run")
-    with pytest.raises(
-        InputError, match="has an unstructured archive, whose elites have no cells"
-    ):
+    with pytest.raises(InputError, match="has an unstructured archive, whose elites have no cells"):
         reproduce_elites(run, episodes=2)

@@ -364,9 +364,9 @@ class StoreReader:
 
     @cached_property
     def _best_of_equals(self) -> BestOfEquals | None:
-        """Finds a best member of the front in runs of `nsga2` and `nsga3`; None: the first of equals is the best."""
+        """Finds a best member of the front in runs that have one; None: the first of equals is the best."""
         method = self._parse(self._facts["experiment"])["method"]
-        return BestOfEquals(method["objectives"], self.metrics) if method["kind"] in ("nsga2", "nsga3") else None
+        return BestOfEquals(method["objectives"], self.metrics) if "objectives" in method else None
 
     def leading(
         self,
