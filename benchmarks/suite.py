@@ -94,6 +94,12 @@ def _evosax(_scale: Scale) -> Suite:
     return EvosaxSuite()
 
 
+def _ribs(_scale: Scale) -> Suite:
+    from benchmarks.against_ribs import RibsSuite
+
+    return RibsSuite()
+
+
 def _bound(scale: Scale) -> Suite:
     from benchmarks.bound import BoundSuite
 
@@ -185,6 +191,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "competition": _competition,
     "jax": _jax,
     "evosax": _evosax,
+    "ribs": _ribs,
     "bound": _bound,
     "growth": _growth,
     "tasks": _tasks,

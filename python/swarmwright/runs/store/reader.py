@@ -366,7 +366,8 @@ class StoreReader:
     def _best_of_equals(self) -> BestOfEquals | None:
         """Finds a best member of the front in runs that have one; None: the first of equals is the best."""
         method = self._parse(self._facts["experiment"])["method"]
-        return BestOfEquals(method["objectives"], self.metrics) if "objectives" in method else None
+        has_front = method["kind"] in ("nsga2", "nsga3")
+        return BestOfEquals(method["objectives"], self.metrics) if has_front else None
 
     def leading(
         self,
