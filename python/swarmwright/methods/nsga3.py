@@ -135,7 +135,7 @@ class Nsga3(ParetoMethod):
         nadir = front.max(axis=0)
         if plane is not None and (plane > 0).all() and (1 / plane > _SMALL).all():
             nadir = np.minimum(self._best + 1 / plane, self._worst)
-        return np.where(nadir - self._best <= _SMALL, costs.max(axis=0), nadir)
+        return np.asarray(np.where(nadir - self._best <= _SMALL, costs.max(axis=0), nadir))
 
     def _associate(self, costs: Values, nadir: Values) -> tuple[NDArray[np.int64], Values]:
         """Return the nearest direction of each row, and the distance from it, (n,) each."""

@@ -349,7 +349,9 @@ class _Best:
     """The elites of an archive."""
 
     def __init__(self, options: MapElitesOptions) -> None:
-        self._archive = options.new_archive()
+        archive = options.new_archive()
+        assert not isinstance(archive, SampledArchive)
+        self._archive = archive
         count = 0 if options.cells is None else options.cells.cells
         self._rows = _Rows.zeros(count, len(options.measures))
 

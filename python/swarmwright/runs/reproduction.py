@@ -72,7 +72,7 @@ class Reproduction:
             for evaluation in self.evaluations
         ]
         # NaN, where every episode failed, is not at least the recorded fitness.
-        return ~(np.array(highest) >= self.elites.values()[:, 0])
+        return np.logical_not(np.array(highest) >= self.elites.values()[:, 0])
 
     @property
     def illusory(self) -> NDArray[np.bool_]:

@@ -13,7 +13,6 @@ from swarmwright.methods import METHODS, Method
 from swarmwright.methods.archive import Archive, Axis, Grid
 from swarmwright.methods.emitters import Emitters, Thresholds
 from swarmwright.methods.map_elites import MapElites, MapElitesOptions
-from swarmwright.methods.unstructured import Unstructured
 from tests.python.methods.functions import new, sphere, ten_genes
 
 MEASURES = {"x": {"range": [-5, 5], "bins": 20}, "y": {"range": [-5, 5], "bins": 20}}
@@ -37,11 +36,12 @@ def evolved(seed: int = 1, generations: int = 60, **options: Any) -> MapElites:
     return method
 
 
-def at_random(seed: int, generations: int = 60) -> Archive | Unstructured:
+def at_random(seed: int, generations: int = 60) -> Archive:
     """The archive that random search fills with as many evaluations."""
     options = METHODS.get("map_elites").options_model.model_validate({"measures": MEASURES})
     assert isinstance(options, MapElitesOptions)
     elites = options.new_archive()
+    assert isinstance(elites, Archive)
     method = new("random_search", seed=seed, population=50, generations=generations)
     while not method.done:
         points = method.ask().astype(np.float64)

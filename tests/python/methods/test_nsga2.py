@@ -78,7 +78,7 @@ def test_no_child_equals_a_member_or_another_child() -> None:
 
 
 def test_children_without_mutations_can_be_copies() -> None:
-    still = {"variation": "representation", "probability": 0, "crossover": 0}
+    still: dict[str, Any] = {"variation": "representation", "probability": 0, "crossover": 0}
     method = new("nsga2", population=6, generations=3, objectives=OBJECTIVES, **still)
     first = {one.tobytes() for one in method.ask()}
     method.tell(np.arange(6.0), metrics=np.zeros((6, 1)))

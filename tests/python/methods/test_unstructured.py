@@ -34,7 +34,8 @@ def test_candidates_join_far_from_elites_and_replace_worse_ones_nearby() -> None
     archive = Unstructured(AXES, threshold=0.1, neighbors=1)
 
     def add(number: int, fitness: float, *measures: float) -> list[list[int]]:
-        return archive.add([number], np.array([fitness]), np.array([measures])).tolist()
+        new: list[list[int]] = archive.add([number], np.array([fitness]), np.array([measures])).tolist()
+        return new
 
     assert add(0, 1.0, 5.0, 0.0) == [[0, 0]]
     assert add(1, 1.0, 5.5, 0.0) == []  # 0.05 away and no better

@@ -50,6 +50,7 @@ def test_elites_are_those_of_the_method(run: Run) -> None:
         metrics = np.stack([row.metrics[:, columns].mean(axis=0) for row in rows])
         method.tell([row.fitness for row in rows], metrics=metrics)
     assert repeated > 20
+    assert isinstance(method.archive, SampledArchive)
     elites = {20 * one.generation + one.candidate: one for one in run.elites.candidates}
     assert sorted(elites) == sorted(method.archive.numbers.tolist())
     for elite in method.archive.elites:
