@@ -62,7 +62,8 @@ class Reproduction:
         """Whether the held-out behaviour of each elite is in another cell, or was not measured."""
         assert self.elites.cells is not None
         recorded = self.elites.cells.cells_of(self.elites.values()[:, 1:])
-        return self._cells_of(self._measures) != recorded
+        moved: NDArray[np.bool_] = self._cells_of(self._measures) != recorded
+        return moved
 
     @cached_property
     def overestimated(self) -> NDArray[np.bool_]:
@@ -72,7 +73,8 @@ class Reproduction:
             for evaluation in self.evaluations
         ]
         # NaN, where every episode failed, is not at least the recorded fitness.
-        return np.logical_not(np.array(highest) >= self.elites.values()[:, 0])
+        reaches: NDArray[np.bool_] = np.array(highest) >= self.elites.values()[:, 0]
+        return ~reaches
 
     @property
     def illusory(self) -> NDArray[np.bool_]:
