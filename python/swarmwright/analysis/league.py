@@ -18,16 +18,16 @@ from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.teams import TEAM
 from swarmwright.experiment.competition import needed_metrics
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.methods.rankings.tournament import TournamentOptions
-from swarmwright.runs.code import resolve_experiment
-from swarmwright.runs.matches import SideFitness, sides_of
-from swarmwright.runs.opponents import (
+from swarmwright.experiment.opponents import (
     Opponent,
     check_fits,
     is_bundle,
     load_opponent,
     read_bundled_experiment,
 )
+from swarmwright.methods.rankings.tournament import TournamentOptions
+from swarmwright.runs.code import resolve_experiment
+from swarmwright.runs.matches import SideFitness, sides_of
 from swarmwright.runs.post_evaluation import EvaluationOptions
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE

@@ -15,6 +15,8 @@ from swarmwright.experiment.launchers import LauncherOptions
 from swarmwright.methods.rankings.tournament import MOST_SIDES
 from swarmwright.simulations.fitness import FitnessExpression
 
+LARGEST_SIZE = 1_000_000
+"""Largest number of sensors or actuators of an agent."""
 _NAME_CHARACTERS = 1000
 """Characters of a simulation's name."""
 Checked = dict[str, Any]
@@ -305,9 +307,9 @@ class Document(Options):
     parameters: dict[str, Any] = Field(default={})
     """Parameters of the simulation. `seed`, from 0 to 2^62, is the seed of the first episode, from which
     those of all other episodes are counted."""
-    sensors: int | None = Field(default=None, ge=1, le=1_000_000)
+    sensors: int | None = Field(default=None, ge=1, le=LARGEST_SIZE)
     """Sensor values of an agent. Required only if the simulation does not announce them."""
-    actuators: int | None = Field(default=None, ge=1, le=1_000_000)
+    actuators: int | None = Field(default=None, ge=1, le=LARGEST_SIZE)
     """Actuator values of an agent. Required only if the simulation does not announce them."""
     fitness: str | None = Field(default=None, min_length=1)
     """Fitness of an episode, an expression over numbers, the simulation's metrics and its own `fitness`:

@@ -16,7 +16,7 @@ from swarmwright.analysis.league import League, find_entries, find_experiment, p
 from swarmwright.cli import run as run_command
 from swarmwright.runs.matches import play
 from swarmwright.runs.post_evaluation import EvaluationOptions
-from tests.python.runs.test_opponents import bundle
+from tests.python.experiment.test_opponents import bundle
 from tests.python.simulations.duel import Duel, Wide
 
 TOURNAMENT: dict[str, Any] = {

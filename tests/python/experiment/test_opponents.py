@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.common.untrusted import escape_line
-from swarmwright.runs.opponents import LARGEST_FILE_BYTES, Opponent, check_fits, load_opponent
+from swarmwright.experiment.opponents import LARGEST_FILE_BYTES, Opponent, check_fits, load_opponent
 from tests.python.simulations.pursuit import Pursuit
 
 NETWORK = {"version": 1, "kind": "layered", "sensors": 2, "hidden": [], "actuators": 1, "activation": "tanh"}
@@ -68,7 +68,7 @@ def bundle(path: Path, controller: Any = None, **changes: Any) -> Path:
 def test_the_best_and_any_candidate_of_a_run(run: Run) -> None:
     best = load_opponent(run.path)
     assert best.specification == run.best.specification
-    assert best.simulation == run.experiment.simulation
+    assert best.simulation.endswith("pursuit.py:Pursuit")
     assert list(best.parts) == ["hunters", "prey"]
     hunters = best.playing("hunters")
     assert (hunters.sensors, hunters.actuators) == (1, 1)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from swarmwright.common.archives import CONTROLLER, EVALUATION, FORMAT, MANIFEST, read_files
 from swarmwright.common.arrays import shortest
@@ -23,14 +24,14 @@ from swarmwright.common.problems import format_value
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import suggest_or_list
 from swarmwright.common.untrusted import escape_line
+from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.controllers.controller import Controller
 from swarmwright.controllers.kinds.team import Team
 from swarmwright.controllers.modules.grammar import PYTHON_KIND
 from swarmwright.controllers.teams import is_team, parts_of
-from swarmwright.experiment.derived import has_python_modules
-from swarmwright.runs.code import restore_experiment
-from swarmwright.runs.run import Run
-from swarmwright.runs.store import FILE
+from swarmwright.experiment.document import LARGEST_SIZE, STORE
+from swarmwright.runs.store import StoreReader
+from swarmwright.runs.store.folder import find_store
 
 LARGEST_FILE_BYTES = 1 << 26
 """Size limit of a controller's file, in bytes: about five million weights."""
@@ -101,6 +102,11 @@ class Opponent:
         }
         if self.genome is not None:
             values["genome"] = shortest(self.genome)
+        genomes = {
+            name: shortest(part.genome) for name, part in self.parts.items() if part.genome is not None
+        }
+        if genomes:
+            values["genomes"] = genomes
         return {**values, "simulation": self.simulation} if self.simulation else values
 
     def _count(self, noun: str) -> int:
@@ -227,36 +233,54 @@ def _name(text: str) -> str:
 
 
 def _read_folder(path: Path, name: str) -> Opponent:
-    if (path / FILE).is_file():
+    if (path / STORE).is_file():
         return _read_run(path, name, None, None)
     if is_bundle(path):
         return _read_bundle(path, name)
-    raise InputError(f"{name}: is neither a run folder ({FILE} is missing) nor an unpacked bundle")
+    raise InputError(f"{name}: is neither a run folder ({STORE} is missing) nor an unpacked bundle")
 
 
 def _read_run(path: Path, name: str, generation: int | None, candidate: int | None) -> Opponent:
     try:
-        run = Run.open(path)
-        has_code = has_python_modules(run.experiment)
+        store = StoreReader(find_store(path))
+        values = store.experiment()
+        evaluation = store.evaluation(candidate, generation)
+        representation = _build_representation(name, values)
     except InputError as error:
         raise InputError(_shorten(escape_line(str(error)))) from error
-    if has_code:
-        raise _error_of_code(name)
-    evaluation = run.evaluation(candidate, generation)
-    representation = restore_experiment(run, evaluation.generation).representation()
     genomes = {}
     if isinstance(representation, Team):
         first = 0
         for part_name, part in representation.parts.items():
             genomes[part_name] = evaluation.genome[first : first + part.genome_size]
             first += part.genome_size
+    simulation = values.get("simulation")
     return _build(
         name,
         representation.specification(evaluation.genome),
         evaluation.genome,
-        run.experiment.simulation,
+        simulation if isinstance(simulation, str) else "",
         genomes,
     )
+
+
+def _build_representation(name: str, values: Mapping[str, Any]) -> Representation:
+    """Return the representation of a run's genomes without importing code. Raises InputError.
+
+    values: the run's experiment.
+    """
+    section = values.get("controller")
+    sizes = [values.get(noun) or 0 for noun in ("sensors", "actuators")]
+    if not isinstance(section, Mapping) or not all(size in range(LARGEST_SIZE + 1) for size in sizes):
+        raise InputError(f"{name}: the experiment in {STORE} is damaged")
+    component = REPRESENTATIONS.get(str(section.get("kind")))
+    try:
+        options = component.options_model.model_validate(section, context={"ask": False})
+    except ValidationError as error:
+        raise InputError(f"{name}: its controllers were made by another version of Swarmwright") from error
+    if getattr(options, "in_python", False):
+        raise _error_of_code(name)
+    return component(options, sensors=sizes[0], actuators=sizes[1])
 
 
 def _read_bundle(path: Path, name: str) -> Opponent:
@@ -320,8 +344,13 @@ def _read_mapping(values: Mapping[str, Any]) -> Opponent:
     if not isinstance(architecture, Mapping):
         raise InputError(f"{name}: architecture: {format_value(architecture)} found, expected a mapping")
     specification = {**architecture, "weights": values.get("weights")}
+    genomes = values.get("genomes")
     return _build(
-        name, specification, values.get("genome"), simulation if isinstance(simulation, str) else ""
+        name,
+        specification,
+        values.get("genome"),
+        simulation if isinstance(simulation, str) else "",
+        genomes if isinstance(genomes, Mapping) else None,
     )
 
 
@@ -330,7 +359,7 @@ def _build(
     specification: Mapping[str, Any],
     genome: Any = None,  # noqa: ANN401 - whatever a file says
     simulation: str = "",
-    genomes: Mapping[str, NDArray[np.float32]] | None = None,
+    genomes: Mapping[str, Any] | None = None,
 ) -> Opponent:
     """Check a controller and build the opponent; genomes: of the parts of a team. Raises InputError."""
     kind = specification.get("kind")
