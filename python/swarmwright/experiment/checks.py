@@ -22,8 +22,9 @@ from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
 from swarmwright.experiment.evolved import iter_problems, iter_unknown
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.opponents import genomes_of
 from swarmwright.experiment.ranking_checks import check_ranking
-from swarmwright.experiment.start_from import genomes_of, samples_around_start
+from swarmwright.experiment.start_from import samples_around_start
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.methods.rankings.multi_fidelity import MultiFidelityOptions
@@ -136,7 +137,7 @@ def check_values(
         competition.resolve(checked, values, is_available, report)
         reads_code = not ask and getattr(checked.get("controller"), "in_files", False)
         representation = None if reads_code else _check_representation(checked, report)
-        _check_method(checked, representation, report)
+        _check_method(checked, representation, is_available, report)
         _check_evolved(checked, is_available, report)
         if is_available and is_command(checked["simulation"]):
             from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
@@ -298,7 +299,9 @@ def _check_representation(checked: Checked, report: Report) -> Representation | 
     return representation
 
 
-def _check_method(checked: Checked, representation: Representation | None, report: Report) -> None:
+def _check_method(
+    checked: Checked, representation: Representation | None, is_available: bool, report: Report
+) -> None:
     """Check that the method supports the representation and the operation.
 
     If sensors and actuators are unknown, this is checked when a server has announced them.
@@ -306,7 +309,7 @@ def _check_method(checked: Checked, representation: Representation | None, repor
     method = checked.get("method")
     if isinstance(checked.get("ranking"), TournamentOptions):
         if isinstance(representation, Team):
-            competition.check_representations(checked, representation, report)
+            competition.check_representations(checked, representation, is_available, report)
     elif method is not None:
         component = REGISTRIES["method"].get(method.kind)
         for name, reason in component.problems(method, representation).items():

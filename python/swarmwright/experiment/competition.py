@@ -4,25 +4,29 @@ In an experiment, a competition is a `team` with a group for each side, whose co
 several populations, and a ranking `tournament` with the fitness of each side.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from swarmwright.common.arrays import Genome
 from swarmwright.common.engine_types import SideFields
-from swarmwright.common.errors import InputError
-from swarmwright.common.problems import Report, format_value, problems_of
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.problems import FieldError, Report, format_value, problems_of
 from swarmwright.common.random_numbers import Stream
+from swarmwright.common.simulation_names import is_python
 from swarmwright.common.suggestions import unknown
 from swarmwright.common.untrusted import escape_line
 from swarmwright.common.yaml import Path_
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.controllers.kinds.team import Team, TeamOptions
 from swarmwright.controllers.teams import TEAM
 from swarmwright.experiment.document import AUTO, DEFAULT_KINDS, Checked, PopulationSection
+from swarmwright.experiment.opponents import Opponent, check_fits, genomes_of, load_opponent
 from swarmwright.experiment.unavailable import method_of, options_with_code
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.methods.competition import Competition, Population
-from swarmwright.methods.rankings.tournament import BETWEEN_POPULATIONS, TournamentOptions
+from swarmwright.methods.rankings.tournament import BETWEEN_POPULATIONS, ONLY_OPPONENTS, TournamentOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.fitness import FITNESS_NAME, FitnessExpression
 
@@ -71,15 +75,48 @@ def expand(values: dict[str, Any], is_available: bool, report: Report) -> tuple[
         section = populations.get(name, {})
         own = section.get("controller") if isinstance(section, Mapping) else None
         groups[name] = own if isinstance(own, Mapping) and own else dict(controller)
+    values = {**values, "controller": {"kind": TEAM, "groups": groups}}
+    only = _name_sides_of_opponents(values)
+    if only and not _copy_controllers(only, values, report):
+        return values, report
+    return values, _wrap(report, populations)
 
-    return {**values, "controller": {"kind": TEAM, "groups": groups}}, _wrap(report, populations)
+
+def _name_sides_of_opponents(values: Mapping[str, Any]) -> list[str]:
+    """Return the sides without a population, which opponents alone play."""
+    populations, opponents = values.get("populations"), values["ranking"].get("opponents")
+    if not populations or not isinstance(opponents, Mapping):
+        return []
+    return [str(side) for side in opponents if side not in populations]
+
+
+def _copy_controllers(sides: Sequence[str], values: dict[str, Any], report: Report) -> bool:
+    """Give sides without a population the controller of their first opponent; return whether that worked.
+
+    Its options are those of the same name in the specification; `opponents_of` compares the rest.
+    """
+    groups = values["controller"]["groups"]
+    for side in sides:
+        entries = values["ranking"]["opponents"][side]
+        try:
+            architecture = load_opponent(entries[0]).playing(side).architecture
+        except SwarmwrightError as error:
+            report(("ranking", "opponents", side), str(error))
+            return False
+        except (LookupError, TypeError):  # not a list, or empty: is reported with the options
+            return False
+        options = REPRESENTATIONS.get(architecture["kind"]).options_model.model_fields
+        groups[side] = {key: value for key, value in architecture.items() if key in options}
+    return True
 
 
 def _name_sides(values: Mapping[str, Any], is_available: bool, report: Report) -> list[str]:
     """Return the names of the sides in the file, or else those of the simulation; empty after a report."""
     groups = _name_groups(values) if is_available else []
     populations, sides = values.get("populations") or {}, values["ranking"].get("sides")
-    named = list(populations) or ([*sides] if isinstance(sides, list | tuple | Mapping) else [])
+    named = [*populations, *_name_sides_of_opponents(values)]
+    if not populations and isinstance(sides, list | tuple | Mapping):
+        named = [*sides]
     names = list(dict.fromkeys(map(str, named or groups)))
     path: Path_ = ("populations",) if populations else ("ranking", "sides")
     if len(names) < 2:
@@ -91,7 +128,8 @@ def _name_sides(values: Mapping[str, Any], is_available: bool, report: Report) -
         return []
     for name in names:
         if groups and name not in groups:
-            report((*path, name) if populations else path, unknown("side", name, groups))
+            above: Path_ = path if name in populations else ("ranking", "opponents")
+            report((*above, name) if populations else path, unknown("side", name, groups))
             return []
     return names
 
@@ -114,7 +152,10 @@ def _wrap(report: Report, populations: Mapping[str, Any]) -> Report:
             own = populations.get(str(path[2]), {})
             has_own = isinstance(own, Mapping) and own.get("controller")
             before: Path_ = ("populations", path[2], "controller") if has_own else ("controller",)
-            path = (*before, *path[3:])
+            if populations and str(path[2]) not in populations:
+                path = ("ranking", "opponents", path[2])
+            else:
+                path = (*before, *path[3:])
         elif path[:2] == ("controller", "groups"):
             path = ("populations",) if populations else ("ranking", "sides")
         if (path, message) not in reported:  # both sides may have the same controller
@@ -138,6 +179,8 @@ def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, rep
     ranking, controller = checked.get("ranking"), checked.get("controller")
     if not isinstance(ranking, TournamentOptions):
         return
+    if ranking.pairing == ONLY_OPPONENTS and not ranking.opponents:
+        report(("ranking", "opponents"), "missing; with pairing: opponents, candidates meet nobody else")
     if not populations:
         _check_method(checked.get("method"), ("method",), report)
     if not isinstance(controller, TeamOptions):
@@ -146,11 +189,14 @@ def resolve(checked: Checked, values: Mapping[str, Any], is_available: bool, rep
     if not _check_names(names, populations, ranking, report):
         return
     if populations:
-        _check_populations(populations, ranking, report)
+        if len(populations) < len(names) and "pairing" not in values.get("ranking", {}):
+            ranking = checked["ranking"] = ranking.model_copy(update={"pairing": ONLY_OPPONENTS})
+        _check_populations(populations, names, ranking, report)
         checked["populations"] = {
             name: options
             for name in names
-            if (options := _method_of(name, populations[name], values, report)) is not None
+            if name in populations
+            and (options := _method_of(name, populations[name], values, report)) is not None
         }
     else:
         _check_mirrored(controller, report)
@@ -173,12 +219,19 @@ def _check_names(
     if len(names) < 2:
         report(("ranking", "sides"), f"a match needs at least two sides, but there is only {names[0]}")
         return False
-    for key, written in (("populations", populations), ("ranking.sides", ranking.sides or {})):
+    opponents = ranking.opponents if isinstance(ranking.opponents, Mapping) else {}
+    for key, written in (
+        ("populations", populations),
+        ("ranking.sides", ranking.sides or {}),
+        ("ranking.opponents", opponents),
+    ):
         for name in written:
             if name not in names:
                 report((*key.split("."), name), unknown("side", name, names))
                 return False
-        if written and (missing := [name for name in names if name not in written]):
+        played = opponents if written is populations else ()
+        missing = [name for name in names if name not in written and name not in played]
+        if written and missing and written is not opponents:
             report(tuple(key.split(".")), f"{', '.join(missing)} missing; name all sides: {', '.join(names)}")
             return False
     return True
@@ -260,6 +313,7 @@ def _check_mirrored(controller: TeamOptions, report: Report) -> None:
 
 def _check_populations(
     populations: Mapping[str, PopulationSection],
+    names: Sequence[str],
     ranking: TournamentOptions,
     report: Report,
 ) -> None:
@@ -270,8 +324,18 @@ def _check_populations(
         )
     if ranking.score not in {"fitness", "points"}:
         report(("ranking", "score"), f"{ranking.score} is for one population; use fitness or points")
-    if len(populations) < 2:
-        report(("populations",), "needs at least two populations")
+    only = [name for name in names if name not in populations]
+    if only and len(names) > 2:
+        report(
+            ("populations",),
+            f"{', '.join(only)} missing; only of two sides, one may be played by opponents alone",
+        )
+    elif only and ranking.pairing != ONLY_OPPONENTS:
+        report(
+            ("ranking", "pairing"),
+            f"{ranking.pairing} needs a population of {only[0]}; leave the key out, as opponents alone play "
+            f"{only[0]}",
+        )
 
 
 def _method_of(
@@ -324,10 +388,25 @@ def _check_method(options: object, path: Path_, report: Report) -> None:
         report((*path, "kind"), f"{kind} cannot evolve a population of a competition; use another method")
 
 
-def check_representations(checked: Checked, representation: Team, report: Report) -> None:
-    """Check that each population's method can evolve its controllers."""
+def check_representations(checked: Checked, representation: Team, is_available: bool, report: Report) -> None:
+    """Check that each population's method can evolve its controllers, and that opponents fit.
+
+    Args:
+        checked: values of the experiment.
+        representation: of the joined genomes.
+        is_available: whether the simulation can be asked.
+        report: called with each problem.
+    """
     populations: Mapping[str, MethodOptions] = checked.get("populations") or {}
+    simulation = checked["simulation"]
+    is_known = is_available or not is_python(simulation)
+    try:
+        opponents_of(checked["ranking"], representation, populations, simulation if is_known else "")
+    except FieldError as error:
+        report(error.path, error.reason)
     for name, part in representation.parts.items():
+        if populations and name not in populations:
+            continue
         options = populations.get(name, checked.get("method"))
         path: Path_ = ("populations", name, "method") if name in populations else ("method",)
         if isinstance(options, MethodOptions):
@@ -335,6 +414,56 @@ def check_representations(checked: Checked, representation: Team, report: Report
                 report((*path, key), reason)
         if not populations:
             break
+
+
+def opponents_of(
+    options: TournamentOptions, representation: Team, populations: Collection[str], simulation: str = ""
+) -> dict[str, dict[int, Genome]]:
+    """Return the genomes of the opponents from outside that play each side, by their number.
+
+    They are numbered from 0 in the order of the file, those of a mapping side by side.
+
+    Args:
+        options: with the opponents.
+        representation: of the joined genomes.
+        populations: sides with a population; none if one plays all sides.
+        simulation: in which the opponents must have been evolved, as far as that is known; empty for any.
+
+    Raises FieldError if an opponent does not fit, or if a population meets no opponent and nobody else.
+    """
+    entries, parts = options.opponents or {}, representation.parts
+    chosen: dict[str, dict[int, Genome]] = {name: {} for name in parts}
+    titles = (catalogue.title(simulation),) if simulation else ()
+
+    def find_problem(side: str, number: int, opponent: Opponent) -> str | None:
+        """Let an opponent play a side; return why it cannot."""
+        part = parts[side]
+        try:
+            controller = opponent.playing(side)
+            check_fits(controller, part.sensors, part.actuators, simulation, titles=titles)
+            chosen[side][number] = genomes_of([controller.to_mapping()], part)[0]
+        except InputError as error:
+            return str(error)
+        return None
+
+    if isinstance(entries, Mapping):  # in the order of the sides, as numbers must be those of any reading
+        listed = [
+            (side, number, entry) for side in parts for number, entry in enumerate(entries.get(side, ()))
+        ]
+    else:
+        listed = [("", number, entry) for number, entry in enumerate(entries)]
+    for index, (side, number, entry) in enumerate(listed):
+        opponent = load_opponent(entry)
+        problems = [find_problem(name, index, opponent) for name in ([side] if side else parts)]
+        if None not in problems:
+            raise FieldError(("ranking", "opponents", *filter(None, (side,)), number), str(problems[0]))
+    for side in populations if options.pairing == ONLY_OPPONENTS else ():
+        if not any(chosen[name] for name in parts if name != side):
+            raise FieldError(
+                ("ranking", "opponents"),
+                f"{side} would meet nobody; list opponents for another side, or choose another pairing",
+            )
+    return chosen
 
 
 def check_announced(experiment: "Experiment", announced: Iterable[tuple[int, Sequence[SideFields]]]) -> None:
@@ -366,10 +495,13 @@ def new_competition(experiment: "Experiment", representation: "Representation") 
     assert isinstance(experiment.ranking, TournamentOptions)
     parts = representation.parts
     names = list(parts)
+    opponents = opponents_of(experiment.ranking, representation, experiment.populations)
     limit = {"generations": experiment.method.generations}
     if experiment.populations:
         chosen: list[tuple[str, MethodOptions, tuple[int, ...]]] = [
-            (name, experiment.populations[name], (side,)) for side, name in enumerate(names)
+            (name, experiment.populations[name], (side,))
+            for side, name in enumerate(names)
+            if name in experiment.populations
         ]
     else:
         chosen = [(names[0], experiment.method, tuple(range(len(names))))]
@@ -387,6 +519,7 @@ def new_competition(experiment: "Experiment", representation: "Representation") 
         experiment.method,
         representation,
         populations=populations,
+        opponents=[opponents[name] for name in names],
         sizes=[part.genome_size for part in parts.values()],
         tournament=experiment.ranking,
         seed=experiment.seed,

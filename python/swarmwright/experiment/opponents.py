@@ -4,7 +4,7 @@ import hashlib
 import json
 import re
 import stat
-from collections.abc import Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike, fspath
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from swarmwright.common.archives import CONTROLLER, EVALUATION, FORMAT, MANIFEST, read_files
-from swarmwright.common.arrays import shortest
+from swarmwright.common.arrays import Genomes, shortest
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.json_text import loads
@@ -26,6 +26,7 @@ from swarmwright.common.suggestions import suggest_or_list
 from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.controllers.controller import Controller
+from swarmwright.controllers.kinds import describe_controller
 from swarmwright.controllers.kinds.team import Team
 from swarmwright.controllers.modules.grammar import PYTHON_KIND
 from swarmwright.controllers.teams import is_team, parts_of
@@ -39,6 +40,8 @@ _LONGEST_NAME = 200
 """Largest number of characters of an opponent's name."""
 _CANDIDATE = re.compile(r"(.+):(\d{1,18}):(\d{1,18})", re.DOTALL)
 """Format of a candidate of a run: RUN:GENERATION:CANDIDATE."""
+_SHOWN_CHARACTERS = 60
+"""Maximum characters of a value in a message."""
 _ZIP = b"PK\x03\x04"
 _EXPECTED = "expected a run folder, RUN:GENERATION:CANDIDATE, a bundle, or a controller in JSON"
 
@@ -406,3 +409,80 @@ def _numbers(name: str, noun: str, values: Any) -> NDArray[np.float32]:  # noqa:
 def _shorten(message: str) -> str:
     longest = 500
     return message if len(message) <= longest else f"{message[: longest - 3]}..."
+
+
+def genomes_of(entries: Sequence[Mapping[str, Any]], representation: Representation) -> Genomes:
+    """Return the genomes of controllers, (controllers, genome_size).
+
+    Args:
+        entries: as `Opponent.to_mapping`.
+        representation: of the genomes.
+
+    Raises InputError if a controller's architecture does not match the representation.
+    """
+    required = json.loads(json.dumps(representation.architecture()))
+    rows = []
+    for entry in entries:
+        name = entry.get("from", "controller")
+        architecture = entry["architecture"]
+        differing = list(_iter_differences(architecture, required))
+        if differing:
+            options = type(representation.options).model_fields
+            raise InputError(
+                f"{name} is {describe_controller(architecture)}, but controllers of this experiment are "
+                f"{describe_controller(required)}; they differ in "
+                + ", ".join(_describe_difference(key, architecture, required, options) for key in differing)
+            )
+        try:
+            genome = np.array(entry.get("genome", entry["weights"]), dtype=np.float32)
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{name}: its weights are not numbers") from error
+        if genome.shape != (representation.genome_size,):
+            raise InputError(
+                f"{name}: has {genome.size} genes; the controllers of this experiment have "
+                f"{representation.genome_size}"
+            )
+        if not np.isfinite(genome).all():
+            raise InputError(f"{name}: has a gene that is not finite")
+        weights = representation.weights(genome[np.newaxis])[0]
+        if weights.tobytes() != np.array(entry["weights"], dtype=np.float32).tobytes():
+            if "genome" not in entry:
+                raise InputError(
+                    f"{name}: has the values of a controller of the kind {architecture['kind']}, but not its "
+                    "genome; use the folder of its run, or its best.json"
+                )
+            raise InputError(
+                f"{name}: its genome and values do not match in this experiment, because options of the "
+                "controller, such as ranges, have changed, or the file was edited"
+            )
+        rows.append(genome)
+    return np.stack(rows)
+
+
+def _iter_differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:
+    for key in dict.fromkeys([*second, *first]):
+        if _make_comparable(first.get(key)) != _make_comparable(second.get(key)):
+            yield str(key)
+
+
+def _describe_difference(
+    key: str, first: Mapping[str, Any], second: Mapping[str, Any], options: Container[str]
+) -> str:
+    """Describe a difference: `output_range ([-2, 2], here [-1, 1]; set controller.output_range)`."""
+    values = [
+        format_value(each[key], _SHOWN_CHARACTERS + 1) if key in each else "none" for each in (first, second)
+    ]
+    if key == "groups" or max(map(len, values)) > _SHOWN_CHARACTERS:
+        return key
+    advice = f"; set controller.{key}" if key in options and key in first else ""
+    return f"{key} ({values[0]}, here {values[1]}{advice})"
+
+
+def _make_comparable(value: Any) -> Any:  # noqa: ANN401 - any value of a specification
+    """Return a value without the numbers of agents in groups of a team."""
+    if not isinstance(value, list):
+        return value
+    return [
+        {key: inner for key, inner in group.items() if key != "agents"} if isinstance(group, dict) else group
+        for group in value
+    ]

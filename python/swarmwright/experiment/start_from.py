@@ -1,19 +1,16 @@
 """`start_from`: controllers to start evolution from, read once and stored in the experiment."""
 
-import json
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from swarmwright.common.arrays import Genomes, shortest
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
 from swarmwright.controllers import Representation
 from swarmwright.controllers.controller import Controller, genome_beside
-from swarmwright.controllers.kinds import describe_controller
+from swarmwright.experiment.opponents import genomes_of
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.runs.store import StoreReader
 from swarmwright.runs.store.folder import find_store
@@ -24,8 +21,6 @@ if TYPE_CHECKING:
 Entry = dict[str, Any]
 """A controller: `architecture`, `weights`, its origin `from`, and `genome` if that differs."""
 _OF_RUN = frozenset({"run", "generation", "candidate"})
-_SHOWN_CHARACTERS = 60
-"""Maximum characters of a value in a message."""
 
 
 def read_entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever the file says
@@ -111,76 +106,3 @@ def find_start_genomes(experiment: "Experiment", representation: Representation)
 def samples_around_start(experiment: "Experiment") -> bool:
     """Whether the method samples around a given controller instead of evaluating it."""
     return method_of(experiment.method).start_as == "center"
-
-
-def genomes_of(start_from: Sequence[Entry], representation: Representation) -> Genomes:
-    """Return the genomes of controllers, (controllers, genome_size).
-
-    Raises InputError if a controller's architecture does not match the representation.
-    """
-    required = json.loads(json.dumps(representation.architecture()))
-    rows = []
-    for entry in start_from:
-        name = entry.get("from", "controller")
-        architecture = entry["architecture"]
-        differing = list(_iter_differences(architecture, required))
-        if differing:
-            options = type(representation.options).model_fields
-            raise InputError(
-                f"{name} is {describe_controller(architecture)}, but controllers of this experiment are "
-                f"{describe_controller(required)}; they differ in "
-                + ", ".join(_describe_difference(key, architecture, required, options) for key in differing)
-            )
-        try:
-            genome = np.array(entry.get("genome", entry["weights"]), dtype=np.float32)
-        except (ValueError, TypeError) as error:
-            raise InputError(f"{name}: its weights are not numbers") from error
-        if genome.shape != (representation.genome_size,):
-            raise InputError(
-                f"{name}: has {genome.size} genes; the controllers of this experiment have "
-                f"{representation.genome_size}"
-            )
-        if not np.isfinite(genome).all():
-            raise InputError(f"{name}: has a gene that is not finite")
-        weights = representation.weights(genome[np.newaxis])[0]
-        if weights.tobytes() != np.array(entry["weights"], dtype=np.float32).tobytes():
-            if "genome" not in entry:
-                raise InputError(
-                    f"{name}: has the values of a controller of the kind {architecture['kind']}, but not its "
-                    "genome; use the folder of its run, or its best.json"
-                )
-            raise InputError(
-                f"{name}: its genome and values do not match in this experiment, because options of the "
-                "controller, such as ranges, have changed, or the file was edited"
-            )
-        rows.append(genome)
-    return np.stack(rows)
-
-
-def _iter_differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:
-    for key in dict.fromkeys([*second, *first]):
-        if _make_comparable(first.get(key)) != _make_comparable(second.get(key)):
-            yield str(key)
-
-
-def _describe_difference(
-    key: str, first: Mapping[str, Any], second: Mapping[str, Any], options: Container[str]
-) -> str:
-    """Describe a difference: `output_range ([-2, 2], here [-1, 1]; set controller.output_range)`."""
-    values = [
-        format_value(each[key], _SHOWN_CHARACTERS + 1) if key in each else "none" for each in (first, second)
-    ]
-    if key == "groups" or max(map(len, values)) > _SHOWN_CHARACTERS:
-        return key
-    advice = f"; set controller.{key}" if key in options and key in first else ""
-    return f"{key} ({values[0]}, here {values[1]}{advice})"
-
-
-def _make_comparable(value: Any) -> Any:  # noqa: ANN401 - any value of a specification
-    """Return a value without the numbers of agents in groups of a team."""
-    if not isinstance(value, list):
-        return value
-    return [
-        {key: inner for key, inner in group.items() if key != "agents"} if isinstance(group, dict) else group
-        for group in value
-    ]

@@ -15,10 +15,12 @@ from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, STORE, Checked
 from swarmwright.experiment.launcher_entries import entries_of, names_launchers
 from swarmwright.experiment.misplaced import with_right_section
+from swarmwright.experiment.opponents import load_opponent
 from swarmwright.experiment.parameter_files import is_mission, resolve
 from swarmwright.experiment.start_from import read_entries
 from swarmwright.experiment.unavailable import UnavailableMethod, UnreadRanking
 from swarmwright.methods.plug_ins import REGISTRIES
+from swarmwright.methods.rankings.tournament import MOST_OPPONENTS
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import make_absolute, resolve_run_name
 from swarmwright.simulations.user_code import permission
@@ -63,6 +65,7 @@ def check(
         is_available = _with_simulation(values, folder or source.folder(("simulation",)), report, ask=ask)
         values, files, unread = _with_files(source, values, report, ask=is_available)
         values = _with_controllers(source, values, report)
+        values = _with_opponents(source, values, report)
         values = _with_modules(source, values, folder, report)
         values = _with_classes(source, values, folder, report, ask=ask)
         values = _with_launchers(source, values, folder, report)
@@ -218,6 +221,32 @@ def _with_controllers(source: Source, values: dict[str, Any], report: Report) ->
     except SwarmwrightError as error:
         report(("start_from",), str(error))
         return {**values, "start_from": None}
+
+
+def _with_opponents(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
+    """Replace the paths of `ranking.opponents` by the controllers."""
+    ranking = values.get("ranking")
+    opponents = ranking.get("opponents") if isinstance(ranking, Mapping) else None
+    if not isinstance(ranking, Mapping) or not opponents:
+        return values
+    key: Path_ = ("ranking", "opponents")
+
+    def read(entries: Any, path: Path_) -> Any:  # noqa: ANN401 - whatever the file says
+        if not isinstance(entries, list | tuple) or len(entries) > MOST_OPPONENTS:
+            return entries  # is reported with the ranking's options
+        controllers = []
+        for number, entry in enumerate(entries):
+            try:
+                controllers.append(load_opponent(entry, source.folder((*path, number))).to_mapping())
+            except SwarmwrightError as error:
+                report((*path, number), str(error))
+        return controllers
+
+    if isinstance(opponents, Mapping):
+        opponents = {side: read(entries, (*key, str(side))) for side, entries in opponents.items()}
+    else:
+        opponents = read(opponents, key)
+    return {**values, "ranking": {**ranking, "opponents": opponents}}
 
 
 def _with_modules(

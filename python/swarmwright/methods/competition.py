@@ -11,22 +11,25 @@ subcomponents", Evolutionary Computation 8(1), 2000, for populations with a comm
 the best or random ones.
 """
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.arrays import Fitness, Genomes
+from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.errors import InputError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods.rankings.match_scores import score_matches
 from swarmwright.methods.rankings.pairings import DEFAULT_ROUNDS, PAIRINGS, PairingOptions
-from swarmwright.methods.rankings.tournament import TournamentOptions
+from swarmwright.methods.rankings.tournament import ONLY_OPPONENTS, TournamentOptions
 
 Indices = NDArray[np.intp]
+
+FIRST_OPPONENT = -2_000_000_000
+"""Index of the first opponent from outside, below those of all champions; that of opponent k is this - k."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Matches:
 
     candidates: Indices
     """(matches, sides): the candidate's index in its population, survivors after new ones; -1 - k is the
-    champion of generation k."""
+    champion of generation k, FIRST_OPPONENT - k the opponent k from outside."""
     genomes: Genomes
     """(matches, genome_size): the genomes of all sides, joined."""
 
@@ -63,6 +66,8 @@ class Competition(Method):
         options: the experiment's method, whose limits are those of the run.
         representation: of the joined genomes of all sides.
         populations: the populations; their methods have no limits of their own.
+        opponents: genomes from outside that play each side, by their number; candidates of other sides meet
+            them in every generation. A side without a population is played by them alone.
         sizes: number of genes of each side, in the order of the joined genome.
         tournament: options of the ranking.
         seed: seed of the experiment.
@@ -76,6 +81,7 @@ class Competition(Method):
         representation: Representation,
         *,
         populations: Sequence[Population],
+        opponents: Sequence[Mapping[int, Genome]],
         sizes: Sequence[int],
         tournament: TournamentOptions,
         seed: int,
@@ -84,13 +90,14 @@ class Competition(Method):
         self.populations = tuple(populations)
         used = (name for population in populations for name in population.method.libraries)
         self.libraries = tuple(dict.fromkeys(used))  # type: ignore[misc] # differs
-        self._population_of_side = [0] * len(sizes)
+        self._population_of_side: list[int | None] = [None] * len(sizes)
         for number, population in enumerate(populations):
             for side in population.sides:
                 self._population_of_side[side] = number
         self._ends = np.cumsum(sizes).tolist()
         self._starts = [end - size for end, size in zip(self._ends, sizes, strict=True)]
         self._tournament = tournament
+        self._opponents = opponents
         self._archives: list[list[NDArray[np.float32]]] = [[] for _ in populations]
         self._members: list[Genomes] = []
         self._new: list[int] = []
@@ -114,7 +121,7 @@ class Competition(Method):
         sizes = self._sizes()
         if self._is_mirrored:
             legs = 2 if self._tournament.both_sides else 1
-            return 1 + legs * self._count_pairs(sizes[0])
+            return 1 + legs * self._count_pairs(sizes[0]) + sizes[0] * len(self._choose_outside())
         opponents = self._count_opponents(sizes)
         return 1 + sum(size * each for size, each in zip(sizes, opponents, strict=True))
 
@@ -129,7 +136,8 @@ class Competition(Method):
         for side, number in enumerate(self._population_of_side):
             column = matches.candidates[:, side]
             present = column >= 0
-            scores[present, side] = self._scores[number][column[present]]
+            if number is not None:
+                scores[present, side] = self._scores[number][column[present]]
         return scores
 
     def matches(self) -> Rounds:
@@ -142,8 +150,11 @@ class Competition(Method):
             self._new.append(len(new))
         self._scores = yield from self._play_mirrored() if self._is_mirrored else self._play_populations()
         self._champions = [_best(scores) for scores in self._scores]
-        row = np.array([[self._champions[number] for number in self._population_of_side]], dtype=np.intp)
-        yield self._join(row)
+        row = [
+            FIRST_OPPONENT - min(self._opponents[side]) if number is None else self._champions[number]
+            for side, number in enumerate(self._population_of_side)
+        ]
+        yield self._join(np.array([row], dtype=np.intp))
 
     def finish(self) -> None:
         """Tell the methods the scores of the generation whose matches are over.
@@ -167,7 +178,7 @@ class Competition(Method):
     @property
     def _is_mirrored(self) -> bool:
         """Whether one population plays all sides."""
-        return len(self.populations) == 1
+        return len(self.populations[0].sides) > 1
 
     def _sizes(self) -> list[int]:
         """Candidates of each population in the next generation, including survivors, as far as known."""
@@ -185,27 +196,56 @@ class Competition(Method):
     # One population against itself.
 
     def _play_mirrored(self) -> Generator[Matches, NDArray[np.float64], list[Fitness]]:
-        count = len(self._members[0])
+        count, options = len(self._members[0]), self._tournament
         pairs: list[Indices] = []
         results: list[NDArray[np.float64]] = []
-        for first in self._pairs(count, results):
-            if self._tournament.both_sides:
-                fitness = yield self._join(np.concatenate([first, first[:, ::-1]]))
-                pairs += [first, first]
-                results += [fitness[: len(first)], fitness[len(first) :, ::-1]]
-            else:
-                pairs.append(first)
-                results.append((yield self._join(first)))
-        met = np.concatenate(pairs) if pairs else np.empty((0, 2), dtype=np.intp)
-        outcome = np.concatenate(results) if results else np.empty((0, 2))
-        met = np.where(met < 0, count - 1 - met, met)  # champions come after the candidates
-        options = self._tournament
-        scores = score_matches(options.score, count, met, outcome, win=options.win, draw=options.draw)
+        outside = self._meet_outside(count)
+        outside_results = np.empty((0, 2))
+        rounds = self._pairs(count, results)
+        first: Indices | None = next(rounds, outside[:0])
+        while first is not None:
+            legs = [first, first[:, ::-1]] if options.both_sides else [first]
+            rows = np.concatenate([*legs, outside[len(outside_results) :]])
+            fitness = (yield self._join(rows)) if len(rows) else np.empty((0, 2))
+            pairs += [first] * len(legs)
+            results.append(fitness[: len(first)])
+            if options.both_sides:
+                results.append(fitness[len(first) : 2 * len(first), ::-1])
+            # Opponents from outside play at the same time as the first round.
+            outside_results = np.concatenate([outside_results, fitness[len(legs) * len(first) :]])
+            first = next(rounds, None)
+        met = np.concatenate([*pairs, outside])
+        outcome = np.concatenate([*results, outside_results])
+        generations = len(self._archives[0])
+        players = np.where(met < 0, count - 1 - met, met)  # champions come after the candidates
+        players = np.where(met <= FIRST_OPPONENT, count + generations + FIRST_OPPONENT - met, players)
+        scores = score_matches(options.score, count, players, outcome, win=options.win, draw=options.draw)
         return [scores + 0.0]
+
+    def _choose_outside(self) -> list[tuple[int, int]]:
+        """Return side and number of the opponents from outside that all candidates of one population meet."""
+        first, second = self._opponents
+        if self._tournament.both_sides:
+            return [(side, number) for side in (0, 1) for number in self._opponents[side]]
+        chosen = []
+        for number in sorted({*first, *second}):
+            sides = [side for side in (0, 1) if number in self._opponents[side]]
+            chosen.append((sides[(self.generation + number) % len(sides)], number))
+        return chosen
+
+    def _meet_outside(self, count: int) -> Indices:
+        """Return the matches of one population against opponents from outside, (matches, 2)."""
+        chosen = self._choose_outside()
+        rows = np.tile(np.arange(count, dtype=np.intp)[:, np.newaxis], (len(chosen), 2))
+        for block, (side, number) in enumerate(chosen):
+            rows[block * count : (block + 1) * count, side] = FIRST_OPPONENT - number
+        return rows
 
     def _pairs(self, count: int, results: list[NDArray[np.float64]]) -> Iterator[Indices]:
         """Yield the pairs of each round; `results` has those of the rounds so far, a block or two each."""
         options, archive = self._tournament, self._archives[0]
+        if options.pairing == ONLY_OPPONENTS:
+            return
         if options.pairing in {"hall_of_fame", "best"} and archive:
             everybody = np.arange(count, dtype=np.intp)
             for number, opponent in enumerate(self._choose_champions(0, len(archive))):
@@ -241,6 +281,8 @@ class Competition(Method):
 
     def _count_pairs(self, count: int) -> int:
         pairing = self._tournament.pairing
+        if pairing == ONLY_OPPONENTS:
+            return 0
         if pairing in {"hall_of_fame", "best"}:
             return count * self._rounds
         matches = PAIRINGS[pairing].most_matches(count, self._pairing_options)
@@ -251,20 +293,22 @@ class Competition(Method):
     def _play_populations(self) -> Generator[Matches, NDArray[np.float64], list[Fitness]]:
         sums = [np.zeros(len(members)) for members in self._members]
         played = [np.zeros(len(members)) for members in self._members]
+        common = np.empty((0, self.sides), dtype=np.intp)
         if self._tournament.pairing == "round_robin":
-            rows = _combinations([len(members) for members in self._members])
-            fitness = yield self._join(rows)
-            for side, number in enumerate(self._population_of_side):
-                self._add(sums[number], played[number], rows[:, side], self._values(fitness, side))
-        else:
-            blocks = [self._opponents_of(number) for number in range(len(self.populations))]
-            fitness = yield self._join(np.concatenate(blocks))
-            first = 0
-            for number, block in enumerate(blocks):
-                part = fitness[first : first + len(block)]
-                side = self.populations[number].sides[0]
-                self._add(sums[number], played[number], block[:, side], self._values(part, side))
-                first += len(block)
+            common = _combinations([len(members) for members in self._members])
+        blocks = [self._opponents_of(number) for number in range(len(self.populations))]
+        fitness = yield self._join(np.concatenate([common, *blocks]))
+        for number, population in enumerate(self.populations):
+            side = population.sides[0]
+            self._add(
+                sums[number], played[number], common[:, side], self._values(fitness[: len(common)], side)
+            )
+        first = len(common)
+        for number, block in enumerate(blocks):
+            part = fitness[first : first + len(block)]
+            side = self.populations[number].sides[0]
+            self._add(sums[number], played[number], block[:, side], self._values(part, side))
+            first += len(block)
         if self._tournament.score == "points":
             return [np.where(count > 0, total, np.nan) for total, count in zip(sums, played, strict=True)]
         with np.errstate(invalid="ignore"):
@@ -292,26 +336,52 @@ class Competition(Method):
         np.add.at(played, candidates[finished], 1.0)
 
     def _opponents_of(self, number: int) -> Indices:
-        """Return the matches of a population's candidates, (matches, sides)."""
-        count, options = len(self._members[number]), self._tournament
-        rounds = self._rounds
+        """Return the matches that count for a population's candidates alone, (matches, sides).
+
+        In a generation, all candidates of a population meet the same opponents.
+        """
+        count, own = len(self._members[number]), self.populations[number].sides[0]
+        rounds = self._choose_opponents(number)
+        outside = [
+            (side, opponent)
+            for side, opponents in enumerate(self._opponents)
+            if side != own
+            for opponent in opponents
+        ]
+        partners = np.stack([self._draw(number, side, len(outside)) for side in range(self.sides)], axis=1)
+        for row, (side, opponent) in enumerate(outside):
+            partners[row, side] = FIRST_OPPONENT - opponent
+        rows = np.repeat(np.concatenate([rounds, partners]), count, axis=0)
+        rows[:, own] = np.tile(np.arange(count, dtype=np.intp), len(rounds) + len(partners))
+        return rows
+
+    def _choose_opponents(self, number: int) -> Indices:
+        """Return the opponents of a population's candidates by the pairing, (rounds, sides)."""
+        pairing, rounds = self._tournament.pairing, self._rounds
+        if pairing in {"round_robin", ONLY_OPPONENTS}:
+            return np.empty((0, self.sides), dtype=np.intp)
         columns = []
         for side, other in enumerate(self._population_of_side):
-            if other == number:
-                columns.append(np.tile(np.arange(count, dtype=np.intp), rounds))
-                continue
-            generations = len(self._archives[other])
-            if options.pairing in {"best", "hall_of_fame"} and generations:
+            generations = len(self._archives[0])
+            has_champions = generations and other not in {None, number}
+            if has_champions and pairing in {"best", "hall_of_fame"}:
+                assert other is not None
                 chosen = self._choose_champions(other, generations, number)
                 chosen = [*chosen, *(generations - 1 for _ in range(rounds - len(chosen)))]
-                columns.append(np.repeat(-1 - np.array(chosen, dtype=np.intp), count))
+                columns.append(-1 - np.array(chosen, dtype=np.intp))
             else:
-                drawn = self._stream("opponents", number * self.sides + side).integers(
-                    len(self._members[other]), rounds
-                )
-                # In a generation, all candidates of a population meet the same opponents.
-                columns.append(np.repeat(np.array(drawn, dtype=np.intp), count))
+                columns.append(self._draw(number, side, rounds))
         return np.stack(columns, axis=1)
+
+    def _draw(self, number: int, side: int, count: int) -> Indices:
+        """Draw candidates of a side as opponents of a population, (count,); zeros for its own side."""
+        other = self._population_of_side[side]
+        if other in {None, number} or not count:
+            return np.zeros(count, dtype=np.intp)
+        drawn = self._stream("opponents", number * self.sides + side).integers(
+            len(self._members[other]), count
+        )
+        return np.array(drawn, dtype=np.intp)
 
     def _choose_champions(self, other: int, generations: int, number: int = 0) -> list[int]:
         """Return the generations whose champions are opponents: the last, and random earlier ones."""
@@ -325,9 +395,17 @@ class Competition(Method):
     def _count_opponents(self, sizes: Sequence[int]) -> list[int]:
         """Return the matches of each candidate of each population that count for it alone."""
         pairing = self._tournament.pairing
+        counts = [
+            sum(
+                len(opponents)
+                for side, opponents in enumerate(self._opponents)
+                if side not in population.sides
+            )
+            for population in self.populations
+        ]
         if pairing == "round_robin":
-            return [int(np.prod(sizes[1:])), *([0] * (len(sizes) - 1))]
-        return [self._rounds] * len(sizes)
+            return [counts[0] + int(np.prod(sizes[1:])), *counts[1:]]
+        return counts if pairing == ONLY_OPPONENTS else [self._rounds + count for count in counts]
 
     def _join(self, candidates: Indices) -> Matches:
         """Return matches with the joined genomes of all sides."""
@@ -336,10 +414,19 @@ class Competition(Method):
         for side, number in enumerate(self._population_of_side):
             column, part = candidates[:, side], joined[:, self._starts[side] : self._ends[side]]
             present = column >= 0
-            part[present] = self._members[number][column[present]]
+            if number is not None:
+                part[present] = self._members[number][column[present]]
             for row in np.flatnonzero(~present).tolist():
-                part[row] = self._archives[number][-1 - int(column[row])]
+                part[row] = self._genes_of(side, int(column[row]))
         return Matches(candidates, joined)
+
+    def _genes_of(self, side: int, index: int) -> Genome:
+        """Return the genes of an earlier champion or of an opponent from outside, see `Matches`."""
+        if index <= FIRST_OPPONENT:
+            return self._opponents[side][FIRST_OPPONENT - index]
+        number = self._population_of_side[side]
+        assert number is not None
+        return self._archives[number][-1 - index]
 
     def _ask(self) -> Genomes:
         raise InputError("a competition has matches in place of genomes: call matches() and finish()")

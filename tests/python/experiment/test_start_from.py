@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume
-from swarmwright.experiment.start_from import genomes_of
+from swarmwright.experiment.opponents import genomes_of
 from swarmwright.methods import METHODS
 
 VALUES: dict[str, Any] = {

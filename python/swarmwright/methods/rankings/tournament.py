@@ -18,6 +18,10 @@ from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 MOST_SIDES = 16
 """Upper limit of sides of a match."""
+MOST_OPPONENTS = 256
+"""Upper limit of opponents of a side."""
+ONLY_OPPONENTS = "opponents"
+"""Pairing without matches of candidates against each other."""
 Pairing = Literal[
     "round_robin",
     "swiss",
@@ -26,11 +30,12 @@ Pairing = Literal[
     "random",
     "hall_of_fame",
     "best",
+    "opponents",
     "frevo_full_tournament",
     "frevo_swiss_system",
     "frevo_multi_swiss",
 ]
-BETWEEN_POPULATIONS = frozenset({"round_robin", "random", "hall_of_fame", "best"})
+BETWEEN_POPULATIONS = frozenset({"round_robin", "random", "hall_of_fame", "best", ONLY_OPPONENTS})
 """Pairings that several populations can use."""
 
 
@@ -54,6 +59,26 @@ def _parse_sides(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         if fitness is not None and (not isinstance(fitness, str) or not fitness):
             raise ValueError(f"{name}: must be a fitness expression, not {format_value(fitness)}")
     return dict(value)
+
+
+def _parse_opponents(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if value in (None, [], {}):
+        return None
+    lists = value.values() if isinstance(value, Mapping) else [value]
+    if not all(isinstance(entries, list | tuple) and entries for entries in lists):
+        raise ValueError(
+            "must be a list of runs, bundles and controllers, such as [run-a, their.bundle], or one for "
+            f"each side, {{left: [run-a]}}, not {format_value(value)}"
+        )
+    largest = max(map(len, lists))
+    if largest > MOST_OPPONENTS:
+        raise ValueError(f"has {largest} opponents; at most {MOST_OPPONENTS} are possible")
+    if isinstance(value, Mapping):
+        return {str(side): list(entries) for side, entries in value.items()}
+    return list(value)
+
+
+_ENTRIES = {"type": "array", "items": {"type": ["string", "object"]}}
 
 
 class TournamentOptions(RankingOptions):
@@ -82,9 +107,22 @@ class TournamentOptions(RankingOptions):
     """Who meets whom. round_robin: everybody everybody. random: `rounds` random opponents. swiss: `rounds`
     opponents with similar results so far; multi_swiss: the mean of several such tournaments. merge_sort:
     matches are the comparisons of a merge sort. hall_of_fame: the last champion and random earlier ones,
-    `rounds` together. best: the last champion. With populations: round_robin, random, hall_of_fame, best.
+    `rounds` together. best: the last champion. opponents: those of the option alone. With populations:
+    round_robin, random, hall_of_fame, best, opponents.
     frevo_full_tournament, frevo_swiss_system, frevo_multi_swiss: the rankings of FREVO with these names, for
     imported sessions; FREVO's MultiSort is random.
+    """
+    opponents: Annotated[
+        Any,
+        BeforeValidator(_parse_opponents),
+        WithJsonSchema(
+            {"anyOf": [_ENTRIES, {"type": "object", "additionalProperties": _ENTRIES}, {"type": "null"}]}
+        ),
+    ] = None
+    """Controllers from outside that every candidate meets in each generation, besides those of `pairing`: run
+    folders (their best), RUN:GENERATION:CANDIDATE, bundles and files of controllers, relative to this file.
+    Each plays all sides that it can; or a list for each side, {left: [run-a], right: [their.bundle]}. A side
+    without a population is played by its opponents alone. The run keeps copies.
     """
     rounds: int | None = Field(default=None, ge=1, le=10_000)
     """Opponents of a candidate. Default: 10 with random and hall_of_fame; with swiss and multi_swiss as many
