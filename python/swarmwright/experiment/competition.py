@@ -98,12 +98,12 @@ def _copy_controllers(sides: Sequence[str], values: dict[str, Any], report: Repo
     groups = values["controller"]["groups"]
     for side in sides:
         entries = values["ranking"]["opponents"][side]
+        if not isinstance(entries, list) or not entries or not entries[0]:  # is reported elsewhere
+            return False
         try:
             architecture = load_opponent(entries[0]).playing(side).architecture
         except SwarmwrightError as error:
             report(("ranking", "opponents", side), str(error))
-            return False
-        except (LookupError, TypeError):  # not a list, or empty: is reported with the options
             return False
         options = REPRESENTATIONS.get(architecture["kind"]).options_model.model_fields
         groups[side] = {key: value for key, value in architecture.items() if key in options}
@@ -124,7 +124,8 @@ def _name_sides(values: Mapping[str, Any], is_available: bool, report: Report) -
             subject = f"{values['simulation']} has only one kind of agents with these parameters"
             report(path, f"{subject}, so there are no sides that could meet")
         elif populations or not named:  # else the ranking reports it
-            report(path, "a match needs at least two sides; name them all")
+            hint = ", or list opponents for it: ranking.opponents: {SIDE: [..]}" if populations else ""
+            report(path, f"a match needs at least two sides; name them all{hint}")
         return []
     for name in names:
         if groups and name not in groups:
@@ -452,6 +453,8 @@ def opponents_of(
         ]
     else:
         listed = [("", number, entry) for number, entry in enumerate(entries)]
+    if not all(entry for _, _, entry in listed):  # one could not be read, which has been reported
+        return chosen
     for index, (side, number, entry) in enumerate(listed):
         opponent = load_opponent(entry)
         problems = [find_problem(name, index, opponent) for name in ([side] if side else parts)]

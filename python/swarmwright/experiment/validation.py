@@ -224,7 +224,7 @@ def _with_controllers(source: Source, values: dict[str, Any], report: Report) ->
 
 
 def _with_opponents(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
-    """Replace the paths of `ranking.opponents` by the controllers."""
+    """Replace the paths of `ranking.opponents` by the controllers, those that cannot be read by {}."""
     ranking = values.get("ranking")
     opponents = ranking.get("opponents") if isinstance(ranking, Mapping) else None
     if not isinstance(ranking, Mapping) or not opponents:
@@ -240,6 +240,7 @@ def _with_opponents(source: Source, values: dict[str, Any], report: Report) -> d
                 controllers.append(load_opponent(entry, source.folder((*path, number))).to_mapping())
             except SwarmwrightError as error:
                 report((*path, number), str(error))
+                controllers.append({})
         return controllers
 
     if isinstance(opponents, Mapping):

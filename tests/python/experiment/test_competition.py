@@ -1,5 +1,7 @@
 """Experiments whose candidates compete: sides, populations, and mistakes in them."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -168,6 +170,152 @@ def test_mistakes_are_a_message(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as error:
         build(**changes)
     assert message in str(error.value)
+
+
+LAYERED = {"version": 1, "kind": "layered", "sensors": 4, "hidden": [2], "actuators": 1}
+NETWORK: dict[str, Any] = {
+    **LAYERED,
+    "activation": "tanh",
+    "output_range": [-1, 1],
+    "weights": [0.5] * 13,
+}
+"""A controller of minisim's agents and defenders."""
+OTHER = {**NETWORK, "hidden": [3], "weights": [0.5] * 19}
+TOURNAMENT = {"controller": {"hidden": [2]}, "ranking": {"kind": "tournament"}}
+ALONE = {"populations": {"agents": {"controller": {"hidden": [3]}}}}
+
+
+def with_opponents(opponents: Any, **ranking: Any) -> dict[str, Any]:
+    return {**TOURNAMENT, "ranking": {"kind": "tournament", **ranking, "opponents": opponents}}
+
+
+def test_a_side_without_a_population_has_the_controller_of_its_opponents() -> None:
+    experiment = build(**ALONE, ranking={"opponents": {"defenders": [NETWORK]}})
+    representation = experiment.representation()
+    assert isinstance(representation, Team)
+    hidden = {name: part.architecture()["hidden"] for name, part in representation.parts.items()}
+    assert hidden == {"agents": [3], "defenders": [2]}
+    assert getattr(experiment.ranking, "pairing", None) == "opponents"
+    method = experiment.new_method()
+    assert isinstance(method, Competition)
+    assert [(each.name, each.sides) for each in method.populations] == [("agents", (0,))]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        with_opponents([NETWORK, {**NETWORK, "weights": [0.25] * 13}], pairing="swiss"),
+        with_opponents({"defenders": [NETWORK]}),
+        {**ALONE, "ranking": {"opponents": {"defenders": [NETWORK]}}},
+    ],
+)
+def test_opponents_are_written_out_and_load_to_the_same(changes: dict[str, Any]) -> None:
+    experiment = build(**changes)
+    again = Experiment.from_mapping(experiment.to_mapping())
+    assert again == experiment
+    assert hash(again) == hash(experiment)
+    assert again != experiment.replace(ranking={"rounds": 7})
+
+
+def test_opponents_are_read_relative_to_the_file(tmp_path: Path) -> None:
+    (tmp_path / "their.json").write_text(json.dumps(NETWORK))
+    file = tmp_path / "soccer.yaml"
+    lines = [f"{key}: {json.dumps(value)}" for key, value in {**MINISIM, **TOURNAMENT}.items()]
+
+    def load(opponents: str) -> Experiment:
+        file.write_text(
+            "\n".join([*lines[:-1], "ranking:", "  kind: tournament", f"  opponents: {opponents}"])
+        )
+        return Experiment.load(file)
+
+    ranking = load("[their.json]").ranking
+    assert isinstance(ranking, TournamentOptions)
+    assert [entry["from"] for entry in ranking.opponents] == ["their.json"]
+    assert ranking.opponents[0]["weights"] == NETWORK["weights"]
+    with pytest.raises(
+        InputError, match=r"soccer\.yaml:8: ranking\.opponents\[1\]: no\.json: there is no such"
+    ):
+        load("[their.json, no.json]")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            with_opponents(["\x1b[2J"]),
+            "ranking.opponents[0]: \\x1b[2J: there is no such file; expected a run",
+        ),
+        (
+            with_opponents("run-a"),
+            "ranking.opponents: must be a list of runs, bundles and controllers, such as",
+        ),
+        (with_opponents({"agents": []}), "ranking.opponents.agents: must be a list of runs"),
+        (with_opponents([3]), "ranking.opponents[0]: opponent: 3 found; expected a run folder"),
+        (with_opponents([{}]), "ranking.opponents[0]: opponent: controller: "),
+        (with_opponents([NETWORK] * 257), "ranking.opponents: has 257 opponents; at most 256 are possible"),
+        (with_opponents({"wolves": [NETWORK]}), "ranking.opponents.wolves: unknown side 'wolves'"),
+        (
+            with_opponents([NETWORK, {**LAYERED, **NETWORK, "sensors": 3, "weights": [1] * 11}]),
+            "ranking.opponents[1]: opponent: has 3 sensors and 1 actuators, but the agents have 4 and 1",
+        ),
+        (with_opponents([OTHER]), "they differ in hidden ([3], here [2]; set controller.hidden)"),
+        (
+            with_opponents(
+                [
+                    {"from": "x.bundle", "architecture": LAYERED | NETWORK, "weights": [1] * 13}
+                    | {"simulation": "arena"}
+                ]
+            ),
+            "ranking.opponents[0]: x.bundle: was evolved in arena, not in minisim",
+        ),
+        (
+            with_opponents([{**NETWORK, "weights": [float("nan")] * 13}]),
+            "ranking.opponents[0]: opponent: controller: ",
+        ),
+        (
+            {**TOURNAMENT, "ranking": {"kind": "tournament", "pairing": "opponents"}},
+            "ranking.opponents: missing; with pairing: opponents, candidates meet nobody else",
+        ),
+        (
+            {"ranking": {"opponents": [NETWORK]}},
+            "ranking.opponents: unknown key; it is an option of other kinds: tournament",
+        ),
+        (
+            {
+                **TOURNAMENT,
+                "populations": {"agents": {}, "defenders": {}},
+                "ranking": {"pairing": "opponents", "opponents": {"defenders": [NETWORK]}},
+            },
+            "ranking.opponents: defenders would meet nobody; list opponents for another side",
+        ),
+        (
+            {**ALONE, "ranking": {"pairing": "best", "opponents": {"defenders": [NETWORK]}}},
+            "ranking.pairing: best needs a population of defenders; leave the key out",
+        ),
+        (
+            {**ALONE, "ranking": {"opponents": {"defenders": [NETWORK, OTHER]}}},
+            "ranking.opponents.defenders[1]: opponent is layered, 4-3-1, tanh",
+        ),
+        (
+            {**ALONE, "ranking": {"opponents": {"defendrs": [NETWORK]}}},
+            "ranking.opponents.defendrs: unknown side 'defendrs'; did you mean 'defenders'?",
+        ),
+        (
+            {**ALONE, "ranking": {"opponents": [NETWORK]}},
+            "name them all, or list opponents for it: ranking.opponents: {SIDE: [..]}",
+        ),
+        (
+            {**ALONE, "ranking": {"opponents": {"defenders": ["nothing"]}}},
+            "ranking.opponents.defenders[0]: nothing: there is no such file",
+        ),
+    ],
+)
+def test_mistakes_with_opponents_are_a_message(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as error:
+        build(**changes)
+    assert message in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+    assert str(error.value).isprintable()
 
 
 def test_one_controller_cannot_play_sides_with_other_sensors(tmp_path: Any) -> None:

@@ -18,11 +18,11 @@ import pytest
 import swarmwright
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.common.revision import revision
+from swarmwright.experiment.opponents import load_opponent
 from swarmwright.export import EXPORTERS
 from swarmwright.export.bundle import _strip_folders, export_bundle, parse_episodes, verify_bundle
 from swarmwright.export.c import C
 from swarmwright.export.subject import load_subject
-from swarmwright.experiment.opponents import load_opponent
 from tests.python.simulations.pursuit import Pursuit
 
 MINISIM: dict[str, Any] = {

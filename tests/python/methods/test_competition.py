@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmwright import Experiment, InputError
-from swarmwright.methods.competition import Competition
+from swarmwright.controllers.kinds.team import Team
+from swarmwright.methods.competition import FIRST_OPPONENT, Competition
 
 MINISIM = {
     "simulation": "minisim",
@@ -111,6 +112,86 @@ def test_the_same_results_make_the_same_genomes() -> None:
     for _ in range(4):
         first, second = (play(method) for method in methods)
         assert (first == second).all()
+
+
+def network(gene: float) -> dict[str, Any]:
+    """Return a controller whose strength is its first gene."""
+    method = create()
+    assert isinstance(method.representation, Team)
+    part = method.representation.parts["agents"]
+    return {**part.architecture(), "weights": [gene, *[0.0] * (part.genome_size - 1)]}
+
+
+@pytest.mark.parametrize("pairing", [*ONE, "opponents"])
+@pytest.mark.parametrize("both_sides", [True, False])
+def test_every_candidate_of_one_population_meets_the_opponents(pairing: str, both_sides: bool) -> None:
+    method = create(pairing=pairing, both_sides=both_sides, opponents=[network(1), network(-1), network(0)])
+    sides = []
+    for generation in range(3):
+        bound = method.most_matches
+        met = play(method)
+        assert len(met) <= bound or generation == 0
+        outside = [tuple(row) for row in met.tolist() if min(row) <= FIRST_OPPONENT]
+        assert len({*outside}) == len(outside) == 7 * 3 * (2 if both_sides else 1)
+        assert {max(row) for row in outside} == {*range(7)}
+        assert {min(row) for row in outside} == {FIRST_OPPONENT - number for number in range(3)}
+        assert met[-1].min() >= 0, "the last match is that of the champions"
+        sides += [row.index(FIRST_OPPONENT) for row in outside if FIRST_OPPONENT in row]
+    assert {*sides} == {0, 1}, "an opponent plays both sides"
+    if pairing == "opponents":
+        assert len(met) == len(outside) + 1
+
+
+def test_opponents_of_a_side_play_that_side() -> None:
+    opponents = {"defenders": [network(1)], "agents": [network(2), network(3)]}
+    method = create(pairing="opponents", both_sides=False, opponents=opponents)
+    met = play(method)[:-1]
+    assert {*met[met[:, 0] <= FIRST_OPPONENT, 0].tolist()} == {FIRST_OPPONENT, FIRST_OPPONENT - 1}
+    assert {*met[met[:, 1] <= FIRST_OPPONENT, 1].tolist()} == {FIRST_OPPONENT - 2}
+
+
+@pytest.mark.parametrize("pairing", [*SEVERAL, "opponents"])
+def test_populations_meet_the_opponents_of_the_other_side(pairing: str) -> None:
+    opponents = {"agents": [network(1)], "defenders": [network(2), network(3)]}
+    method = create(populations=True, pairing=pairing, rounds=3, opponents=opponents)
+    for generation in range(3):
+        bound = method.most_matches
+        met = play(method)
+        assert len(met) <= bound or generation == 0
+        for side, count, numbers in ((0, 5, [0]), (1, 7, [1, 2])):
+            outside = met[met[:, side] <= FIRST_OPPONENT]
+            assert {*map(tuple, outside.tolist())} == {
+                tuple([candidate, FIRST_OPPONENT - number][:: 1 if side else -1])
+                for candidate in range(count)
+                for number in numbers
+            }
+
+
+@pytest.mark.parametrize("score", ["points", "fitness"])
+def test_a_population_evolves_against_opponents_alone(score: str) -> None:
+    values = {**MINISIM, "populations": {"defenders": {}}, "method": {"population": 10, "generations": 30}}
+    values["ranking"] = {"opponents": {"agents": [network(1), network(2)]}, "score": score}
+    method = Experiment.from_mapping(values).new_method()
+    assert isinstance(method, Competition)
+    means = []
+    for _ in range(30):
+        assert method.most_matches == 21
+        met = play(method)
+        assert {*met[:, 0].tolist()} == {FIRST_OPPONENT, FIRST_OPPONENT - 1}
+        means.append(method.population_fitness.mean())
+    assert means[-1] > means[0]
+
+
+@pytest.mark.parametrize("score", ["points", "win_rate", "fitness", "elo", "bradley_terry", "order"])
+def test_who_beats_strong_opponents_is_better(score: str) -> None:
+    """Without matches of candidates with each other, opponents alone tell who is stronger."""
+    opponents = [network(strength) for strength in np.linspace(-2, 2, 15).tolist()]
+    method = create(pairing="opponents", opponents=opponents, score=score)
+    play(method)
+    strengths, scores = method._members[0][:, 0], method.population_fitness
+    assert scores[strengths.argmax()] == scores.max()
+    assert scores[strengths.argmin()] == scores.min()
+    assert scores.min() < scores.max()
 
 
 def test_failed_matches_do_not_count() -> None:

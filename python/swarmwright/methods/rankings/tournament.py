@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from swarmwright import _engine
 from swarmwright.common.arrays import Fitness
 from swarmwright.common.problems import FieldError, format_value
+from swarmwright.common.yaml import Path_
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 MOST_SIDES = 16
@@ -64,17 +65,20 @@ def _parse_sides(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 def _parse_opponents(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if value in (None, [], {}):
         return None
-    lists = value.values() if isinstance(value, Mapping) else [value]
-    if not all(isinstance(entries, list | tuple) and entries for entries in lists):
-        raise ValueError(
-            "must be a list of runs, bundles and controllers, such as [run-a, their.bundle], or one for "
-            f"each side, {{left: [run-a]}}, not {format_value(value)}"
-        )
-    largest = max(map(len, lists))
-    if largest > MOST_OPPONENTS:
-        raise ValueError(f"has {largest} opponents; at most {MOST_OPPONENTS} are possible")
     if isinstance(value, Mapping):
-        return {str(side): list(entries) for side, entries in value.items()}
+        return {str(side): _parse_entries(entries, (str(side),)) for side, entries in value.items()}
+    return _parse_entries(value, ())
+
+
+def _parse_entries(value: Any, path: Path_) -> list[Any]:  # noqa: ANN401 - whatever the file says
+    if not isinstance(value, list | tuple) or not value:
+        raise FieldError(
+            path,
+            "must be a list of runs, bundles and controllers, such as [run-a, their.bundle], or one for "
+            f"each side, {{left: [run-a]}}, not {format_value(value)}",
+        )
+    if len(value) > MOST_OPPONENTS:
+        raise FieldError(path, f"has {len(value)} opponents; at most {MOST_OPPONENTS} are possible")
     return list(value)
 
 

@@ -1,5 +1,7 @@
 """Runs of competitions: their record, on any servers, and after an interruption."""
 
+import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +9,13 @@ import numpy as np
 import pytest
 
 import swarmwright
-from swarmwright import InputError, Run, RunError
+from swarmwright import Experiment, InputError, Run, RunError
+from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers.kinds.team import Team
+from swarmwright.methods.competition import FIRST_OPPONENT
 from swarmwright.runs.matches import play, play_all, slices_of
+from swarmwright.runs.repeat import repeat
+from swarmwright.runs.verification import verify
 
 MINISIM: dict[str, Any] = {
     "simulation": "minisim",
@@ -28,7 +35,30 @@ POPULATIONS = {
     "ranking": {"pairing": "hall_of_fame", "rounds": 2, "episodes": 2},
 }
 TOURNAMENT = {**MINISIM, "ranking": {"kind": "tournament", "pairing": "swiss", "episodes": 2}}
-COMPETITIONS = pytest.mark.parametrize("experiment", [POPULATIONS, TOURNAMENT], ids=["populations", "swiss"])
+
+
+def network(seed: int) -> dict[str, Any]:
+    """Return a controller from outside, as a file has it."""
+    representation = Experiment.from_mapping(TOURNAMENT).representation()
+    assert isinstance(representation, Team)
+    part = representation.parts["agents"]
+    return part.specification(part.initial(Stream(seed, "test", 0, 0)))
+
+
+OPPONENTS = {**TOURNAMENT, "ranking": {**TOURNAMENT["ranking"], "opponents": [network(1), network(2)]}}
+"""One population, which also plays against two opponents."""
+ALONE = {
+    **MINISIM,
+    "controller": {"hidden": [3]},
+    "populations": {"agents": {}},
+    "ranking": {"episodes": 2, "opponents": {"defenders": [network(1), network(2)]}},
+}
+"""A population that plays one side, against two opponents with other controllers."""
+COMPETITIONS = pytest.mark.parametrize(
+    "experiment",
+    [POPULATIONS, TOURNAMENT, OPPONENTS, ALONE],
+    ids=["populations", "swiss", "opponents", "alone"],
+)
 
 
 def record(run: Run, folder: Path) -> bytes:
@@ -84,7 +114,7 @@ def test_the_last_match_of_a_generation_is_that_of_the_champions(
     assert (fitness[..., 1] == -fitness[..., 0]).all()
 
 
-@COMPETITIONS
+@pytest.mark.parametrize("experiment", [POPULATIONS, TOURNAMENT], ids=["populations", "swiss"])
 def test_a_server_that_knows_only_the_deliverable_plays_matches(
     experiment: dict[str, Any], embedded_broker: str, foreign: Any, tmp_path: Path
 ) -> None:
@@ -104,6 +134,45 @@ def test_a_server_that_knows_only_the_deliverable_plays_matches(
     assert run.experiment.to_mapping()["ranking"]["sides"] == {"agents": "fitness", "defenders": "-fitness"}
     metrics = run.record.metrics
     assert (metrics[..., 1] == -metrics[..., 4]).all()
+
+
+def test_opponents_are_copied_into_the_run(tmp_path: Path) -> None:
+    """Everything works without their files: resuming, repeating, verifying."""
+    first = swarmwright.optimize(TOURNAMENT, servers="in-process", out=tmp_path / "first")
+    file = tmp_path / "champion.json"
+    file.write_text(json.dumps(network(1)))
+    ranking = {**TOURNAMENT["ranking"], "opponents": [str(first.path), str(file)]}
+    experiment = {**TOURNAMENT, "ranking": ranking}
+    whole = swarmwright.optimize(experiment, servers="in-process", out=tmp_path / "whole")
+    swarmwright.optimize(
+        experiment, lambda report: report.generation < 1, servers="in-process", out=tmp_path / "cut"
+    )
+    shutil.rmtree(first.path)
+    file.unlink()
+    resumed = swarmwright.resume(tmp_path / "cut", servers="in-process")
+    assert record(resumed, tmp_path) == record(whole, tmp_path)
+    candidates = resumed.record.metrics[:, 0, -6::3]
+    row = int(np.flatnonzero((candidates == FIRST_OPPONENT - 1).any(axis=1))[0])
+    assert repeat(resumed, row, 0, servers="in-process").same
+    assert verify(resumed.path).problems == []
+
+
+@pytest.mark.parametrize("both_sides", [True, False])
+def test_the_record_names_opponents_and_has_their_genes(both_sides: bool, tmp_path: Path) -> None:
+    ranking = {**OPPONENTS["ranking"], "both_sides": both_sides}
+    run = swarmwright.optimize({**OPPONENTS, "ranking": ranking}, servers="in-process", out=tmp_path / "run")
+    slices = list(slices_of(run.experiment).values())
+    table = run.record
+    met = set()
+    for row, candidates in enumerate(table.metrics[:, 0, -6::3]):
+        for side, candidate in enumerate(candidates.tolist()):
+            if candidate <= FIRST_OPPONENT:
+                number = int(FIRST_OPPONENT - candidate)
+                genes = table.genomes[row, slices[side]]
+                assert genes.tobytes() == np.array(network(1 + number)["weights"], np.float32).tobytes()
+                met.add((table.generation[row], side, number, candidates[1 - side]))
+    legs = 2 if both_sides else 1
+    assert len(met) == 4 * 2 * legs * 5, "all of 5 meet 2 opponents in each of 4 generations"
 
 
 def test_a_side_without_a_value_fails_the_match_with_a_reason(tmp_path: Path) -> None:
