@@ -8,7 +8,7 @@ become possible opponents of later generations.
 Sources: Rosin and Belew, "New methods for competitive coevolution", Evolutionary Computation 5(1), 1997, for
 the hall of fame; Potter and De Jong, "Cooperative coevolution: an architecture for evolving coadapted
 subcomponents", Evolutionary Computation 8(1), 2000, for populations with a common fitness, whose partners are
-the best or random ones.
+the best or random ones; see `pareto_archive` for its source.
 """
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -22,14 +22,18 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.methods.pareto_archive import ParetoArchive
 from swarmwright.methods.rankings.match_scores import score_matches
 from swarmwright.methods.rankings.pairings import DEFAULT_ROUNDS, PAIRINGS, PairingOptions
-from swarmwright.methods.rankings.tournament import ONLY_OPPONENTS, TournamentOptions
+from swarmwright.methods.rankings.tournament import AGAINST_CHAMPIONS, ONLY_OPPONENTS, TournamentOptions
 
 Indices = NDArray[np.intp]
 
 FIRST_OPPONENT = -2_000_000_000
 """Index of the first opponent from outside, below those of all champions; that of opponent k is this - k."""
+
+LARGEST_ARCHIVE = 100
+"""Largest number of champions in the archive of `pareto_archive`."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,11 @@ class Competition(Method):
         self._tournament = tournament
         self._opponents = opponents
         self._archives: list[list[NDArray[np.float32]]] = [[] for _ in populations]
+        self._pareto: list[ParetoArchive] = []
+        if tournament.pairing == "pareto_archive":
+            largest = min(self._rounds, LARGEST_ARCHIVE)
+            self._pareto = [ParetoArchive(largest) for _ in populations]
+        self._met: list[tuple[Indices, NDArray[np.float64]]] = []
         self._members: list[Genomes] = []
         self._new: list[int] = []
         self._scores: list[Fitness] = []
@@ -119,11 +128,12 @@ class Competition(Method):
     def most_matches(self) -> int:
         """Upper bound of the matches of the next generation; 0 if a method cannot tell its size."""
         sizes = self._sizes()
+        legs = 2 if self._is_mirrored and self._tournament.both_sides else 1
+        last = 1 + legs * sum(len(archive.learners) for archive in self._pareto)
         if self._is_mirrored:
-            legs = 2 if self._tournament.both_sides else 1
-            return 1 + legs * self._count_pairs(sizes[0]) + sizes[0] * len(self._choose_outside())
+            return last + legs * self._count_pairs(sizes[0]) + sizes[0] * len(self._choose_outside())
         opponents = self._count_opponents(sizes)
-        return 1 + sum(size * each for size, each in zip(sizes, opponents, strict=True))
+        return last + sum(size * each for size, each in zip(sizes, opponents, strict=True))
 
     @property
     def population_fitness(self) -> Fitness:
@@ -142,25 +152,30 @@ class Competition(Method):
 
     def matches(self) -> Rounds:
         """Play a generation: yield its matches, last those of the champions alone; see `Rounds`."""
-        self._members, self._new, self._played = [], [], 0
+        self._members, self._new, self._met, self._played = [], [], [], 0
         for population in self.populations:
             new = population.method.ask()
             survivors = population.method.survivors()
             self._members.append(np.concatenate([new, survivors]))
             self._new.append(len(new))
-        self._scores = yield from self._play_mirrored() if self._is_mirrored else self._play_populations()
+        play = self._play_mirrored() if self._is_mirrored else self._play_populations()
+        self._scores = yield from self._remember(play)
         self._champions = [_best(scores) for scores in self._scores]
         row = [
             FIRST_OPPONENT - min(self._opponents[side]) if number is None else self._champions[number]
             for side, number in enumerate(self._population_of_side)
         ]
-        yield self._join(np.array([row], dtype=np.intp))
+        rows = [*self._meet_learners(row), row]
+        matches = self._join(np.array(rows, dtype=np.intp))
+        self._met.append((matches.candidates, (yield matches)))
 
     def finish(self) -> None:
         """Tell the methods the scores of the generation whose matches are over.
 
         It counts matches as evaluations.
         """
+        for number, pareto in enumerate(self._pareto):
+            pareto.update(self.generation, self._collect_outcomes(number))
         values = zip(self.populations, self._members, self._new, self._scores, strict=True)
         for (population, members, new, scores), champion, archive in zip(
             values, self._champions, self._archives, strict=True
@@ -179,6 +194,58 @@ class Competition(Method):
     def _is_mirrored(self) -> bool:
         """Whether one population plays all sides."""
         return len(self.populations[0].sides) > 1
+
+    def _remember(
+        self, play: Generator[Matches, NDArray[np.float64], list[Fitness]]
+    ) -> Generator[Matches, NDArray[np.float64], list[Fitness]]:
+        """Yield the same matches, and keep who met, with the results."""
+        try:
+            matches = next(play)
+            while True:
+                fitness = yield matches
+                self._met.append((matches.candidates, fitness))
+                matches = play.send(fitness)
+        except StopIteration as end:
+            scores: list[Fitness] = end.value
+            return scores
+
+    # Archives of Pareto coevolution.
+
+    def _meet_learners(self, champions: Sequence[int]) -> list[list[int]]:
+        """Return the matches of the learners in each archive against this generation's champions.
+
+        champions: one for each side.
+        """
+        rows = []
+        for archive, population in zip(self._pareto, self.populations, strict=False):
+            both = self._tournament.both_sides
+            for learner in archive.learners:
+                sides = population.sides if both else [population.sides[learner % len(population.sides)]]
+                for side in sides:
+                    row = [*champions]
+                    row[side] = -1 - learner
+                    rows.append(row)
+        return rows
+
+    def _collect_outcomes(self, number: int) -> dict[tuple[int, int], float]:
+        """Return the outcomes of a population's champions against those of others, by both generations."""
+        sums: dict[tuple[int, int], list[float]] = {}
+        for candidates, fitness in self._met:
+            generations = np.full(candidates.shape, -1, dtype=np.intp)
+            for side, other in enumerate(self._population_of_side):
+                column = candidates[:, side]
+                earlier = (column < 0) & (column > FIRST_OPPONENT)
+                generations[earlier, side] = -1 - column[earlier]
+                if other is not None:
+                    generations[column == self._champions[other], side] = self.generation
+            for side in self.populations[number].sides:
+                others = np.delete(generations, side, axis=1)
+                same = (others == others[:, :1]).all(axis=1) & (generations >= 0).all(axis=1)
+                values = self._values(fitness, side)
+                for row in np.flatnonzero(same & np.isfinite(values)).tolist():
+                    key = int(generations[row, side]), int(others[row, 0])
+                    sums.setdefault(key, []).append(float(values[row]))
+        return {key: sum(values) / len(values) for key, values in sums.items()}
 
     def _sizes(self) -> list[int]:
         """Candidates of each population in the next generation, including survivors, as far as known."""
@@ -246,14 +313,14 @@ class Competition(Method):
         options, archive = self._tournament, self._archives[0]
         if options.pairing == ONLY_OPPONENTS:
             return
-        if options.pairing in {"hall_of_fame", "best"} and archive:
+        if options.pairing in AGAINST_CHAMPIONS and archive:
             everybody = np.arange(count, dtype=np.intp)
             for number, opponent in enumerate(self._choose_champions(0, len(archive))):
                 pairs = np.stack([everybody, np.full(count, -1 - opponent)], axis=1)
                 # Candidates play each side against half of the opponents, also with one in each generation.
                 yield pairs[:, ::-1] if (self.generation + number) % 2 else pairs
             return
-        kind = "random" if options.pairing in {"hall_of_fame", "best"} else options.pairing
+        kind = "random" if options.pairing in AGAINST_CHAMPIONS else options.pairing
         random = np.random.Generator(np.random.PCG64(self._stream("pairs").raw(4).tolist()))
         rounds = PAIRINGS[kind].rounds(count, self._pairing_options, random)
         blocks = 2 if options.both_sides else 1
@@ -283,7 +350,9 @@ class Competition(Method):
         pairing = self._tournament.pairing
         if pairing == ONLY_OPPONENTS:
             return 0
-        if pairing in {"hall_of_fame", "best"}:
+        if self._pareto and self._archives[0]:
+            return count * len(self._choose_champions(0, len(self._archives[0])))
+        if pairing in AGAINST_CHAMPIONS:
             return count * self._rounds
         matches = PAIRINGS[pairing].most_matches(count, self._pairing_options)
         return -(-count * matches // 2)
@@ -317,7 +386,7 @@ class Competition(Method):
     def _values(self, fitness: NDArray[np.float64], side: int) -> NDArray[np.float64]:
         """Return the results of a side, (matches,): its fitness or its points."""
         own = fitness[:, side]
-        if self._tournament.score != "points":
+        if self._tournament.score == "fitness":
             return own
         others = np.delete(fitness, side, axis=1)
         best = others.max(axis=1)
@@ -357,14 +426,14 @@ class Competition(Method):
 
     def _choose_opponents(self, number: int) -> Indices:
         """Return the opponents of a population's candidates by the pairing, (rounds, sides)."""
-        pairing, rounds = self._tournament.pairing, self._rounds
+        pairing, rounds = self._tournament.pairing, self._count_rounds(number)
         if pairing in {"round_robin", ONLY_OPPONENTS}:
             return np.empty((0, self.sides), dtype=np.intp)
         columns = []
         for side, other in enumerate(self._population_of_side):
             generations = len(self._archives[0])
             has_champions = generations and other not in {None, number}
-            if has_champions and pairing in {"best", "hall_of_fame"}:
+            if has_champions and pairing in AGAINST_CHAMPIONS:
                 assert other is not None
                 chosen = self._choose_champions(other, generations, number)
                 chosen = [*chosen, *(generations - 1 for _ in range(rounds - len(chosen)))]
@@ -384,9 +453,13 @@ class Competition(Method):
         return np.array(drawn, dtype=np.intp)
 
     def _choose_champions(self, other: int, generations: int, number: int = 0) -> list[int]:
-        """Return the generations whose champions are opponents: the last, and random earlier ones."""
+        """Return the generations whose champions are opponents: the last, and earlier ones."""
+        last = generations - 1
         if self._tournament.pairing == "best":
-            return [generations - 1]
+            return [last]
+        if self._pareto:
+            tests = [test for test in self._pareto[number].tests if test != last]
+            return [last, *tests[max(len(tests) - self._rounds + 1, 0) :]]
         order = np.argsort(
             self._stream("hall_of_fame", number * self.sides + other).unit(generations - 1), kind="stable"
         )
@@ -405,7 +478,15 @@ class Competition(Method):
         ]
         if pairing == "round_robin":
             return [counts[0] + int(np.prod(sizes[1:])), *counts[1:]]
-        return counts if pairing == ONLY_OPPONENTS else [self._rounds + count for count in counts]
+        if pairing == ONLY_OPPONENTS:
+            return counts
+        return [self._count_rounds(number) + count for number, count in enumerate(counts)]
+
+    def _count_rounds(self, number: int) -> int:
+        """Return the opponents of each candidate of a population by the pairing."""
+        if self._pareto and self._archives[0]:
+            return len(self._choose_champions(number, len(self._archives[0]), number))
+        return self._rounds
 
     def _join(self, candidates: Indices) -> Matches:
         """Return matches with the joined genomes of all sides."""

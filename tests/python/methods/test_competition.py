@@ -18,8 +18,17 @@ MINISIM = {
     "servers": "in-process",
     "method": {"population": 7, "generations": 30},
 }
-ONE = ("round_robin", "swiss", "multi_swiss", "merge_sort", "random", "hall_of_fame", "best")
-SEVERAL = ("round_robin", "random", "hall_of_fame", "best")
+ONE = (
+    "round_robin",
+    "swiss",
+    "multi_swiss",
+    "merge_sort",
+    "random",
+    "hall_of_fame",
+    "best",
+    "pareto_archive",
+)
+SEVERAL = ("round_robin", "random", "hall_of_fame", "best", "pareto_archive")
 
 
 def create(populations: bool = False, **options: Any) -> Competition:
@@ -232,10 +241,14 @@ def play_numbers(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDA
     return np.asarray(np.sign(differences[np.arange(len(differences)), nearest]))
 
 
-def share_lost_to_ancestors(pairing: str, seed: int) -> float:
-    """Return how many champions of one population lose to earlier champions of the other."""
-    values = {**MINISIM, "method": {"population": 20, "generations": 100}, "seed": seed}
-    values |= {"populations": {"agents": {}, "defenders": {}}, "ranking": {"pairing": pairing, "rounds": 8}}
+def evolve_numbers(pairing: str, seed: int, **values: Any) -> tuple[float, float]:
+    """Let candidates play the numbers game for 100 generations.
+
+    Return how many champions of one side lose to earlier champions of the other, and the smaller gene of the
+    last champions: what counts, as every gene can decide a game.
+    """
+    values |= {**MINISIM, "method": {"population": 20, "generations": 100}, "seed": seed}
+    values |= {"ranking": {"kind": "tournament", "pairing": pairing, "rounds": 8}}
     method = Experiment.from_mapping(values).new_method()
     assert isinstance(method, Competition)
     half = method.representation.genome_size // 2
@@ -255,13 +268,46 @@ def share_lost_to_ancestors(pairing: str, seed: int) -> float:
     later, earlier = np.tril_indices(20, -1)
     own = np.array([champion for champion, _ in champions[::5]])
     other = np.array([champion for _, champion in champions[::5]])
-    return float((play_numbers(own[later], other[earlier]) < 0).mean())
+    return float((play_numbers(own[later], other[earlier]) < 0).mean()), float(own[-4:].min(axis=1).mean())
 
 
-def test_a_hall_of_fame_remembers_earlier_opponents() -> None:
-    """As in Rosin and Belew 1997, where champions of coevolution without it lose to their ancestors."""
-    lost = {
-        pairing: np.mean([share_lost_to_ancestors(pairing, seed) for seed in range(6)])
-        for pairing in ("best", "hall_of_fame")
-    }
+@pytest.mark.slow
+def test_archives_remember_earlier_opponents() -> None:
+    """As in Rosin and Belew 1997, where champions of coevolution without it lose to their ancestors.
+
+    Sides of an archive of Pareto coevolution get on in each gene as well, as in de Jong 2007.
+    """
+    pairings = ("best", "hall_of_fame", "pareto_archive")
+    both: dict[str, Any] = {"populations": {"agents": {}, "defenders": {}}}
+    lost, smaller = (
+        dict(zip(pairings, means, strict=True))
+        for means in np.mean(
+            [[evolve_numbers(pairing, seed, **both) for seed in range(6)] for pairing in pairings], axis=1
+        ).T.tolist()
+    )
     assert lost["hall_of_fame"] < 0.7 * lost["best"]
+    assert lost["pareto_archive"] < 0.7 * lost["best"]
+    assert smaller["pareto_archive"] > max(smaller["best"], smaller["hall_of_fame"])
+
+
+@pytest.mark.parametrize("populations", [True, False])
+@pytest.mark.parametrize("both_sides", [True, False])
+def test_learners_of_an_archive_meet_new_champions(populations: bool, both_sides: bool) -> None:
+    method = create(populations=populations, pairing="pareto_archive", rounds=3, both_sides=both_sides)
+    for _ in range(6):
+        archives = [(set(archive.learners), set(archive.tests)) for archive in method._pareto]
+        bound, generation = method.most_matches, method.generation
+        met = play(method)
+        assert len(met) <= bound
+        for (learners, tests), population in zip(archives, method.populations, strict=True):
+            assert max(len(learners), len(tests)) <= 3
+            opponents = {
+                opponent
+                for side in population.sides
+                for opponent in met[met[:, side] == met[-1, side], 1 - side].tolist()
+            }
+            if generation:
+                assert {-generation} <= opponents, "the last champion is an opponent"
+            if generation and len(tests) < 3:
+                assert {-1 - test for test in tests} <= opponents
+            assert {-1 - learner for learner in learners} <= {*met[met >= -99].tolist()}

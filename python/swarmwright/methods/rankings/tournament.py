@@ -31,12 +31,17 @@ Pairing = Literal[
     "random",
     "hall_of_fame",
     "best",
+    "pareto_archive",
     "opponents",
     "frevo_full_tournament",
     "frevo_swiss_system",
     "frevo_multi_swiss",
 ]
-BETWEEN_POPULATIONS = frozenset({"round_robin", "random", "hall_of_fame", "best", ONLY_OPPONENTS})
+BETWEEN_POPULATIONS = frozenset(
+    {"round_robin", "random", "hall_of_fame", "best", "pareto_archive", ONLY_OPPONENTS}
+)
+AGAINST_CHAMPIONS = frozenset({"hall_of_fame", "best", "pareto_archive"})
+"""Pairings with champions of earlier generations."""
 """Pairings that several populations can use."""
 
 
@@ -111,8 +116,9 @@ class TournamentOptions(RankingOptions):
     """Who meets whom. round_robin: everybody everybody. random: `rounds` random opponents. swiss: `rounds`
     opponents with similar results so far; multi_swiss: the mean of several such tournaments. merge_sort:
     matches are the comparisons of a merge sort. hall_of_fame: the last champion and random earlier ones,
-    `rounds` together. best: the last champion. opponents: those of the option alone. With populations:
-    round_robin, random, hall_of_fame, best, opponents.
+    `rounds` together. best: the last champion. pareto_archive: the last champion, and earlier ones that tell
+    apart the champions that no other dominates, at most `rounds` together. opponents: those of the option
+    alone. With populations: round_robin, random, hall_of_fame, best, pareto_archive, opponents.
     frevo_full_tournament, frevo_swiss_system, frevo_multi_swiss: the rankings of FREVO with these names, for
     imported sessions; FREVO's MultiSort is random.
     """
@@ -129,8 +135,8 @@ class TournamentOptions(RankingOptions):
     without a population is played by its opponents alone. The run keeps copies.
     """
     rounds: int | None = Field(default=None, ge=1, le=10_000)
-    """Opponents of a candidate. Default: 10 with random and hall_of_fame; with swiss and multi_swiss as many
-    as a knock-out tournament would have rounds; with round_robin all."""
+    """Opponents of a candidate. Default: 10 with random, hall_of_fame and pareto_archive; with swiss and
+    multi_swiss as many as a knock-out tournament would have rounds; with round_robin all."""
     tournaments: int = Field(default=3, ge=1, le=1000)
     """Tournaments of multi_swiss."""
     both_sides: bool = True

@@ -47,6 +47,7 @@ def network(seed: int) -> dict[str, Any]:
 
 OPPONENTS = {**TOURNAMENT, "ranking": {**TOURNAMENT["ranking"], "opponents": [network(1), network(2)]}}
 """One population, which also plays against two opponents."""
+ARCHIVE = {**POPULATIONS, "ranking": {"pairing": "pareto_archive", "rounds": 3, "episodes": 2}}
 ALONE = {
     **MINISIM,
     "controller": {"hidden": [3]},
@@ -56,8 +57,8 @@ ALONE = {
 """A population that plays one side, against two opponents with other controllers."""
 COMPETITIONS = pytest.mark.parametrize(
     "experiment",
-    [POPULATIONS, TOURNAMENT, OPPONENTS, ALONE],
-    ids=["populations", "swiss", "opponents", "alone"],
+    [POPULATIONS, TOURNAMENT, OPPONENTS, ALONE, ARCHIVE],
+    ids=["populations", "swiss", "opponents", "alone", "archive"],
 )
 
 
