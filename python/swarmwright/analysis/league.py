@@ -161,7 +161,7 @@ class League:
         controllers = format_count(len(self.participants), "controller")
         return [
             f"{controllers}, {matches} of {format_count(len(self.seeds), 'episode')} in {name}",
-            f"Seeds: {_format_seeds(self.seeds)}",
+            f"Seeds: {format_seeds(self.seeds)}",
             f"SHA-256 of the results: {self.digest}",
         ]
 
@@ -335,18 +335,18 @@ def play_league(
         raise InputError(f"a league needs matches of two sides, but the experiment has {', '.join(sides)}")
     options = experiment.ranking
     assert isinstance(options, TournamentOptions)
-    opponents, left_out, used = _load(folder, names)
+    opponents, left_out, used = load_participants(folder, names)
     seeds = where.seeds(experiment, used)
     with open_backend(
         experiment, broker=where.broker, servers=where.servers, metrics=needed_metrics(options)
     ) as backend:
         architecture = experiment.representation(backend.sensors, backend.actuators).architecture()
-        participants, unfit = _select(opponents, architecture, experiment)
+        participants, unfit = select_participants(opponents, architecture, experiment)
         playable = _playable(participants)
         if not playable.any():
             reasons = "".join(f"; {each.reason}" for each in [*left_out, *unfit][:3])
             raise InputError(f"{folder}: has no two controllers that can meet in a match{reasons}")
-        fitness = _play(participants, playable, architecture, experiment, seeds, where, backend)
+        fitness = play_matches(participants, playable, architecture, experiment, seeds, where, backend)
     if not np.isfinite(fitness).any():
         raise RunError("every episode failed; the reasons are above")
     return League(
@@ -359,7 +359,7 @@ def play_league(
     )
 
 
-def _load(folder: Path, names: Sequence[str]) -> tuple[list[Opponent], list[LeftOut], set[int]]:
+def load_participants(folder: Path, names: Sequence[str]) -> tuple[list[Opponent], list[LeftOut], set[int]]:
     """Return the controllers, what is none, and the seeds that runs have used."""
     opponents: list[Opponent] = []
     left_out: list[LeftOut] = []
@@ -382,7 +382,7 @@ def _load(folder: Path, names: Sequence[str]) -> tuple[list[Opponent], list[Left
     return opponents, left_out, used
 
 
-def _select(
+def select_participants(
     opponents: Sequence[Opponent], architecture: Mapping[str, Any], experiment: Experiment
 ) -> tuple[list[Participant], list[LeftOut]]:
     """Return the controllers that fit at least one side, and the others."""
@@ -431,7 +431,7 @@ def join_controllers(architecture: Mapping[str, Any], parts: Sequence[Opponent])
     return {**architecture, "kind": TEAM, "groups": groups}
 
 
-def _play(
+def play_matches(
     participants: Sequence[Participant],
     playable: NDArray[np.bool_],
     architecture: Mapping[str, Any],
@@ -497,7 +497,7 @@ def _round(value: float) -> str:
     return f"{round(value):d}"  # no -0
 
 
-def _format_seeds(seeds: Sequence[int]) -> str:
+def format_seeds(seeds: Sequence[int]) -> str:
     """Return seeds as text: consecutive ones by the first and the last."""
     runs: list[list[int]] = []
     for seed in seeds:

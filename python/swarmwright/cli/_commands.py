@@ -33,6 +33,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "compare",
         "progress",
         "league",
+        "validate",
         "transfer",
         "score",
     ),
