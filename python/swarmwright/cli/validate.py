@@ -58,7 +58,7 @@ def command(
     servers: options.Servers | None,
     output: Output,
 ) -> int:
-    """Validate the champions of a competition against opponents that its evolution has not met.
+    """Let champions of a competition play opponents that they have not met.
 
     RUN is a competition of two sides. OPPONENT is another run (its champions), RUN:GENERATION:CANDIDATE, a
     bundle, or a controller as JSON, or YAML of a machine; best are several runs of the same experiment with
