@@ -26,6 +26,7 @@ from swarmwright.experiment.opponents import Opponent, check_fits, genomes_of, l
 from swarmwright.experiment.unavailable import method_of, options_with_code
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.methods.competition import Competition, Population
+from swarmwright.methods.rankings.pairings import PAIRINGS
 from swarmwright.methods.rankings.tournament import BETWEEN_POPULATIONS, ONLY_OPPONENTS, TournamentOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.fitness import FITNESS_NAME, FitnessExpression
@@ -411,8 +412,13 @@ def check_representations(checked: Checked, representation: Team, is_available: 
         options = populations.get(name, checked.get("method"))
         path: Path_ = ("populations", name, "method") if name in populations else ("method",)
         if isinstance(options, MethodOptions):
-            for key, reason in METHODS.get(options.kind).problems(options, part).items():
+            kind = METHODS.get(options.kind)
+            for key, reason in kind.problems(options, part).items():
                 report((*path, key), reason)
+            ranking = checked["ranking"]
+            meets_others = populations or ranking.opponents or ranking.pairing not in PAIRINGS
+            if not meets_others and kind.first_generation(options, part) == 1:
+                report(path, f"has a single candidate, but {ranking.pairing} lets candidates meet; use more")
         if not populations:
             break
 

@@ -46,11 +46,11 @@ class ParetoArchive:
         values[np.isnan(values)] = np.finfo(np.float64).min
         # Of learners with the same outcomes, the first is enough.
         _, first = np.unique(values, axis=0, return_index=True)
-        kept = np.sort(first)
-        layers = ranks(values[kept])
-        chosen = np.sort(np.lexsort((-kept, layers))[: self._largest])  # the best layers, of one the newest
-        self.learners = [learners[index] for index in kept[chosen].tolist()]
-        separating = _separate(values[kept[chosen]], layers[chosen], self._largest)
+        unique = np.sort(first)
+        layers = ranks(values[unique])
+        chosen = np.sort(np.lexsort((-unique, layers))[: self._largest])  # the best layers, of one the newest
+        self.learners = [learners[index] for index in unique[chosen].tolist()]
+        separating = _separate(values[unique[chosen]], layers[chosen], self._largest)
         self.tests = [tests[index] for index in separating]
         self._outcomes = {
             (learner, test): outcome

@@ -151,6 +151,10 @@ def test_the_fitness_of_the_first_side_is_that_of_the_record() -> None:
             {"ranking": {"kind": "tournament", "sides": {"agents": "a b", "defenders": None}}},
             "ranking.sides.agents: 'a b' is not a valid expression",
         ),
+        (
+            {"ranking": {"kind": "tournament"}, "method": {"kind": "random_search", "population": 1}},
+            "method: has a single candidate, but random lets candidates meet; use more",
+        ),
         ({"ranking": {"kind": "tournament", "reevaluate": True}}, "survivors always compete again"),
         (
             {"ranking": {"kind": "tournament"}, "parameters": {}},

@@ -2,6 +2,9 @@
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -187,6 +190,57 @@ def test_a_side_without_a_value_fails_the_match_with_a_reason(tmp_path: Path) ->
     stopping = {**experiment, "ranking": {**experiment["ranking"], "failed": "stop"}}
     with pytest.raises(RunError, match=r"ranking\.failed is 'stop'"):
         swarmwright.optimize(stopping, servers="in-process", out=tmp_path / "stopping")
+
+
+@pytest.mark.parametrize("experiment", [POPULATIONS, ALONE], ids=["populations", "alone"])
+def test_a_side_that_always_fails_ends_the_run_with_the_reason(
+    experiment: dict[str, Any], tmp_path: Path
+) -> None:
+    sides = {"agents": "fitness", "defenders": "1 / (caught - caught)"}
+    failing = {**experiment, "ranking": {**experiment["ranking"], "sides": sides}}
+    with pytest.raises(RunError, match=r"failed; the last reason: fitness of defenders: division by zero"):
+        swarmwright.optimize(failing, servers="in-process", out=tmp_path / "run")
+    counted = {**failing, "ranking": {**failing["ranking"], "failed": -9}}
+    run = swarmwright.optimize(counted, servers="in-process", out=tmp_path / "counted")
+    assert run.failed_evaluations == run.evaluations
+    assert (run.record.fitness == -9).all()
+
+
+@pytest.mark.parametrize("population", [3, 4, 5])
+@pytest.mark.parametrize("pairing", ["round_robin", "swiss", "multi_swiss", "merge_sort", "random"])
+def test_any_number_of_candidates_plays(population: int, pairing: str, tmp_path: Path) -> None:
+    experiment = {
+        **TOURNAMENT,
+        "method": {"kind": "random_search", "population": population, "generations": 2},
+        "ranking": {"kind": "tournament", "pairing": pairing},
+    }
+    run = swarmwright.optimize(experiment, servers="in-process", out=tmp_path / "run")
+    scores = run.record.metrics[:, 0, -6:]
+    assert {*scores[:, 0].tolist()} == {*range(population)}
+    assert np.isfinite(scores[:, 2]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("experiment", [OPPONENTS, ALONE, ARCHIVE], ids=["opponents", "alone", "archive"])
+def test_a_run_that_is_killed_has_the_same_record(experiment: dict[str, Any], tmp_path: Path) -> None:
+    """Killed at different moments and continued on two servers, then on one."""
+    long = Experiment.from_mapping({**experiment, "method": {"population": 5, "generations": 300}})
+    whole = swarmwright.optimize(long, servers="in-process", out=tmp_path / "whole")
+    long.save(tmp_path / "x.yaml")
+    for number, kills in enumerate(
+        [["optimize", "x.yaml", "--out", "run"], ["resume", "run"], ["resume", "run"]]
+    ):
+        command = [sys.executable, "-m", "swarmwright", *kills, "--json", "--servers", str(2 - number % 2)]
+        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            for _ in range(3 + 5 * number):
+                process.stdout.readline()
+            process.kill()
+        assert process.returncode == -signal.SIGKILL
+    assert 0 < Run.open(tmp_path / "run").generations < 300
+    resumed = swarmwright.resume(tmp_path / "run", servers=2)
+    assert record(resumed, tmp_path) == record(whole, tmp_path)
 
 
 def test_matches_are_counted_in_reports(tmp_path: Path) -> None:
