@@ -231,7 +231,9 @@ def _strip_folders(value: Any, run: Path, *, machines: bool = False) -> Any:  # 
     """
     if isinstance(value, Mapping):
         return {
-            key: _strip_folders(inner, run, machines=machines or key == "parameters")  # of the simulation
+            key: Path(inner).name  # the file of a controller that evolution starts from or meets
+            if key == "from" and isinstance(inner, str) and not machines
+            else _strip_folders(inner, run, machines=machines or key == "parameters")  # of the simulation
             for key, inner in value.items()
             if machines or not _names_machines(key, inner)
         }
