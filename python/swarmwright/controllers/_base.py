@@ -1,6 +1,7 @@
 """The base class of representations."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -92,6 +93,14 @@ class Representation(ABC):
             if operator in defined:
                 for form in forms - defined:
                     setattr(cls, form, getattr(Representation, form))
+
+    @classmethod
+    def options_of(cls, architecture: Mapping[str, Any]) -> dict[str, Any]:
+        """Return options for controllers with an architecture; by default those that it names.
+
+        architecture: as `architecture` returns it.
+        """
+        return {key: value for key, value in architecture.items() if key in cls.options_model.model_fields}
 
     @property
     @abstractmethod

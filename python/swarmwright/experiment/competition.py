@@ -94,7 +94,7 @@ def _name_sides_of_opponents(values: Mapping[str, Any]) -> list[str]:
 def _copy_controllers(sides: Sequence[str], values: dict[str, Any], report: Report) -> bool:
     """Give sides without a population the controller of their first opponent; return whether that worked.
 
-    Its options are those of the same name in the specification; `opponents_of` compares the rest.
+    `opponents_of` compares the architecture of all of them with it.
     """
     groups = values["controller"]["groups"]
     for side in sides:
@@ -106,8 +106,7 @@ def _copy_controllers(sides: Sequence[str], values: dict[str, Any], report: Repo
         except SwarmwrightError as error:
             report(("ranking", "opponents", side), str(error))
             return False
-        options = REPRESENTATIONS.get(architecture["kind"]).options_model.model_fields
-        groups[side] = {key: value for key, value in architecture.items() if key in options}
+        groups[side] = REPRESENTATIONS.get(architecture["kind"]).options_of(architecture)
     return True
 
 

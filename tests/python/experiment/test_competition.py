@@ -8,6 +8,7 @@ import pytest
 
 from swarmwright import Experiment, InputError
 from swarmwright.common.engine_types import SideFields
+from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers.kinds.team import Team
 from swarmwright.experiment.competition import check_announced
 from swarmwright.methods.competition import Competition
@@ -203,6 +204,35 @@ def test_a_side_without_a_population_has_the_controller_of_its_opponents() -> No
     method = experiment.new_method()
     assert isinstance(method, Competition)
     assert [(each.name, each.sides) for each in method.populations] == [("agents", (0,))]
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        {"kind": "layered", "hidden": [3, 2], "activation": "relu", "output_range": [0, 9]},
+        {"kind": "fully_meshed", "hidden": 2, "iterations": 3},
+        {"kind": "hebbian"},
+        {"kind": "evostick"},
+        {"kind": "neat", "sources": [[0, 1], [4, 2]]},
+        {"kind": "mealy_fsm", "states": 3, "levels": [1, [0.25, 0.5], 3, 1]},
+    ],
+    ids=lambda controller: controller["kind"],
+)
+def test_opponents_alone_can_have_any_kind_of_controller(controller: dict[str, Any]) -> None:
+    """A controller as a file has it, without its genes, plays with the same weights."""
+    representation = build(
+        populations={"agents": {}, "defenders": {"controller": controller}}
+    ).representation()
+    assert isinstance(representation, Team)
+    part = representation.parts["defenders"]
+    specification = part.specification(part.initial(Stream(1, "test", 0, 0)))
+    experiment = build(**ALONE, ranking={"opponents": {"defenders": [specification]}})
+    method = experiment.new_method()
+    assert isinstance(method, Competition)
+    matches = next(method.matches())
+    (team, *_) = [method.representation.specification(row) for row in matches.genomes]
+    weights = team["weights"][-len(specification["weights"]) :]
+    assert {**team["groups"][1]["controller"], "weights": weights} == specification
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Mealy machines: finite-state machines over sensor values that are cut into intervals."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
@@ -104,6 +104,12 @@ class MealyFsm(Representation):
     options_model = MealyFsmOptions
     options: MealyFsmOptions
     continuous: ClassVar[bool] = False
+
+    @classmethod
+    def options_of(cls, architecture: Mapping[str, Any]) -> dict[str, Any]:
+        """Return options with the thresholds of an architecture, and outputs of any value."""
+        levels = {"levels": architecture["thresholds"], "output_levels": 0}
+        return {**super().options_of(architecture), **levels}
 
     def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
         """Raise InputError when `levels` does not match the sensors, or the table is too large."""
