@@ -447,7 +447,7 @@ def opponents_of(
         try:
             controller = opponent.playing(side)
             check_fits(controller, part.sensors, part.actuators, simulation, titles=titles)
-            chosen[side][number] = genomes_of([controller.to_mapping()], part)[0]
+            chosen[side][number] = genomes_of([controller.entry], part)[0]
         except InputError as error:
             return str(error)
         return None

@@ -96,15 +96,19 @@ class Opponent:
             raise InputError(f"{self.name}: has no controller for {side}{hint}")
         return self.parts[side]
 
+    @property
+    def entry(self) -> dict[str, Any]:
+        """Where it comes from, its architecture, its weights, and its genome if that differs, as arrays."""
+        values: dict[str, Any] = {"from": self.name, "architecture": dict(self.architecture)}
+        numbers = {"weights": self.weights, "genome": self.genome}
+        return {**values, **{key: row for key, row in numbers.items() if row is not None}}
+
     def to_mapping(self) -> dict[str, Any]:
         """Return it as plain values, which `load_opponent` reads."""
-        values: dict[str, Any] = {
-            "from": self.name,
-            "architecture": dict(self.architecture),
-            "weights": shortest(self.weights),
+        values = {
+            key: shortest(value) if isinstance(value, np.ndarray) else value
+            for key, value in self.entry.items()
         }
-        if self.genome is not None:
-            values["genome"] = shortest(self.genome)
         genomes = {
             name: shortest(part.genome) for name, part in self.parts.items() if part.genome is not None
         }
@@ -115,7 +119,7 @@ class Opponent:
     def _count(self, noun: str) -> int:
         if self.parts:
             return max(part._count(noun) for part in self.parts.values())
-        return int(getattr(Controller(self.specification), noun))
+        return int(self.architecture[noun])
 
 
 def load_opponent(
