@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.common.untrusted import escape_line
 from swarmwright.experiment.opponents import LARGEST_FILE_BYTES, Opponent, check_fits, load_opponent
+from swarmwright.runs.store import StoreReader
 from tests.python.simulations.pursuit import Pursuit
 
 NETWORK = {"version": 1, "kind": "layered", "sensors": 2, "hidden": [], "actuators": 1, "activation": "tanh"}
@@ -283,3 +285,46 @@ def test_any_change_is_refused_with_a_line_or_a_controller(
 def test_other_types_are_refused(source: Any) -> None:
     with pytest.raises(InputError, match=r"^opponent: .* found; expected a run folder"):
         load_opponent(source)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"controller": None},
+        {"controller": []},
+        {"controller": {}},
+        {"controller": {"kind": "nothing"}},
+        {"controller": {"kind": "\x1b[2J"}},
+        {"controller": {"kind": "layered", "hidden": ["x"]}},
+        {"controller": {"kind": "layered", "hidden": [1_000_000_000]}},
+        {"controller": {"kind": "layered", "hidden": [3]}, "sensors": 10**9},
+        {"controller": {"kind": "layered", "hidden": [3]}, "sensors": "many"},
+        {"controller": {"kind": "layered", "hidden": [3]}, "sensors": -1},
+        {"controller": {"kind": "layered", "hidden": [9]}, "sensors": 2, "actuators": 2},
+        {"controller": {"kind": "team", "groups": {"a": {"kind": "team", "groups": {}}}}},
+        {"controller": {"kind": "modules", "behaviours": ["/etc/passwd:X", "evil.py:Evil"]}},
+    ],
+)
+def test_runs_of_other_people_are_not_trusted(
+    changes: dict[str, Any], run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their experiment may say anything: no code of it is imported."""
+    values = {**run._store.experiment(), **changes}
+    monkeypatch.setattr(StoreReader, "experiment", lambda _: values)
+    with pytest.raises(InputError) as caught:
+        load_opponent(run.path)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 600
+
+
+@given(st.one_of(ANYTHING, st.lists(ANYTHING | st.just(CONTROLLER), max_size=3)))
+def test_anything_in_an_experiment_is_a_message(value: Any) -> None:
+    values = {
+        "simulation": "minisim",
+        "parameters": {"numDefenders": 2, "defenderSteering": "controller"},
+        "servers": "in-process",
+        "ranking": {"kind": "tournament", "opponents": value},
+    }
+    for populations in ({}, {"agents": {}}):
+        with suppress(InputError):
+            Experiment.from_mapping({**values, "populations": populations})
