@@ -325,6 +325,7 @@ def test_anything_in_an_experiment_is_a_message(value: Any) -> None:
         "servers": "in-process",
         "ranking": {"kind": "tournament", "opponents": value},
     }
-    for populations in ({}, {"agents": {}}):
+    choices: list[dict[str, Any]] = [{}, {"agents": {}}]
+    for populations in choices:
         with suppress(InputError):
             Experiment.from_mapping({**values, "populations": populations})
