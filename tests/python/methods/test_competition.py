@@ -271,23 +271,25 @@ def evolve_numbers(pairing: str, seed: int, **values: Any) -> tuple[float, float
     return float((play_numbers(own[later], other[earlier]) < 0).mean()), float(own[-4:].min(axis=1).mean())
 
 
+def average_numbers(pairing: str, **values: Any) -> tuple[float, float]:
+    """Return the means of `evolve_numbers` over six seeds."""
+    lost, smaller = np.mean([evolve_numbers(pairing, seed, **values) for seed in range(6)], axis=0).tolist()
+    return lost, smaller
+
+
 @pytest.mark.slow
 def test_archives_remember_earlier_opponents() -> None:
-    """As in Rosin and Belew 1997, where champions of coevolution without it lose to their ancestors.
+    """As in Rosin and Belew 1997, where champions of coevolution without it lose to their ancestors."""
+    populations: dict[str, Any] = {"populations": {"agents": {}, "defenders": {}}}
+    lost, _ = average_numbers("best", **populations)
+    for pairing in ("hall_of_fame", "pareto_archive"):
+        assert average_numbers(pairing, **populations)[0] < 0.7 * lost
 
-    Sides of an archive of Pareto coevolution get on in each gene as well, as in de Jong 2007.
-    """
-    pairings = ("best", "hall_of_fame", "pareto_archive")
-    both: dict[str, Any] = {"populations": {"agents": {}, "defenders": {}}}
-    lost, smaller = (
-        dict(zip(pairings, means, strict=True))
-        for means in np.mean(
-            [[evolve_numbers(pairing, seed, **both) for seed in range(6)] for pairing in pairings], axis=1
-        ).T.tolist()
-    )
-    assert lost["hall_of_fame"] < 0.7 * lost["best"]
-    assert lost["pareto_archive"] < 0.7 * lost["best"]
-    assert smaller["pareto_archive"] > max(smaller["best"], smaller["hall_of_fame"])
+
+@pytest.mark.slow
+def test_an_archive_of_pareto_coevolution_gets_on_in_all_genes() -> None:
+    """As in de Jong 2007; with the last champion alone, one gene grows while the other is forgotten."""
+    assert average_numbers("pareto_archive")[1] > 1.5 * average_numbers("best")[1] > 0
 
 
 @pytest.mark.parametrize("populations", [True, False])
