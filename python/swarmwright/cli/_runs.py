@@ -196,7 +196,7 @@ def list_reproduction(output: Output, found: "Reproduction", offset: float) -> N
         f"({int(found.moved.sum()):,} in another cell, {int(found.overestimated.sum()):,} with less fitness)."
     )
     share, coverage, score = found.reproducibility, found.coverage(), found.qd_score(offset)
-    rows = [("", "held-out", "95 % interval")]
+    rows: list[tuple[str, ...]] = [("", "held-out", "95 % interval")]
     for name, (value, low, high), form in (
         ("reproducibility", share, ".3g"),
         ("coverage", coverage, ".3g"),
