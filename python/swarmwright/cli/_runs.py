@@ -187,22 +187,22 @@ def _evidence(elite: "Elite") -> tuple[str, str]:
     return str(elite.evaluations), interval
 
 
-def list_reproduction(output: Output, found: "Reproduction", offset: float) -> None:
+def list_reproduction(output: Output, reproduction: "Reproduction", offset: float) -> None:
     """Print how the elites of a run did on held-out seeds."""
-    episodes = len(found.evaluations[0].episodes)
+    facts = reproduction.to_mapping(offset)
     output.text(
-        f"On held-out seeds, {format_count(episodes, 'episode')} each: "
-        f"{int(found.illusory.sum()):,} of {format_count(len(found.evaluations), 'elite')} are illusory "
-        f"({int(found.moved.sum()):,} in another cell, {int(found.overestimated.sum()):,} with less fitness)."
+        f"On held-out seeds, {format_count(facts['episodes'], 'episode')} each: {facts['illusory']:,} of "
+        f"{format_count(len(facts['elites']), 'elite')} are illusory ({facts['moved']:,} in another cell, "
+        f"{facts['overestimated']:,} with less fitness)."
     )
-    share, coverage, score = found.reproducibility, found.coverage(), found.qd_score(offset)
     rows: list[tuple[str, ...]] = [("", "held-out", "95 % interval")]
-    for name, (value, low, high), form in (
-        ("reproducibility", share, ".3g"),
-        ("coverage", coverage, ".3g"),
-        ("QD score", score, ".6g"),
+    for name, key, form in (
+        ("reproducibility", "reproducibility", ".3g"),
+        ("coverage", "coverage", ".3g"),
+        ("QD score", "qd_score", ".6g"),
     ):
-        rows.append((name, f"{value:{form}}", f"{low:{form}} to {high:{form}}"))
+        value, low, high = (f"{facts[key][part]:{form}}" for part in ("value", "low", "high"))
+        rows.append((name, value, f"{low} to {high}"))
     _table(output, rows)
 
 

@@ -46,10 +46,10 @@ class Thresholds:
         rows = np.flatnonzero(usable & (values > 0))
         accepted, indices, counts = np.unique(cells[rows], return_inverse=True, return_counts=True)
         means = np.bincount(indices, weights=fitness[rows], minlength=len(accepted)) / counts
-        kept = np.ones(len(accepted))
+        ratio = np.ones(len(accepted))
         for number in range(int(counts.max(initial=0))):  # a product, since powers differ between processors
-            kept = np.where(number < counts, kept * (1.0 - self._rate), kept)
-        self._thresholds[accepted] = kept * self._thresholds[accepted] + (1.0 - kept) * means
+            ratio = np.where(number < counts, ratio * (1.0 - self._rate), ratio)
+        self._thresholds[accepted] = ratio * self._thresholds[accepted] + (1.0 - ratio) * means
         return Improvements(np.zeros(len(fitness), dtype=bool), values)
 
 

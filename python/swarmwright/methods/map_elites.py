@@ -300,11 +300,11 @@ class MapElites(Method):
         return self._archive
 
     def _ask(self) -> Genomes:
-        again = self._ask_again()
-        candidates = range(len(again), self.options.population)
+        repeated = self._ask_again()
+        candidates = range(len(repeated), self.options.population)
         self._emitted = False
         if self.generation * self.options.population < self.options.initial or not len(self._archive):
-            return np.concatenate([again, self.initials(candidates)])
+            return np.concatenate([repeated, self.initials(candidates)])
         if self._emitters is not None:
             self._emitted = True
             return self._emitters.ask(self.generation, self._draw_elite)
@@ -320,7 +320,7 @@ class MapElites(Method):
             children = self.representation.mutations(
                 parents, streams, severity=options.severity, probability=options.probability
             )
-        return np.concatenate([again, children])
+        return np.concatenate([repeated, children])
 
     def _ask_again(self) -> Genomes:
         """Return the genomes that are evaluated again."""
@@ -355,9 +355,9 @@ class MapElites(Method):
         numbers = range(self.evaluations, self.evaluations + len(genomes))
         if isinstance(archive, SampledArchive):
             archive.add(numbers, fitness, measures)
-            known, first = self._sampled_genomes, self.evaluations
+            before, first = self._sampled_genomes, self.evaluations
             self._sampled_genomes = {
-                number: genomes[number - first].copy() if number >= first else known[number]
+                number: genomes[number - first].copy() if number >= first else before[number]
                 for number in archive.members
             }
             return

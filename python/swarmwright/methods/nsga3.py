@@ -210,5 +210,5 @@ def solve(matrix: Values, right: Values) -> Values | None:
         for column in range(row + 1, count):
             rest -= rows[row][column] * solution[column]
         solution[row] = rest / rows[row][row]
-    found = np.array(solution)
-    return found if np.isfinite(found).all() else None
+    values = np.array(solution)
+    return values if np.isfinite(values).all() else None

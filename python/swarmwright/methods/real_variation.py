@@ -50,7 +50,7 @@ def cross(
     spread = _power(np.where(share <= 1.0, share, 1.0 / (2.0 - share)), 1.0 / (index + 1.0))
     middle = low / 2 + high / 2
     children = np.where(takes_low, middle - spread * width / 2, middle + spread * width / 2)
-    return _bounded(np.where(is_crossed, children, first), representation)
+    return _limit(np.where(is_crossed, children, first), representation)
 
 
 def mutate(genomes: Genomes, streams: Streams, representation: Representation, index: float) -> Genomes:
@@ -81,7 +81,7 @@ def mutate(genomes: Genomes, streams: Streams, representation: Representation, i
     rest = _power(np.where(has_bounds, np.clip(1.0 - distance, 0.0, 1.0), 0.0), index + 1.0)
     change = width * (1.0 - _power(2.0 * share + (1.0 - 2.0 * share) * rest, 1.0 / (index + 1.0)))
     changed = np.where(falls, values - change, values + change)
-    return _bounded(np.where(drawn[:, 0] < min(1 / genes, 0.5), changed, values), representation)
+    return _limit(np.where(drawn[:, 0] < min(1 / genes, 0.5), changed, values), representation)
 
 
 def _power(base: Values, exponent: float) -> Values:
@@ -90,6 +90,6 @@ def _power(base: Values, exponent: float) -> Values:
     return _engine.exp(exponent * logarithms).reshape(base.shape)
 
 
-def _bounded(values: NDArray[np.float64], representation: Representation) -> Genomes:
+def _limit(values: NDArray[np.float64], representation: Representation) -> Genomes:
     lower, upper = limits(representation)
     return np.clip(values, lower, upper).astype(np.float32)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Fitness
 from swarmwright.methods.archive import Axis, Values, scale
-from swarmwright.methods.voronoi import squared_distances
+from swarmwright.methods.voronoi import compute_squared_distances
 
 MOST_ELITES = 100_000
 """Elites after which candidates only replace others."""
@@ -55,11 +55,11 @@ class Unstructured:
         usable = np.isfinite(fitness) & np.logical_and.reduce(np.isfinite(points), axis=1)
         new = []
         for row in np.flatnonzero(usable).tolist():
-            place = self._find_place(points[row], float(fitness[row]))
-            if place is not None:
-                self._points[place], self._fitness[place] = points[row], fitness[row]
-                self._numbers[place] = numbers[row]
-                new.append((place, row))
+            slot = self._find_place(points[row], float(fitness[row]))
+            if slot is not None:
+                self._points[slot], self._fitness[slot] = points[row], fitness[row]
+                self._numbers[slot] = numbers[row]
+                new.append((slot, row))
         return np.array(new, dtype=np.int64).reshape(-1, 2)
 
     def compare(self, fitness: Fitness, measures: Values) -> tuple[NDArray[np.bool_], Fitness]:
@@ -72,7 +72,7 @@ class Unstructured:
         usable = np.isfinite(fitness) & np.logical_and.reduce(np.isfinite(points), axis=1)
         new, values = np.zeros(len(fitness), dtype=bool), np.full(len(fitness), np.nan)
         for row in np.flatnonzero(usable).tolist():
-            distances = squared_distances(points[row][np.newaxis], self._points[: self._count])[0]
+            distances = compute_squared_distances(points[row][np.newaxis], self._points[: self._count])[0]
             new[row] = self._is_novel(distances)
             values[row] = fitness[row] - (0.0 if new[row] else self._fitness[distances.argmin()])
         return new, values
@@ -86,13 +86,13 @@ class Unstructured:
 
     def _find_place(self, point: NDArray[np.float64], fitness: float) -> int | None:
         """Return the place that a candidate gets; None if it does not become an elite."""
-        distances = squared_distances(point[np.newaxis], self._points[: self._count])[0]
+        distances = compute_squared_distances(point[np.newaxis], self._points[: self._count])[0]
         if self._is_novel(distances):
             self._grow()
             self._count += 1
             return self._count - 1
-        place = int(distances.argmin())
-        return place if fitness > self._fitness[place] else None
+        slot = int(distances.argmin())
+        return slot if fitness > self._fitness[slot] else None
 
     def _grow(self) -> None:
         if self._count == len(self._fitness):

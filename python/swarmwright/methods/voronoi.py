@@ -102,11 +102,11 @@ def find_nearest(points: Values, tree: "KDTree") -> NDArray[np.int64]:
     unclear = np.flatnonzero(distances[:, 1] <= distances[:, 0] * (1 + _TIE))
     for first in range(0, len(unclear), _ROWS):
         rows = unclear[first : first + _ROWS]
-        nearest[rows] = squared_distances(points[rows], centroids).argmin(axis=1)
+        nearest[rows] = compute_squared_distances(points[rows], centroids).argmin(axis=1)
     return nearest
 
 
-def squared_distances(points: Values, others: Values) -> Values:
+def compute_squared_distances(points: Values, others: Values) -> Values:
     """Return squared distances, (points, others), added in the order of the columns."""
     total = np.zeros((len(points), len(others)))
     for column in range(points.shape[1]):

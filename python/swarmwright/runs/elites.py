@@ -113,11 +113,11 @@ class Elites:
             parts = [(outside.below, "below", "first"), (outside.above, "above", "last")]
             counts = " and ".join(f"{count:,} {side}" for count, side, _ in parts if count)
             bins = " and ".join(bin_ for count, _, bin_ in parts if count)
-            place = f"for its {bins} bin" if isinstance(self.cells, Grid) else "as its end"
+            where = f"for its {bins} bin" if isinstance(self.cells, Grid) else "as its end"
             limits = f"{outside.low:g} to {outside.high:g}"
             notes.append(
                 f"{counts} of {self.evaluated:,} candidates are outside the range of {name}, {limits}, and "
-                f"count {place}; values are {outside.lowest:.6g} to {outside.highest:.6g}."
+                f"count {where}; values are {outside.lowest:.6g} to {outside.highest:.6g}."
             )
         return notes
 
@@ -336,7 +336,7 @@ class _Rows:
         shape = count, metrics
         return cls(np.zeros(count, np.int64), np.zeros(count), np.zeros(shape), np.zeros(shape, bool))
 
-    def joined_with(self, rows: "_Rows") -> "_Rows":
+    def join(self, rows: "_Rows") -> "_Rows":
         """Return these rows, followed by others."""
         return _Rows(*(np.concatenate([getattr(self, name), getattr(rows, name)]) for name in _COLUMNS))
 
@@ -360,7 +360,7 @@ class _Best:
         cells, chosen = self._archive.add(range(len(rows.fitness)), rows.fitness, measures).T
         if cells.max(initial=-1) >= len(self._rows.fitness):  # only an unstructured archive grows
             more = _Rows.zeros(int(cells.max()) + 1, rows.metrics.shape[1])
-            self._rows = self._rows.joined_with(more)
+            self._rows = self._rows.join(more)
         for name in _COLUMNS:
             getattr(self._rows, name)[cells] = getattr(rows, name)[chosen]
 
@@ -415,7 +415,7 @@ class _Front:
         finite = np.flatnonzero(np.isfinite(values).all(axis=1))
         stays, joins = front_with(self._values, values[finite])
         old, new = self._rows.select(stays), rows.select(finite[joins])
-        self._rows = old.joined_with(new)
+        self._rows = old.join(new)
         self._values = np.concatenate([self._values[stays], values[finite[joins]]])
 
     def rows(self) -> _Rows:

@@ -143,7 +143,7 @@ class Reproduction:
 
     @property
     def _measures(self) -> Values:
-        return _weighted_means(self._episodes, np.ones(self._episodes.shape[1]))[:, 1:]
+        return _compute_means(self._episodes, np.ones(self._episodes.shape[1]))[:, 1:]
 
     @cached_property
     def _archives(self) -> list[Archive]:
@@ -154,16 +154,16 @@ class Reproduction:
         fitness = np.array([evaluation.fitness.mean for evaluation in self.evaluations])
         archives = []
         for weights in (np.ones(episodes), *(np.bincount(row, minlength=episodes) for row in drawn)):
-            means = _weighted_means(self._episodes, weights)
+            means = _compute_means(self._episodes, weights)
             # The aggregate of the ranking may be another one than the mean.
-            means[:, 0] += fitness - _weighted_means(self._episodes, np.ones(episodes))[:, 0]
+            means[:, 0] += fitness - _compute_means(self._episodes, np.ones(episodes))[:, 0]
             archive = Archive(self.elites.cells)
             archive.add(range(len(means)), means[:, 0], means[:, 1:columns])
             archives.append(archive)
         return archives
 
 
-def _weighted_means(episodes: Values, weights: NDArray[Any]) -> Values:
+def _compute_means(episodes: Values, weights: NDArray[Any]) -> Values:
     """Return means over the episodes with a value, (n, episodes, k) to (n, k); NaN without any."""
     present = np.isfinite(episodes) * weights[:, np.newaxis]
     sums = np.where(present > 0, episodes, 0.0) * present

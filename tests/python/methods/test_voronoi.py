@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright.methods.archive import Axis
-from swarmwright.methods.voronoi import Voronoi, find_nearest, squared_distances
+from swarmwright.methods.voronoi import Voronoi, compute_squared_distances, find_nearest
 
 CELLS = Voronoi((Axis(-1, 3, 1), Axis(10, 20, 1)), 200)
 
@@ -19,7 +19,7 @@ def points(count: int, seed: int = 1) -> np.ndarray:
 def test_every_point_is_in_the_cell_of_its_nearest_centroid() -> None:
     drawn = points(3000)
     scaled = [(values - [-1, 10]) / [4, 10] for values in (drawn, CELLS.centroids)]
-    assert CELLS.cells_of(drawn).tolist() == squared_distances(*scaled).argmin(axis=1).tolist()
+    assert CELLS.cells_of(drawn).tolist() == compute_squared_distances(*scaled).argmin(axis=1).tolist()
 
 
 def test_each_centroid_is_in_its_own_cell_and_cells_are_about_equal() -> None:

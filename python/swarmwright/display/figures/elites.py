@@ -91,7 +91,7 @@ def draw_voronoi(
     drawn = np.flatnonzero(np.isfinite(best))
     (left, right), (bottom, top) = limits
     corner, size = np.array([left, bottom]), np.array([right - left, top - bottom])
-    polygons = _bounded_cells((centroids - corner) / size)
+    polygons = _clip_cells((centroids - corner) / size)
     cells = PolyCollection(
         [polygons[cell] * size + corner for cell in drawn.tolist()],
         array=clip_drawable(best[drawn]), cmap="viridis", edgecolors=GRID, linewidths=scale_points(0.3),
@@ -106,7 +106,7 @@ def draw_voronoi(
     return figure
 
 
-def _bounded_cells(points: "Values") -> "list[Values]":
+def _clip_cells(points: "Values") -> "list[Values]":
     """Return the corners of the Voronoi cells of points within the unit square."""
     from scipy.spatial import Voronoi
 

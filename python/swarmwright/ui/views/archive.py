@@ -60,8 +60,8 @@ def describe_cells(window: Window, request: Request) -> Values:
     values = describe_elites(run, read_integer(request, "generation"))
     measures = [values["columns"][name] for name in options.needed_metrics]
     cells = options.cells
-    found = cells.cells_of(np.array(measures, dtype=np.float64).T).tolist() if cells is not None else []
-    return {**values, "bins": find_bins(options, values), "cells": found}
+    indices = cells.cells_of(np.array(measures, dtype=np.float64).T).tolist() if cells is not None else []
+    return {**values, "bins": find_bins(options, values), "cells": indices}
 
 
 def has_archive(run: Run) -> bool:
