@@ -146,3 +146,25 @@ def test_runs_without_cells_are_refused(tmp_path: Path) -> None:
     run = optimize(Experiment.from_mapping(values), out=tmp_path / "run")
     with pytest.raises(InputError, match="has an unstructured archive, whose elites have no cells"):
         reproduce_elites(run, episodes=2)
+
+
+RANGES = {name: {"range": measure["range"]} for name, measure in MEASURES.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "method",
+    [
+        {"reevaluate": 0.5},
+        {"measures": RANGES, "archive": {"kind": "cvt", "cells": 40}, "variation": "cma_me", "emitters": 4},
+        {"variation": "cma_mae", "emitters": 4, "threshold_min": -9.0},
+        {"measures": RANGES, "archive": {"kind": "unstructured"}},
+    ],
+)
+def test_records_are_the_same_on_servers_and_after_a_break(method: dict[str, Any], tmp_path: Path) -> None:
+    seeds = {"ranking": SAMPLED["ranking"]} if "reevaluate" in method else {}
+    experiment = Experiment.from_mapping({**BASE, **seeds, "method": {**BASE["method"], **method}})
+    here = optimize(experiment, out=tmp_path / "here")
+    same_record(optimize(experiment, servers=2, out=tmp_path / "two"), here)
+    cut = optimize(experiment, lambda generation: generation.generation < 3, servers=1, out=tmp_path / "cut")
+    same_record(resume(cut, generations=8), here)
