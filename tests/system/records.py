@@ -21,10 +21,13 @@ EXPERIMENTS = {
 METHODS = [
     "cea2d",
     "cma_es",
+    "cuckoo_search",
     "de",
     "evostick",
+    "ga_species",
     "map_elites",
     "nnga",
+    "novelty",
     "nsga2",
     "openai_es",
     "pgpe",
@@ -38,6 +41,7 @@ METHODS = [
 
 NEEDED: dict[str, dict[str, object]] = {
     "map_elites": {"measures": {"distance": {"range": [0, 20], "bins": 10}}},
+    "novelty": {"measures": {"distance": {"range": [0, 20], "bins": 10}}},
     "nsga2": {"objectives": {"distance": "minimize"}},
 }
 """Options that methods must have."""

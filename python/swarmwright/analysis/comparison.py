@@ -445,8 +445,8 @@ def compare(
     differ only in parameters are tested against each other, with a note, unless they have different missions.
 
     Runs of `nsga2` with the same objectives can be compared by the hypervolume of their fronts, and those of
-    `map_elites` with the same measures, ranges and bins by the QD score and the coverage of their archives,
-    with the same tests. Fronts and archives are made from all counted evaluations.
+    `map_elites` and `novelty` with the same measures, ranges and bins by the QD score and the coverage of
+    their archives, with the same tests. Fronts and archives are made from all counted evaluations.
 
     Args:
         runs: run folders, folders of sweeps (which stand for their runs), or runs; or the folder of a single

@@ -1,4 +1,4 @@
-"""Quality indicators of fronts and archives, to compare runs of `nsga2` and `map_elites`."""
+"""Quality indicators of fronts and archives, to compare runs of `nsga2`, `map_elites` and `novelty`."""
 
 import math
 import shlex
@@ -14,7 +14,12 @@ from swarmwright.common.problems import format_value
 from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.methods.archive import Grid, Values, ranks
 from swarmwright.methods.map_elites import MapElitesOptions
-from swarmwright.runs.elites import Elites, compute_elites, compute_elites_over_generations
+from swarmwright.runs.elites import (
+    Elites,
+    compute_elites,
+    compute_elites_over_generations,
+    options_of_elites,
+)
 from swarmwright.runs.run import Run
 
 
@@ -192,7 +197,7 @@ def find_shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
     """Return the indicators by which all of these runs can be compared."""
     if not runs:
         return ()
-    methods = [run.experiment.method for run in runs]
+    methods = [options_of_elites(run) for run in runs]
     fronts = [method for method in methods if isinstance(method, ParetoOptions)]
     archives = [method for method in methods if isinstance(method, MapElitesOptions)]
     if len(fronts) == len(methods) and all(front.objectives == fronts[0].objectives for front in fronts):
@@ -270,9 +275,10 @@ def _check_objectives(by: By, runs: Sequence[Run]) -> None:
 
 
 def _check_cells(by: By, runs: Sequence[Run]) -> None:
-    first = _options(by, runs[0], MapElitesOptions, "map_elites, which have an archive")
+    words = "map_elites and novelty, which have an archive"
+    first = _options(by, runs[0], MapElitesOptions, words)
     for run in runs:
-        options = _options(by, run, MapElitesOptions, "map_elites, which have an archive")
+        options = _options(by, run, MapElitesOptions, words)
         if by == "coverage" and options.cells is None:
             raise InputError(
                 f"{run.path}: an unstructured archive has no cells, and so no coverage; compare by qd_score"
@@ -286,7 +292,7 @@ def _check_cells(by: By, runs: Sequence[Run]) -> None:
 
 
 def _options(by: By, run: Run, kind: type[Any], methods: str) -> Any:  # noqa: ANN401 - of the kind
-    options = run.experiment.method
+    options = options_of_elites(run)
     if not isinstance(options, kind):
         raise InputError(
             f"{run.path}: was made by {options.kind}, and has no {WORDS[by]}; only runs of {methods}, can be "

@@ -403,7 +403,7 @@ compare_options = combine_options(
         default="fitness",
         show_default=True,
         help="Value to compare: best fitness, hypervolume of nsga2 fronts, or QD score or coverage of "
-        "map_elites archives.",
+        "map_elites and novelty archives.",
     ),
     click.option(
         "--reference",

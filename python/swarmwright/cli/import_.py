@@ -61,10 +61,11 @@ def command(
     FILE is a FREVO session (.zse) or a file exported by a modelling tool; its content decides. A folder
     stands for its .json, .scxml, .sysml and .xml files.
 
-    Supported components of sessions: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
-    CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT (with fixed
-    connections); AbsoluteRanking, and with --simulation FullTournament, SwissSystem, MultiSwiss and
-    MultiSort. Name a replacement for any other component.
+    Supported components of sessions: Emergency Exit; NNGA, CEA2D, GASpecies, CuckooSearch, PSO,
+    RandomSearch, NoveltySearch and NoveltySpecies; FullyMeshedNet, CompleteNetwork, ThreeLayerNetwork,
+    MultiLayerNetwork, MealyFSM, HebbNet and NEAT (with fixed connections); AbsoluteRanking, NoveltyRanking
+    (with NNGA), and with --simulation FullTournament, SwissSystem, MultiSwiss and MultiSort. Name a
+    replacement for any other component.
 
     Supported models: FREVO problem descriptions (<icomponent>), OptimisedParameters (JSON), SwarmComposition
     (XML), abstraction descriptions (ADF JSON) and state machines (SCXML) of Modelio's CPSwarm modules, and

@@ -279,10 +279,10 @@ def elites(
 ) -> None:
     """List the elites of RUN, an archive or a front.
 
-    Archives come from map_elites (quality diversity), fronts from nsga2 (several objectives). `evaluate`,
-    `replay`, `draw` and `export` take the listed generation and candidate. Of equal candidates on a front,
-    the earliest is listed. The lines below the table count candidates without a value of a metric, or
-    outside the range of a measure.
+    Archives come from map_elites and novelty (quality diversity), fronts from nsga2 (several objectives).
+    `evaluate`, `replay`, `draw` and `export` take the listed generation and candidate. Of equal candidates on
+    a front, the earliest is listed. The lines below the table count candidates without a value of a metric,
+    or outside the range of a measure.
     """
     from swarmwright import Run, reproduce_elites
     from swarmwright.cli._progress import episodes as shown_episodes

@@ -77,9 +77,9 @@ def command(
 
     At the end, the variants are compared by recorded fitness, and by fitness on held-out seeds if all runs
     were validated and fitness depends on the seed. Variants of nsga2 with the same objectives (up to 3
-    besides fitness) are also compared by hypervolume, those of map_elites with the same measures by QD score
-    and coverage. The folder gets comparison.png, comparison.csv, comparison.tex and sweep.json (variants,
-    seeds and --set).
+    besides fitness) are also compared by hypervolume, those of map_elites and novelty with the same measures
+    by QD score and coverage. The folder gets comparison.png, comparison.csv, comparison.tex and sweep.json
+    (variants, seeds and --set).
 
     FILE can be a sweep.json. With --out, the sweep is repeated in that folder with the recorded experiments
     and code, and `runs diff` compares both; without --out, missing runs are run.

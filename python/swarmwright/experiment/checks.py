@@ -225,7 +225,7 @@ def _check_needed_metrics(checked: Checked, available: list[str] | None, title: 
     if available is not None and not available:
         report(("method", option), f"{kind} needs metrics beside the fitness, but {title} reports none")
         return
-    if not names:
+    if not getattr(method, option):
         source = (
             "the simulation's metrics"
             if available is None
@@ -237,7 +237,7 @@ def _check_needed_metrics(checked: Checked, available: list[str] | None, title: 
             problem = suggestions.unknown("metric", name, available)
             if (option, name) == ("objectives", "fitness"):
                 problem = "fitness is always the first objective and is maximized; leave it out"
-            report(("method", option, name), problem)
+            report(("method", method.option_of(name) or option, name), problem)
 
 
 def _check_groups(checked: Checked, is_available: bool, report: Report) -> None:

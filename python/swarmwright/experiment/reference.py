@@ -225,7 +225,7 @@ def _format_code(value: Any) -> str:  # noqa: ANN401 - any JSON value
 
 
 def _format_type(key: dict[str, Any], schema: dict[str, Any]) -> str:
-    if "$ref" in key or "oneOf" in key:
+    if "$ref" in key or ("oneOf" in key and "type" not in key):
         return "mapping"
     if "const" in key:
         return _format_code(key["const"])

@@ -17,10 +17,13 @@ METHODS: Registry[Method] = Registry(
     {
         "cea2d": "swarmwright.methods.cea2d:Cea2d",
         "cma_es": "swarmwright.methods.cma_es:CmaEs",
+        "cuckoo_search": "swarmwright.methods.cuckoo_search:CuckooSearch",
         "de": "swarmwright.methods.de:De",
         "evostick": "swarmwright.methods.evostick:Evostick",
+        "ga_species": "swarmwright.methods.ga_species:GaSpecies",
         "map_elites": "swarmwright.methods.map_elites:MapElites",
         "nnga": "swarmwright.methods.nnga:Nnga",
+        "novelty": "swarmwright.methods.novelty:Novelty",
         "nsga2": "swarmwright.methods.nsga2:Nsga2",
         "nsga3": "swarmwright.methods.nsga3:Nsga3",
         "openai_es": "swarmwright.methods.openai_es:OpenaiEs",

@@ -213,6 +213,10 @@ class MethodOptions(Options):
         """Names of the metrics that the method needs besides fitness, see `Method.metrics`."""
         return ()
 
+    def option_of(self, metric: str) -> str | None:  # noqa: ARG002 - for those with several
+        """Return the option that names one of the `needed_metrics`."""
+        return self.metrics_option
+
     @property
     def generation_limit(self) -> int | None:
         """Maximum number of generations; None for no limit."""

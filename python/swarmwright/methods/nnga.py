@@ -131,10 +131,9 @@ class Shares:
         return self.mutate + self.crossover + self.renew
 
 
-class NngaOptions(MethodOptions):
-    """FREVO's NNGA with its defaults. The five shares of the population sum to 1."""
+class GeneticOptions(MethodOptions):
+    """Options of genetic algorithms, with FREVO's defaults. The five shares of the population sum to 1."""
 
-    kind: Literal["nnga"] = "nnga"
     population: int = Field(default=50, ge=2, le=_MOST_MEMBERS)
     """Members of each population."""
     islands: int = Field(default=1, ge=1, le=10_000)
@@ -192,7 +191,48 @@ class NngaOptions(MethodOptions):
         return Shares(self.population - random - mutate - crossover - renew, random, mutate, crossover, renew)
 
 
-class Nnga(KeepsMembers):
+class NngaOptions(GeneticOptions):
+    """FREVO's NNGA with its defaults. The five shares of the population sum to 1."""
+
+    kind: Literal["nnga"] = "nnga"
+
+
+class Genetic(KeepsMembers):
+    """A genetic algorithm in the engine, with the shares of its options."""
+
+    options: GeneticOptions
+
+    @property
+    def budget(self) -> int:
+        """Number of evaluations of a run without failures."""
+        new = self.options.population + (self.options.generations - 1) * self.options.shares().new
+        return self.options.islands * new
+
+    @property
+    def _native(self) -> _engine.NodeNetwork | None:
+        """The representation's operators, if the engine implements them."""
+        representation = self.representation
+        return representation.operators if isinstance(representation, NodeNetwork) else None
+
+    def _begin(self) -> _engine.Search:
+        options, shares = self.options, self.options.shares()
+        first = self.initials(range(options.islands * options.population))
+        return _engine.Search.genetic(
+            self.seed,
+            self.kind,
+            first=np.ascontiguousarray(first, dtype=np.float32),
+            operators=self._native or self.representation,
+            populations=options.islands,
+            shares=(shares.elite, shares.random, shares.mutate, shares.crossover),
+            severity=options.severity,
+            probability=options.probability,
+            partners=options.partners,
+            exchange_interval=options.exchange_interval,
+            exchange=options.exchange,
+        )
+
+
+class Nnga(Genetic):
     """A genetic algorithm with survival, mutation, crossover and renewal in shares of the population.
 
     Each generation, the elite and some random other members survive. Copies of survivors are mutated; pairs
@@ -231,8 +271,7 @@ class Nnga(KeepsMembers):
         """Number of evaluations of a run without failures."""
         if self._is_steady_state:
             return self.options.population * self.options.generations
-        new = self.options.population + (self.options.generations - 1) * self.options.shares().new
-        return self.options.islands * new
+        return super().budget
 
     @property
     def population_fitness(self) -> Fitness:
@@ -260,29 +299,6 @@ class Nnga(KeepsMembers):
     @property
     def _is_steady_state(self) -> bool:
         return self.options.operation == "steady_state"
-
-    @property
-    def _native(self) -> _engine.NodeNetwork | None:
-        """The representation's operators, if the engine implements them."""
-        representation = self.representation
-        return representation.operators if isinstance(representation, NodeNetwork) else None
-
-    def _begin(self) -> _engine.Search:
-        options, shares = self.options, self.options.shares()
-        first = self.initials(range(options.islands * options.population))
-        return _engine.Search.genetic(
-            self.seed,
-            self.kind,
-            first=np.ascontiguousarray(first, dtype=np.float32),
-            operators=self._native or self.representation,
-            populations=options.islands,
-            shares=(shares.elite, shares.random, shares.mutate, shares.crossover),
-            severity=options.severity,
-            probability=options.probability,
-            partners=options.partners,
-            exchange_interval=options.exchange_interval,
-            exchange=options.exchange,
-        )
 
     def _ask_next(self, index: int) -> Genome:
         child = None

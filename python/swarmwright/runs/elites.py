@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from swarmwright.common.arrays import Fitness
 from swarmwright.common.errors import InputError
 from swarmwright.common.statistics import means
+from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._pareto import ParetoOptions
 from swarmwright.methods.archive import Axis, Cells, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
+from swarmwright.methods.novelty import NoveltyOptions
 from swarmwright.methods.sampled_archive import SampledArchive
 from swarmwright.methods.voronoi import Voronoi
 from swarmwright.simulations.catalogue import description, find_built_in
@@ -65,8 +67,8 @@ class Elites:
     """The elites of a multi-objective or quality-diversity run.
 
     Attributes:
-        kind: "archive" of `map_elites`, with the best candidate of each cell, or "front" of `nsga2` or
-            `nsga3`, with the non-dominated candidates of the whole run.
+        kind: "archive" of `map_elites` and `novelty`, with the best candidate of each cell, or "front" of
+            `nsga2` or `nsga3`, with the non-dominated candidates of the whole run.
         goals: goal of each metric by name: "measure" in archives, "maximize" or "minimize" in fronts.
         candidates: sorted by fitness, the best first; a front has the earliest of candidates that are equal
             in all values.
@@ -195,7 +197,13 @@ class Elites:
 
 def has_elites(run: "Run") -> bool:
     """Return whether the run's method has an archive or a front."""
-    return isinstance(run.experiment.method, MapElitesOptions | ParetoOptions)
+    return isinstance(options_of_elites(run), MapElitesOptions | ParetoOptions)
+
+
+def options_of_elites(run: "Run") -> MethodOptions:
+    """Return the options that decide which candidates are elites: for `novelty`, those of an archive."""
+    method = run.experiment.method
+    return method.elites if isinstance(method, NoveltyOptions) else method
 
 
 def compute_elites(run: "Run", evaluations: int | None = None) -> Elites:
@@ -229,12 +237,12 @@ class EliteCollector:
     """Collects the elites of a run, part by part. Raises InputError for methods that have none."""
 
     def __init__(self, run: "Run") -> None:
-        options = run.experiment.method
+        options = options_of_elites(run)
         if not isinstance(options, MapElitesOptions | ParetoOptions):
             kind: str = options.kind
             raise InputError(
                 f"{run.path}: has no elites, since {kind} has a single objective and no archive; use a run "
-                "of map_elites, nsga2 or nsga3"
+                "of map_elites, novelty, nsga2 or nsga3"
             )
         self._experiment = run.experiment
         self._options = options

@@ -420,7 +420,10 @@ class Run:
 
     @cached_property
     def elites(self) -> "Elites":
-        """The archive of `map_elites`, or the front of `nsga2` or `nsga3`. Raises InputError for others."""
+        """The archive of `map_elites` and `novelty`, or the front of `nsga2` or `nsga3`.
+
+        Raises InputError for other methods.
+        """
         from swarmwright.runs.elites import compute_elites
 
         return compute_elites(self)

@@ -4,6 +4,7 @@ from typing import Any
 
 NEEDED: dict[str, dict[str, Any]] = {
     "map_elites": {"measures": {"steps": {"range": [0, 50], "bins": 10}}},
+    "novelty": {"measures": {"steps": {"range": [0, 50], "bins": 10}}},
     "nsga2": {"objectives": {"steps": "minimize"}},
     "nsga3": {"objectives": {"steps": "minimize"}},
 }

@@ -14,7 +14,18 @@ from swarmwright.testing._methods import Choices
 from tests.python.methods.functions import new
 from tests.python.methods.needed import method_of
 
-COMPUTING = ["cma_es", "de", "evostick", "openai_es", "pgpe", "pso", "sep_cma_es", "snes", "xnes"]
+COMPUTING = [
+    "cma_es",
+    "cuckoo_search",
+    "de",
+    "evostick",
+    "openai_es",
+    "pgpe",
+    "pso",
+    "sep_cma_es",
+    "snes",
+    "xnes",
+]
 
 
 class Table(Layered):

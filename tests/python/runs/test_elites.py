@@ -31,6 +31,15 @@ ARCHIVE = {
     "method": {"kind": "map_elites", "population": 20, "generations": 8, "measures": MEASURES},
 }
 OTHERS = [{"kind": "cvt", "cells": 12}, {"kind": "unstructured", "threshold": 0.15}]
+NOVELTY = {
+    **BASE,
+    "method": {
+        "kind": "novelty",
+        "population": 20,
+        "generations": 8,
+        "measures": {"arrived": {"range": [0, 3], "bins": 1}, **MEASURES},
+    },
+}
 FRONT = {
     **BASE,
     "fitness": "arrived - caught",
@@ -43,15 +52,15 @@ FRONT = {
 }
 
 
-@pytest.fixture(scope="module", params=["archive", "front"])
+@pytest.fixture(scope="module", params=["archive", "novelty", "front"])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    values = ARCHIVE if request.param == "archive" else FRONT
+    values = {"archive": ARCHIVE, "novelty": NOVELTY, "front": FRONT}[request.param]
     return optimize(Experiment.from_mapping(values), out=tmp_path_factory.mktemp("elites") / request.param)
 
 
 def means_of(run: Run) -> list[tuple[float, ...]]:
     """Fitness and the metrics of the method, of each evaluation, by the columns of the record."""
-    names = run.experiment.method.needed_metrics
+    names = list(run.elites.goals)
     episodes = run.experiment.ranking.episodes
     columns = [[run.record[f"{name}_{episode}"] for episode in range(episodes)] for name in names]
     return [
@@ -117,11 +126,11 @@ def test_the_figure_of_the_population_is_that_of_the_elites(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-@pytest.mark.parametrize("kind", ["map_elites", "nsga2"])
+@pytest.mark.parametrize("kind", ["map_elites", "novelty", "nsga2"])
 def test_figures(kind: str, count: int, tmp_path: Path) -> None:
     names = ["steps", "distance", "arrived"][:count]
     method: dict[str, Any] = {"kind": kind, "population": 10, "generations": 2}
-    if kind == "map_elites":
+    if kind != "nsga2":
         method["measures"] = {name: {"range": [0, 20], "bins": 4} for name in names}
     else:
         method["objectives"] = dict.fromkeys(names, "maximize")

@@ -93,7 +93,7 @@ impl Arena {
                 &self.swarm.bodies,
                 &mission.place,
                 &self.swarm.colors,
-                last,
+                (self.swarm.tick, last),
             );
         }
     }

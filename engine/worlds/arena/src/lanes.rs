@@ -146,7 +146,8 @@ impl LaneWorld for ArenaLanes {
             },
         );
         loop {
-            let last = workspace.swarm.tick >= self.settings.ticks;
+            let tick = workspace.swarm.tick;
+            let last = tick >= self.settings.ticks;
             let (bodies, colors) = (&workspace.swarm.bodies, &workspace.swarm.colors);
             let metrics: &[usize] = if last { &self.wanted } else { &[] };
             L::apart(
@@ -154,7 +155,13 @@ impl LaneWorld for ArenaLanes {
                 || {
                     for index in (0..mission.counted).chain(metrics.iter().copied()) {
                         let metric = &mission.metrics[index].1;
-                        workspace.tallies[index].update(metric, bodies, layout, colors, last);
+                        workspace.tallies[index].update(
+                            metric,
+                            bodies,
+                            layout,
+                            colors,
+                            (tick, last),
+                        );
                     }
                 },
             );

@@ -6,7 +6,7 @@ use swarmwright_simulation::{ParameterError, ParameterInfo, ParameterReader, Par
 
 use crate::failures::{self, Failure};
 use crate::missions::{self, Mission};
-use crate::mistakes::Mistakes;
+use crate::mistakes::{Mistakes, with_place};
 use crate::place::Start;
 use crate::robots::{Group, Team};
 use crate::start::{Starts, objects, robots as start};
@@ -71,6 +71,11 @@ impl Settings {
             mistakes.take(Self::check_failure(failure, &at, &team, ticks));
         }
         Self::check_names(&mission, &team, &mut mistakes);
+        for (name, metric) in &mission.metrics {
+            let at = format!("mission.metrics.{name}");
+            let time = metric.check_time(ticks);
+            mistakes.take(time.map_err(|error| with_place(&at, error)));
+        }
         let regions = mistakes.take(Self::regions(&mission, &team, robots));
         let counted = if robots.is_some() {
             "robots"

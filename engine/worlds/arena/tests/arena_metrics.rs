@@ -7,6 +7,11 @@ use swarmwright_simulation::Simulation;
 
 /// An arena at the end of a short episode in which all drive ahead.
 fn driven(metrics: &Value, robots: u32, seed: u64) -> Arena {
+    lasting(2.0, metrics, robots, seed)
+}
+
+/// The same of another duration, in seconds.
+fn lasting(duration: f64, metrics: &Value, robots: u32, seed: u64) -> Arena {
     let mission = json!({
         "walls": {"rectangle": [4, 3]},
         "floor": {"patches": [
@@ -18,7 +23,8 @@ fn driven(metrics: &Value, robots: u32, seed: u64) -> Arena {
         "metrics": metrics,
         "fitness": {"factors": {}},
     });
-    let parameters = json!({"mission": mission, "robots": robots, "duration": 2, "seed": seed});
+    let parameters =
+        json!({"mission": mission, "robots": robots, "duration": duration, "seed": seed});
     let mut arena = Arena::default();
     arena.reset(parameters.as_object().unwrap()).unwrap();
     while !arena.done() {
@@ -312,6 +318,31 @@ fn sums_and_means_belong_together() {
         assert_eq!(of("end"), value(&arena, kind));
     }
     close(value(&arena, "on") / 20.0, value(&arena, "on_mean"), 1e-12);
+}
+
+#[test]
+fn values_at_a_time_are_those_of_an_episode_that_ends_then() {
+    let mut metrics = json!({"west": {"kind": "robots_on", "patch": "west", "when": {"at": 0.7}}});
+    let kinds = ["order", "distance_to_center", "nearest_distance"];
+    for kind in kinds {
+        for at in [0.0, 0.7, 2.0] {
+            metrics[format!("{kind}_{at}").replace('.', "_")] =
+                json!({"kind": kind, "when": {"at": at}});
+        }
+    }
+    let arena = driven(&metrics, 12, 5);
+    let short = lasting(
+        0.7,
+        &json!({"west": {"kind": "robots_on", "patch": "west", "when": "end"}}),
+        12,
+        5,
+    );
+    for kind in kinds {
+        assert_eq!(value(&arena, &format!("{kind}_0_7")), value(&short, kind));
+        assert_eq!(value(&arena, &format!("{kind}_2")), value(&arena, kind));
+        assert_ne!(value(&arena, &format!("{kind}_0")), value(&arena, kind));
+    }
+    assert_eq!(value(&arena, "west"), value(&short, "west"));
 }
 
 #[test]

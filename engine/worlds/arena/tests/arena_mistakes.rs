@@ -235,6 +235,14 @@ fn mistakes_name_the_place() {
             "mission.metrics.m.link: 0 found",
         ),
         (
+            metric(json!({"kind": "order", "when": {"at": 1e6}})),
+            "mission.metrics.m.when.at: 1000000 s found, expected 0 to the duration of",
+        ),
+        (
+            metric(json!({"kind": "order", "when": {"at": -1}})),
+            "mission.metrics.m.when.at: -1 s found, expected 0 to the duration of",
+        ),
+        (
             metric(json!({"kind": "shape_deviation", "shape": {}})),
             "mission.metrics.m.shape: expected circle",
         ),

@@ -229,6 +229,10 @@ MACHINE = "fsm.MealyFSM"
 HEBBIAN = "hebbNet.HebbNet"
 NEAT = "neat.NEAT"
 NNGA, CEA2D, PSO = "nnga.NNGA", "CEA2D.CEA2D", "pso.PSO"
+GA_SPECIES, CUCKOO_SEARCH = "gaspecies.GASpecies", "frevo.cuckoosearch.CuckooSearch"
+NOVELTY_SEARCH = "fehervari.noveltysearch.NoveltySearch"
+NOVELTY_SPECIES = "fehervari.noveltyspecies.NoveltySpecies"
+NOVELTY_RANKING = "fehervari.noveltyranking.NoveltyRanking"
 RANDOM_SEARCH = "frevo.method.randomsearch.RandomSearch"
 ABSOLUTE = "AbsoluteRanking.AbsoluteRanking"
 FULL_TOURNAMENT, SWISS = "fulltournament.FullTournament", "swissSystem.SwissSystem"
@@ -236,9 +240,9 @@ MULTI_SWISS, MULTI_SORT = "MultiSwiss.MultiSwiss", "MultiSort.MultiSort"
 
 SUPPORTED = {
     "problem": (EMERGENCY_EXIT,),
-    "method": (NNGA, CEA2D, PSO, RANDOM_SEARCH),
+    "method": (NNGA, CEA2D, PSO, RANDOM_SEARCH, GA_SPECIES, CUCKOO_SEARCH, NOVELTY_SEARCH, NOVELTY_SPECIES),
     "representation": (MESHED, COMPLETE, THREE_LAYERS, LAYERS, MACHINE, HEBBIAN, NEAT),
-    "ranking": (ABSOLUTE, FULL_TOURNAMENT, SWISS, MULTI_SWISS, MULTI_SORT),
+    "ranking": (ABSOLUTE, FULL_TOURNAMENT, SWISS, MULTI_SWISS, MULTI_SORT, NOVELTY_RANKING),
 }
 """Classes of each section that have a counterpart in Swarmwright."""
 

@@ -24,8 +24,10 @@ from swarmwright.interop.frevo._document import (
     ABSOLUTE,
     CEA2D,
     COMPLETE,
+    CUCKOO_SEARCH,
     EMERGENCY_EXIT,
     FULL_TOURNAMENT,
+    GA_SPECIES,
     HEBBIAN,
     MACHINE,
     MESHED,
@@ -33,6 +35,9 @@ from swarmwright.interop.frevo._document import (
     MULTI_SWISS,
     NEAT,
     NNGA,
+    NOVELTY_RANKING,
+    NOVELTY_SEARCH,
+    NOVELTY_SPECIES,
     PSO,
     RANDOM_SEARCH,
     SECTIONS,
@@ -50,6 +55,14 @@ from swarmwright.interop.frevo._document import (
     report_unused,
     run_all,
     to_single_line,
+)
+from swarmwright.interop.frevo._methods import (
+    map_cuckoo_search,
+    map_ga_species,
+    map_novelty_ranking,
+    map_novelty_search,
+    map_novelty_species,
+    measure_all,
 )
 from swarmwright.interop.frevo._representations import map_representation, omit_mutation
 from swarmwright.methods import METHODS
@@ -350,6 +363,10 @@ _MAPS: dict[str, Callable[[Session, Mapped], None]] = {
     CEA2D: _map_cea2d,
     PSO: _map_pso,
     RANDOM_SEARCH: _map_random_search,
+    GA_SPECIES: map_ga_species,
+    CUCKOO_SEARCH: map_cuckoo_search,
+    NOVELTY_SEARCH: map_novelty_search,
+    NOVELTY_SPECIES: map_novelty_species,
 }
 
 
@@ -423,12 +440,23 @@ class Replacements:
     ranking: str | None = None
 
 
+@dataclass(frozen=True)
+class Described:
+    """What is known about a simulation.
+
+    sensors: number of sensors of an agent; None if unknown. parameters, metrics: names, as far as known.
+    """
+
+    sensors: int | None
+    parameters: Collection[str]
+    metrics: Collection[str]
+
+
 def map_session(
     session: Session,
     field_file: Path | None,
     replacements: Replacements,
-    sensors: int | None,
-    parameters: Collection[str] = (),
+    described: Described,
 ) -> Mapped:
     """Convert all entries.
 
@@ -436,8 +464,7 @@ def map_session(
         session: FREVO's session.
         field_file: the field of Emergency Exit; None: the file that the session names.
         replacements: replacements of components.
-        sensors: number of sensors of an agent, if known.
-        parameters: names of the simulation's parameters, as far as known.
+        described: what is known about the simulation.
 
     Raises:
         InputError: an entry is invalid or has no counterpart; the message lists the problems of all
@@ -446,10 +473,11 @@ def map_session(
     mapped = Mapped(Line("seed", 0, ""))
     steps: list[Callable[[], None]] = [
         lambda: _map_config(session.config, mapped),
-        lambda: _map_simulation(session, field_file, replacements.simulation, parameters, mapped),
+        lambda: _map_simulation(session, field_file, replacements.simulation, described.parameters, mapped),
         lambda: _map_method(session, replacements.method, mapped),
-        lambda: _map_controller(session, sensors, replacements.controller, mapped),
+        lambda: _map_controller(session, described.sensors, replacements.controller, mapped),
         lambda: _map_ranking(session, replacements, mapped),
+        lambda: measure_all(session, described.metrics, mapped),
     ]
     run_all(*steps)
     for section, reasons in (
@@ -544,7 +572,9 @@ def _map_ranking(session: Session, replacements: Replacements, mapped: Mapped) -
     mapped.not_ranking.append(f"parallelthreads = {threads}: Swarmwright finds servers and processors itself")
     if replacement is None:
         check(section, replaceable=True)
-        if section.class_name != ABSOLUTE:
+        if section.class_name == NOVELTY_RANKING:
+            map_novelty_ranking(section, mapped)
+        elif section.class_name != ABSOLUTE:
             alone = replacements.simulation is None and session.problem.class_name == EMERGENCY_EXIT
             map_tournament(section, mapped, alone=alone)
         return
@@ -588,13 +618,11 @@ def load(
     METHODS.check("method", method)
     REPRESENTATIONS.check("controller", controller)
     RANKINGS.check("ranking", ranking)
-    sensors, parameters = _describe(absolute_name or TITLE)
     mapped = map_session(
         session,
         None if field is None else Path(field),
         Replacements(absolute_name, method, controller, ranking),
-        sensors,
-        parameters,
+        _describe(absolute_name or TITLE),
     )
     text = _format_experiment(session, mapped, Path(folder))
     # The path of the field is relative to the folder of this name; the file does not exist.
@@ -607,15 +635,12 @@ def load(
     return Imported(text, experiment, tuple(mapped.notes))
 
 
-def _describe(simulation: str) -> tuple[int | None, list[str]]:
-    """Return the number of sensors of an agent and the names of parameters, as far as known.
-
-    None and no names if the simulation is not on this computer.
-    """
+def _describe(simulation: str) -> Described:
+    """Return what is known about a simulation: nothing if it is not on this computer."""
     if not catalogue.is_local(simulation):
-        return None, []
+        return Described(None, (), ())
     described = catalogue.description(simulation)
-    return int(described["sensors"]), list(described["parameters"])
+    return Described(int(described["sensors"]), list(described["parameters"]), list(described["metrics"]))
 
 
 def _format_experiment(session: Session, mapped: Mapped, folder: Path) -> str:

@@ -9,7 +9,7 @@ from typing import Any, Self, TypeVar
 from swarmwright import InputError, Run, SwarmwrightError
 from swarmwright.analysis.indicators import Indicator, build_indicator
 from swarmwright.results import Elite, Elites
-from swarmwright.runs.elites import EliteCollector
+from swarmwright.runs.elites import EliteCollector, options_of_elites
 from swarmwright.ui.index import as_values, finite
 from swarmwright.ui.views._base import Values
 
@@ -162,9 +162,11 @@ HISTORY = EliteHistory()
 
 def check_method(run: Run, options: type[T], method: str) -> T:
     """Return the options of a run's method. Raises InputError for another method, or without generations."""
-    present = run.experiment.method
+    present = options_of_elites(run)
     if not isinstance(present, options):
-        raise InputError(f"{run.path}: is a run of {present.kind}; this is for runs of {method}")
+        raise InputError(
+            f"{run.path}: is a run of {run.experiment.method.kind}; this is for runs of {method}"
+        )
     if not run.generations:
         raise InputError(f"{run.path}: has no finished generation")
     return present

@@ -6,6 +6,7 @@ from starlette.requests import Request
 from swarmwright import Run
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.results import Axis, Grid, Voronoi
+from swarmwright.runs.elites import options_of_elites
 from swarmwright.ui.requests import read_integer
 from swarmwright.ui.views._base import STATIC, Values, View
 from swarmwright.ui.views._elites import check_method, describe_elites, describe_states
@@ -20,7 +21,7 @@ _RASTER = 120
 def describe(window: Window, request: Request) -> Values:
     """Return the measures, the raster of Voronoi cells of two measures, and indicators over generations."""
     run = window.run(request)
-    options = check_method(run, MapElitesOptions, "map_elites")
+    options = check_method(run, MapElitesOptions, "map_elites or novelty")
     axes = {
         name: {"low": axis.low, "high": axis.high, "bins": axis.bins} for name, axis in _axes(options).items()
     }
@@ -56,7 +57,7 @@ def find_bins(options: MapElitesOptions, values: Values) -> dict[str, list[int]]
 def describe_cells(window: Window, request: Request) -> Values:
     """Return the elites after a generation: the bin of each for each measure, and its Voronoi cell."""
     run = window.run(request)
-    options = check_method(run, MapElitesOptions, "map_elites")
+    options = check_method(run, MapElitesOptions, "map_elites or novelty")
     values = describe_elites(run, read_integer(request, "generation"))
     measures = [values["columns"][name] for name in options.needed_metrics]
     cells = options.cells
@@ -66,7 +67,7 @@ def describe_cells(window: Window, request: Request) -> Values:
 
 def has_archive(run: Run) -> bool:
     """Return whether a run has an archive with measures."""
-    method = run.experiment.method
+    method = options_of_elites(run)
     return run.generations > 0 and isinstance(method, MapElitesOptions) and bool(method.measures)
 
 

@@ -12,6 +12,10 @@ from swarmwright.controllers.kinds.hebbian import HebbianOptions
 from swarmwright.controllers.kinds.layered import LayeredOptions
 from swarmwright.controllers.kinds.mealy_fsm import MealyFsmOptions
 from swarmwright.controllers.kinds.neat import NeatOptions
+from swarmwright.methods.cuckoo_search import CuckooSearchOptions
+from swarmwright.methods.ga_species import GaSpeciesOptions, SpeciesOptions
+from swarmwright.methods.map_elites import Measure
+from swarmwright.methods.novelty import NoveltyOptions
 from swarmwright.methods.pso import PsoOptions
 from swarmwright.methods.random_search import RandomSearchOptions
 
@@ -196,6 +200,117 @@ def test_particle_swarms(session: Session) -> None:
     assert (method.population, method.generations) == (30, 4)
 
 
+def test_species(session: Session) -> None:
+    name = "gaspecies.GASpecies"
+    imported = frevo.load(session(method=name))
+    fixed: dict[str, Any] = {"severity": 1.0, "probability": 1.0}
+    assert imported.experiment.method == GaSpeciesOptions(generations=201, **fixed)
+    given: dict[str, Entries] = {
+        "method": {
+            "populationsize": 30,
+            "generations": 9,
+            "initial_compatibility_threshold": "4",
+            "survival_threshold": "0.3f",
+            "mutate_only_probablity": "0.5f",
+            "interspecies_mate_rate": "0.2f",
+            "mate_only_prob": "0.1",
+            "save_interval": 5,
+        }
+    }
+    imported = frevo.load(session(method=name, given=given))
+    assert imported.experiment.method == GaSpeciesOptions(
+        population=30, generations=10, compatibility=4, survival=0.3, mutate=0.5, within=0.2,
+        crossover_only=0.1, **fixed,
+    )  # fmt: skip
+    assert not any("unknown to FREVO" in note for note in imported.notes)
+    given = {"method": {"time_alive_minimum": 3}}
+    with pytest.raises(InputError, match=r"method\.time_alive_minimum: 3 found; .*: set it to 0"):
+        frevo.load(session(method=name, given=given))
+
+
+def test_cuckoos(session: Session) -> None:
+    name = "frevo.cuckoosearch.CuckooSearch"
+    imported = frevo.load(session(method=name))
+    assert imported.experiment.method == CuckooSearchOptions(generations=401)
+    assert any("ignores discovery_rate" in note for note in imported.notes)
+    given: dict[str, Entries] = {
+        "method": {"number_of_nests": 7, "discovery_rate": "0.5", "generations": 3},
+    }
+    imported = frevo.load(session(method=name, given=given))
+    assert imported.experiment.method == CuckooSearchOptions(population=7, discovery=0.5, generations=7)
+
+
+@pytest.mark.parametrize("method", ["gaspecies.GASpecies", "frevo.cuckoosearch.CuckooSearch"])
+def test_imported_methods_evolve(session: Session, tmp_path: Path, method: str) -> None:
+    experiment = frevo.load(session(method=method)).experiment
+    short = experiment.replace(method={"population": 8, "generations": 20}, servers="in-process")
+    run = optimize(short, out=tmp_path / "run")
+    assert run.history[-1].best_so_far > run.history[0].best_so_far
+
+
+MEASURES = {name: Measure(range=[0, 1], bins=10) for name in ("distance", "finished", "out")}
+THRESHOLD: dict[str, Any] = {"kind": "threshold", "threshold": 6.0}
+
+
+def test_novelty_search(session: Session, tmp_path: Path) -> None:
+    name = "fehervari.noveltysearch.NoveltySearch"
+    given: dict[str, Entries] = {
+        "method": {"populationsize": 30, "generations": 4, "mutate_only_probablity": "0.4f"},
+    }
+    imported = frevo.load(session(method=name, given=given))
+    expected = {
+        "population": 30,
+        "generations": 5,
+        "elite": 0.5,
+        "mutate": 0.2,
+        "crossover": 0.3,
+        "random": 0,
+    }
+    options = {"renew": 0, "probability": 0.1, "distance": "manhattan", "archive": THRESHOLD}
+    assert imported.experiment.method == NoveltyOptions.model_validate(
+        {**expected, **options, "measures": MEASURES}
+    )
+    assert any("all metrics of the simulation do, unscaled" in note for note in imported.notes)
+    assert not any("unknown to FREVO" in note for note in imported.notes)
+    run = optimize(imported.experiment.replace(servers="in-process"), out=tmp_path / "run")
+    assert run.elites.kind == "archive"
+    default = frevo.load(session(method=name)).experiment.method.model_dump()
+    assert (default["population"], default["mutate"], default["crossover"]) == (100, 0.15, 0.35)
+
+
+def test_novelty_of_species(session: Session) -> None:
+    name = "fehervari.noveltyspecies.NoveltySpecies"
+    given: dict[str, Entries] = {"method": {"populationsize": 250, "initial_compatibility_threshold": "4"}}
+    imported = frevo.load(session(method=name, given=given))
+    assert imported.experiment.method == NoveltyOptions.model_validate(
+        {
+            "population": 250,
+            "generations": 201,
+            "species": SpeciesOptions(compatibility=4),
+            "severity": 1,
+            "distance": "manhattan",
+            "archive": THRESHOLD,
+            "measures": MEASURES,
+        }
+    )
+
+
+def test_novelty_as_a_ranking(session: Session) -> None:
+    name = "fehervari.noveltyranking.NoveltyRanking"
+    given: dict[str, Entries] = {"method": {"populationsize": 20}, "ranking": {"initial_threshold": "3f"}}
+    imported = frevo.load(session(ranking=name, given=given))
+    archive = {"kind": "threshold", "threshold": 3.0}
+    assert imported.experiment.method == NoveltyOptions.model_validate(
+        {"population": 20, "distance": "manhattan", "archive": archive, "measures": MEASURES}
+    )
+    with pytest.raises(InputError, match=r"NoveltyRanking is converted with nnga\.NNGA only"):
+        frevo.load(session(ranking=name, method="CEA2D.CEA2D"))
+    with pytest.raises(InputError, match=r"replace the ranking with --ranking"):
+        frevo.load(session(ranking=name, problem="light.Light"), simulation="unknown one")
+    plain = frevo.load(session(ranking=name), ranking="absolute").experiment.method
+    assert plain.kind == "nnga"
+
+
 def test_shares_in_percent_of_early_versions(session: Session) -> None:
     shares = {"elite": 15, "random": 10, "mutate": 40, "xover": 30, "renew": 5}
     given: dict[str, Entries] = {"method": {f"percentage_{key}": value for key, value in shares.items()}}
@@ -221,18 +336,18 @@ def test_templates_have_the_defaults_where_something_is_to_be_filled_in(session:
 def test_everything_without_a_counterpart_is_named_at_once(session: Session, program: Any) -> None:
     path = session(
         problem="cam.Cam",
-        method="gaspecies.GASpecies",
+        method="own.Own",
         representation="bulk.Bulk",
-        ranking="noveltyranking.NoveltyRanking",
+        ranking="own.Ranking",
     )
     shown = program("import", path)
     assert (shown.returncode, shown.stdout) == (2, "")
     lines = shown.stderr.removeprefix("swarmwright: ").splitlines()
     assert [line.strip().split(" has no counterpart in Swarmwright")[0] for line in lines] == [
         f"{path}:2: <problem>: the class 'cam.Cam'",
-        f"{path}:4: <method>: the class 'gaspecies.GASpecies'",
+        f"{path}:4: <method>: the class 'own.Own'",
         f"{path}:6: <representation>: the class 'bulk.Bulk'",
-        f"{path}:8: <ranking>: the class 'noveltyranking.NoveltyRanking'",
+        f"{path}:8: <ranking>: the class 'own.Ranking'",
     ]
     for line, option in zip(lines, ("simulation", "method", "controller", "ranking"), strict=True):
         assert f"with --{option}" in line
@@ -284,9 +399,9 @@ def test_a_simulation_of_a_server_can_be_named(session: Session) -> None:
 def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> None:
     path = session(
         problem="cam.Cam",
-        method="gaspecies.GASpecies",
+        method="own.Own",
         representation="bulk.Bulk",
-        ranking="noveltyranking.NoveltyRanking",
+        ranking="own.Ranking",
         given={"method": {"populationsize": 12, "generations": 3, "survival_threshold": "0.4"}},
     )
     imported = frevo.load(
@@ -295,8 +410,8 @@ def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> 
     experiment = imported.experiment
     assert (experiment.simulation, experiment.controller.kind) == ("minisim", "fully_meshed")
     assert (experiment.method.kind, experiment.method.generations) == ("cea2d", 3)
-    assert "# not imported: survival_threshold = 0.4: an entry of gaspecies.GASpecies" in imported.yaml
-    for part in ("cam.Cam", "gaspecies.GASpecies", "bulk.Bulk", "noveltyranking.NoveltyRanking"):
+    assert "# not imported: survival_threshold = 0.4: an entry of own.Own" in imported.yaml
+    for part in ("cam.Cam", "own.Own", "bulk.Bulk", "own.Ranking"):
         assert any(f"class = {part}" in note and "replaces it" in note for note in imported.notes), part
 
 

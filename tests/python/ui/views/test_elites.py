@@ -87,6 +87,18 @@ def test_archives_without_bins(
         assert list(states["indicators"]) == ["QD score"]
 
 
+def test_a_run_of_novelty_has_the_tab_of_archives(
+    tmp_path: Path, open_app: Callable[[Path], Starlette]
+) -> None:
+    method = {"kind": "novelty", "measures": MEASURES, "population": 12, "generations": 3}
+    run = optimize(Experiment.from_mapping({**BASE, "method": method}), out=tmp_path / "new")
+    app = open_app(tmp_path)
+    assert "archive" in call(app, "/api/tabs", run="new").values["tabs"]
+    assert call(app, "/api/archive", run="new").values["counts"][-1] == len(run.elites.candidates)
+    points = call(app, "/api/archive_cells", run="new", generation=2).values
+    assert len(points["bins"]["steps"]) == len(run.elites.candidates)
+
+
 @pytest.mark.parametrize(
     ("request_name", "query", "message"),
     [

@@ -3,7 +3,10 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
+use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::parameters::wrong;
 
+use super::TICKS_PER_SECOND;
 use super::formation::Formation;
 
 /// A metric of a mission. A robot or object is on a patch if its middle lies in it.
@@ -198,7 +201,7 @@ fn mean() -> When {
 }
 
 /// How a metric is aggregated over time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum When {
     /// The sum over all ticks.
@@ -208,6 +211,18 @@ pub(crate) enum When {
     Mean,
     /// At the end.
     End,
+    /// At a time, seconds.
+    At(f64),
+}
+
+impl When {
+    /// Returns the tick of a single time; `None` for other aggregations.
+    pub(super) fn tick(self) -> Option<u32> {
+        match self {
+            Self::At(seconds) => Some((seconds * TICKS_PER_SECOND).round() as u32),
+            Self::EachTick | Self::Mean | Self::End => None,
+        }
+    }
 }
 
 impl Metric {
@@ -223,6 +238,23 @@ impl Metric {
     /// Returns whether the metric is measured only at the end.
     pub(super) fn at_end(&self) -> bool {
         self.when() == Some(When::End)
+    }
+
+    /// Checks that a single time is within an episode of so many ticks.
+    pub(crate) fn check_time(&self, ticks: u32) -> Result<(), ParameterError> {
+        let when = match self {
+            Self::PaintedShare { when, .. } => Some(*when),
+            _ => self.when(),
+        };
+        let duration = f64::from(ticks) / TICKS_PER_SECOND;
+        match when {
+            Some(When::At(seconds)) if !(0.0..=duration).contains(&seconds) => {
+                let reason =
+                    format!("{seconds} s found, expected 0 to the duration of {duration} s");
+                Err(wrong("when.at", reason))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Returns how the metric is aggregated; `None` for metrics with an aggregation of their own.

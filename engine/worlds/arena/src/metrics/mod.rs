@@ -118,9 +118,14 @@ impl<L: Lanes> Tally<L> {
         bodies: &Bodies<L>,
         layout: &Place,
         colors: &[Number<L>],
-        last: bool,
+        (tick, last): (u32, bool),
     ) {
         if metric.at_end() && !last {
+            return;
+        }
+        if let Some(time) = metric.when().and_then(When::tick)
+            && time != tick
+        {
             return;
         }
         match metric {
@@ -190,9 +195,9 @@ impl<L: Lanes> Tally<L> {
                     let states = &self.states[lane * bodies.len()..][..bodies.len()];
                     *value = paint.paint(states, bodies.kinds(), robots, lane);
                 }
-                if *when == When::End {
+                if *when == When::End || when.tick() == Some(tick) {
                     self.values = values;
-                } else {
+                } else if when.tick().is_none() {
                     self.settle(&values[..L::WIDTH], *when);
                 }
             }
@@ -346,7 +351,7 @@ impl<L: Lanes> Tally<L> {
         for (lane, value) in values.iter().enumerate() {
             self.sums[lane] += value;
             self.values[lane] = match when {
-                When::EachTick | When::End => self.sums[lane],
+                When::EachTick | When::End | When::At(_) => self.sums[lane],
                 When::Mean => self.sums[lane] / f64::from(self.ticks),
             };
         }
@@ -380,7 +385,7 @@ impl Tally<f32> {
             Metric::CrossingsSouth { .. } => self.values[0].max(0.0),
             _ if metric.at_end() => {
                 let mut tally = Self::new();
-                tally.update(metric, bodies, layout, colors, true);
+                tally.update(metric, bodies, layout, colors, (0, true));
                 tally.values[0]
             }
             _ => self.values[0],

@@ -43,9 +43,10 @@ impl Metric {
 
     pub(crate) fn description(&self) -> String {
         let when = |when: &When| match when {
-            When::EachTick => "summed over the ticks",
-            When::Mean => "as a mean over the ticks",
-            When::End => "at the end",
+            When::EachTick => "summed over the ticks".to_owned(),
+            When::Mean => "as a mean over the ticks".to_owned(),
+            When::End => "at the end".to_owned(),
+            When::At(seconds) => format!("after {seconds} s"),
         };
         match self {
             Self::RobotsOn {
