@@ -36,6 +36,7 @@ __all__ = [
     "Episode",
     "Episodes",
     "Evaluator",
+    "GrowingNetwork",
     "InputError",
     "LostError",
     "NoBrokerError",
@@ -380,6 +381,39 @@ class NodeNetwork:
     ) -> NDArray[np.float32]: ...
 
 @final
+class GrowingNetwork:
+    """Genetic operators of networks that grow, see `swarmwright.controllers.kinds.neat.GrowingNeat`.
+
+    nodes, connections: most of a network. Raises InputError for numbers and names that do not fit, and genomes of a wrong length.
+    """
+
+    def __new__(
+        cls,
+        *,
+        sensors: int,
+        actuators: int,
+        nodes: int,
+        connections: int,
+        recurrent: bool,
+        activations: Sequence[str],
+        weight_range: float,
+        add_node: float,
+        add_connection: float,
+        toggle: float,
+    ) -> GrowingNetwork: ...
+    @property
+    def genes(self) -> int:
+        """Number of genes."""
+    def initial(self, stream: Stream) -> NDArray[np.float32]: ...
+    def mutate(
+        self, parent: NDArray[np.float32], stream: Stream, *, severity: float, probability: float
+    ) -> NDArray[np.float32]: ...
+    def crossover(
+        self, mother: NDArray[np.float32], father: NDArray[np.float32], stream: Stream
+    ) -> NDArray[np.float32]: ...
+    def distance(self, genome: NDArray[np.float32], other: NDArray[np.float32]) -> float: ...
+
+@final
 class Ranks:
     """Members that are replaced one by one, in the order of their ranks; of equal ones the first is ahead.
 
@@ -647,6 +681,28 @@ class Search:
         first: (n, genes), the first members of all populations, of which each has as many. operators: a `NodeNetwork`, or a
         representation, whose initials, mutations and matings are called. shares: members of a population that are elite, stay by
         chance, are mutated, and are children of two; those that are left are renewed.
+        """
+
+    @staticmethod
+    def neat(
+        seed: int,
+        kind: str,
+        *,
+        first: NDArray[np.float32],
+        operators: GrowingNetwork,
+        compatibility: tuple[float, float],
+        threshold: float,
+        species: int | None,
+        survival: float,
+        stagnation: int,
+        mutate_only: float,
+        interspecies: float,
+        weights: tuple[float, float, float],
+    ) -> Search:
+        """NEAT; compatibility: coefficients of disjoint genes and weights. weights: probability of their mutation, then of each, and
+        its severity.
+
+        State: `species`, that of each genome told last, and `threshold`.
         """
 
     def ask(self) -> NDArray[np.float32]:

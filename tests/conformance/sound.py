@@ -142,7 +142,9 @@ class SoundServer:
     """See above. What others break are methods of one purpose each."""
 
     title = "toy"
-    controllers: tuple[str, ...] = ("layered", "fully_meshed", "mealy_fsm", "evostick", "hebbian", "neat")
+    controllers: tuple[str, ...] = (
+        "layered", "fully_meshed", "mealy_fsm", "evostick", "hebbian", "neat", "growing",
+    )  # fmt: skip
     sensors, actuators_of_an_agent = 2, 1
 
     def __init__(self, url: str, server: int = 1) -> None:

@@ -130,6 +130,17 @@ ACTIVATIONS: dict[str, Callable[[Single], Single]] = {
 }
 
 
+GROWING = ("steep_sigmoid", "tanh", "sigmoid", "relu", "clamp", "linear")
+GROWING_ACTIVATIONS: dict[str, Callable[[Single], Single]] = {
+    **ACTIVATIONS,
+    "steep_sigmoid": lambda a: sigmoid(_STEEPNESS * a),
+}
+
+
+def _limited(number: Single, highest: int) -> int:
+    return int(min(max(float(number), 0.0), highest))
+
+
 class Controller:
     """A specification at work, for one agent."""
 
@@ -146,6 +157,8 @@ class Controller:
         self.learnt: list[list[Single]] = []
         self.doubles = [0.0] * len(self.specification.get("sources", ()))
         self.outputs = [ZERO] * sum(self.specification[part] for part in parts)
+        if self.specification["kind"] == "growing":
+            self.outputs = [ZERO] * (self.specification["actuators"] + self.specification["nodes"])
 
     def step(self, sensors: Sequence[Single]) -> list[Single]:
         """The actuators for what is sensed."""
@@ -156,6 +169,7 @@ class Controller:
             "evostick": self._evostick,
             "hebbian": self._hebbian,
             "neat": self._neat,
+            "growing": self._growing,
             "modules": self._modules,
         }
         return kinds[self.specification["kind"]](list(sensors))
@@ -230,6 +244,29 @@ class Controller:
                 self.doubles[node] = _neat_node(slope, total + bias)
             assert not rest
         return [self._stretched(Single(output), [0, 1]) for output in self.doubles[hidden:]]
+
+    def _growing(self, sensors: list[Single]) -> list[Single]:
+        specification, rest = self.specification, list(self.weights)
+        actuators, recurrent = specification["actuators"], specification["recurrent"]
+        hidden = _limited(rest.pop(0), specification["nodes"])
+        inputs, rest = rest[:actuators], rest[actuators:]
+        genes, rest = rest[: 3 * specification["nodes"]], rest[3 * specification["nodes"] :]
+        before = list(self.outputs) if recurrent else [ZERO] * (actuators + hidden)
+        after = list(before)
+        order = [(actuators + node, genes[3 * node + 2], genes[3 * node + 1]) for node in range(hidden)]
+        for node, count, number in [*order, *((node, inputs[node], None) for node in range(actuators))]:
+            own = 3 * _limited(count, len(rest) // 3)
+            total = ZERO
+            values = [*sensors, ONE, *(before if recurrent else after)]
+            for at in range(0, own, 3):
+                if _limited(rest[at + 2], 1):
+                    source = _limited(rest[at], len(sensors) + actuators + hidden)
+                    total = total + rest[at + 1] * values[source]
+            rest = rest[own:]
+            name = specification["output_activation"] if number is None else GROWING[_limited(number, 5)]
+            after[node] = GROWING_ACTIVATIONS[name](total)
+        self.outputs = after
+        return [self._actuator(output) for output in after[:actuators]]
 
     def _actuator(self, o: Single) -> Single:
         return self._stretched(o, self.specification["output_range"])

@@ -43,8 +43,9 @@ def test_the_record_is_that_of_the_built_in_server(
         "{kind: evostick}",
         "{kind: hebbian, hidden: 1, learning_range: 0.5}",
         "{kind: neat, weight_range: 4, sources: [[0, 4, 5], [1, 2, 3, 4, 5]]}",
+        "{kind: neat, recurrent: true, add_node: 0.5, add_connection: 0.5}",
     ],
-    ids=["layered", "mealy_fsm", "evostick", "hebbian", "neat"],
+    ids=["layered", "mealy_fsm", "evostick", "hebbian", "neat", "growing"],
 )
 def test_other_controllers_are_evaluated_to_the_bit(
     embedded: BrokerProcess, serve_java: ServeJava, launch: Launch, experiment: Experiment, controller: str

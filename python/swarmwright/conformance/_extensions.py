@@ -28,10 +28,13 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "evostick": {},
     "hebbian": {"hidden": 1, "iterations": 2},
     "neat": {"iterations": 2},
+    "growing": {"recurrent": True, "add_node": 0.5, "add_connection": 0.5, "weight_range": 2.0},
     "modules": {},
 }
 """Options for testing each kind of controller that steers agents. All kinds except `layered` and `evostick`
 have a state."""
+_MUTATIONS = 12
+"""Mutations by which growing networks have grown."""
 KINDS = (*OPTIONS, "parameter_set")
 """All kinds of controller."""
 
@@ -66,7 +69,7 @@ def controller_set(
 
     changes: options of the representation that differ from `OPTIONS`.
     """
-    component = REPRESENTATIONS.get(kind)
+    component = REPRESENTATIONS.get("neat" if kind == "growing" else kind)
     values = {**OPTIONS[kind], **changes}
     if kind == "neat":
         nodes = 1 + server.actuators
@@ -75,6 +78,9 @@ def controller_set(
     try:
         instance = component(options, sensors=server.sensors, actuators=server.actuators)
         genomes = instance.initials(Streams(1, "conformance", 0, range(candidates)))
+        for generation in range(_MUTATIONS if kind == "growing" else 0):
+            streams = Streams(1, "conformance.mutate", generation, range(candidates))
+            genomes = instance.mutations(genomes, streams, severity=0.5, probability=0.5)
     except InputError as error:
         raise Skip(f"there are no such controllers here: {error}") from None
     return ControllerSet(

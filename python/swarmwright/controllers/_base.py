@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright import _engine
 from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
@@ -168,6 +169,11 @@ class Representation(ABC):
         if not np.isfinite(row).all():
             raise InputError("genome: has a number that is not finite; expected finite numbers")
         return {**self.architecture(), "weights": shortest(self.weights(row[np.newaxis])[0])}
+
+    @property
+    def operators(self) -> _engine.NodeNetwork | _engine.GrowingNetwork | None:
+        """The operators, if the engine implements them; None (the default) if only Python does."""
+        return None
 
     @property
     def start_genome(self) -> Genome | None:

@@ -22,6 +22,7 @@ METHODS: Registry[Method] = Registry(
         "evostick": "swarmwright.methods.evostick:Evostick",
         "ga_species": "swarmwright.methods.ga_species:GaSpecies",
         "map_elites": "swarmwright.methods.map_elites:MapElites",
+        "neat": "swarmwright.methods.neat:Neat",
         "nnga": "swarmwright.methods.nnga:Nnga",
         "novelty": "swarmwright.methods.novelty:Novelty",
         "nsga2": "swarmwright.methods.nsga2:Nsga2",

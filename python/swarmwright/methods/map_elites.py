@@ -88,7 +88,7 @@ class UnstructuredOptions(Options):
     """Candidates join if they are novel, and else replace the nearest elite if it is worse."""
     threshold: float = Field(default=0.05, ge=1e-6, le=1000)
     """Least mean distance to the nearest elites, where 1 is the range of a measure."""
-    neighbors: int = Field(default=1, ge=1, le=1000)
+    neighbours: int = Field(default=1, ge=1, le=1000)
     """Number of nearest elites."""
 
 
@@ -106,7 +106,7 @@ class MapElitesOptions(MethodOptions):
         GridOptions(kind="grid")
     )
     """{kind: grid}: the bins of the measures. {kind: cvt, cells: 1000}: that many cells of nearly equal size.
-    {kind: unstructured, threshold: 0.05, neighbors: 1}: no cells; a candidate joins if its mean distance to
+    {kind: unstructured, threshold: 0.05, neighbours: 1}: no cells; a candidate joins if its mean distance to
     the nearest elites is at least the threshold, where 1 is the range of a measure, and else replaces the
     nearest elite if that is worse."""
     initial: int = Field(default=0, ge=0, le=10_000_000)
@@ -215,7 +215,7 @@ class MapElitesOptions(MethodOptions):
         if self.reevaluate and cells is not None:
             return SampledArchive(cells, population=self.population, share=self.reevaluate)
         if isinstance(archive, UnstructuredOptions):
-            return Unstructured(self.axes, threshold=archive.threshold, neighbors=archive.neighbors)
+            return Unstructured(self.axes, threshold=archive.threshold, neighbours=archive.neighbours)
         assert cells is not None
         return Archive(cells)
 

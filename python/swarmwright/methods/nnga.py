@@ -13,7 +13,6 @@ from swarmwright import _engine
 from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.random_numbers import Streams
 from swarmwright.controllers import Representation
-from swarmwright.controllers.networks import NodeNetwork
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods.search import KeepsMembers
 
@@ -208,12 +207,6 @@ class Genetic(KeepsMembers):
         new = self.options.population + (self.options.generations - 1) * self.options.shares().new
         return self.options.islands * new
 
-    @property
-    def _native(self) -> _engine.NodeNetwork | None:
-        """The representation's operators, if the engine implements them."""
-        representation = self.representation
-        return representation.operators if isinstance(representation, NodeNetwork) else None
-
     def _begin(self) -> _engine.Search:
         options, shares = self.options, self.options.shares()
         first = self.initials(range(options.islands * options.population))
@@ -221,7 +214,7 @@ class Genetic(KeepsMembers):
             self.seed,
             self.kind,
             first=np.ascontiguousarray(first, dtype=np.float32),
-            operators=self._native or self.representation,
+            operators=self.representation.operators or self.representation,
             populations=options.islands,
             shares=(shares.elite, shares.random, shares.mutate, shares.crossover),
             severity=options.severity,
@@ -286,7 +279,7 @@ class Nnga(Genetic):
     @property
     def ahead(self) -> bool:
         """Whether the engine may run the search by itself, including the operators."""
-        return super().ahead and not self._is_steady_state and self._native is not None
+        return super().ahead and not self._is_steady_state and self.representation.operators is not None
 
     def survivors(self) -> Genomes:
         """Return the survivors of all populations."""

@@ -26,9 +26,9 @@ class Unstructured:
     pyribs, which compares a batch with the archive before it.
     """
 
-    def __init__(self, axes: Sequence[Axis], *, threshold: float, neighbors: int) -> None:
+    def __init__(self, axes: Sequence[Axis], *, threshold: float, neighbours: int) -> None:
         self._axes = axes
-        self._threshold, self._neighbors = threshold, neighbors
+        self._threshold, self._neighbours = threshold, neighbours
         self._count = 0
         self._points: Values = np.empty((64, len(axes)))
         self._fitness = np.empty(64)
@@ -79,7 +79,7 @@ class Unstructured:
 
     def _is_novel(self, distances: NDArray[np.float64]) -> bool:
         """Return whether a candidate at these squared distances from the elites joins."""
-        nearest = np.sort(distances)[: self._neighbors].tolist()
+        nearest = np.sort(distances)[: self._neighbours].tolist()
         if not nearest:
             return True
         return sum(map(sqrt, nearest)) / len(nearest) >= self._threshold and self._count < MOST_ELITES

@@ -489,7 +489,7 @@ def _sphere(genomes: Genomes) -> Fitness:
 
 
 def _score_scaled(scale: float, genomes: Genomes) -> Fitness:
-    return scale * (_sphere(genomes) / 1e3)
+    return scale * (_sphere(genomes) / 1e10)  # genes that are choices may be large
 
 
 @contextmanager

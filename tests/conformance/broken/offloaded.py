@@ -111,6 +111,20 @@ class NeverLearns(Broken):
         return super().rollout(json.dumps(wanted), parameters)
 
 
+class EnablesAll(Broken):
+    """Takes disabled connections of growing networks for enabled ones."""
+
+    breaks: ClassVar = {"S9.21"}
+    rules: ClassVar = OFFLOADED
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        wanted = json.loads(specification)
+        if wanted["kind"] == "growing":
+            connections = 3 * wanted["connections"]
+            wanted["weights"][-connections + 2 :: 3] = [1.0] * wanted["connections"]
+        return super().rollout(json.dumps(wanted), parameters)
+
+
 class ForgetsNodes(Broken):
     """Begins every step of NEAT's networks with nodes that are 0."""
 

@@ -8,6 +8,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from swarmwright import _engine
+from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers.kinds.growing.genes import ACTIVATIONS as NEAT_ACTIVATIONS
+from swarmwright.controllers.kinds.neat import GrowingNeat, NeatOptions
 from swarmwright.controllers.source.text import plain
 from swarmwright.export import Subject
 from swarmwright.export.sequences import Sequences, draw_random_sequences
@@ -61,6 +64,17 @@ def neat(sources: list[list[int]], reach: float, iterations: int = 3, seed: int 
     }  # fmt: skip
     weights = np.random.default_rng(seed).uniform(-reach, reach, _engine.genome_size(made)).astype(np.float32)
     return {**made, "weights": [float(text) for text in weights.astype(str)]}
+
+
+def growing(mutations: int, seed: int = 0, **options: Any) -> Specification:
+    """A network that has grown by mutations."""
+    values = {"max_nodes": 6, "add_node": 0.4, "add_connection": 0.5, "toggle": 0.1, **options}
+    subject = GrowingNeat(NeatOptions.model_validate(values), sensors=3, actuators=2)
+    genome = subject.initial(Stream(seed, "initial"))
+    for generation in range(mutations):
+        stream = Stream(seed, "mutate", generation)
+        genome = subject.mutate(genome, stream, severity=1.0, probability=0.5)
+    return subject.specification(genome)
 
 
 def machine(thresholds: list[list[float]], states: int = 3, actuators: int = 2) -> Specification:
@@ -119,6 +133,14 @@ ALL = {
     "neat-bare": neat([[0, 1, 2], [3, 4, 2]], 2.0, iterations=1, seed=1),
     "neat-deaf": neat([[], []], 2.0, seed=2),
     "neat-steep": neat([[0, 4], [2, 3, 1], [3, 5, 0], [0, 1, 2]], 60.0, seed=3),
+    "growing": growing(30),
+    "growing-recurrent": growing(30, seed=1, recurrent=True, activations=list(NEAT_ACTIVATIONS)),
+    "growing-bare": growing(0, seed=2, max_nodes=0, output_activation="tanh"),
+    "growing-all": growing(60, seed=3, activations=list(NEAT_ACTIVATIONS), output_activation="linear"),
+    "growing-any": {
+        **growing(0, seed=4),
+        "weights": [float(number) for number in np.random.default_rng(4).integers(-1, 9, 117)],
+    },
     "modules": modules(4, 4, 1),
     "modules-other": modules(4, 4, 2),
     "modules-two": modules(2, 1, 3),

@@ -7,7 +7,11 @@ use numpy::{
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
-use swarmwright_evolution::{self as evolution, Farthest, Mutation, NodeNetwork, Stream};
+use swarmwright_controllers::{MAX_WEIGHTS, NodeActivation};
+use swarmwright_evolution::{
+    self as evolution, Compatibility, Farthest, GrowingNetwork, Mutation, NodeNetwork, Stream,
+    WeightMutation,
+};
 
 use crate::errors::input;
 use crate::streams::{PyStream, PyStreams};
@@ -190,6 +194,137 @@ impl PyNodeNetwork {
     }
 }
 
+/// The operators of networks that grow.
+#[pyclass(name = "GrowingNetwork", module = "swarmwright._engine", frozen)]
+pub struct PyGrowingNetwork(pub GrowingNetwork);
+
+#[pymethods]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "pyo3 hands arguments over by value"
+)]
+impl PyGrowingNetwork {
+    #[new]
+    #[pyo3(signature = (*, sensors, actuators, nodes, connections, recurrent, activations, weight_range, add_node, add_connection, toggle))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn new(
+        sensors: usize,
+        actuators: usize,
+        nodes: usize,
+        connections: usize,
+        recurrent: bool,
+        activations: Vec<String>,
+        weight_range: f64,
+        add_node: f64,
+        add_connection: f64,
+        toggle: f64,
+    ) -> PyResult<Self> {
+        let names = NodeActivation::ALL.map(NodeActivation::name);
+        let number = |name: &String| {
+            let found = names.iter().position(|other| other == name);
+            found.ok_or_else(|| input(format!("activations: {name:?} found, expected {names:?}")))
+        };
+        let activations: Vec<usize> = activations.iter().map(number).collect::<PyResult<_>>()?;
+        let least = sensors.saturating_add(1).saturating_mul(actuators);
+        if activations.is_empty() || sensors == 0 || actuators == 0 || connections < least {
+            return Err(input(format!(
+                "expected activations, sensors, actuators and at least {least} connections"
+            )));
+        }
+        if nodes.max(connections) > MAX_WEIGHTS {
+            return Err(input(format!(
+                "at most {MAX_WEIGHTS} nodes and connections are possible"
+            )));
+        }
+        Ok(Self(GrowingNetwork {
+            sensors,
+            actuators,
+            nodes,
+            connections,
+            recurrent,
+            activations,
+            last_activation: names.len() - 1,
+            weight_range,
+            add_node,
+            add_connection,
+            toggle,
+        }))
+    }
+
+    #[getter]
+    fn genes(&self) -> usize {
+        self.0.genes()
+    }
+
+    fn initial<'py>(&self, py: Python<'py>, stream: &mut PyStream) -> Bound<'py, PyArray1<f32>> {
+        self.make(py, |genome| self.0.initial(&mut stream.0, genome))
+    }
+
+    #[pyo3(signature = (parent, stream, *, severity, probability))]
+    fn mutate<'py>(
+        &self,
+        py: Python<'py>,
+        parent: PyReadonlyArray1<'py, f32>,
+        stream: &mut PyStream,
+        severity: f64,
+        probability: f64,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let parent = self.genome("genome", &parent)?;
+        let weights = WeightMutation {
+            genomes: 1.0,
+            each: probability,
+            severity,
+        };
+        Ok(self.make(py, |child| {
+            self.0.mutated(&parent, &mut stream.0, weights, child)
+        }))
+    }
+
+    fn crossover<'py>(
+        &self,
+        py: Python<'py>,
+        mother: PyReadonlyArray1<'py, f32>,
+        father: PyReadonlyArray1<'py, f32>,
+        stream: &mut PyStream,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let mother = self.genome("mother", &mother)?;
+        let father = self.genome("father", &father)?;
+        Ok(self.make(py, |child| {
+            self.0.crossover(&mother, &father, &mut stream.0, child)
+        }))
+    }
+
+    fn distance(
+        &self,
+        genome: PyReadonlyArray1<'_, f32>,
+        other: PyReadonlyArray1<'_, f32>,
+    ) -> PyResult<f64> {
+        let genome = self.genome("genome", &genome)?;
+        let other = self.genome("other", &other)?;
+        Ok(self.0.distance(&genome, &other, Compatibility::PAPER))
+    }
+}
+
+impl PyGrowingNetwork {
+    fn make<'py>(
+        &self,
+        py: Python<'py>,
+        fill: impl FnOnce(&mut [f32]),
+    ) -> Bound<'py, PyArray1<f32>> {
+        let mut genome = vec![0.0; self.0.genes()];
+        fill(&mut genome);
+        PyArray1::from_vec(py, genome)
+    }
+
+    fn genome<'a>(
+        &self,
+        name: &str,
+        genome: &'a PyReadonlyArray1<'_, f32>,
+    ) -> PyResult<Cow<'a, [f32]>> {
+        genes(name, genome, self.0.genes())
+    }
+}
+
 /// Indices of genomes, checked.
 fn members(indices: &[i64], count: usize) -> PyResult<Vec<usize>> {
     // A negative one becomes too large; looking for a wrong one first is faster than stopping at each.
@@ -229,16 +364,7 @@ impl PyNodeNetwork {
         name: &str,
         genome: &'a PyReadonlyArray1<'_, f32>,
     ) -> PyResult<Cow<'a, [f32]>> {
-        if genome.len() != self.0.genes() {
-            let (actual, expected) = (genome.len(), self.0.genes());
-            return Err(input(format!(
-                "{name}: has {actual} genes, expected {expected}"
-            )));
-        }
-        Ok(match genome.as_slice() {
-            Ok(genes) => genes.into(),
-            Err(_) => genome.as_array().iter().copied().collect(),
-        })
+        genes(name, genome, self.0.genes())
     }
 
     fn genomes<'a>(
@@ -256,6 +382,24 @@ impl PyNodeNetwork {
         }
         Ok(row_major(genomes))
     }
+}
+
+/// The genes of a genome, checked; copied only where they do not lie side by side in memory.
+fn genes<'a>(
+    name: &str,
+    genome: &'a PyReadonlyArray1<'_, f32>,
+    expected: usize,
+) -> PyResult<Cow<'a, [f32]>> {
+    if genome.len() != expected {
+        return Err(input(format!(
+            "{name}: has {} genes, expected {expected}",
+            genome.len()
+        )));
+    }
+    Ok(match genome.as_slice() {
+        Ok(genes) => genes.into(),
+        Err(_) => genome.as_array().iter().copied().collect(),
+    })
 }
 
 /// The numbers of an array, copied only where they do not lie row by row in memory.

@@ -74,6 +74,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<scenes::PyRemoteEpisode>()?;
     module.add_class::<streams::PyStream>()?;
     module.add_class::<streams::PyStreams>()?;
+    module.add_class::<evolution::PyGrowingNetwork>()?;
     module.add_class::<evolution::PyNodeNetwork>()?;
     module.add_class::<cma::PyCma>()?;
     module.add_class::<methods::PySearch>()?;

@@ -9,13 +9,15 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use swarmwright_evolution::{
-    Base, Bounded, Challenger, CmaSearch, CmaSettings, Crossover, Differential, Evostick,
-    EvostickSettings, Gaussian, Genetic, GeneticSettings, Learning, Nes, NesSettings, Restart,
-    Restarts, Search, Space, Starts, SwarmSettings, Swarming, Unavailable, Variation,
+    Base, Bounded, Challenger, CmaSearch, CmaSettings, Compatibility, Crossover, Differential,
+    Evostick, EvostickSettings, Gaussian, Genetic, GeneticSettings, Learning, Neat, NeatSettings,
+    Nes, NesSettings, Restart, Restarts, Search, Space, Starts, SwarmSettings, Swarming,
+    Unavailable, Variation, WeightMutation,
 };
 
 use crate::conversation::{Conversation, Failure};
 use crate::errors::input;
+use crate::evolution::PyGrowingNetwork;
 use crate::local::lock;
 use crate::operators::operators;
 use crate::sample::PySample;
@@ -310,6 +312,58 @@ impl PySearch {
         let first = first.as_slice()?.to_vec();
         let search = Genetic::new((seed, kind), first, settings, operators);
         Self::new(genes, search, failed)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (seed, kind, *, first, operators, compatibility, threshold, species, survival, stagnation, mutate_only, interspecies, weights))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn neat(
+        seed: u64,
+        kind: &str,
+        first: PyReadonlyArray2<'_, f32>,
+        operators: &Bound<'_, PyGrowingNetwork>,
+        compatibility: (f64, f64),
+        threshold: f64,
+        species: Option<usize>,
+        survival: f64,
+        stagnation: u64,
+        mutate_only: f64,
+        interspecies: f64,
+        weights: (f64, f64, f64),
+    ) -> PyResult<Self> {
+        let operators = operators.get().0.clone();
+        let genes = operators.genes();
+        at_least(first.shape()[0], 1)?;
+        if first.shape()[1] != genes {
+            let actual = first.shape()[1];
+            return Err(input(format!(
+                "first: {actual} genes found, expected {genes}"
+            )));
+        }
+        let settings = NeatSettings {
+            compatibility: Compatibility {
+                disjoint: compatibility.0,
+                weights: compatibility.1,
+            },
+            threshold,
+            species,
+            survival,
+            stagnation,
+            mutate_only,
+            interspecies,
+            weights: WeightMutation {
+                genomes: weights.0,
+                each: weights.1,
+                severity: weights.2,
+            },
+        };
+        let search = Neat::new(
+            (seed, kind),
+            first.as_slice()?.to_vec(),
+            operators,
+            settings,
+        );
+        Self::new(genes, search, Failure::default())
     }
 
     fn ask<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {

@@ -10,31 +10,34 @@ use swarmwright_evolution::{Operators, Stream, Unavailable, Variation};
 
 use crate::conversation::Failure;
 use crate::errors::input;
-use crate::evolution::PyNodeNetwork;
+use crate::evolution::{PyGrowingNetwork, PyNodeNetwork};
 use crate::local::lock;
 use crate::streams::PyStreams;
 
-/// A `NodeNetwork` of the engine's, or a representation in Python, whose errors go to `failed`.
+/// Operators of the engine's, or a representation in Python, whose errors go to `failed`.
 pub fn operators(
     object: &Bound<'_, PyAny>,
     genes: usize,
     failed: Failure,
 ) -> PyResult<Box<dyn Operators>> {
-    let Ok(network) = object.cast::<PyNodeNetwork>() else {
-        return Ok(Box::new(InPython {
+    let operators: Box<dyn Operators> = if let Ok(network) = object.cast::<PyNodeNetwork>() {
+        Box::new(network.get().0.clone())
+    } else if let Ok(network) = object.cast::<PyGrowingNetwork>() {
+        Box::new(network.get().0.clone())
+    } else {
+        Box::new(InPython {
             representation: object.clone().unbind(),
             genes,
             failed,
-        }));
+        })
     };
-    let network = network.get().0.clone();
-    if network.genes() != genes {
+    if operators.genes() != genes {
         return Err(input(format!(
             "operators: genomes have {genes} genes, those of the network {}",
-            network.genes()
+            operators.genes()
         )));
     }
-    Ok(Box::new(network))
+    Ok(operators)
 }
 
 struct InPython {

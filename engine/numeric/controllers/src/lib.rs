@@ -18,9 +18,9 @@ mod swarm;
 pub use activation::Activation;
 pub use controller::{Controller, ControllerError};
 pub use kinds::{
-    Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, Form, FullyMeshed, Hebbian, KINDS,
-    Layered, MealyFsm, Module, Modules, Neat, Needed, PYTHON_MODULES, Parameter, ParameterKind,
-    ParameterSet, PythonModules, TEAM, Team, TeamGroup,
+    Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, Form, FullyMeshed, Growing, Hebbian,
+    KINDS, Layered, MealyFsm, Module, Modules, Neat, Needed, NodeActivation, PYTHON_MODULES,
+    Parameter, ParameterKind, ParameterSet, PythonModules, TEAM, Team, TeamGroup,
 };
 pub use lanes::{LaneController, LaneControllers, LaneGroup};
 pub use output_range::OutputRange;

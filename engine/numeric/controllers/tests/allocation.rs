@@ -43,6 +43,8 @@ fn a_step_allocates_nothing() {
             "weights": vec![0.1; 25]}),
         json!({"version": 1, "kind": "neat", "sensors": 4, "actuators": 1, "sources": [[0, 4], [0, 1, 4, 5]],
             "iterations": 3, "weights": vec![0.1; 9]}),
+        json!({"version": 1, "kind": "growing", "sensors": 4, "actuators": 1, "nodes": 2, "connections": 4,
+            "recurrent": true, "output_activation": "tanh", "output_range": [-1, 1], "weights": vec![1.1; 20]}),
     ];
     for document in documents {
         let mut controller =

@@ -3,7 +3,7 @@
 
 use proptest::prelude::*;
 use serde_json::json;
-use swarmwright_controllers::{Controller, LaneController, Specification};
+use swarmwright_controllers::{Controller, LaneController, NodeActivation, Specification};
 use swarmwright_lanes::{Int, Kernel, Lanes, Level};
 
 /// Steps every lane's controller through the sensors of its lane, `S` numbers and `B` bits; the outputs lane by
@@ -124,7 +124,14 @@ fn architecture(sensors: usize) -> impl Strategy<Value = serde_json::Value> {
     let neat = (prop::collection::vec(hears, 3..6), 1u32..4).prop_map(
         |(sources, iterations)| json!({"kind": "neat", "sources": sources, "iterations": iterations}),
     );
-    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick, 5 => modules, 2 => hebbian, 2 => neat];
+    let growing = (0usize..5, 1usize..12, any::<bool>(), 0..NodeActivation::ALL.len()).prop_map(
+        |(nodes, connections, recurrent, activation)| {
+            json!({"kind": "growing", "nodes": nodes, "connections": connections, "recurrent": recurrent,
+                "output_activation": NodeActivation::ALL[activation].name(), "output_range": [-0.5, 2]})
+        },
+    );
+    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick, 5 => modules, 2 => hebbian, 2 => neat,
+        4 => growing];
     (any, 1usize..4).prop_map(move |(mut specification, actuators)| {
         let mut actuators = actuators;
         if specification["kind"] == "modules" {

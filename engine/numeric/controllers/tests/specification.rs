@@ -33,6 +33,11 @@ fn neat() -> Value {
         "iterations": 3, "weights": vec![0.25; 9]})
 }
 
+fn growing() -> Value {
+    json!({"version": 1, "kind": "growing", "sensors": 2, "actuators": 1, "nodes": 2, "connections": 4,
+        "recurrent": false, "output_activation": "steep_sigmoid", "output_range": [0, 1], "weights": vec![0.25; 20]})
+}
+
 fn refusal(text: &str) -> String {
     Specification::from_json(text).unwrap_err().to_string()
 }
@@ -46,6 +51,7 @@ fn accepts_and_counts() {
         (evostick(), 50),
         (hebbian(), 19),
         (neat(), 9),
+        (growing(), 20),
     ] {
         let specification = Specification::from_json(&document.to_string()).unwrap();
         assert_eq!(specification.weight_count(), count);
@@ -91,7 +97,22 @@ fn weights_are_read_as_binary32() {
 
 #[test]
 fn refuses_with_the_field_and_the_cure() {
-    let cases: [(Value, &str, Value, &[&str]); 38] = [
+    let cases: [(Value, &str, Value, &[&str]); 40] = [
+        (
+            growing(),
+            "recurrent",
+            json!(1),
+            &["controller.recurrent", "1 found, expected true or false"],
+        ),
+        (
+            growing(),
+            "output_activation",
+            json!("steep"),
+            &[
+                "controller.output_activation",
+                "expected one of steep_sigmoid, tanh",
+            ],
+        ),
         (
             neat(),
             "sources",
@@ -135,7 +156,7 @@ fn refuses_with_the_field_and_the_cure() {
             &[
                 "controller.kind",
                 "\"layerd\"",
-                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\", \"hebbian\", \"neat\", \"modules\", \"parameter_set\" or \"team\"",
+                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\", \"hebbian\", \"neat\", \"growing\", \"modules\", \"parameter_set\" or \"team\"",
             ],
         ),
         (

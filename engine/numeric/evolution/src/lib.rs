@@ -20,6 +20,7 @@ mod distance;
 mod distinct;
 mod eigen;
 mod exact;
+mod growing;
 mod linear;
 mod matrix;
 mod network;
@@ -41,6 +42,7 @@ pub use distance::{Farthest, distance, distances};
 pub use distinct::distinct;
 pub use eigen::{Eigen, eigen};
 pub use exact::{Aggregate, Figures, Outcome, exact_sum};
+pub use growing::{Compatibility, GrowingNetwork, WeightMutation};
 /// Exponential function and natural logarithm in plain arithmetic, because those of C libraries differ.
 pub use libm::{exp, log};
 pub use matrix::{exponential, product};
@@ -51,8 +53,8 @@ pub use sample::GaussianSample;
 pub use sampling::{Scale, add_weighted, add_weighted_products, add_weighted_squares, samples};
 pub use search::{
     Bounded, Challenger, CmaSearch, CmaSettings, Evostick, EvostickSettings, Gaussian, Genetic,
-    GeneticSettings, Learning, Members, Nes, NesSettings, Operators, Restart, Restarts, Search,
-    Shape, Space, Starts, SwarmSettings, Swarming, Unavailable, Variation,
+    GeneticSettings, Learning, Members, Neat, NeatSettings, Nes, NesSettings, Operators, Restart,
+    Restarts, Search, Shape, Space, Starts, SwarmSettings, Swarming, Unavailable, Variation,
 };
 pub use shaping::{centered_ranks, utilities};
 pub use stream::{Stream, normal_rows, purpose_key, rows};

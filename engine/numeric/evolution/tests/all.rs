@@ -4,6 +4,7 @@ mod cma;
 mod differential;
 mod eigen;
 mod exact;
+mod growing;
 mod matrix;
 mod network;
 mod normal;

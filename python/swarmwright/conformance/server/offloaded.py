@@ -295,6 +295,13 @@ _KINDS: tuple[tuple[str, str, str, dict[str, str], str], ...] = (
         "compute in binary64 with the e^x of decision 002, node by node, and keep the outputs in binary64",
     ),
     (
+        "S9.21",
+        "NEAT's growing networks",
+        "growing",
+        {},
+        "skip disabled connections, compute recurrent nodes from the outputs of the step before",
+    ),
+    (
         "S9.16",
         "Machines of modules",
         "modules",

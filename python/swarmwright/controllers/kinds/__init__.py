@@ -75,6 +75,13 @@ KINDS: dict[str, Kind] = {
         onnx="kinds.fully_meshed.code:onnx",
         overflows=True,
     ),
+    "growing": Kind(
+        figure="kinds.growing.figure:draw",
+        c="kinds.growing.code:c",
+        python="kinds.growing.code:python",
+        onnx="kinds.growing.code:onnx",
+        words="kinds.growing.genes:describe",
+    ),
     "hebbian": Kind(
         representation="kinds.hebbian:Hebbian",
         figure="kinds.hebbian.figure:draw",

@@ -20,6 +20,7 @@ OUTPUT_RANGE = {
     "linear": (-1.0, 1.0),
     "clamp": (0.0, 1.0),
     "sigmoid": (0.0, 1.0),
+    "steep_sigmoid": (0.0, 1.0),
 }
 """Range of a node's output that is mapped to actuators in -1..1, by activation."""
 

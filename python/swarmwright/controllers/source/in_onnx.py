@@ -76,7 +76,7 @@ def layer(activation: str, graph: Graph, rows: NDArray[np.float32], below: str, 
     terms = graph.add("Pad", products, graph.whole(0, 0, 1, 0, 0, 0))
     sums = graph.add("CumSum", terms, graph.constant(np.array(2, np.int64), "axis"))
     total = graph.add("Gather", sums, graph.constant(np.array(width, np.int64), f"last_{width}"), axis=2)
-    return _ACTIVATIONS[activation](graph, graph.add("Add", biases, total))
+    return ACTIVATIONS[activation](graph, graph.add("Add", biases, total))
 
 
 def _tanh(graph: Graph, x: str) -> str:
@@ -108,7 +108,7 @@ def _clamp(graph: Graph, x: str) -> str:
     return graph.add("Where", graph.add("Greater", below, high), high, below)
 
 
-_ACTIVATIONS: dict[str, Callable[[Graph, str], str]] = {
+ACTIVATIONS: dict[str, Callable[[Graph, str], str]] = {
     "tanh": _tanh,
     "sigmoid": _sigmoid,
     STEEP: lambda graph, x: _sigmoid(graph, graph.add("Mul", graph.number(STEEPNESS), x)),

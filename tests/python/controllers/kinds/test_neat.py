@@ -1,4 +1,4 @@
-"""Networks with given connections as a representation."""
+"""The networks of NEAT, fixed and growing, as a representation."""
 
 from typing import Any
 
@@ -7,25 +7,36 @@ import pytest
 from pydantic import ValidationError
 
 from swarmwright import Controller, InputError
-from swarmwright.common.random_numbers import Streams
-from swarmwright.controllers.kinds.neat import Neat, NeatOptions
+from swarmwright.common.arrays import Genome
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.controllers import REPRESENTATIONS, Representation
+from swarmwright.controllers.kinds.growing.genes import read
+from swarmwright.controllers.kinds.neat import FixedNeat, GrowingNeat, NeatOptions
 from swarmwright.testing import check_representation
 
+DIRECT = [[0, 1, 2], [0, 1, 2]]
 
-def network(**options: Any) -> Neat:
-    return Neat(NeatOptions.model_validate(options), sensors=3, actuators=2)
+
+def network(**options: Any) -> FixedNeat | GrowingNeat:
+    """A network of the form that experiments get."""
+    component = REPRESENTATIONS.get("neat")
+    subject = component(NeatOptions.model_validate(options), sensors=3, actuators=2)
+    assert isinstance(subject, FixedNeat | GrowingNeat)
+    return subject
 
 
 def test_it_is_a_representation() -> None:
     check_representation("neat")
-    check_representation("neat", {"iterations": 1, "weight_range": 4.0, "mutation": "proportional"})
+    check_representation("neat", {"recurrent": True, "max_nodes": 0, "weight_range": 4.0, "toggle": 1.0})
 
 
-def test_without_connections_given_every_actuator_sees_all_sensors() -> None:
-    subject = network()
-    assert subject.architecture()["sources"] == [[0, 1, 2], [0, 1, 2]]
+def test_initial_ranges_of_fixed_networks() -> None:
+    subject = network(sources=DIRECT)
+    assert isinstance(subject, FixedNeat)
     assert subject.genome_size == 2 * (1 + 3 + 1)
-    genomes = network(weight_range=3.0, bias_range=0.5).initials(Streams(1, "x", 0, range(300)))
+    genomes = network(sources=DIRECT, weight_range=3.0, bias_range=0.5).initials(
+        Streams(1, "x", 0, range(300))
+    )
     reach = np.abs(genomes).max(axis=0)
     assert (reach[[0, 5]] < 0.5).all()
     assert (reach[[1, 4, 6, 9]] > 2.9).all(), "slopes are in the range of weights"
@@ -69,8 +80,78 @@ def test_connections_that_do_not_fit(sources: list[list[int]], answer: str) -> N
 
 
 @pytest.mark.parametrize(
-    "options", [{"sources": []}, {"sources": [[-1]]}, {"iterations": 0}, {"bias_range": 0}]
+    "options",
+    [
+        {"sources": []},
+        {"sources": [[-1]]},
+        {"iterations": 0},
+        {"bias_range": 0},
+        {"iterations": 2},
+        {"recurrent": True, "sources": DIRECT},
+        {"activations": []},
+        {"output_activation": "step"},
+        {"add_node": 1.5},
+    ],
 )
 def test_options_that_cannot_be(options: dict[str, Any]) -> None:
     with pytest.raises(ValidationError, match=next(iter(options))):
         NeatOptions.model_validate(options)
+
+
+def grown(subject: Representation, mutations: int = 40, seed: int = 1) -> Genome:
+    genome = subject.initial(Stream(seed, "initial"))
+    for generation in range(mutations):
+        stream = Stream(seed, "mutate", generation)
+        genome = subject.mutate(genome, stream, severity=0.5, probability=0.5)
+    return genome
+
+
+@pytest.mark.parametrize("recurrent", [False, True])
+def test_networks_grow_up_to_their_limits(recurrent: bool) -> None:
+    subject = network(recurrent=recurrent, max_nodes=5, max_connections=25, add_node=0.5, add_connection=0.5)
+    assert isinstance(subject, GrowingNeat)
+    assert subject.genome_size == 1 + 2 + 3 * 5 + 3 * 25
+    first, last = (read(subject.specification(grown(subject, count))) for count in (0, 200))
+    assert (first.hidden, len(first.weights)) == (0, 8)
+    assert last.hidden == 5
+    assert 8 < len(last.weights) <= 25
+    backwards = [
+        source
+        for rank, node in enumerate(last.nodes)
+        for source in node.sources
+        if source - 4 >= rank  # three sensors and the bias come first
+    ]
+    assert bool(backwards) == recurrent
+
+
+def test_a_controller_computes_the_nodes_in_their_order() -> None:
+    """XOR, by hand."""
+    options = NeatOptions(max_nodes=1, max_connections=6, output_activation="clamp", activations=["relu"])
+    subject = GrowingNeat(options, sensors=2, actuators=1)
+    hidden = [1.0, 3.0, 3.0]  # relu, three inputs
+    connections = [0, 1, 1, 1, 1, 1, 2, -1, 1, 0, 1, 1, 1, 1, 1, 4, -2, 1]
+    genome = np.array([1.0, 3.0, 77.0, *hidden[1:], *connections], np.float32)
+    controller = Controller(subject.specification(genome))
+    cases = [([0, 0], -1.0), ([0, 1], 1.0), ([1, 0], 1.0), ([1, 1], -1.0)]
+    assert [float(controller(np.array(case, np.float32))[0]) for case, _ in cases] == [
+        out for _, out in cases
+    ]
+
+
+def test_too_few_connections_are_refused() -> None:
+    with pytest.raises(InputError, match=r"controller.max_connections: is 7, but networks start with 8 conn"):
+        network(max_connections=7)
+    with pytest.raises(InputError, match=r"controller.max_connections: makes \d+ genes, but at most 1000000"):
+        GrowingNeat(NeatOptions(), sensors=1000, actuators=400)
+
+
+def test_a_step_of_a_recurrent_network_takes_the_outputs_before() -> None:
+    options = NeatOptions(max_nodes=0, max_connections=4, recurrent=True, output_activation="linear")
+    subject = GrowingNeat(options, sensors=1, actuators=2)
+    # The first actuator copies the sensor, the second one the first one.
+    genome = np.array([0, 1, 1, 0, 1, 1, 2, 1, 1, *[0] * 6], np.float32)
+    controller = Controller(subject.specification(genome))
+    rows = [controller(np.array([value], np.float32)).tolist() for value in (0.5, -0.25, 0.0)]
+    assert rows == [[0.5, 0.0], [-0.25, 0.5], [0.0, -0.25]]
+    controller.reset()
+    assert controller(np.array([1.0], np.float32)).tolist() == [1.0, 0.0]

@@ -111,7 +111,8 @@ def refused(why: str, controller: str, method: str, operation: str, ranking: int
         asks_for_more and not component.keeps_members and "ranking.reevaluate: " in why,
         asks_for_more and operation == "steady_state" and "ranking" in why,
         operation == "steady_state" and not component.steady_state and "method.operation: " in why,
-        controller in {"mealy_fsm", "parameter_set"} and "method.kind: " in why and controller in why,
+        controller in {"mealy_fsm", "neat", "parameter_set"} and "method.kind: " in why and controller in why,
+        method == "neat" and "method.kind: neat cannot evolve" in why,
         controller == "modules" and "controller.kind: modules needs 9 sensors" in why,
     ]
     assert any(reasons), why

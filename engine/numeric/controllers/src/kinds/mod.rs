@@ -6,6 +6,7 @@
 
 mod evostick;
 mod fully_meshed;
+mod growing;
 mod hebbian;
 mod layered;
 mod mealy_fsm;
@@ -17,6 +18,7 @@ mod team;
 
 pub use evostick::Evostick;
 pub use fully_meshed::FullyMeshed;
+pub use growing::{Growing, NodeActivation};
 pub use hebbian::Hebbian;
 pub use layered::Layered;
 pub use mealy_fsm::MealyFsm;
@@ -241,6 +243,8 @@ kinds! { ($)
     "hebbian" => Hebbian,
     /// FREVO's network with given connections.
     "neat" => Neat,
+    /// NEAT's network that grows.
+    "growing" => Growing,
     /// A probabilistic finite-state machine, or a behaviour tree, of modules.
     "modules" => Modules,
     /// Parameters of a simulation that steers its agents itself.

@@ -1,22 +1,54 @@
-"""Networks with fixed connections, as those of FREVO's NEAT."""
+"""The networks of NEAT: growing, or with the fixed connections of FREVO's results."""
 
 from collections.abc import Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, model_validator
 
+from swarmwright import _engine
+from swarmwright.common.arrays import Genome, Limits
 from swarmwright.common.problems import FieldError
-from swarmwright.controllers._base import RepresentationOptions
-from swarmwright.controllers.networks import NodeNetwork
+from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers._base import Representation, RepresentationOptions
+from swarmwright.controllers.kinds.growing.genes import ACTIVATIONS
+from swarmwright.controllers.networks import OUTPUT_RANGE, NodeNetwork
 
 _MOST_WEIGHTS = 1_000_000
 """Largest number of weights of a network."""
+_MOST_RANGES = 8.0
+"""Largest weight of a growing network, as a multiple of the initial range; as the engine has it."""
+_LAST_MARKING = (1 << 24) - 1
+"""Largest innovation number of a node."""
+NodeActivation = Literal["steep_sigmoid", "tanh", "sigmoid", "relu", "clamp", "linear"]
 
 
 class NeatOptions(RepresentationOptions):
-    """A recurrent network with fixed connections, as found by NEAT; its weights evolve."""
+    """A network of NEAT: its connections and nodes grow, or `sources` gives them and only weights evolve."""
 
     kind: Literal["neat"] = "neat"
+    max_nodes: int = Field(default=20, ge=0, le=10_000)
+    """Growing networks: largest number of hidden nodes."""
+    max_connections: int | None = Field(default=None, ge=1, le=100_000)
+    """Growing networks: largest number of connections, disabled ones included. Default: those from all
+    sensors and the bias to all actuators, and four for each of `max_nodes`.
+    """
+    recurrent: bool = False
+    """Growing networks: whether connections may form cycles. If so, each step computes all nodes once, from
+    the outputs of the step before; otherwise each node after its inputs.
+    """
+    activations: list[NodeActivation] = Field(default=["steep_sigmoid"], min_length=1, max_length=6)
+    """Growing networks: activation functions of hidden nodes; each new node draws one. `steep_sigmoid` is the
+    sigmoid of 4.924273 times the sum, as in the paper."""
+    output_activation: NodeActivation = "steep_sigmoid"
+    """Growing networks: activation function of the actuators' nodes. Its range, 0 to 1 or -1 to 1, is mapped
+    to the actuators' -1 to 1."""
+    add_node: float = Field(default=0.03, ge=0, le=1)
+    """Growing networks: probability that a mutation splits a connection by a new node."""
+    add_connection: float = Field(default=0.05, ge=0, le=1)
+    """Growing networks: probability that a mutation adds a connection."""
+    toggle: float = Field(default=0.0, ge=0, le=1)
+    """Growing networks: probability that a mutation enables or disables a connection."""
     sources: (
         Annotated[
             list[
@@ -28,24 +60,174 @@ class NeatOptions(RepresentationOptions):
         ]
         | None
     ) = None
-    """Input nodes of each hidden node, then of each actuator: [[0, 3], [0, 1, 2]] is a hidden node and an
-    actuator. Sensors have the first numbers, from 0, then hidden nodes, then actuators. Default: no hidden
-    nodes, all sensors connected with all actuators.
+    """Fixed connections: the input nodes of each hidden node, then of each actuator: [[0, 3], [0, 1, 2]] is a
+    hidden node and an actuator. Sensors have the first numbers, from 0, then hidden nodes, then actuators.
+    Default: the network grows.
     """
     iterations: int = Field(default=3, ge=1, le=1000)
-    """How often all nodes are computed in each step, one after the other."""
+    """Fixed connections: how often all nodes are computed in each step, one after the other."""
     weight_range: float = Field(default=1.0, gt=0, le=1e6)
-    """Initial weights, and slopes of actuators, are uniform in +-weight_range, also the size of a mutation of
-    severity 1.
+    """Initial weights, and slopes of actuators of fixed networks, are uniform in +-weight_range, also the
+    size of a mutation of severity 1. Growing networks: weights stay within eight times this range.
     """
     bias_range: float = Field(default=1.0, gt=0, le=1e6)
-    """Initial biases are uniform in +-bias_range, also the size of a mutation of severity 1."""
+    """Fixed connections: initial biases are uniform in +-bias_range, also the size of a mutation of severity
+    1."""
     mutation: Literal["uniform", "proportional"] = "uniform"
-    """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its
-    size (at least 0.1), whatever the severity."""
+    """Fixed connections: how a gene is changed: `uniform` within +-severity * range, `proportional` within a
+    fifth of its size (at least 0.1), whatever the severity."""
+
+    @model_validator(mode="after")
+    def _check_form(self) -> "NeatOptions":
+        other: tuple[str, ...] = _FIXED
+        reason = "is for fixed connections; give sources, or leave it out"
+        if self.sources is not None:
+            other, reason = _GROWING, "is for networks that grow; leave out sources, or this key"
+        fields = type(self).model_fields
+        for name in other:
+            if getattr(self, name) != fields[name].default:
+                raise ValueError(f"{name} {reason}")
+        return self
 
 
-class Neat(NodeNetwork):
+_GROWING = (
+    "max_nodes", "max_connections", "recurrent", "activations", "output_activation", "add_node",
+    "add_connection", "toggle",
+)  # fmt: skip
+_FIXED = ("iterations", "bias_range", "mutation")
+
+
+class Neat(Representation):
+    """The networks of NEAT; its instances are `GrowingNeat` or, with `sources`, `FixedNeat`."""
+
+    kind: ClassVar[str] = "neat"
+    options_model = NeatOptions
+    options: NeatOptions
+
+    def __new__(cls, options: NeatOptions, **sizes: int) -> Self:  # noqa: ARG004 - for the constructor
+        """Choose the form."""
+        form: type[Any] = GrowingNeat if options.sources is None else FixedNeat
+        return super().__new__(form if cls is Neat else cls)
+
+
+class GrowingNeat(Neat):
+    """Networks whose nodes and connections grow, after Stanley and Miikkulainen.
+
+    A genome has genes for as many nodes and connections as there may be, see
+    docs/decisions/030-networks-that-grow.md. Networks start with connections from every sensor and a bias,
+    whose output is 1, to every actuator. A mutation of weights moves each with the given probability, uniform
+    in +-severity * weight_range, from its value or, one time in ten, from 0. Unless that
+    probability is 0, mutations also add nodes and connections, with the probabilities of the options.
+
+    The innovation number of a connection is the pair of its nodes, that of a node a hash of the connection
+    that it splits. So the same innovation has the same number in all genomes of all runs, whatever the order
+    of evaluations. A crossover takes weights of matching connections from either parent, and all else from
+    the mother. The distance is that of the paper, with the coefficients 1, 1 and 0.4.
+
+    Source: Stanley and Miikkulainen, "Evolving neural networks through augmenting topologies", Evolutionary
+    Computation 10(2), 2002.
+    """
+
+    continuous = False
+
+    def __init__(self, options: NeatOptions, *, sensors: int, actuators: int) -> None:
+        """Raise InputError when `max_connections` is too small, or the genome too large."""
+        super().__init__(options, sensors=sensors, actuators=actuators)
+        least = (sensors + 1) * actuators
+        most = options.max_connections
+        self._connections = least + 4 * options.max_nodes if most is None else most
+        if self._connections < least:
+            raise FieldError(
+                ("controller", "max_connections"),
+                f"is {self._connections}, but networks start with {least} connections from {sensors} sensors "
+                f"and the bias to {actuators} actuator(s)",
+            )
+        self._operators = _engine.GrowingNetwork(
+            sensors=sensors,
+            actuators=actuators,
+            nodes=options.max_nodes,
+            connections=self._connections,
+            recurrent=options.recurrent,
+            activations=options.activations,
+            weight_range=options.weight_range,
+            add_node=options.add_node,
+            add_connection=options.add_connection,
+            toggle=options.toggle,
+        )
+        if self.genome_size > _MOST_WEIGHTS:
+            raise FieldError(
+                ("controller", "max_connections"),
+                f"makes {self.genome_size} genes, but at most {_MOST_WEIGHTS} are supported",
+            )
+
+    @property
+    def genome_size(self) -> int:
+        """Number of genes, those included that are not in use."""
+        return self._operators.genes
+
+    @property
+    def bounds(self) -> Limits:
+        """Lowest and highest value of each gene."""
+        return self._limits(_MOST_RANGES * self.options.weight_range)
+
+    @property
+    def initial_range(self) -> Limits:
+        """The bounds, but for weights their initial range."""
+        return self._limits(self.options.weight_range)
+
+    def _limits(self, weight: float) -> Limits:
+        """Return the limits of all genes; weight: limit of a weight."""
+        nodes, most, limit = self.options.max_nodes, self._connections, np.float32(weight)
+        last = self.sensors + self.actuators + nodes
+        upper = [
+            max(nodes, 1),
+            *[most] * self.actuators,
+            *[_LAST_MARKING, len(ACTIVATIONS) - 1, most] * nodes,
+        ]
+        connections = [(0.0, -limit, 0.0), (last, limit, 1.0)]
+        low, high = (np.tile(np.array(row, dtype=np.float64), most) for row in connections)
+        return np.concatenate([np.zeros(len(upper)), low]), np.concatenate([upper, high])
+
+    @property
+    def operators(self) -> _engine.GrowingNetwork | None:
+        """The engine's operators; None if a subclass overrides them."""
+        names = ("initial", "initials", "mutate", "mutations", "crossover", "matings", "distance")
+        inherited = all(getattr(type(self), name) is getattr(GrowingNeat, name) for name in names)
+        return self._operators if inherited else None
+
+    def architecture(self) -> dict[str, Any]:
+        """Return the specification of all controllers, without weights."""
+        output = self.options.output_activation
+        return {
+            "version": 1,
+            "kind": "growing",
+            "sensors": self.sensors,
+            "actuators": self.actuators,
+            "nodes": self.options.max_nodes,
+            "connections": self._connections,
+            "recurrent": self.options.recurrent,
+            "output_activation": output,
+            "output_range": list(OUTPUT_RANGE[output]),
+        }
+
+    def initial(self, stream: Stream) -> Genome:
+        """Return a network in which all sensors and the bias are connected with all actuators."""
+        return self._operators.initial(stream)
+
+    def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
+        """Return a copy with a new node or connection, or changed weights, see the class."""
+        return self._operators.mutate(genome, stream, severity=severity, probability=probability)
+
+    def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
+        """Return a copy of `mother` with weights of `father`."""
+        return self._operators.crossover(mother, father, stream)
+
+    def distance(self, genome: Genome, other: Genome) -> float:
+        """Return the compatibility distance."""
+        return self._operators.distance(genome, other)
+
+
+class FixedNeat(NodeNetwork, Neat):
     """The networks of FREVO's NEAT with a fixed list of connections.
 
     Genes: node after node (hidden, then outputs): the bias, a weight for each input node, and for an output
@@ -57,11 +239,9 @@ class Neat(NodeNetwork):
     nodes: its mutations of weights, biases and slopes change copies that are not used.
     """
 
-    kind: ClassVar[str] = "neat"
-    options_model = NeatOptions
     options: NeatOptions  # type: ignore[assignment] # has the options that the operators use
 
-    def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
+    def __init__(self, options: NeatOptions, *, sensors: int, actuators: int) -> None:
         """Raise InputError when `sources` does not match the numbers of sensors and actuators."""
         super().__init__(options, sensors=sensors, actuators=actuators)
         rows = self.sources
@@ -88,9 +268,7 @@ class Neat(NodeNetwork):
     @property
     def sources(self) -> list[list[int]]:
         """Input nodes of each node, hidden nodes first."""
-        if self.options.sources is None:
-            return [list(range(self.sensors))] * self.actuators
-        return self.options.sources
+        return self.options.sources or []
 
     def node_sizes(self) -> Sequence[int]:
         """Return the number of inputs of each node, plus one for the slope of an output."""

@@ -22,6 +22,7 @@ public abstract strictfp class Architecture {
     KINDS.put("evostick", Evostick::read);
     KINDS.put("hebbian", Hebbian::read);
     KINDS.put("neat", Neat::read);
+    KINDS.put("growing", Growing::read);
     KINDS.put("modules", Modules::read);
     KINDS.put("parameter_set", ParameterSet::read);
   }

@@ -63,6 +63,25 @@ final class SpecificationReader {
     return name;
   }
 
+  /** The index of a text among those allowed. */
+  int number(String field, String... allowed) {
+    String expected = "one of " + String.join(", ", allowed);
+    int index = Arrays.asList(allowed).indexOf(text(field, expected));
+    if (index < 0) {
+      throw new SpecificationException(field, "expected " + expected);
+    }
+    return index;
+  }
+
+  boolean flag(String field) {
+    String expected = "true or false";
+    JsonElement value = take(field, expected);
+    if (!value.isJsonPrimitive() || !value.getAsJsonPrimitive().isBoolean()) {
+      throw wrong(field, value, expected);
+    }
+    return value.getAsBoolean();
+  }
+
   /** A whole number in low..high; 8.0 counts as 8. */
   int count(String field, int low, int high) {
     String expected = low == high ? "" + low : "a whole number from " + low + " to " + high;

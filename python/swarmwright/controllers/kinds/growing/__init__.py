@@ -1,0 +1,1 @@
+"""Growing networks of NEAT, whose weights are genes of nodes and connections."""
