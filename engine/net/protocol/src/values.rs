@@ -137,7 +137,7 @@ impl<'de> Visitor<'de> for One<'_> {
         deserializer.deserialize_any(self)
     }
 
-    /// `rmp_serde` calls this for extension types only, if any type is accepted.
+    /// `Reader` calls this for extension types only.
     fn visit_newtype_struct<D: Deserializer<'de>>(self, _: D) -> Result<Value, D::Error> {
         Err(D::Error::custom(
             "a MessagePack extension type (JavaScript: undefined), which JSON does not have",
@@ -161,12 +161,12 @@ impl<'de> Visitor<'de> for One<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::extension::reader::Reader;
     use proptest::prelude::*;
     use serde_json::json;
 
     fn read(bytes: &[u8], most: usize) -> Result<Map<String, Value>, String> {
-        let mut deserializer = rmp_serde::Deserializer::from_read_ref(bytes);
-        bounded_by(most, &mut deserializer).map_err(|error| error.to_string())
+        bounded_by(most, &mut Reader::new(bytes)).map_err(|error| error.to_string())
     }
 
     fn any_value() -> impl Strategy<Value = Value> {

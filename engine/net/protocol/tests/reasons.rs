@@ -245,10 +245,16 @@ fn reasons_name_the_field_of_messages_of_numbers() {
         "failed": [failed]});
     let reason = ToTool::decode(&packed(&evaluated)).unwrap_err().to_string();
     assert!(
-        reason.contains("\"failed[0].episode\": ")
-            && reason.contains("expected the type of evaluated.schema.json"),
+        reason.ends_with("\"failed[0].episode\": \"first\" (a string) found, expected a whole number of at least 0"),
         "{reason}"
     );
+    let reason = ToTool::decode(&packed(&json!([evaluated]))).unwrap_err();
+    let expected = "a list found, expected an object";
+    assert!(reason.to_string().ends_with(expected), "{reason}");
+    let whole = packed(&evaluated);
+    let reason = ToTool::decode(&whole[..whole.len() - 1]).unwrap_err();
+    let expected = "the message ends too early";
+    assert!(reason.to_string().ends_with(expected), "{reason}");
 }
 
 #[test]

@@ -7,8 +7,9 @@ mod words;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
-use strict::{Segment, Strict};
+use strict::Strict;
 
+pub use strict::{Error, Segment};
 pub use suggestions::did_you_mean;
 pub use words::plain;
 
@@ -34,6 +35,15 @@ impl Mismatch {
     }
 }
 
+impl From<Error> for Mismatch {
+    fn from(error: Error) -> Self {
+        Self {
+            path: path_in_words(error.path.iter().rev()),
+            reason: plain(&error.reason),
+        }
+    }
+}
+
 /// Reads a value. Fields are read from an object, never from a list in the order of the type's fields.
 ///
 /// # Errors
@@ -42,19 +52,17 @@ pub fn read<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
     T::deserialize(Strict(value)).map_err(|error| mismatch(value, error))
 }
 
-fn mismatch(value: &Value, error: strict::Error) -> Mismatch {
-    let path = || error.path.iter().rev();
+fn mismatch(value: &Value, error: Error) -> Mismatch {
     // What was found is not in the words of types with a choice of forms, of which an object may be one.
-    let part = at(value, path()).filter(|part| !part.is_object());
+    let part = at(value, error.path.iter().rev()).filter(|part| !part.is_object());
     let phrase = part.map(words::describe_value);
-    let reason = plain(&error.reason);
-    Mismatch {
-        path: path_in_words(path()),
-        reason: match phrase {
-            Some(phrase) if reason.starts_with("expected ") => format!("{phrase}, {reason}"),
-            _ => reason,
-        },
+    let mut mismatch = Mismatch::from(error);
+    if let Some(phrase) = phrase
+        && mismatch.reason.starts_with("expected ")
+    {
+        mismatch.reason = format!("{phrase}, {}", mismatch.reason);
     }
+    mismatch
 }
 
 /// Such as `walls.corners[2]`.

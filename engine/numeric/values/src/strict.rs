@@ -17,23 +17,25 @@ use serde_json::{Map, Number, Value};
 
 /// A part of a path.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Segment {
+pub enum Segment {
     /// An item of a list.
     Item(usize),
     /// A field of an object.
     Field(String),
 }
 
-/// What does not fit.
+/// What does not fit, for deserializers that tell where it is.
 #[derive(Debug)]
-pub(crate) struct Error {
-    pub reason: String,
+pub struct Error {
+    pub(crate) reason: String,
     /// Its path, the innermost part first.
-    pub path: Vec<Segment>,
+    pub(crate) path: Vec<Segment>,
 }
 
 impl Error {
-    fn inside(mut self, segment: Segment) -> Self {
+    /// The error of a value that has a wrong part there.
+    #[must_use]
+    pub fn inside(mut self, segment: Segment) -> Self {
         self.path.push(segment);
         self
     }

@@ -1,38 +1,24 @@
 //! Codec of extension messages.
 
-use rmp_serde::decode::Error;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{EXTENSION_VERSION, Envelope, MAX_BLOCK, ToServer, ToTool, shortened};
-use swarmwright_values::plain;
-
+use super::{EXTENSION_VERSION, Envelope, MAX_BLOCK, ToServer, ToTool, reader, shortened};
 use crate::DecodeError;
 use crate::place::at;
 
 /// Largest number of characters of a metric's name in messages.
 const MOST_NAME: usize = 100;
 
-/// Decodes a payload. `schema` names the schema in `protocol/schemas` for error messages.
-fn decode<T: DeserializeOwned>(payload: &[u8], schema: &str) -> Result<T, DecodeError> {
+fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
     if payload.len() > MAX_BLOCK {
         return Err(DecodeError::value(format!(
             "{} bytes are more than the {MAX_BLOCK} that a block may have",
             payload.len()
         )));
     }
-    rmp_serde::from_slice(payload).map_err(|error| {
-        // Decode again to locate the error; tracking the path in every message would be slow.
-        let mut deserializer = rmp_serde::Deserializer::from_read_ref(payload);
-        let second = serde_path_to_error::deserialize::<_, T>(&mut deserializer);
-        let path = second.err().map(|error| error.path().to_string());
-        let words = match &error {
-            Error::TypeMismatch(marker) => {
-                format!("a MessagePack {marker:?} came, expected the type of {schema}.schema.json")
-            }
-            error => plain(&error.to_string()),
-        };
-        let words = at(&path.unwrap_or_default(), &words);
+    reader::read(payload).map_err(|mismatch| {
+        let words = at(&mismatch.path, &mismatch.reason);
         DecodeError::value(format!("no message of this extension: {words}"))
     })
 }
@@ -103,7 +89,7 @@ impl Envelope {
     /// Decodes a payload; `None` if it lacks one of these fields.
     #[must_use]
     pub fn decode(payload: &[u8]) -> Option<Self> {
-        decode(payload, "evaluate").ok()
+        decode(payload).ok()
     }
 }
 
@@ -114,11 +100,11 @@ impl ToServer {
     /// Fails if the payload is too large or not a MessagePack map of a known kind and version, or if there are values
     /// that are not finite or no seeds.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        let Kind { kind } = decode(payload, "evaluate")?;
+        let Kind { kind } = decode(payload)?;
         let message = match kind.as_str() {
-            "evaluate" => Self::Evaluate(decode(payload, "evaluate")?),
-            "start" => Self::Start(decode(payload, "batch_start")?),
-            "actuators" => Self::Actuators(decode(payload, "batch_actuators")?),
+            "evaluate" => Self::Evaluate(decode(payload)?),
+            "start" => Self::Start(decode(payload)?),
+            "actuators" => Self::Actuators(decode(payload)?),
             _ => return Err(unknown(&kind, "evaluate, start or actuators")),
         };
         match &message {
@@ -184,12 +170,12 @@ impl ToTool {
     /// Fails if the payload is too large or not a MessagePack map of a known kind and version, if the arrays do not
     /// match, or if the fitness of an episode not in `failed` is not finite.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        let Kind { kind } = decode(payload, "evaluated")?;
+        let Kind { kind } = decode(payload)?;
         let message = match kind.as_str() {
-            "evaluated" => Self::Evaluated(decode(payload, "evaluated")?),
-            "sensors" => Self::Sensors(decode(payload, "batch_sensors")?),
-            "failed" => Self::Failed(decode(payload, "failed")?),
-            "scene" => Self::Scene(Box::new(decode(payload, "scene")?)),
+            "evaluated" => Self::Evaluated(decode(payload)?),
+            "sensors" => Self::Sensors(decode(payload)?),
+            "failed" => Self::Failed(decode(payload)?),
+            "scene" => Self::Scene(Box::new(decode(payload)?)),
             _ => return Err(unknown(&kind, "evaluated, sensors, failed or scene")),
         };
         match &message {
@@ -242,7 +228,7 @@ impl ToTool {
             server: u64,
             request: u64,
         }
-        let Answered { server, request } = decode(payload, "evaluated").ok()?;
+        let Answered { server, request } = decode(payload).ok()?;
         Some((server, request))
     }
 

@@ -5,6 +5,7 @@
 
 mod codec;
 mod numbers;
+pub(crate) mod reader;
 mod scene;
 
 pub use numbers::{F32s, F64s, U32s, U64s};
