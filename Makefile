@@ -141,10 +141,6 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 PART ?= 1/1
 SLOW := -m "slow and not long and not journey" --part $(PART)
 
-# A test of the slow tier that fails is repeated once: many start several processes, of which one may be late on
-# a busy machine. Both are printed, since what fails now and then is a fault to be found, too.
-AGAIN := --reruns 1 --rerun-show-tracebacks -raR
-
 PYTEST := $(BIN)/python -m pytest --dist worksteal --durations=100 --durations-min=5
 
 # The commit tier computes, in as many processes as there are processors.
@@ -164,19 +160,19 @@ test-python: $(VENV)/.engine $(VENV)/.dev $(FMI) protocol/node_modules/.package-
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
 	[ -e /usr/include/yaml-cpp/yaml.h ] || { $(call install,libyaml-cpp-dev); }
-	$(PYTEST) $(AGAIN) -n 4 $(SLOW) tests/python tests/protocol tests/typing
+	$(PYTEST) -n 4 $(SLOW) tests/python tests/protocol tests/typing
 
 test-peers: $(VENV)/.engine $(VENV)/.dev $(FMI) $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v nginx > /dev/null || [ -x /usr/sbin/nginx ] || { $(call install,nginx-light); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
-	$(PYTEST) $(AGAIN) -n 5 $(SLOW) tests/benchmarks tests/conformance tests/system tests/wrappers
+	$(PYTEST) -n 5 $(SLOW) tests/benchmarks tests/conformance tests/system tests/wrappers
 
 test-docs: $(VENV)/.engine $(VENV)/.dev $(FMI) $(JAVA) $(CPP)/.built $(JAVASCRIPT) $(GO)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
-	$(PYTEST) $(AGAIN) -n 4 $(SLOW) tests/docs
+	$(PYTEST) -n 4 $(SLOW) tests/docs
 
 # What is large to install, in four parts that take about as long.
 INSTALLED_1 := test-arm64 test-ssh test-kubernetes
@@ -247,17 +243,17 @@ test-ros1: $(VENV)/.engine $(VENV)/.dev
 	@[ -e /usr/share/message_generation/package.xml ] && [ -e /usr/share/nav_msgs/package.xml ] && [ -e /usr/share/std_srvs/package.xml ] \
 		&& [ -e /usr/lib/python3/dist-packages/nav_msgs ] && command -v catkin_make > /dev/null \
 		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
-	SWARMWRIGHT_ROS1=1 CMAKE_POLICY_VERSION_MINIMUM=3.5 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1 or ros.md"
+	SWARMWRIGHT_ROS1=1 CMAKE_POLICY_VERSION_MINIMUM=3.5 $(BIN)/python -m pytest -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1 or ros.md"
 
 # Servers as actors of Ray and tasks of Dask, on real clusters.
 test-ray: $(VENV)/.engine $(VENV)/.dev $(VENV)/.clusters
-	SWARMWRIGHT_CLUSTERS=1 $(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/clusters
+	SWARMWRIGHT_CLUSTERS=1 $(BIN)/python -m pytest -n 0 --durations=10 tests/clusters
 
 # Servers as jobs of a real Slurm with one node on this machine; its daemons need root.
 test-slurm: $(VENV)/.engine $(VENV)/.dev
 	@command -v sbatch > /dev/null && [ -x /usr/sbin/slurmctld ] && [ -x /usr/sbin/munged ] || { $(call install,slurm-wlm munge); }
 	if [ "$$(id -u)" = 0 ]; then export SWARMWRIGHT_SLURM=1; fi
-	$(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/slurm
+	$(BIN)/python -m pytest -n 0 --durations=10 tests/slurm
 
 kubernetes:
 	@command -v go > /dev/null || { $(call install,golang-go ca-certificates); }
@@ -273,19 +269,19 @@ test-kubernetes: $(VENV)/.engine $(VENV)/.dev
 	else
 		export SWARMWRIGHT_KUBERNETES=$(KUBERNETES)
 	fi
-	$(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/kubernetes
+	$(BIN)/python -m pytest -n 0 --durations=10 tests/kubernetes
 
 # Servers through a real sshd, on a port and with keys of its own; as root also in network namespaces, with a jump host.
 test-ssh: $(VENV)/.engine $(VENV)/.dev
 	@[ -x /usr/sbin/sshd ] && command -v ssh-keygen > /dev/null && command -v pgrep > /dev/null && command -v tar > /dev/null \
 		&& { command -v ip > /dev/null || [ -x /usr/sbin/ip ]; } || { $(call install,openssh-server openssh-client procps tar iproute2); }
-	PATH="$$PATH:/usr/sbin" SWARMWRIGHT_SSH=1 $(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 tests/ssh
+	PATH="$$PATH:/usr/sbin" SWARMWRIGHT_SSH=1 $(BIN)/python -m pytest -n 2 --durations=10 tests/ssh
 
 # Servers that are preempted again and again, processes and servers through a real sshd: servers x seconds.
 PREEMPTION ?= 64x120
 test-preemption: $(VENV)/.engine $(VENV)/.dev
 	@[ -x /usr/sbin/sshd ] && command -v ssh-keygen pgrep tar > /dev/null || { $(call install,openssh-server openssh-client procps tar); }
-	SWARMWRIGHT_PREEMPTION=$(PREEMPTION) $(BIN)/python -m pytest $(AGAIN) -rs -rP -n 0 tests/preemption
+	SWARMWRIGHT_PREEMPTION=$(PREEMPTION) $(BIN)/python -m pytest -raP -n 0 tests/preemption
 
 # Links with an old glibc, by zig, so that the wheel installs on systems since 2014; everything is compiled anew, for which this takes
 # as long as the first build. Of another processor's wheel, the tests run in an emulated Python.
@@ -342,7 +338,7 @@ test-wheel: $(VENV)/.engine $(VENV)/.dev $(VENV)/.wheel $(FMI)
 	rm -rf $(WHEEL)/built $(WHEEL)/here
 	maturin build --release --auditwheel skip --out $(WHEEL)/built
 	auditwheel repair --strip --wheel-dir $(WHEEL)/here $(WHEEL)/built/*.whl
-	SWARMWRIGHT_WHEEL=$$(echo $(CURDIR)/$(WHEEL)/here/*.whl) $(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/wheel
+	SWARMWRIGHT_WHEEL=$$(echo $(CURDIR)/$(WHEEL)/here/*.whl) $(BIN)/python -m pytest -n 0 --durations=10 tests/wheel
 
 # The oldest versions of libraries that pyproject.toml allows; of some there are none for newer interpreters.
 OLDEST := build/oldest
@@ -350,7 +346,7 @@ OLDEST := build/oldest
 test-oldest: $(VENV)/.engine $(VENV)/.dev $(OLDEST)/.installed
 	# By these the command line finds commands that have entry points; the code is that of the checkout.
 	cp -r $(VENV)/lib/python3.11/site-packages/swarmwright-*.dist-info $(OLDEST)/lib/python3.11/site-packages
-	SWARMWRIGHT_OLDEST=$(CURDIR)/$(OLDEST)/bin/python $(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 tests/oldest
+	SWARMWRIGHT_OLDEST=$(CURDIR)/$(OLDEST)/bin/python $(BIN)/python -m pytest -n 2 --durations=10 tests/oldest
 
 $(OLDEST)/.installed: $(VENV)/.tools pyproject.toml tests/oldest/requirements.py
 	@if ! $(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then
@@ -365,9 +361,9 @@ $(OLDEST)/.installed: $(VENV)/.tools pyproject.toml tests/oldest/requirements.py
 # Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation. ns-3 in processes of its own:
 # where it was loaded, PyBullet computed other bits in a later test.
 test-simulators: $(VENV)/.engine $(VENV)/.simulators
-	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/simulations/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
+	$(BIN)/python -m pytest -n 2 --durations=10 tests/python/simulations/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
 		-k "sumo or test_simulators or pybullet or ir-sim"
-	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/simulations/ns3 tests/docs/test_snippets.py -k "ns3 or ns-3"
+	$(BIN)/python -m pytest -n 2 --durations=10 tests/python/simulations/ns3 tests/docs/test_snippets.py -k "ns3 or ns-3"
 
 # Gazebo 11 is not in newer releases of Debian: its programs are compiled and run in the files of Debian 11.
 gazebo: $(CPP)/.built
@@ -395,7 +391,7 @@ test-gazebo: $(VENV)/.engine $(VENV)/.dev $(CPP)/.built
 		$(MAKE) --no-print-directory $(GAZEBO)/.built
 		export SWARMWRIGHT_GAZEBO=$(GAZEBO_ROOT)
 	fi
-	$(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 --durations-min=5 tests/gazebo \
+	$(BIN)/python -m pytest -n 2 --durations=10 --durations-min=5 tests/gazebo \
 		"tests/docs/test_snippets.py::test_every_snippet_of_the_page_works[docs/how-to/simulators.md#run-missions-in-gazebo]"
 
 # Gazebo Fortress is in no release of Debian: a system that has it is used where there is one.
@@ -417,7 +413,7 @@ test-gz: $(VENV)/.engine $(VENV)/.dev $(CPP)/.built
 	else
 		export SWARMWRIGHT_NO_GZ="$(NO_GZ)"
 	fi
-	$(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 --durations-min=5 tests/gz
+	$(BIN)/python -m pytest -n 2 --durations=10 --durations-min=5 tests/gz
 
 INPUTS ?= 1000000
 
