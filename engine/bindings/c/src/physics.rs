@@ -3,9 +3,8 @@
 use std::ffi::{c_char, c_void};
 use std::sync::Arc;
 
-use swarmwright_arena::{
-    Motion, Physics, PhysicsKind, Pose, RobotModel, Start, World, WorldLight, WorldObject,
-};
+use swarmwright_arena::{Motion, Physics, Pose, RobotModel, Start, World, WorldLight, WorldObject};
+use swarmwright_kernels::PhysicsKind;
 use swarmwright_worlds::{ParameterError, fail};
 
 use crate::callbacks::{Create, Destroy, ForeignObject, Maker, called};

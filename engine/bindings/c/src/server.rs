@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
-use swarmwright_arena::PhysicsSimulation;
+use swarmwright_kernels::PhysicsSimulation;
 use swarmwright_worlds::Simulation;
 use swarmwright_wrapper::{Options, ServeError, SimulationServer};
 

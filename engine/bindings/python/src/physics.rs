@@ -5,10 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
-use swarmwright_arena::{
-    Motion, Physics, PhysicsKind, PhysicsSimulation, Pose, RobotModel, Start, World, WorldLight,
-    WorldObject,
-};
+use swarmwright_arena::{Motion, Physics, Pose, RobotModel, Start, World, WorldLight, WorldObject};
+use swarmwright_kernels::{PhysicsKind, PhysicsSimulation};
 use swarmwright_worlds::{ParameterError, Simulation};
 use swarmwright_wrapper::Progress;
 

@@ -4,8 +4,8 @@
 //! LEVEL is `scalar` or the name of an instruction set. Prints the wall-clock time and the sum of all fitness values.
 
 use serde_json::{Value, json};
-use swarmwright_arena::Arena;
 use swarmwright_controllers::Architecture;
+use swarmwright_kernels::Arena;
 use swarmwright_lanes::Level;
 use swarmwright_simulation::counter::uniform;
 use swarmwright_simulation::{Block, Means, Simulation};

@@ -23,7 +23,7 @@ const MOST_FAILURES: usize = 16;
 /// A failure that affects some robots for a limited time.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(crate) enum Failure {
+pub enum Failure {
     /// The robots stand still.
     Stop {
         share: f64,
@@ -87,7 +87,8 @@ impl Failure {
     }
 
     /// Returns the kind of robots affected; `None` for all kinds.
-    pub(crate) fn robots(&self) -> Option<&str> {
+    #[inline]
+    pub fn robots(&self) -> Option<&str> {
         match self {
             Self::Stop { robots, .. }
             | Self::Slow { robots, .. }
@@ -98,6 +99,7 @@ impl Failure {
     }
 
     /// Returns whether the failure is active in a tick. Ticks count from 1, which is the start at 0 s.
+    #[inline]
     fn active(&self, tick: u32) -> bool {
         let (.., until) = self.scope();
         self.active_by(tick)
@@ -136,11 +138,7 @@ impl Failure {
 
     /// Checks that the failure has an effect in an episode with `ticks` ticks and `robots` robots. A share of 0 is
     /// valid: it asks for no failures.
-    pub(crate) fn check_effect(
-        &self,
-        ticks: u32,
-        robots: usize,
-    ) -> Result<(), (&'static str, String)> {
+    pub fn check_effect(&self, ticks: u32, robots: usize) -> Result<(), (&'static str, String)> {
         let (share, at, _) = self.scope();
         if !self.active_by(ticks) {
             return Err((
@@ -172,6 +170,7 @@ impl Failure {
     }
 
     /// Chooses the affected robots by the seed.
+    #[inline]
     fn chosen(&self, index: usize, robots: usize, of: Range<usize>, seed: u64) -> Vec<bool> {
         let count = self.count(of.len());
         let mut order: Vec<(u32, usize)> = of
@@ -194,7 +193,7 @@ impl Failure {
 ///
 /// # Errors
 /// Returns all mistakes in the list.
-pub(crate) fn read(value: &Value, path: &str) -> Result<Vec<Failure>, Mistakes> {
+pub fn read(value: &Value, path: &str) -> Result<Vec<Failure>, Mistakes> {
     let Some(items) = value.as_array() else {
         return Err(wrong(
             path,
@@ -230,13 +229,13 @@ pub(crate) fn read(value: &Value, path: &str) -> Result<Vec<Failure>, Mistakes> 
 }
 
 /// The robots that fail in the episodes of the lanes.
-pub(crate) struct Failing<L: Lanes> {
+pub struct Failing<L: Lanes> {
     /// For each failure, the lanes in which it affects each robot.
     befallen: Vec<(Failure, Vec<L::Mask>)>,
 }
 
 impl<L: Lanes> Failing<L> {
-    pub(crate) fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             befallen: Vec::new(),
         }
@@ -244,12 +243,7 @@ impl<L: Lanes> Failing<L> {
 
     /// Starts an episode in each lane.
     #[inline(always)]
-    pub(crate) fn start(
-        &mut self,
-        failures: &[Failure],
-        bodies: &Bodies<L>,
-        seed: impl Fn(usize) -> u64,
-    ) {
+    pub fn start(&mut self, failures: &[Failure], bodies: &Bodies<L>, seed: impl Fn(usize) -> u64) {
         self.befallen.clear();
         for (index, failure) in failures.iter().enumerate() {
             let robots = bodies.len();
@@ -269,13 +263,7 @@ impl<L: Lanes> Failing<L> {
     /// Writes the commands that reach the drives in a tick. Returns `false`, and writes nothing, if no failure changes
     /// them.
     #[inline(always)]
-    pub(crate) fn tell(
-        &self,
-        tick: u32,
-        actuators: &[L],
-        team: &Team,
-        commands: &mut Vec<L>,
-    ) -> bool {
+    pub fn tell(&self, tick: u32, actuators: &[L], team: &Team, commands: &mut Vec<L>) -> bool {
         let slowed = |failure: &Failure| match failure {
             Failure::Stop { .. } if failure.active(tick) => Some(0.0),
             Failure::Slow { factor, .. } if failure.active(tick) => Some(*factor),
@@ -308,7 +296,7 @@ impl<L: Lanes> Failing<L> {
 
     /// Sets the sensor values of blind robots to 0.
     #[inline(always)]
-    pub(crate) fn blind(&self, tick: u32, width: usize, outputs: &mut [L]) {
+    pub fn blind(&self, tick: u32, width: usize, outputs: &mut [L]) {
         for (failure, masks) in &self.befallen {
             if matches!(failure, Failure::Blind { .. }) && failure.active(tick) {
                 for (row, mask) in outputs.chunks_exact_mut(width).zip(masks) {
@@ -322,7 +310,7 @@ impl<L: Lanes> Failing<L> {
 
     /// Writes the lanes in which each robot is mute in a tick; leaves `mute` empty if no robot is.
     #[inline(always)]
-    pub(crate) fn mute(&self, tick: u32, robots: usize, mute: &mut Vec<L::Mask>) {
+    pub fn mute(&self, tick: u32, robots: usize, mute: &mut Vec<L::Mask>) {
         mute.clear();
         for (failure, masks) in &self.befallen {
             if matches!(failure, Failure::Mute { .. }) && failure.active(tick) {
@@ -335,7 +323,7 @@ impl<L: Lanes> Failing<L> {
     }
 
     /// Returns the probability with which failures lose messages in a tick; `None` without such failures.
-    pub(crate) fn loss(&self, tick: u32) -> Option<f32> {
+    pub fn loss(&self, tick: u32) -> Option<f32> {
         let losses = self
             .befallen
             .iter()
@@ -349,7 +337,7 @@ impl<L: Lanes> Failing<L> {
 
 impl Failing<f32> {
     /// Returns the state shown in scenes for a robot that fails in a tick; of several failures, the most severe one.
-    pub(crate) fn state(&self, tick: u32, robot: usize) -> Option<&'static str> {
+    pub fn state(&self, tick: u32, robot: usize) -> Option<&'static str> {
         let befallen = self.befallen.iter().filter(|(failure, masks)| {
             failure.active(tick) && masks.get(robot).is_some_and(|mask| mask.any())
         });

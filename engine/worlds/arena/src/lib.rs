@@ -5,11 +5,9 @@
     reason = "what iterators call is not always inlined into kernels"
 )]
 
-mod arena;
 mod bodies;
 mod contacts;
 mod failures;
-mod lanes;
 mod math;
 mod metrics;
 mod missions;
@@ -25,11 +23,20 @@ mod start;
 mod swarm;
 mod time;
 
-pub use arena::Arena;
-pub use lanes::{VECTORS, evaluate, evaluate_in};
+// What swarmwright-kernels makes episodes of.
+pub use metrics::Tally;
+pub use mistakes::Mistakes;
+pub use place::Pose as Place;
+pub use robots::{Group, MOST_ROBOTS};
+pub use scene::scene;
+pub use sensing::verlet::MOST_IN_LANES;
+pub use settings::{Settings, parameters};
+pub use start::Starts;
+pub use swarm::Swarm;
+pub use time::TICK;
+
 pub use missions::{MissionInfo, missions};
 pub use physics::{
-    Motion, Physics, PhysicsKind, PhysicsSimulation, Pose, RobotModel, Start, World, WorldLight,
-    WorldObject, WorldPatch, WorldWall,
+    Motion, Physics, Pose, RobotModel, Start, World, WorldLight, WorldObject, WorldPatch, WorldWall,
 };
 pub use robots::robots;

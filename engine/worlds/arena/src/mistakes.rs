@@ -8,7 +8,7 @@ use swarmwright_values::Mismatch;
 
 /// Mistakes in the order in which they were found, without those that only follow from another mistake.
 #[derive(Debug, Default, PartialEq)]
-pub(crate) struct Mistakes(Vec<ParameterError>);
+pub struct Mistakes(Vec<ParameterError>);
 
 impl From<ParameterError> for Mistakes {
     fn from(error: ParameterError) -> Self {
@@ -18,7 +18,7 @@ impl From<ParameterError> for Mistakes {
 
 impl Mistakes {
     /// Records the mistakes of a result, or returns its value.
-    pub(crate) fn take<T>(&mut self, result: Result<T, impl Into<Self>>) -> Option<T> {
+    pub fn take<T>(&mut self, result: Result<T, impl Into<Self>>) -> Option<T> {
         match result {
             Ok(value) => Some(value),
             Err(mistakes) => {
@@ -28,30 +28,33 @@ impl Mistakes {
         }
     }
 
-    pub(crate) fn add(&mut self, mistake: ParameterError) {
+    /// Records a mistake.
+    pub fn add(&mut self, mistake: ParameterError) {
         self.0.push(mistake);
     }
 
-    pub(crate) fn len(&self) -> usize {
+    /// Returns the number of mistakes.
+    pub fn len(&self) -> usize {
         self.0.len()
     }
 
     /// Returns the value if no mistakes were recorded.
-    pub(crate) fn or<T>(self, value: Option<T>) -> Result<T, Self> {
+    pub fn or<T>(self, value: Option<T>) -> Result<T, Self> {
         value.filter(|_| self.0.is_empty()).ok_or(self)
     }
 
     /// Applies `change` to each mistake.
-    pub(crate) fn map(self, change: impl FnMut(ParameterError) -> ParameterError) -> Self {
+    pub fn map(self, change: impl FnMut(ParameterError) -> ParameterError) -> Self {
         Self(self.0.into_iter().map(change).collect())
     }
 
-    pub(crate) fn into_all(self) -> Vec<ParameterError> {
+    /// Returns the mistakes in the order in which they were recorded.
+    pub fn into_all(self) -> Vec<ParameterError> {
         self.0
     }
 
     /// Returns the first mistake. If there is none, the reader failed to record a mistake, and the error is generic.
-    pub(crate) fn into_first(self) -> ParameterError {
+    pub fn into_first(self) -> ParameterError {
         let unknown = || ParameterError {
             name: String::new(),
             reason: "cannot be read".to_owned(),
@@ -61,12 +64,12 @@ impl Mistakes {
 }
 
 /// Reads a value; `at` is its path in error messages.
-pub(crate) fn part<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
+pub fn part<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
     swarmwright_values::read(value).map_err(|mismatch| mismatch_at(at, mismatch))
 }
 
 /// Reads a list. Returns the valid items, each with its path.
-pub(crate) fn items<T: DeserializeOwned>(
+pub fn items<T: DeserializeOwned>(
     list: Option<&Value>,
     at: &str,
     mistakes: &mut Mistakes,
@@ -82,7 +85,7 @@ pub(crate) fn items<T: DeserializeOwned>(
 }
 
 /// Returns an error whose name is prefixed with `path`.
-pub(crate) fn with_place(path: &str, error: ParameterError) -> ParameterError {
+pub fn with_place(path: &str, error: ParameterError) -> ParameterError {
     let name = match error.name.as_str() {
         "" => path.to_owned(),
         inner => format!("{path}.{inner}"),
@@ -91,6 +94,6 @@ pub(crate) fn with_place(path: &str, error: ParameterError) -> ParameterError {
 }
 
 /// Returns an error about a value at `path` that does not match its type.
-pub(crate) fn mismatch_at(path: &str, mismatch: Mismatch) -> ParameterError {
+pub fn mismatch_at(path: &str, mismatch: Mismatch) -> ParameterError {
     wrong(&mismatch.path_in(path), mismatch.reason)
 }

@@ -31,7 +31,7 @@ const COLOR: &str = "#e69f00";
 const SAME: f32 = 1e-4;
 
 /// Returns the scene of an episode that runs in a single lane.
-pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
+pub fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     let (layout, team) = (&settings.mission.place, &settings.team);
     let [low, high] = shown(layout);
     let shifted = |points: Vec<[f32; 2]>| -> Vec<[f32; 2]> {

@@ -14,17 +14,22 @@ use crate::time::LONGEST;
 
 /// Checked parameters.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Settings {
+pub struct Settings {
+    /// The mission.
     pub mission: Mission,
+    /// The robots.
     pub team: Team,
     /// Name of the parameter that sets the number of robots.
     counted: &'static str,
+    /// Failures of robots.
     pub failures: Vec<Failure>,
     /// The start region of each kind of robots.
     regions: Vec<Start>,
     /// Ticks of 0.1 s; the first one is the start.
     pub ticks: u32,
+    /// Seed of the episode.
     pub seed: u64,
+    /// Milliseconds per step, for tools that show episodes.
     pub step_size: u32,
 }
 
@@ -33,7 +38,7 @@ impl Settings {
     ///
     /// # Errors
     /// Returns the first invalid parameter.
-    pub(crate) fn read(parameters: &Parameters) -> Result<Self, ParameterError> {
+    pub fn read(parameters: &Parameters) -> Result<Self, ParameterError> {
         Self::read_all(parameters).map_err(Mistakes::into_first)
     }
 
@@ -42,7 +47,7 @@ impl Settings {
     /// # Errors
     /// Returns all invalid parameters, those of the mission first. Checks that need the mission are skipped if it is
     /// invalid.
-    pub(crate) fn read_all(parameters: &Parameters) -> Result<Self, Mistakes> {
+    pub fn read_all(parameters: &Parameters) -> Result<Self, Mistakes> {
         let read = ParameterReader::new(parameters);
         let mut mistakes = Mistakes::default();
         let mission = mistakes.take(Mission::read(parameters.get("mission")));
@@ -176,7 +181,7 @@ impl Settings {
 
 impl Settings {
     /// Draws the start positions of robots and objects.
-    pub(crate) fn starts(&self) -> Result<Starts, ParameterError> {
+    pub fn starts(&self) -> Result<Starts, ParameterError> {
         let (mission, robots) = (&self.mission, self.team.len());
         let layout = &mission.place;
         let objects = objects::draw(&layout.objects, layout, self.seed).map_err(|(kind, count)| {
@@ -210,7 +215,7 @@ impl Settings {
 }
 
 /// Returns every parameter, in the order of the documentation.
-pub(crate) fn parameters() -> Vec<ParameterInfo> {
+pub fn parameters() -> Vec<ParameterInfo> {
     [
         (
             "mission",

@@ -3,12 +3,12 @@
 use super::math::random::MOST_TICKS;
 
 /// Maximum length of an episode, seconds.
-pub(crate) const LONGEST: f64 = (MOST_TICKS - 1) as f64 / 10.0;
+pub const LONGEST: f64 = (MOST_TICKS - 1) as f64 / 10.0;
 /// Length of a tick, seconds.
-pub(crate) const TICK: f32 = 0.1;
+pub const TICK: f32 = 0.1;
 /// Number of substeps in a tick.
-pub(crate) const SUBSTEPS: u32 = 10;
+pub const SUBSTEPS: u32 = 10;
 /// Length of a substep, seconds.
-pub(crate) const SUBSTEP: f32 = 0.01;
+pub const SUBSTEP: f32 = 0.01;
 /// Length of a part of a tick, in which contacts are solved, seconds.
-pub(crate) const PART: f32 = 2.0 * SUBSTEP;
+pub const PART: f32 = 2.0 * SUBSTEP;

@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)] // helpers of tests
 
 use serde_json::{Value, json};
-use swarmwright_arena::Arena;
 use swarmwright_controllers::{Architecture, Controller};
+use swarmwright_kernels::Arena;
 use swarmwright_simulation::{Scene, Simulation, rollout};
 
 fn arena(parameters: &Value) -> Result<Arena, String> {

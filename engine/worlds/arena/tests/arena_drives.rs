@@ -3,8 +3,8 @@
 
 use proptest::prelude::*;
 use serde_json::{Value, json};
-use swarmwright_arena::Arena;
 use swarmwright_controllers::Architecture;
+use swarmwright_kernels::Arena;
 use swarmwright_simulation::{Block, Means, Simulation};
 
 use super::arena_lanes::check;

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)] // helpers of tests
 
 use serde_json::{Value, json};
-use swarmwright_arena::Arena;
+use swarmwright_kernels::Arena;
 use swarmwright_simulation::Simulation;
 
 /// A robot with these sensors; all that have the same number of them fit together.

@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)] // helpers of tests
 
 use serde_json::{Map, Value, json};
-use swarmwright_arena::{Arena, evaluate};
 use swarmwright_controllers::Architecture;
+use swarmwright_kernels::{Arena, evaluate};
 use swarmwright_lanes::Level;
 use swarmwright_simulation::{Block, Means, Simulation};
 

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)] // helpers of tests
 
 use serde_json::{Value, json};
-use swarmwright_arena::Arena;
+use swarmwright_kernels::Arena;
 use swarmwright_simulation::Simulation;
 
 /// An arena at the end of a short episode in which all drive ahead.

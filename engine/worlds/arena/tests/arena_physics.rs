@@ -6,9 +6,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex};
 
 use serde_json::{Value, json};
-use swarmwright_arena::{
-    Arena, Motion, Physics, PhysicsKind, PhysicsSimulation, Pose, Start, World,
-};
+use swarmwright_arena::{Motion, Physics, Pose, Start, World};
+use swarmwright_kernels::{Arena, PhysicsKind, PhysicsSimulation};
 use swarmwright_simulation::{
     Determinism, Failure, ParameterError, Scene, Simulation, parameters::wrong,
 };

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)] // helpers of tests
 
 use serde_json::{Value, json};
-use swarmwright_arena::Arena;
+use swarmwright_kernels::Arena;
 use swarmwright_simulation::{Scene, Side, Simulation};
 
 use super::arena_lanes::{check, check_team};

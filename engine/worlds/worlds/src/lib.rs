@@ -8,7 +8,8 @@ mod text;
 pub use emergency_exit::EmergencyExit;
 pub use minisim::Minisim;
 pub use registry::{create, describe, described, evaluate, titles, vectors};
-pub use swarmwright_arena::{Arena, MissionInfo, missions, robots};
+pub use swarmwright_arena::{MissionInfo, missions, robots};
+pub use swarmwright_kernels::Arena;
 pub use swarmwright_simulation::simulation::Describer;
 pub use swarmwright_simulation::{
     Block, Body, Description, Determinism, Episode, Failure, Group, Light, Means, MetricInfo, Pace,

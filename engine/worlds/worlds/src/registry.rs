@@ -24,8 +24,8 @@ const SIMULATIONS: [Entry; 3] = [
     Entry {
         title: "arena",
         create: || Box::<Arena>::default(),
-        evaluate: swarmwright_arena::evaluate,
-        vectors: swarmwright_arena::VECTORS,
+        evaluate: swarmwright_kernels::evaluate,
+        vectors: swarmwright_kernels::VECTORS,
         varies: true,
     },
     Entry {

@@ -42,7 +42,7 @@ fn main() -> Result<(), String> {
         metrics: &[],
         stop: None,
     };
-    let fitness = swarmwright_arena::evaluate_in::<counted::Numbers>(&block)
+    let fitness = swarmwright_kernels::evaluate_in::<counted::Numbers>(&block)
         .map_err(|error| error.to_string())?
         .ok_or("the arena does not compute these episodes in lanes")?;
     let vectors = block.len().div_ceil(counted::WIDTH);

@@ -9,10 +9,10 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 use crate::place::{Kind, Pose};
 use crate::robots::Team;
 
-pub(crate) use objects::{FASTEST, Moving, Object, Objects, Point, Surface, Touch};
+pub use objects::{FASTEST, Moving, Object, Objects, Point, Surface, Touch};
 
 /// Robots, with one vector of lanes for each quantity and robot, and objects.
-pub(crate) struct Bodies<L: Lanes> {
+pub struct Bodies<L: Lanes> {
     /// Position, metres.
     pub x: Vec<Number<L>>,
     pub y: Vec<Number<L>>,
@@ -39,7 +39,7 @@ pub(crate) struct Bodies<L: Lanes> {
 }
 
 impl<L: Lanes> Bodies<L> {
-    pub(crate) fn new(team: &Team, objects: &[Kind]) -> Self {
+    pub fn new(team: &Team, objects: &[Kind]) -> Self {
         let robots = team.len();
         let zeros = || vec![number(0.0); robots];
         Self {
@@ -62,13 +62,13 @@ impl<L: Lanes> Bodies<L> {
 
     /// Number of robots.
     #[inline(always)]
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.x.len()
     }
 
     /// Returns the indices of the robots of a kind, or of all robots.
     #[inline(always)]
-    pub(crate) fn named(&self, name: Option<&str>) -> Range<usize> {
+    pub fn named(&self, name: Option<&str>) -> Range<usize> {
         let Some(name) = name else {
             return 0..self.len();
         };
@@ -82,7 +82,7 @@ impl<L: Lanes> Bodies<L> {
 
     /// Returns the lanes in which a robot carries a flag.
     #[inline(always)]
-    pub(crate) fn carries(&self, robot: usize) -> L::Mask {
+    pub fn carries(&self, robot: usize) -> L::Mask {
         let mut carries = L::Mask::from_bits(0);
         for flag in 0..self.brought.len() {
             carries = carries.or(self.carried[flag * self.len() + robot]);
@@ -92,20 +92,20 @@ impl<L: Lanes> Bodies<L> {
 
     /// Returns the names of the robot kinds, with the index range of each.
     #[inline(always)]
-    pub(crate) fn kinds(&self) -> &[(String, Range<usize>)] {
+    pub fn kinds(&self) -> &[(String, Range<usize>)] {
         &self.kinds
     }
 
     /// Returns the vector from one robot to another.
     #[inline(always)]
-    pub(crate) fn between(&self, from: usize, to: usize) -> [Number<L>; 2] {
+    pub fn between(&self, from: usize, to: usize) -> [Number<L>; 2] {
         [self.x[to] - self.x[from], self.y[to] - self.y[from]]
     }
 }
 
 impl Bodies<f32> {
     /// Returns the poses of the robots.
-    pub(crate) fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
+    pub fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
         (0..self.len()).map(|index| Pose {
             at: [self.x[index].0, self.y[index].0],
             heading: self.heading[index].0,

@@ -11,11 +11,11 @@ const GRAVITY: f32 = 9.81;
 
 /// Maximum speed of a body, in radii per second, so that it cannot pass through a wall or another body in one part of a
 /// tick.
-pub(crate) const FASTEST: f32 = 50.0;
+pub const FASTEST: f32 = 50.0;
 
 /// The constant properties of an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Object {
+pub struct Object {
     /// Index of the object's kind.
     pub kind: usize,
     pub form: Form,
@@ -54,7 +54,7 @@ impl Object {
 
 /// Pose and motion of an object.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Moving<L> {
+pub struct Moving<L> {
     pub x: Number<L>,
     pub y: Number<L>,
     /// Heading in half turns, -1..=1, with its cosine and sine.
@@ -87,18 +87,18 @@ impl<L: Lanes> Moving<L> {
 
     /// Transforms a vector from the object's axes to the arena's axes.
     #[inline(always)]
-    pub(crate) fn out(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
+    pub fn out(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
         [x * self.cos - y * self.sin, x * self.sin + y * self.cos]
     }
 
     /// Transforms a vector from the arena's axes to the object's axes.
     #[inline(always)]
-    pub(crate) fn within(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
+    pub fn within(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
         [x * self.cos + y * self.sin, y * self.cos - x * self.sin]
     }
 
     #[inline(always)]
-    pub(crate) fn turn(&mut self, heading: Number<L>) {
+    pub fn turn(&mut self, heading: Number<L>) {
         let heading = (heading - number(2.0)).select(heading, heading.gt(number(1.0)));
         self.heading = (heading + 2.0).select(heading, heading.lt(number(-1.0)));
         self.cos = Number(cos_pi(self.heading.0));
@@ -107,7 +107,7 @@ impl<L: Lanes> Moving<L> {
 
     /// Returns whether the object moves in any lane.
     #[inline(always)]
-    pub(crate) fn moves(&self) -> bool {
+    pub fn moves(&self) -> bool {
         let zero = number(0.0);
         let [vx, vy] = self.velocity;
         let mut moving = false;
@@ -135,14 +135,14 @@ impl<L: Lanes> Moving<L> {
 
 /// The extended surface in a contact, by its index.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Surface {
+pub enum Surface {
     Object(usize),
     Face(usize),
 }
 
 /// The point in a contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Point {
+pub enum Point {
     /// The middle of a robot, which is a disc.
     Robot(usize),
     /// The middle of an object that is a disc.
@@ -155,7 +155,7 @@ pub(crate) enum Point {
 
 /// A contact that is possible in a tick. Impulses are in N s.
 #[derive(Clone, Copy)]
-pub(crate) struct Touch<L: Lanes> {
+pub struct Touch<L: Lanes> {
     pub surface: Surface,
     pub point: Point,
     /// Key that identifies the contact in the next tick.
@@ -179,7 +179,7 @@ pub(crate) struct Touch<L: Lanes> {
 }
 
 /// The objects of the episodes in all lanes.
-pub(crate) struct Objects<L: Lanes> {
+pub struct Objects<L: Lanes> {
     pub things: Vec<Object>,
     pub moving: Vec<Moving<L>>,
     /// Possible contacts in this tick, ascending by key, and those of the previous tick.
@@ -198,7 +198,7 @@ impl<L: Lanes> Default for Objects<L> {
 
 impl<L: Lanes> Objects<L> {
     /// Creates objects at rest. `grippers` is the number of robots if some have a gripper, else 0.
-    pub(crate) fn new(kinds: &[Kind], grippers: usize) -> Self {
+    pub fn new(kinds: &[Kind], grippers: usize) -> Self {
         let mut items = Vec::new();
         for (index, kind) in kinds.iter().enumerate() {
             items.extend((0..kind.count()).map(|_| Object::new(index, kind)));
@@ -214,7 +214,7 @@ impl<L: Lanes> Objects<L> {
 
     /// Starts an episode in each lane.
     #[inline(always)]
-    pub(crate) fn start(&mut self, mut pose: impl FnMut(usize, usize) -> Pose) {
+    pub fn start(&mut self, mut pose: impl FnMut(usize, usize) -> Pose) {
         self.touches[0].clear();
         self.held.fill(L::Mask::from_bits(0));
         for (index, moving) in self.moving.iter_mut().enumerate() {
@@ -236,19 +236,19 @@ impl<L: Lanes> Objects<L> {
 
     /// Returns whether there are any objects.
     #[inline(always)]
-    pub(crate) fn any(&self) -> bool {
+    pub fn any(&self) -> bool {
         !self.things.is_empty()
     }
 
     /// Returns whether any object moves or may touch something in this tick.
     #[inline(always)]
-    pub(crate) fn awake(&self) -> bool {
+    pub fn awake(&self) -> bool {
         self.awake
     }
 
     /// Applies the friction of the floor, at the beginning of a part, or `again` in one of its passes.
     #[inline(always)]
-    pub(crate) fn rest(&mut self, again: bool) {
+    pub fn rest(&mut self, again: bool) {
         if !self.awake {
             return;
         }
@@ -261,7 +261,7 @@ impl<L: Lanes> Objects<L> {
 
     /// Returns the lanes in which a robot holds an object.
     #[inline(always)]
-    pub(crate) fn held_by(&self, robot: usize) -> L::Mask {
+    pub fn held_by(&self, robot: usize) -> L::Mask {
         let count = self.things.len();
         let mut holds = L::Mask::from_bits(0);
         if !self.held.is_empty() {
@@ -274,7 +274,7 @@ impl<L: Lanes> Objects<L> {
 
     /// Returns the lanes in which a robot holds this object.
     #[inline(always)]
-    pub(crate) fn is_held(&self, object: usize) -> L::Mask {
+    pub fn is_held(&self, object: usize) -> L::Mask {
         let mut holds = L::Mask::from_bits(0);
         let mut at = object;
         while at < self.held.len() {
@@ -287,7 +287,7 @@ impl<L: Lanes> Objects<L> {
 
 impl Objects<f32> {
     /// Returns the poses of the objects.
-    pub(crate) fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
+    pub fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
         self.moving.iter().map(|moving| Pose {
             at: [moving.x.0, moving.y.0],
             heading: moving.heading.0,
@@ -295,7 +295,7 @@ impl Objects<f32> {
     }
 
     /// Moves the objects to new poses.
-    pub(crate) fn put(&mut self, poses: impl Iterator<Item = Pose>) {
+    pub fn put(&mut self, poses: impl Iterator<Item = Pose>) {
         for (moving, pose) in self.moving.iter_mut().zip(poses) {
             let [x, y] = pose.at.map(Number);
             (moving.x, moving.y) = (x, y);

@@ -9,12 +9,12 @@ use super::super::time::{PART, SUBSTEP};
 /// that size.
 const TOLERANCE: f32 = 0.2;
 /// Fraction of the excess overlap that is removed in a part.
-pub(crate) const SHARE: f32 = 0.2;
+pub const SHARE: f32 = 0.2;
 
 /// A contact for the solver. Impulses are divided by the mass of the robot; if two robots touch, by the mass of the
 /// first kind.
 #[derive(Clone, Copy)]
-pub(crate) struct Contact<L: Lanes> {
+pub struct Contact<L: Lanes> {
     /// Unit vector from the first robot to the other robot, or into the wall.
     pub normal: [Number<L>; 2],
     /// Speed of approach up to which the contact exerts no force in this part.
@@ -28,7 +28,7 @@ pub(crate) struct Contact<L: Lanes> {
 
 impl<L: Lanes> Contact<L> {
     #[inline(always)]
-    pub(crate) fn none() -> Self {
+    pub fn none() -> Self {
         Self {
             normal: [number(0.0); 2],
             slack: number(0.0),
@@ -43,7 +43,7 @@ impl<L: Lanes> Contact<L> {
     /// `way` is the vector between two points that touch at a distance of `limit`; `speed` is their relative velocity.
     /// `fastest` is the maximum speed of approach, m/s, and `smaller` the smaller radius.
     #[inline(always)]
-    pub(crate) fn begin(
+    pub fn begin(
         &mut self,
         way: [Number<L>; 2],
         speed: [Number<L>; 2],
@@ -82,7 +82,7 @@ impl<L: Lanes> Contact<L> {
     /// Returns the change of impulse that stops the approach, with friction. `approach` and `slip` are the relative
     /// velocities along the normal and the tangent, `share` is the fraction of them that each body takes.
     #[inline(always)]
-    pub(crate) fn solve(
+    pub fn solve(
         &mut self,
         approach: Number<L>,
         slip: Number<L>,
@@ -100,7 +100,7 @@ impl<L: Lanes> Contact<L> {
 
     /// Returns the contact of a single lane.
     #[inline(always)]
-    pub(crate) fn lane(&self, lane: usize) -> Contact<f32> {
+    pub fn lane(&self, lane: usize) -> Contact<f32> {
         let [nx, ny] = &self.normal;
         Contact {
             normal: [Number(nx.lane(lane)), Number(ny.lane(lane))],
@@ -113,7 +113,7 @@ impl<L: Lanes> Contact<L> {
 
     /// Sets the impulses of a lane.
     #[inline(always)]
-    pub(crate) fn set_lane(&mut self, lane: usize, [pressed, rubbed]: [f32; 2]) {
+    pub fn set_lane(&mut self, lane: usize, [pressed, rubbed]: [f32; 2]) {
         self.pressed.set_lane(lane, pressed);
         self.rubbed.set_lane(lane, rubbed);
     }
@@ -125,14 +125,14 @@ impl<L: Lanes> Contact<L> {
     }
 
     #[inline(always)]
-    pub(crate) fn touches(&self) -> L::Mask {
+    pub fn touches(&self) -> L::Mask {
         number(0.0).lt(self.pressed)
     }
 }
 
 /// Limits a velocity to `most`, m/s, for bodies that are squeezed out between heavier ones.
 #[inline(always)]
-pub(crate) fn slow_down<L: Lanes>(velocity: &mut [Number<L>; 2], most: f32) {
+pub fn slow_down<L: Lanes>(velocity: &mut [Number<L>; 2], most: f32) {
     let [x, y] = *velocity;
     let square = square([x, y]);
     let faster = square.gt(number(most * most));

@@ -11,7 +11,7 @@ use super::super::place::{Face, Form, to_face};
 const BEHIND: f32 = 0.005;
 
 /// Position of a point relative to a surface.
-pub(crate) struct Gap<L: Lanes> {
+pub struct Gap<L: Lanes> {
     pub normal: [Number<L>; 2],
     pub size: Number<L>,
     /// Vector from the middle of the surface's body to the point of contact.
@@ -21,7 +21,7 @@ pub(crate) struct Gap<L: Lanes> {
 
 /// Returns the distance from the rim of a disc to an object, metres. `at` is the middle of the disc.
 #[inline(always)]
-pub(crate) fn gap<L: Lanes>(
+pub fn gap<L: Lanes>(
     object: &Object,
     moving: &Moving<L>,
     [x, y]: [Number<L>; 2],
@@ -34,7 +34,7 @@ pub(crate) fn gap<L: Lanes>(
 /// Returns the gap between an object and a disc of this radius. `way` is the vector from the middle of the object to
 /// that of the disc.
 #[inline(always)]
-pub(crate) fn to_object<L: Lanes>(
+pub fn to_object<L: Lanes>(
     object: &Object,
     moving: &Moving<L>,
     way: [Number<L>; 2],
@@ -87,12 +87,7 @@ pub(crate) fn to_object<L: Lanes>(
 
 /// Returns the gap between a face and a disc of this radius, or the corner of a box.
 #[inline(always)]
-pub(crate) fn to_wall<L: Lanes>(
-    face: &Face,
-    [x, y]: [Number<L>; 2],
-    radius: f32,
-    corner: bool,
-) -> Gap<L> {
+pub fn to_wall<L: Lanes>(face: &Face, [x, y]: [Number<L>; 2], radius: f32, corner: bool) -> Gap<L> {
     let zero = number::<L>(0.0);
     let arm = [zero; 2];
     if !corner {

@@ -12,7 +12,7 @@ impl<L: Lanes> Objects<L> {
     /// A robot keeps its object while that is near; otherwise it takes the nearest object within reach. The tuple holds
     /// the position of its middle, its radius, and its reach from the rim.
     #[inline(always)]
-    pub(crate) fn grip(
+    pub fn grip(
         &mut self,
         robot: usize,
         (at, radius, reach): ([Number<L>; 2], f32, f32),

@@ -6,8 +6,8 @@
 mod contact;
 mod gap;
 mod grip;
-pub(crate) mod near;
+pub mod near;
 mod objects;
 mod pairs;
-pub(crate) mod solver;
-pub(crate) mod walls;
+pub mod solver;
+pub mod walls;

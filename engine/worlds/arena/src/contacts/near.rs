@@ -10,7 +10,7 @@ use super::super::robots::Team;
 
 /// Pairs that may touch in the next tick, in any lane.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Close {
+pub struct Close {
     /// Pairs of robots, ascending.
     pub robots: Vec<[u32; 2]>,
     /// Pairs of a robot and a face of a wall, ascending.
@@ -19,7 +19,7 @@ pub(crate) struct Close {
 
 /// A vector of robots of one kind, during a tick.
 #[derive(Clone, Copy)]
-pub(crate) struct Moved<L> {
+pub struct Moved<L> {
     /// Index of one of the robots.
     pub robot: u32,
     pub at: [Number<L>; 2],
@@ -37,20 +37,20 @@ pub(crate) struct Moved<L> {
 
 /// Position of a lane's robot among the packed robots.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Spot {
+pub struct Spot {
     pub vector: u32,
     pub lane: u32,
 }
 
 /// Returns a number that orders contacts by robot, then by the other body, then by lane.
 #[inline(always)]
-pub(crate) fn key(robot: u32, other: u32, lane: u32) -> u64 {
+pub fn key(robot: u32, other: u32, lane: u32) -> u64 {
     const { assert!(MOST_LANES <= 64) };
     u64::from(robot) << 32 | u64::from(other) << 6 | u64::from(lane)
 }
 
 /// All robots that may touch something in a tick.
-pub(crate) struct Near<L: Lanes> {
+pub struct Near<L: Lanes> {
     /// Lanes in which each robot may touch something, as bits.
     pub lanes: Vec<u64>,
     /// The packed robots, and the vectors in use.
@@ -61,7 +61,7 @@ pub(crate) struct Near<L: Lanes> {
 }
 
 impl<L: Lanes> Near<L> {
-    pub(crate) fn new(robots: usize) -> Self {
+    pub fn new(robots: usize) -> Self {
         let zero = [number(0.0); 2];
         let moved = Moved {
             robot: 0,
@@ -84,13 +84,13 @@ impl<L: Lanes> Near<L> {
 
     /// Returns the position of a lane's robot, which must be one that may touch something.
     #[inline(always)]
-    pub(crate) fn spot(&self, robot: usize, lane: usize) -> Spot {
+    pub fn spot(&self, robot: usize, lane: usize) -> Spot {
         self.spots[robot * L::WIDTH + lane]
     }
 
     /// Packs the robots side by side, in ascending order, kind by kind.
     #[inline(always)]
-    pub(crate) fn pack(&mut self, bodies: &Bodies<L>, aims: &[[Number<L>; 2]], team: &Team) {
+    pub fn pack(&mut self, bodies: &Bodies<L>, aims: &[[Number<L>; 2]], team: &Team) {
         self.used.clear();
         // The current vector, its kind, and its next free lane.
         let (mut vector, mut kind, mut next) = (usize::MAX, usize::MAX, L::WIDTH);
@@ -132,7 +132,7 @@ impl<L: Lanes> Near<L> {
 
     /// Gives each robot the vector with its own index, and keeps its lanes.
     #[inline(always)]
-    pub(crate) fn spread(&mut self, bodies: &Bodies<L>, aims: &[[Number<L>; 2]]) {
+    pub fn spread(&mut self, bodies: &Bodies<L>, aims: &[[Number<L>; 2]]) {
         self.used.clear();
         for (robot, aim) in aims.iter().enumerate() {
             if self.lanes[robot] == 0 {
@@ -159,7 +159,7 @@ impl<L: Lanes> Near<L> {
 
     /// Writes the positions and velocities after the tick back to the bodies.
     #[inline(always)]
-    pub(crate) fn unpack(&self, bodies: &mut Bodies<L>) {
+    pub fn unpack(&self, bodies: &mut Bodies<L>) {
         for robot in 0..bodies.len() {
             let mut lanes = self.lanes[robot];
             let spots = &self.spots[robot * L::WIDTH..][..L::WIDTH];

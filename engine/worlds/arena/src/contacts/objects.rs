@@ -19,26 +19,21 @@ const FRICTION: [f32; 2] = [0.49, 0.07];
 /// Maximum distance that an object moves in a tick, metres; more if robots are faster.
 const WAY: f32 = 0.05;
 /// Distance at the beginning of a part beyond which bodies do not touch in it, metres; more if robots are faster.
-pub(crate) const NEAR: f32 = 0.02;
+pub const NEAR: f32 = 0.02;
 /// Overlap that is not corrected, metres, and the maximum speed at which more overlap is pushed apart, m/s.
 const SLOP: f32 = 0.0002;
 const APART: f32 = 0.05;
 
 /// Returns the maximum distance that objects move in a tick, metres: as far as the fastest robot pushes them.
-pub(crate) fn way(team: &Team) -> f32 {
+#[inline]
+pub fn way(team: &Team) -> f32 {
     (team.fastest() * (TICK / 2.0)).max(WAY)
 }
 
 impl<L: Lanes> Objects<L> {
     /// Finds the possible contacts of this tick. Adds to `nearby` the lanes in which robots may touch an object.
     #[inline(always)]
-    pub(crate) fn find(
-        &mut self,
-        bodies: &Bodies<L>,
-        team: &Team,
-        layout: &Place,
-        nearby: &mut [u64],
-    ) {
+    pub fn find(&mut self, bodies: &Bodies<L>, team: &Team, layout: &Place, nearby: &mut [u64]) {
         let Self {
             touches: [now, old],
             held,
@@ -129,7 +124,7 @@ impl<L: Lanes> Objects<L> {
 
     /// Begins a part with the current positions and the impulses of the previous part.
     #[inline(always)]
-    pub(crate) fn begin(&mut self, moved: &mut [Moved<L>], at: (&Team, &Place)) {
+    pub fn begin(&mut self, moved: &mut [Moved<L>], at: (&Team, &Place)) {
         if self.held.is_empty() {
             self.begin_with::<false>(moved, at);
         } else {
@@ -211,7 +206,7 @@ impl<L: Lanes> Objects<L> {
 
     /// Solves all contacts once, in their order.
     #[inline(always)]
-    pub(crate) fn solve(&mut self, moved: &mut [Moved<L>], team: &Team) {
+    pub fn solve(&mut self, moved: &mut [Moved<L>], team: &Team) {
         if self.held.is_empty() {
             self.solve_with::<false>(moved, team);
         } else {
@@ -282,7 +277,7 @@ impl<L: Lanes> Objects<L> {
 
     /// Moves the objects by a part of a tick.
     #[inline(always)]
-    pub(crate) fn advance(&mut self, team: &Team) {
+    pub fn advance(&mut self, team: &Team) {
         if !self.awake {
             return;
         }

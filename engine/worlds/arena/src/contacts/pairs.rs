@@ -41,7 +41,7 @@ struct Touches<L: Lanes> {
 }
 
 /// The contacts of a tick, and those of the tick before.
-pub(crate) struct Pairs<L: Lanes> {
+pub struct Pairs<L: Lanes> {
     now: Touches<L>,
     old: Touches<L>,
 }
@@ -84,7 +84,7 @@ impl<L: Lanes> Touches<L> {
 }
 
 impl<L: Lanes> Pairs<L> {
-    pub(crate) fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             now: Touches::new(),
             old: Touches::new(),
@@ -93,13 +93,13 @@ impl<L: Lanes> Pairs<L> {
 
     /// Discards the contacts, at the start of an episode.
     #[inline(always)]
-    pub(crate) fn forget(&mut self) {
+    pub fn forget(&mut self) {
         self.now.clear();
     }
 
     /// Finds the pairs of robots that may touch in this tick. `pairs` are the candidates in any lane.
     #[inline(always)]
-    pub(crate) fn find(
+    pub fn find(
         &mut self,
         bodies: &Bodies<L>,
         pairs: &[[u32; 2]],
@@ -151,7 +151,7 @@ impl<L: Lanes> Pairs<L> {
 
     /// Stores the positions of the robots among the packed robots.
     #[inline(always)]
-    pub(crate) fn place(&mut self, nearby: &Near<L>) {
+    pub fn place(&mut self, nearby: &Near<L>) {
         for touch in &mut self.now.all {
             let (i, j) = (touch.robots[0] as usize, touch.robots[1] as usize);
             let lane = lane_of::<L>(touch.lane);
@@ -161,7 +161,7 @@ impl<L: Lanes> Pairs<L> {
 
     /// Begins a part of the tick with the impulses of the previous part.
     #[inline(always)]
-    pub(crate) fn begin(&mut self, moved: &mut [Moved<L>], team: &Team) {
+    pub fn begin(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let (fastest, equal) = (team.fastest(), team.equal());
         let Touches { all, contacts } = &mut self.now;
         for (index, (contact, [limit, smaller])) in contacts.iter_mut().enumerate() {
@@ -196,7 +196,7 @@ impl<L: Lanes> Pairs<L> {
 
     /// Solves each contact once, in order.
     #[inline(always)]
-    pub(crate) fn solve(&mut self, moved: &mut [Moved<L>], team: &Team) {
+    pub fn solve(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let equal = team.equal();
         let Touches { all, contacts } = &mut self.now;
         for (index, (contacts, _)) in contacts.iter_mut().enumerate() {

@@ -30,7 +30,7 @@ const MORE_PASSES: usize = 4;
 const TRACTION: f32 = 10.0;
 
 /// The state of the solver.
-pub(crate) struct Contacts<L: Lanes> {
+pub struct Contacts<L: Lanes> {
     /// Target velocity of each drive.
     pub aim: Vec<[Number<L>; 2]>,
     near: Near<L>,
@@ -39,7 +39,7 @@ pub(crate) struct Contacts<L: Lanes> {
 }
 
 impl<L: Lanes> Contacts<L> {
-    pub(crate) fn new(robots: usize) -> Self {
+    pub fn new(robots: usize) -> Self {
         Self {
             aim: vec![[number(0.0); 2]; robots],
             near: Near::new(robots),
@@ -50,20 +50,14 @@ impl<L: Lanes> Contacts<L> {
 
     /// Discards the contacts, at the start of an episode.
     #[inline(always)]
-    pub(crate) fn forget(&mut self) {
+    pub fn forget(&mut self) {
         self.pairs.forget();
         self.walls.forget();
     }
 
     /// Moves all robots by a tick.
     #[inline(always)]
-    pub(crate) fn resolve(
-        &mut self,
-        bodies: &mut Bodies<L>,
-        close: &Close,
-        team: &Team,
-        layout: &Place,
-    ) {
+    pub fn resolve(&mut self, bodies: &mut Bodies<L>, close: &Close, team: &Team, layout: &Place) {
         let Self {
             aim,
             near: nearby,

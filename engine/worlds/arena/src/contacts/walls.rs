@@ -38,7 +38,7 @@ struct WallContact<L: Lanes> {
 }
 
 /// All contacts with walls.
-pub(crate) struct Walls<L: Lanes> {
+pub struct Walls<L: Lanes> {
     /// Ascending by robot, face and lane; `old` holds the contacts of the previous tick.
     now: Vec<Touch>,
     old: Vec<Touch>,
@@ -49,13 +49,14 @@ pub(crate) struct Walls<L: Lanes> {
 
 /// Returns the distance beyond which walls affect neither contacts nor rays in a tick, metres. `gap` is the maximum
 /// distance by which two robots approach each other in a tick.
-pub(crate) fn reach_of_walls(robot: &Robot, gap: f32) -> f32 {
+#[inline]
+pub fn reach_of_walls(robot: &Robot, gap: f32) -> f32 {
     let rays = robot.proximity.as_ref().map_or(0.0, |p| p.start + p.range);
     rays.max(robot.radius + gap / 2.0)
 }
 
 impl<L: Lanes> Walls<L> {
-    pub(crate) fn new(robots: usize) -> Self {
+    pub fn new(robots: usize) -> Self {
         Self {
             now: Vec::new(),
             old: Vec::new(),
@@ -66,14 +67,14 @@ impl<L: Lanes> Walls<L> {
 
     /// Discards the contacts, at the start of an episode.
     #[inline(always)]
-    pub(crate) fn forget(&mut self) {
+    pub fn forget(&mut self) {
         self.now.clear();
     }
 
     /// Finds the walls that robots may touch in this tick. `pairs` are the candidate pairs of a robot and a face in any
     /// lane.
     #[inline(always)]
-    pub(crate) fn find(
+    pub fn find(
         &mut self,
         bodies: &Bodies<L>,
         pairs: &[[u32; 2]],
@@ -125,7 +126,7 @@ impl<L: Lanes> Walls<L> {
 
     /// Collects the faces for each vector of robots; the faces of a robot are in ascending order.
     #[inline(always)]
-    pub(crate) fn collect(&mut self, nearby: &Near<L>, layout: &Place) {
+    pub fn collect(&mut self, nearby: &Near<L>, layout: &Place) {
         self.contacts.clear();
         for vector in &nearby.used {
             self.first[*vector as usize] = u32::MAX;
@@ -157,7 +158,7 @@ impl<L: Lanes> Walls<L> {
 
     /// Begins a part of the tick with the impulses of the previous part.
     #[inline(always)]
-    pub(crate) fn begin(&mut self, moved: &mut [Moved<L>], team: &Team) {
+    pub fn begin(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let fastest = team.fastest();
         for wall in &mut self.contacts {
             let moved = &mut moved[wall.vector as usize];
@@ -175,7 +176,7 @@ impl<L: Lanes> Walls<L> {
 
     /// Solves each contact once, in order.
     #[inline(always)]
-    pub(crate) fn solve(&mut self, moved: &mut [Moved<L>], team: &Team) {
+    pub fn solve(&mut self, moved: &mut [Moved<L>], team: &Team) {
         for wall in &mut self.contacts {
             if wall.contact.active == 0 {
                 continue;
@@ -193,7 +194,7 @@ impl<L: Lanes> Walls<L> {
 
     /// Keeps the impulses for the next tick.
     #[inline(always)]
-    pub(crate) fn keep(&mut self) {
+    pub fn keep(&mut self) {
         for touch in &mut self.now {
             let contact = &self.contacts[touch.contact as usize].contact;
             touch.pressed = contact.pressed.lane(lane_of::<L>(touch.at));

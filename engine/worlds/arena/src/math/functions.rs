@@ -38,7 +38,7 @@ fn polynomial<L: Lanes>(coefficients: &[f32], x: Number<L>) -> Number<L> {
 
 /// Returns |x|.
 #[inline(always)]
-pub(crate) fn absolute<L: Lanes>(x: Number<L>) -> Number<L> {
+pub fn absolute<L: Lanes>(x: Number<L>) -> Number<L> {
     Number(L::from_pattern(
         x.0.pattern().and(L::Int::splat(0x7FFF_FFFF)),
     ))
@@ -46,7 +46,7 @@ pub(crate) fn absolute<L: Lanes>(x: Number<L>) -> Number<L> {
 
 /// Returns the angle of a vector in half turns, -1..=1, counter-clockwise from x; 0 for the zero vector.
 #[inline(always)]
-pub(crate) fn bearing<L: Lanes>(x: Number<L>, y: Number<L>) -> Number<L> {
+pub fn bearing<L: Lanes>(x: Number<L>, y: Number<L>) -> Number<L> {
     let (ax, ay) = (absolute(x), absolute(y));
     let steep = ax.lt(ay);
     let (low, high) = (ax.select(ay, steep), ay.select(ax, steep));
@@ -60,7 +60,7 @@ pub(crate) fn bearing<L: Lanes>(x: Number<L>, y: Number<L>) -> Number<L> {
 
 /// Returns e^x for x in -80..=80.
 #[inline(always)]
-pub(crate) fn exp<L: Lanes>(x: Number<L>) -> Number<L> {
+pub fn exp<L: Lanes>(x: Number<L>) -> Number<L> {
     let whole = (x * std::f32::consts::LOG2_E + 0.5).0.floor();
     let n = Number(L::from_int(whole));
     // ln(2) is split into two parts; products of the first part with n are exact.
@@ -71,26 +71,26 @@ pub(crate) fn exp<L: Lanes>(x: Number<L>) -> Number<L> {
 
 /// Returns the natural logarithm of a normal number above 0.
 #[inline(always)]
-pub(crate) fn ln<L: Lanes>(x: Number<L>) -> Number<L> {
+pub fn ln<L: Lanes>(x: Number<L>) -> Number<L> {
     Number(lanes::ln(x.0))
 }
 
 /// Returns two independent numbers of the standard normal distribution from two uniform numbers in 0..1, the first
 /// above 0.
 #[inline(always)]
-pub(crate) fn normal<L: Lanes>(length: Number<L>, angle: Number<L>) -> [Number<L>; 2] {
+pub fn normal<L: Lanes>(length: Number<L>, angle: Number<L>) -> [Number<L>; 2] {
     let half_turns = angle + angle - number(1.0);
     lanes::normal_pair(length.0, half_turns.0).map(Number)
 }
 
 /// Returns the square of the length of a vector.
 #[inline(always)]
-pub(crate) fn square<L: Lanes>([x, y]: [Number<L>; 2]) -> Number<L> {
+pub fn square<L: Lanes>([x, y]: [Number<L>; 2]) -> Number<L> {
     x * x + y * y
 }
 
 /// Returns the probability of at least one of two independent events.
 #[inline(always)]
-pub(crate) fn either(first: f32, second: f32) -> f32 {
+pub fn either(first: f32, second: f32) -> f32 {
     1.0 - (1.0 - first) * (1.0 - second)
 }

@@ -1,5 +1,5 @@
 //! Functions, random numbers and plane geometry as fixed sequences of operations.
 
-pub(crate) mod functions;
-pub(crate) mod polygon;
-pub(crate) mod random;
+pub mod functions;
+pub mod polygon;
+pub mod random;

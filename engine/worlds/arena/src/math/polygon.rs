@@ -11,7 +11,7 @@ fn doubled_area(corners: &[Point]) -> f64 {
 }
 
 /// Returns the area, m^2.
-pub(crate) fn area(corners: &[Point]) -> f64 {
+pub fn area(corners: &[Point]) -> f64 {
     doubled_area(corners).abs() / 2.0
 }
 
@@ -37,7 +37,7 @@ fn meet([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
 ///
 /// # Errors
 /// Returns the problem with the polygon: too few or too many corners, a repeated corner, or crossing sides.
-pub(crate) fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
+pub fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
     let mut corners = corners.to_vec();
     if corners.len() > 1 && corners.first() == corners.last() {
         corners.pop();
@@ -92,7 +92,7 @@ pub(crate) fn tidy(corners: &[Point]) -> Result<Vec<Point>, String> {
 }
 
 /// Returns whether no corner points inwards; the corners must be counter-clockwise.
-pub(crate) fn is_convex(corners: &[Point]) -> bool {
+pub fn is_convex(corners: &[Point]) -> bool {
     let count = corners.len();
     (0..count).all(|index| {
         let at = |ahead: usize| corners[(index + ahead) % count];
@@ -101,7 +101,7 @@ pub(crate) fn is_convex(corners: &[Point]) -> bool {
 }
 
 /// Returns whether a point lies inside, by the parity of the sides that a ray from it crosses.
-pub(crate) fn contains(corners: &[Point], [x, y]: [f64; 2]) -> bool {
+pub fn contains(corners: &[Point], [x, y]: [f64; 2]) -> bool {
     sides(corners).fold(false, |inside, side| {
         let [a, b] = side.map(|corner| corner.map(f64::from));
         let crosses =
@@ -111,7 +111,7 @@ pub(crate) fn contains(corners: &[Point], [x, y]: [f64; 2]) -> bool {
 }
 
 /// Returns whether a side of one polygon passes through a side of the other; touching is not enough.
-pub(crate) fn cross(outline: &[Point], other: &[Point]) -> bool {
+pub fn cross(outline: &[Point], other: &[Point]) -> bool {
     let through = |[a, b]: [Point; 2], [c, d]: [Point; 2]| {
         left(a, b, c) * left(a, b, d) < 0.0 && left(c, d, a) * left(c, d, b) < 0.0
     };
@@ -119,7 +119,7 @@ pub(crate) fn cross(outline: &[Point], other: &[Point]) -> bool {
 }
 
 /// Returns the distance of a point from the nearest side.
-pub(crate) fn distance(corners: &[Point], point: Point) -> f64 {
+pub fn distance(corners: &[Point], point: Point) -> f64 {
     let from = sides(corners).map(|[a, b]| {
         let way =
             |from: Point, to: Point| [0, 1].map(|axis| f64::from(to[axis]) - f64::from(from[axis]));
@@ -131,13 +131,13 @@ pub(crate) fn distance(corners: &[Point], point: Point) -> f64 {
 }
 
 /// Returns the sides, from each corner to the next one.
-pub(crate) fn sides(corners: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
+pub fn sides(corners: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
     let next = corners.iter().cycle().skip(1);
     corners.iter().zip(next).map(|(a, b)| [*a, *b])
 }
 
 /// Returns the lower left and upper right corners of the bounding box.
-pub(crate) fn extent(corners: &[Point]) -> [Point; 2] {
+pub fn extent(corners: &[Point]) -> [Point; 2] {
     let start = [[f32::INFINITY; 2], [f32::NEG_INFINITY; 2]];
     corners.iter().fold(start, |[low, high], corner| {
         [
@@ -148,7 +148,7 @@ pub(crate) fn extent(corners: &[Point]) -> [Point; 2] {
 }
 
 /// Returns evenly spaced points along the sides, starting at the first corner.
-pub(crate) fn along(corners: &[Point], count: usize) -> Vec<[f64; 2]> {
+pub fn along(corners: &[Point], count: usize) -> Vec<[f64; 2]> {
     let sides: Vec<[[f64; 2]; 2]> = sides(corners)
         .map(|side| side.map(|corner| corner.map(f64::from)))
         .collect();

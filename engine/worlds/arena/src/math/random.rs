@@ -9,7 +9,7 @@ use swarmwright_simulation::counter::splitmix;
 
 /// The use of a robot's random numbers. Each purpose has four 32-bit words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Purpose {
+pub enum Purpose {
     /// Noise of both wheels of four robots, one word per robot.
     Wheels,
     /// Noise of eight proximity readings; block 0 to 15 has the first eight, the next eight, and so on.
@@ -46,21 +46,23 @@ impl Purpose {
 }
 
 /// Maximum number of ticks in an episode, so that a tick and a block of links fit into 32 bits.
-pub(crate) const MOST_TICKS: u32 = 1 << 18;
+pub const MOST_TICKS: u32 = 1 << 18;
 /// Number of links that share one draw.
-pub(crate) const LINKS: usize = 8;
+pub const LINKS: usize = 8;
 
 /// Keys of the episodes in the lanes.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Keys<L: Lanes>([L::Int; 2]);
+pub struct Keys<L: Lanes>([L::Int; 2]);
 
 /// Computes one step of a linear congruential generator.
+#[inline]
 const fn step(word: i32) -> i32 {
     word.wrapping_mul(1_664_525).wrapping_add(1_013_904_223)
 }
 
 /// Returns the key of an episode.
-pub(crate) fn key(seed: u64) -> [i32; 2] {
+#[inline]
+pub fn key(seed: u64) -> [i32; 2] {
     let bits = splitmix(splitmix(seed) ^ 0x0061_7265_6e61);
     [bits as i32, (bits >> 32) as i32]
 }
@@ -68,7 +70,7 @@ pub(crate) fn key(seed: u64) -> [i32; 2] {
 impl<L: Lanes> Keys<L> {
     /// Creates the keys; `of_lane` returns the key of each lane.
     #[inline(always)]
-    pub(crate) fn new(mut of_lane: impl FnMut(usize) -> [i32; 2]) -> Self {
+    pub fn new(mut of_lane: impl FnMut(usize) -> [i32; 2]) -> Self {
         let mut words = [[0; swarmwright_lanes::MOST_LANES]; 2];
         let [first, second] = &mut words;
         for (lane, (first, second)) in first.iter_mut().zip(second).enumerate().take(L::WIDTH) {
@@ -80,19 +82,19 @@ impl<L: Lanes> Keys<L> {
 
     /// Draws four random words for a robot in a tick.
     #[inline(always)]
-    pub(crate) fn draw(self, tick: u32, robot: usize, purpose: Purpose) -> [L::Int; 4] {
+    pub fn draw(self, tick: u32, robot: usize, purpose: Purpose) -> [L::Int; 4] {
         self.hash(tick, robot as u32 * 64 + purpose.code())
     }
 
     /// Draws random words for the links to a robot from the eight other robots of a block.
     #[inline(always)]
-    pub(crate) fn links(self, tick: u32, robot: usize, block: usize) -> [L::Int; 4] {
+    pub fn links(self, tick: u32, robot: usize, block: usize) -> [L::Int; 4] {
         self.hash(tick | (1 + block as u32) << 18, robot as u32)
     }
 
     /// Draws random words for eight things that a robot's camera may see, those of a block.
     #[inline(always)]
-    pub(crate) fn seen(self, tick: u32, robot: usize, block: usize) -> [L::Int; 4] {
+    pub fn seen(self, tick: u32, robot: usize, block: usize) -> [L::Int; 4] {
         self.hash(tick | (1 + block as u32) << 18, robot as u32 | 1 << 31)
     }
 
@@ -128,7 +130,7 @@ fn unit<L: Lanes>(half: L::Int) -> Number<L> {
 
 /// Returns two numbers in 0..1, odd multiples of 2^-17, from the halves of a word.
 #[inline(always)]
-pub(crate) fn halves<L: Lanes>(word: L::Int) -> [Number<L>; 2] {
+pub fn halves<L: Lanes>(word: L::Int) -> [Number<L>; 2] {
     [
         unit(word.and(L::Int::splat(0xFFFF))),
         unit(word.shr(L::Int::splat(16))),
@@ -137,12 +139,12 @@ pub(crate) fn halves<L: Lanes>(word: L::Int) -> [Number<L>; 2] {
 
 /// Returns a number in 0..1, a multiple of 2^-24.
 #[inline(always)]
-pub(crate) fn uniform<L: Lanes>(word: L::Int) -> Number<L> {
+pub fn uniform<L: Lanes>(word: L::Int) -> Number<L> {
     Number(L::from_int(word.shr(L::Int::splat(8)))) * (1.0 / 16_777_216.0)
 }
 
 /// Returns uniform noise in -extent..extent from a number in 0..1.
 #[inline(always)]
-pub(crate) fn noise<L: Lanes>(unit: Number<L>, extent: f32) -> Number<L> {
+pub fn noise<L: Lanes>(unit: Number<L>, extent: f32) -> Number<L> {
     (unit + unit - number(1.0)) * extent
 }

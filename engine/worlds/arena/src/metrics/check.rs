@@ -18,7 +18,7 @@ const MOST_POINTS: usize = 1000;
 
 impl Metric {
     /// Checks the metric against the place; an error names the field.
-    pub(crate) fn check(&self, layout: &Place) -> Result<(), ParameterError> {
+    pub fn check(&self, layout: &Place) -> Result<(), ParameterError> {
         for (field, name) in self.patches() {
             if layout.patch(name).is_none() {
                 let names = layout.patches.iter().map(|patch| patch.name.as_str());

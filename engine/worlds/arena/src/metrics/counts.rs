@@ -63,6 +63,7 @@ pub(super) fn carried<L: Lanes>(bodies: &Bodies<L>, name: Option<&str>) -> Numbe
 }
 
 /// Returns the minimum and maximum number of robots for shares of all robots.
+#[inline]
 pub(super) fn bounds(at_least: Option<f64>, at_most: Option<f64>, robots: usize) -> [f32; 2] {
     // Tolerates rounding: 0.7 of 10 robots are 7.
     const ROUNDING: f64 = 1e-6;

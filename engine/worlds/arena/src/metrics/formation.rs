@@ -18,7 +18,7 @@ const HALVINGS: i32 = 8;
 /// A formation as described in a mission. Exactly one of its forms is given.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Formation {
+pub struct Formation {
     /// Radius of a circle, metres.
     pub(super) circle: Option<f32>,
     /// Corners of a polygon.
@@ -37,6 +37,7 @@ pub(crate) struct Formation {
 
 impl Formation {
     /// Returns the formation for this many robots.
+    #[inline]
     pub(super) fn outline(&self, robots: usize) -> Outline {
         let count = (POINTS_PER_ROBOT * robots).clamp(POINTS[0], POINTS[1]);
         let part = |index: usize| (index as f64 + 0.5) / count as f64;
@@ -86,6 +87,7 @@ impl Formation {
 type Side = [[f64; 2]; 2];
 
 /// Returns the mean of all points on the sides.
+#[inline]
 fn centroid(sides: &[Side]) -> [f64; 2] {
     let length = |[from, to]: &Side| square(*from, *to).sqrt();
     let total: f64 = sides.iter().map(length).sum();
@@ -119,6 +121,7 @@ pub(super) struct Outline {
 
 impl Outline {
     /// Returns the distance from a point to the nearest point of the formation.
+    #[inline]
     fn distance(&self, at: [f64; 2]) -> f64 {
         match &self.form {
             Form::Circle { radius } => (square(at, [0.0; 2]).sqrt() - radius).abs(),
@@ -135,6 +138,7 @@ impl Outline {
 
     /// Returns the average of the mean distance from formation to robots and the mean distance from robots to
     /// formation.
+    #[inline]
     pub(super) fn deviation(&self, robots: &[State], shape: &Formation) -> f64 {
         let center = if shape.fixed {
             self.centroid
@@ -187,6 +191,7 @@ impl Outline {
 }
 
 /// Returns the point of a side that is nearest to a point.
+#[inline]
 fn foot([from, to]: Side, at: [f64; 2]) -> [f64; 2] {
     let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
     let length = dx * dx + dy * dy;
@@ -200,6 +205,7 @@ fn foot([from, to]: Side, at: [f64; 2]) -> [f64; 2] {
 }
 
 /// Returns the mean distance from points to the nearest of some places. Sorts the places.
+#[inline]
 fn mean_to_nearest(points: &[[f64; 2]], places: &mut [[f64; 2]]) -> f64 {
     let extent = |axis: usize| {
         let numbers = places.iter().map(|spot| spot[axis]);

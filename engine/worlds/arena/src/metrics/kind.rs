@@ -12,7 +12,7 @@ use super::formation::Formation;
 /// A metric of a mission. A robot or object is on a patch if its middle lies in it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(crate) enum Metric {
+pub enum Metric {
     /// The number of robots on a patch.
     RobotsOn {
         patch: String,
@@ -203,7 +203,7 @@ fn mean() -> When {
 /// How a metric is aggregated over time.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum When {
+pub enum When {
     /// The sum over all ticks.
     #[default]
     EachTick,
@@ -227,7 +227,7 @@ impl When {
 
 impl Metric {
     /// Returns the kind of robots to which the metric is restricted, if any.
-    pub(crate) fn robots(&self) -> Option<&str> {
+    pub fn robots(&self) -> Option<&str> {
         match self {
             Self::RobotsOn { robots, .. } | Self::Caught { robots, .. } => robots.as_deref(),
             Self::PaintedShare { robots, .. } => Some(robots),
@@ -236,6 +236,7 @@ impl Metric {
     }
 
     /// Returns whether the metric is measured only at the end.
+    #[inline]
     pub(super) fn at_end(&self) -> bool {
         self.when() == Some(When::End)
     }

@@ -19,7 +19,7 @@ use paint::Paint;
 use state::{State, gather};
 use swarm::{MetricCache, Visits};
 
-pub(crate) use kind::{Metric, When};
+pub use kind::{Metric, When};
 
 /// Ticks per second of an episode.
 const TICKS_PER_SECOND: f64 = 10.0;
@@ -27,7 +27,7 @@ const TICKS_PER_SECOND: f64 = 10.0;
 const LINK: f32 = 0.35;
 
 /// Returns the metrics that every mission has, measured at the end of an episode and sorted by name.
-pub(crate) fn general() -> Vec<(String, Metric)> {
+pub fn general() -> Vec<(String, Metric)> {
     let when = When::End;
     let largest = Metric::LargestGroup {
         link: LINK,
@@ -56,7 +56,7 @@ const KEYWORDS: [&str; 35] = [
 ];
 
 /// Checks the name of a metric.
-pub(crate) fn check_name(name: &str) -> Result<(), String> {
+pub fn check_name(name: &str) -> Result<(), String> {
     let mut letters = name.chars();
     let first = letters
         .next()
@@ -78,7 +78,8 @@ pub(crate) fn check_name(name: &str) -> Result<(), String> {
 }
 
 /// The value of a metric so far in each lane, with the state that it keeps between ticks.
-pub(crate) struct Tally<L> {
+pub struct Tally<L> {
+    /// The value in each lane.
     pub values: [f64; MOST_LANES],
     /// State by robot or lane; its meaning depends on the metric.
     marks: Vec<Number<L>>,
@@ -95,7 +96,8 @@ pub(crate) struct Tally<L> {
 }
 
 impl<L: Lanes> Tally<L> {
-    pub(crate) fn new() -> Self {
+    /// A tally of an episode that has not begun.
+    pub fn new() -> Self {
         Self {
             values: [0.0; MOST_LANES],
             marks: Vec::new(),
@@ -112,7 +114,7 @@ impl<L: Lanes> Tally<L> {
 
     /// Updates the metric after a tick; the first call is at the start.
     #[inline(always)]
-    pub(crate) fn update(
+    pub fn update(
         &mut self,
         metric: &Metric,
         bodies: &Bodies<L>,
@@ -374,7 +376,7 @@ impl<L: Lanes> Tally<L> {
 
 impl Tally<f32> {
     /// Returns the value as if the episode ended now, without changing the tally.
-    pub(crate) fn now(
+    pub fn now(
         &self,
         metric: &Metric,
         bodies: &Bodies<f32>,

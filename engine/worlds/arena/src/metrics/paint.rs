@@ -39,6 +39,7 @@ impl Paint {
     }
 
     /// Paints the squares where the robots of a lane are. Returns the share of free squares of the kind with a name.
+    #[inline]
     pub(super) fn paint(
         &mut self,
         robots: &[State],

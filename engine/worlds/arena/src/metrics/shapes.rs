@@ -9,6 +9,7 @@ const GRID: f64 = 0.02;
 const POINTS: u32 = 64;
 
 /// Returns the distance from a point to the nearest robot, at most `most`.
+#[inline]
 fn nearest(point: [f64; 2], robots: &[[f32; 2]], most: f32) -> f64 {
     let most = f64::from(most);
     let least = robots.iter().fold(most * most, |least, robot| {
@@ -18,6 +19,7 @@ fn nearest(point: [f64; 2], robots: &[[f32; 2]], most: f32) -> f64 {
 }
 
 /// Returns the point of a circle at `share` of its circumference, 0..1.
+#[inline]
 pub(super) fn on_circle(center: [f32; 2], radius: f64, share: f64) -> [f64; 2] {
     // Uses the project's own functions, so that all machines have the same points.
     let half_turns = (2.0 * share - 1.0) as f32;
@@ -30,6 +32,7 @@ pub(super) fn on_circle(center: [f32; 2], radius: f64, share: f64) -> [f64; 2] {
 }
 
 /// Returns the area that discs of radius `disc` around robots cover within a circle around the origin, m^2.
+#[inline]
 pub(super) fn covered_area(robots: &[[f64; 2]], disc: f32, within: f32) -> f64 {
     let (disc, within) = (f64::from(disc), f64::from(within));
     let cells = (2.0 * within / GRID).ceil() as i64;
@@ -50,6 +53,7 @@ pub(super) fn covered_area(robots: &[[f64; 2]], disc: f32, within: f32) -> f64 {
 }
 
 /// Returns the mean distance from points around the origin to the nearest robot that is on none of the patches.
+#[inline]
 pub(super) fn distance_around(
     robots: &[[f32; 2]],
     radius: f32,
@@ -74,6 +78,7 @@ pub(super) fn distance_around(
 }
 
 /// Returns the mean distance from points of a rectangle to the nearest robot in it.
+#[inline]
 pub(super) fn distance_inside(robots: &[[f32; 2]], shape: &Shape, most: f32) -> f64 {
     let Shape::Box { low, high } = shape else {
         return f64::from(most);
@@ -97,6 +102,7 @@ pub(super) fn distance_inside(robots: &[[f32; 2]], shape: &Shape, most: f32) -> 
 }
 
 /// Returns the mean distance from points of a circle's rim to the nearest robot that is near the rim.
+#[inline]
 pub(super) fn distance_rim(robots: &[[f32; 2]], shape: &Shape, margin: f32, most: f32) -> f64 {
     let Shape::Circle { center, radius } = shape else {
         return f64::from(most);
@@ -116,6 +122,7 @@ pub(super) fn distance_rim(robots: &[[f32; 2]], shape: &Shape, margin: f32, most
 }
 
 /// Returns the mean age of the cells, then increments all ages.
+#[inline]
 pub(super) fn age(robots: &[[f32; 2]], side: f32, cells: u32, ages: &mut [u32]) -> f64 {
     let width = cells as usize;
     for robot in robots {

@@ -23,6 +23,7 @@ pub(super) struct MetricCache {
 }
 
 /// Returns the current value of a metric.
+#[inline]
 pub(super) fn value(
     metric: &Metric,
     robots: &[State],
@@ -102,6 +103,7 @@ pub(super) fn value(
 }
 
 /// Returns the robots from left to right; robots with equal x keep their order.
+#[inline]
 fn from_left(robots: &[State]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..robots.len()).collect();
     order.sort_by(|a, b| robots[*a].at[0].total_cmp(&robots[*b].at[0]));
@@ -112,6 +114,7 @@ fn from_left(robots: &[State]) -> Vec<usize> {
 const FEW: usize = 64;
 
 /// Returns the mean distance to the nearest other robot.
+#[inline]
 fn nearest(robots: &[State]) -> f64 {
     if robots.len() < 2 {
         return 0.0;
@@ -157,6 +160,7 @@ struct Groups {
 
 impl Groups {
     /// Returns the robots of the largest group.
+    #[inline]
     fn members(self, robots: &[State]) -> impl Iterator<Item = &State> {
         let members = robots.iter().enumerate();
         members
@@ -173,6 +177,7 @@ enum Members {
 }
 
 impl Members {
+    #[inline]
     fn has(&self, robot: usize) -> bool {
         match self {
             Self::Few(bits) => bits >> robot & 1 == 1,
@@ -181,6 +186,7 @@ impl Members {
     }
 }
 
+#[inline]
 fn groups(robots: &[State], link: f32) -> Groups {
     let link = f64::from(link);
     if robots.len() > FEW {
@@ -218,6 +224,7 @@ fn groups(robots: &[State], link: f32) -> Groups {
     }
 }
 
+#[inline]
 fn many_groups(robots: &[State], link: f64) -> Groups {
     let order = from_left(robots);
     let mut first: Vec<usize> = (0..robots.len()).collect();
@@ -253,6 +260,7 @@ fn many_groups(robots: &[State], link: f64) -> Groups {
 }
 
 /// Returns the first robot of a group, and shortens the path to it.
+#[inline]
 fn root(first: &mut [usize], mut index: usize) -> usize {
     while first[index] != index {
         first[index] = first[first[index]];
@@ -262,6 +270,7 @@ fn root(first: &mut [usize], mut index: usize) -> usize {
 }
 
 /// Returns the middles of the squares of the free floor.
+#[inline]
 fn squares(layout: &Place, side: f64) -> impl Iterator<Item = [f64; 2]> + '_ {
     let [low, high] = polygon::extent(&layout.outline).map(|corner| corner.map(f64::from));
     let count = |axis: usize| ((high[axis] - low[axis]) / side).ceil() as u64;
@@ -276,6 +285,7 @@ fn squares(layout: &Place, side: f64) -> impl Iterator<Item = [f64; 2]> + '_ {
 }
 
 /// Returns the share of squares whose middle is within `radius` of a robot.
+#[inline]
 fn covered(robots: &[State], layout: &Place, radius: f32, points: &mut Vec<[f64; 2]>) -> f64 {
     if points.is_empty() {
         let area = polygon::area(&layout.outline);
@@ -304,6 +314,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
+    #[inline]
     pub(super) fn new(layout: &Place, cell: f32) -> Self {
         let side = f64::from(cell);
         let [low, high] = polygon::extent(&layout.outline).map(|corner| corner.map(f64::from));
@@ -317,11 +328,13 @@ impl Grid {
     }
 
     /// Returns the number of squares.
+    #[inline]
     pub(super) fn len(&self) -> usize {
         self.columns * self.rows
     }
 
     /// Returns whether the middle of each square is on the free floor.
+    #[inline]
     pub(super) fn free_squares(&self, layout: &Place) -> Vec<bool> {
         let mut free = vec![false; self.len()];
         for index in squares(layout, self.side).filter_map(|point| self.index(point)) {
@@ -331,6 +344,7 @@ impl Grid {
     }
 
     /// Returns the index of the square at a point.
+    #[inline]
     pub(super) fn index(&self, [x, y]: [f64; 2]) -> Option<usize> {
         let of = |at: f64, axis: usize| ((at - self.low[axis]) / self.side).floor();
         let (column, row) = (of(x, 0), of(y, 1));
@@ -352,6 +366,7 @@ pub(super) struct Visits {
 }
 
 impl Visits {
+    #[inline]
     pub(super) fn new(layout: &Place, cell: f32, lanes: usize) -> Self {
         let grid = Grid::new(layout, cell);
         let fresh = grid.free_squares(layout);
@@ -364,6 +379,7 @@ impl Visits {
     }
 
     /// Marks the squares where the robots of a lane are, and returns the share of free squares visited so far.
+    #[inline]
     pub(super) fn visit(&mut self, robots: &[State], lane: usize) -> f64 {
         let first = lane * self.grid.len();
         for robot in robots {
@@ -378,6 +394,7 @@ impl Visits {
 }
 
 /// Returns the share of the way from one point to another that a chain of robots spans, 0..1.
+#[inline]
 fn reach(robots: &[State], from: [f64; 2], to: [f64; 2], link: f64) -> f64 {
     let way = square(from, to).sqrt();
     if way <= link {

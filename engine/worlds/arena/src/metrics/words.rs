@@ -3,7 +3,7 @@
 use super::kind::{Metric, When};
 
 impl Metric {
-    pub(crate) fn unit(&self) -> &'static str {
+    pub fn unit(&self) -> &'static str {
         match self {
             Self::RobotsOn { share: true, .. }
             | Self::ObjectsOn { share: true, .. }
@@ -41,7 +41,7 @@ impl Metric {
         }
     }
 
-    pub(crate) fn description(&self) -> String {
+    pub fn description(&self) -> String {
         let when = |when: &When| match when {
             When::EachTick => "summed over the ticks".to_owned(),
             When::Mean => "as a mean over the ticks".to_owned(),

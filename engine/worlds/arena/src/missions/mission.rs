@@ -9,11 +9,11 @@ use crate::robots::Team;
 use crate::rules::Rules;
 
 /// A number, and metrics by their index with a factor each.
-pub(crate) type Sum = (f64, Vec<(usize, f64)>);
+pub type Sum = (f64, Vec<(usize, f64)>);
 
 /// A checked mission.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Mission {
+pub struct Mission {
     pub title: String,
     /// Default robots, for parameters without `robots` and `robot`.
     pub team: Team,
@@ -38,7 +38,7 @@ pub(crate) struct Mission {
 
 impl Mission {
     /// Returns the fitness, given the values of the metrics.
-    pub(crate) fn fitness(&self, value: impl Fn(usize) -> f64) -> f64 {
+    pub fn fitness(&self, value: impl Fn(usize) -> f64) -> f64 {
         let factors = self.factors.iter().enumerate();
         // Skip metrics with factor 0, whose values may be infinite.
         factors
@@ -49,7 +49,7 @@ impl Mission {
     }
 
     /// Returns the value of a metric, given those of the metrics that are no sums.
-    pub(crate) fn value(&self, metric: usize, value: impl Fn(usize) -> f64) -> f64 {
+    pub fn value(&self, metric: usize, value: impl Fn(usize) -> f64) -> f64 {
         match self.sums.get(metric) {
             Some(Some((offset, parts))) => parts
                 .iter()

@@ -14,7 +14,7 @@ use crate::mistakes::{Mistakes, part};
 use crate::place::{Place, Start};
 use text::Text;
 
-pub(crate) use mission::Mission;
+pub use mission::Mission;
 
 /// A built-in mission.
 #[derive(Debug, Clone, Copy)]
@@ -103,7 +103,7 @@ pub fn missions() -> Vec<MissionInfo> {
 }
 
 /// Reads a start region; `at` is its path in error messages.
-pub(crate) fn region(at: &str, value: &Value, layout: &Place) -> Result<Start, ParameterError> {
+pub fn region(at: &str, value: &Value, layout: &Place) -> Result<Start, ParameterError> {
     checks::region(at, value, layout)
 }
 
@@ -128,7 +128,7 @@ impl Mission {
     ///
     /// # Errors
     /// Returns all mistakes in the mission.
-    pub(crate) fn read(value: Option<&Value>) -> Result<Self, Mistakes> {
+    pub fn read(value: Option<&Value>) -> Result<Self, Mistakes> {
         match value {
             None => Self::named("aac"),
             Some(Value::String(name)) => Self::named(name),

@@ -1,12 +1,10 @@
 //! Missions in other physics simulators: the simulator moves the robots and reports their poses; the arena does
 //! everything else.
 
-mod simulation;
 mod world;
 
 use swarmwright_simulation::ParameterError;
 
-pub use simulation::{PhysicsKind, PhysicsSimulation};
 pub use world::{RobotModel, World, WorldLight, WorldObject, WorldPatch, WorldWall};
 
 /// Pose of a robot or object.

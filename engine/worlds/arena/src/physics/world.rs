@@ -102,7 +102,9 @@ pub struct World {
 }
 
 impl World {
-    pub(super) fn new(settings: &Settings) -> Self {
+    /// Creates the world of a mission.
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
         let (layout, team) = (&settings.mission.place, &settings.team);
         let objects = layout.objects.iter().flat_map(|kind| {
             let (radius, size) = match kind.form {

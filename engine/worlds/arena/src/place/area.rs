@@ -4,7 +4,7 @@ use swarmwright_controllers::functions::{cos_pi, sin_pi};
 
 /// Position and heading of a robot or object.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Pose {
+pub struct Pose {
     /// Position, metres.
     pub at: [f32; 2],
     /// Heading in half turns, -1..1.
@@ -13,7 +13,7 @@ pub(crate) struct Pose {
 
 /// A start region for robots or objects: a disc, a rectangle, or the part of the disc that lies in the rectangle.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Start {
+pub struct Start {
     /// Middle and radius, metres.
     pub disc: Option<([f32; 2], f32)>,
     /// Lower left and upper right corners, metres.
@@ -21,7 +21,7 @@ pub(crate) struct Start {
 }
 
 /// Returns a pose in the region, chosen by three numbers in 0..1.
-pub(crate) fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
+pub fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
     let at = match (start.disc, start.rectangle) {
         (Some((center, radius)), _) => {
             // For a uniform distribution in the disc, the larger number gives the radius, and the quotient of both
@@ -48,7 +48,7 @@ pub(crate) fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
 }
 
 /// Returns whether a point lies in the rectangle; true if there is none.
-pub(crate) fn within(at: [f32; 2], start: &Start) -> bool {
+pub fn within(at: [f32; 2], start: &Start) -> bool {
     start.rectangle.is_none_or(|(low, high)| {
         (0..2).all(|axis| low[axis] <= at[axis] && at[axis] <= high[axis])
     })

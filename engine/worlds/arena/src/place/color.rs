@@ -5,7 +5,7 @@ use serde::Deserialize;
 /// A colour that LEDs show and cameras distinguish.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum LedColor {
+pub enum LedColor {
     Red,
     Green,
     Blue,
@@ -15,7 +15,7 @@ pub(crate) enum LedColor {
 }
 
 impl LedColor {
-    pub(crate) const ALL: [Self; 6] = [
+    pub const ALL: [Self; 6] = [
         Self::Red,
         Self::Green,
         Self::Blue,
@@ -25,16 +25,16 @@ impl LedColor {
     ];
 
     /// Returns the index of the colour.
-    pub(crate) const fn index(self) -> usize {
+    pub const fn index(self) -> usize {
         self as usize
     }
 
     /// Returns the number that represents the colour in lanes; 0 stands for no colour.
-    pub(crate) const fn code(self) -> f32 {
+    pub const fn code(self) -> f32 {
         (self as usize + 1) as f32
     }
 
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Red => "red",
             Self::Green => "green",
@@ -46,7 +46,7 @@ impl LedColor {
     }
 
     /// Returns the colour for pictures, slightly darker than on screens so that it is visible on white.
-    pub(crate) const fn shown(self) -> &'static str {
+    pub const fn shown(self) -> &'static str {
         match self {
             Self::Red => "#e02020",
             Self::Green => "#18a818",
@@ -58,7 +58,7 @@ impl LedColor {
     }
 
     /// Returns a paler shade for pictures.
-    pub(crate) const fn pale(self) -> &'static str {
+    pub const fn pale(self) -> &'static str {
         match self {
             Self::Red => "#f0a0a0",
             Self::Green => "#98d898",
@@ -70,7 +70,7 @@ impl LedColor {
     }
 
     /// Returns a darker shade for pictures.
-    pub(crate) const fn dark(self) -> &'static str {
+    pub const fn dark(self) -> &'static str {
         match self {
             Self::Red => "#781010",
             Self::Green => "#0c5c0c",

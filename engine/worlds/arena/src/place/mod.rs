@@ -1,6 +1,6 @@
 //! The place of a mission: walls, floor, lights and objects.
 
-pub(crate) mod area;
+pub mod area;
 mod color;
 mod face;
 mod object;
@@ -10,10 +10,10 @@ use swarmwright_simulation::counter::uniform;
 
 use crate::math::polygon;
 
-pub(crate) use area::{Pose, Start};
-pub(crate) use color::LedColor;
-pub(crate) use face::{Face, to_face};
-pub(crate) use object::{Form, Kind, MOST_OBJECTS, Places};
+pub use area::{Pose, Start};
+pub use color::LedColor;
+pub use face::{Face, to_face};
+pub use object::{Form, Kind, MOST_OBJECTS, Places};
 
 /// Identifies the random stream for colours.
 const COLORS: u64 = 0x636F_6C6F_7273;
@@ -23,7 +23,7 @@ const MARGIN: f32 = 0.05;
 
 /// A shape on the floor.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Shape {
+pub enum Shape {
     Circle {
         center: [f32; 2],
         radius: f32,
@@ -41,7 +41,8 @@ pub(crate) enum Shape {
 
 impl Shape {
     /// Returns the middle of the bounding box; infinite or NaN if unbounded.
-    pub(crate) fn middle(&self) -> [f64; 2] {
+    #[inline]
+    pub fn middle(&self) -> [f64; 2] {
         let [low, high] = match self {
             Self::Circle { center, .. } => [*center; 2],
             Self::Box { low, high } => [*low, *high],
@@ -52,7 +53,7 @@ impl Shape {
 
     /// Returns whether points lie in the shape, including its edge.
     #[inline(always)]
-    pub(crate) fn holds<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> L::Mask {
+    pub fn holds<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> L::Mask {
         match self {
             Self::Circle { center, radius } => {
                 let (dx, dy) = (x - center[0], y - center[1]);
@@ -78,7 +79,7 @@ impl Shape {
 
 /// A part of the floor with its own colour.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Patch {
+pub struct Patch {
     pub name: String,
     pub shape: Shape,
     /// Grey level from 0 (black) to 1 (white); `None` for black or white, chosen by the seed of the episode.
@@ -87,7 +88,7 @@ pub(crate) struct Patch {
 
 /// A lamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Light {
+pub struct Light {
     /// Position x, y, z, metres.
     pub at: [f32; 3],
     pub intensity: f32,
@@ -97,7 +98,7 @@ pub(crate) struct Light {
 
 /// A coloured spot on a wall, visible only to cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Spot {
+pub struct Spot {
     pub at: [f32; 2],
     pub color: LedColor,
     /// The part of the wall that the spot represents: unit vector along it, and half of its length, metres.
@@ -113,7 +114,7 @@ const IN_FRONT: f32 = 0.001;
 impl Face {
     /// Divides a stretch into equal parts, and returns a spot at the middle of each. The stretch is in metres from the
     /// first end.
-    pub(crate) fn spots(&self, [from, to]: [f32; 2], color: LedColor) -> Vec<Spot> {
+    pub fn spots(&self, [from, to]: [f32; 2], color: LedColor) -> Vec<Spot> {
         let count = ((to - from) / SPOTS).ceil().max(1.0) as usize;
         let part = (to - from) / count as f32;
         let spot = |index: usize| {
@@ -135,7 +136,7 @@ impl Face {
 
 /// Everything that does not move by itself: the surroundings, and the objects that robots can push.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Place {
+pub struct Place {
     /// Corners of the outer walls, counter-clockwise.
     pub outline: Vec<[f32; 2]>,
     /// Corners of the obstacles, counter-clockwise.
@@ -151,7 +152,7 @@ pub(crate) struct Place {
 
 impl Place {
     /// Returns the lower left and upper right corners of the bounding box of all walls, with a margin.
-    pub(crate) fn extent(&self) -> [[f32; 2]; 2] {
+    pub fn extent(&self) -> [[f32; 2]; 2] {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for face in &self.faces {
             for axis in 0..2 {
@@ -165,36 +166,39 @@ impl Place {
     }
 
     /// Returns the distance in the plane from a point to the farthest corner of the outer walls.
-    pub(crate) fn farthest(&self, [x, y, _]: [f32; 3]) -> f32 {
+    pub fn farthest(&self, [x, y, _]: [f32; 3]) -> f32 {
         let corners = self.outline.iter();
         let far = corners.map(|corner| (corner[0] - x).hypot(corner[1] - y));
         far.fold(0.0, f32::max)
     }
 
     /// Returns whether a point is inside the outer walls and outside all obstacles.
-    pub(crate) fn is_free(&self, point: [f64; 2]) -> bool {
+    pub fn is_free(&self, point: [f64; 2]) -> bool {
         let boxed = |corners: &[[f32; 2]; 4]| polygon::contains(corners, point);
         polygon::contains(&self.outline, point) && !self.boxes.iter().any(boxed)
     }
 
     /// Returns the form of each object, kind by kind.
-    pub(crate) fn forms(&self) -> impl Iterator<Item = Form> + '_ {
+    pub fn forms(&self) -> impl Iterator<Item = Form> + '_ {
         let same = |kind: &Kind| std::iter::repeat_n(kind.form, kind.count());
         self.objects.iter().flat_map(same)
     }
 
     /// Returns the patch with this name.
-    pub(crate) fn patch(&self, name: &str) -> Option<&Patch> {
+    #[inline]
+    pub fn patch(&self, name: &str) -> Option<&Patch> {
         self.patches.iter().find(|patch| patch.name == name)
     }
 
     /// Returns the index of the patch with this name.
-    pub(crate) fn index(&self, name: &str) -> Option<usize> {
+    #[inline]
+    pub fn index(&self, name: &str) -> Option<usize> {
         self.patches.iter().position(|patch| patch.name == name)
     }
 
     /// Returns the colours of the patches in an episode.
-    pub(crate) fn colors(&self, seed: u64) -> impl Iterator<Item = f32> + '_ {
+    #[inline]
+    pub fn colors(&self, seed: u64) -> impl Iterator<Item = f32> + '_ {
         self.patches.iter().enumerate().map(move |(index, patch)| {
             let drawn = || f32::from(u8::from(uniform(seed, COLORS, index as u64) < 0.5));
             patch.grey.unwrap_or_else(drawn)
@@ -204,12 +208,7 @@ impl Place {
     /// Returns the colour of the floor at points, which is that of the last patch that contains them. `colors` are
     /// those of the patches.
     #[inline(always)]
-    pub(crate) fn floor<L: Lanes>(
-        &self,
-        x: Number<L>,
-        y: Number<L>,
-        colors: &[Number<L>],
-    ) -> Number<L> {
+    pub fn floor<L: Lanes>(&self, x: Number<L>, y: Number<L>, colors: &[Number<L>]) -> Number<L> {
         let mut grey = number(self.grey);
         for (index, patch) in self.patches.iter().enumerate() {
             grey = colors[index].select(grey, patch.shape.holds(x, y));

@@ -4,13 +4,13 @@ use super::area::{Pose, Start};
 use super::color::LedColor;
 
 /// Maximum number of objects in a mission.
-pub(crate) const MOST_OBJECTS: usize = 64;
+pub const MOST_OBJECTS: usize = 64;
 /// Number of points along each axis for the mean distance from the middle of a box.
 const POINTS: u32 = 64;
 
 /// The outline of an object, seen from above.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Form {
+pub enum Form {
     Disc {
         radius: f32,
     },
@@ -22,7 +22,7 @@ pub(crate) enum Form {
 
 impl Form {
     /// Returns the radius of the circumscribed circle, metres.
-    pub(crate) fn radius(self) -> f32 {
+    pub fn radius(self) -> f32 {
         match self {
             Self::Disc { radius } => radius,
             Self::Box { half: [x, y] } => (x * x + y * y).sqrt(),
@@ -30,7 +30,7 @@ impl Form {
     }
 
     /// Returns the radius of the largest inscribed circle, metres.
-    pub(crate) fn inner_radius(self) -> f32 {
+    pub fn inner_radius(self) -> f32 {
         match self {
             Self::Disc { radius } => radius,
             Self::Box { half: [x, y] } => x.min(y),
@@ -38,7 +38,7 @@ impl Form {
     }
 
     /// Returns the moment of inertia per unit of mass, m^2.
-    pub(crate) fn inertia(self) -> f32 {
+    pub fn inertia(self) -> f32 {
         match self {
             Self::Disc { radius } => radius * radius / 2.0,
             Self::Box { half: [x, y] } => (x * x + y * y) / 3.0,
@@ -47,7 +47,7 @@ impl Form {
 
     /// Returns the mean distance of the form's points from the middle, metres, which is the lever of friction under
     /// uniform pressure.
-    pub(crate) fn lever(self) -> f32 {
+    pub fn lever(self) -> f32 {
         match self {
             Self::Disc { radius } => radius * (2.0 / 3.0),
             Self::Box { half } => {
@@ -65,7 +65,7 @@ impl Form {
 
 /// Start positions of objects of a kind.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Places {
+pub enum Places {
     /// One object at a fixed pose.
     Fixed(Pose),
     /// A number of objects, drawn anew for each episode.
@@ -74,7 +74,7 @@ pub(crate) enum Places {
 
 /// Objects of the same form and name.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Kind {
+pub struct Kind {
     pub name: String,
     pub form: Form,
     /// Height, metres; the object hides anything lower.
@@ -89,7 +89,7 @@ pub(crate) struct Kind {
 }
 
 impl Kind {
-    pub(crate) fn count(&self) -> usize {
+    pub fn count(&self) -> usize {
         match self.places {
             Places::Fixed(_) => 1,
             Places::Drawn(_, count) => count,

@@ -9,9 +9,7 @@ mod team;
 mod together;
 
 pub use model::robots;
-pub(crate) use outputs::Output;
-pub(crate) use parts::{
-    Camera, Drive, GroundSensors, LightSensors, Links, Proximity, Radio, Sight,
-};
-pub(crate) use robot::{Group, Robot};
-pub(crate) use team::{MOST_RATIO, MOST_ROBOTS, Pair, Team};
+pub use outputs::Output;
+pub use parts::{Camera, Drive, GroundSensors, LightSensors, Links, Proximity, Radio, Sight};
+pub use robot::{Group, Robot};
+pub use team::{MOST_RATIO, MOST_ROBOTS, Pair, Team};

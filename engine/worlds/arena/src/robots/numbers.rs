@@ -7,7 +7,7 @@ use super::robot::Robot;
 impl Robot {
     /// Returns the number of values of an output.
     #[inline(always)]
-    pub(crate) fn width(&self, output: Output) -> usize {
+    pub fn width(&self, output: Output) -> usize {
         match output {
             Output::Proximity => self.proximity.as_ref().map_or(0, |p| p.rays.len()),
             Output::Light => self.light.as_ref().map_or(0, |l| l.angles.len()),
@@ -38,13 +38,13 @@ impl Robot {
     }
 
     /// Returns the names of the controllers' inputs.
-    pub(crate) fn sensor_names(&self) -> Vec<String> {
+    pub fn sensor_names(&self) -> Vec<String> {
         let names = self.outputs.iter().map(|output| self.names(*output));
         names.flatten().collect()
     }
 
     /// Returns the names of an output's values; empty strings for an absent sensor.
-    pub(crate) fn names(&self, output: Output) -> Vec<String> {
+    pub fn names(&self, output: Output) -> Vec<String> {
         let width = self.width(output);
         let parts: &[&str] = match output {
             Output::Proximity => return numbered("proximity", width).collect(),
@@ -84,7 +84,7 @@ impl Robot {
     }
 
     /// Returns the directions of an output's values in half turns, as reported to controllers; empty if they have none.
-    pub(crate) fn directions(&self, output: Output) -> Vec<f32> {
+    pub fn directions(&self, output: Output) -> Vec<f32> {
         let rays = self.proximity.iter().flat_map(|sensors| &sensors.rays);
         let lights = self.light.iter().flat_map(|sensors| &sensors.angles);
         match output {
@@ -95,12 +95,12 @@ impl Robot {
     }
 
     /// Returns the number of the controllers' inputs.
-    pub(crate) fn sensors(&self) -> usize {
+    pub fn sensors(&self) -> usize {
         self.outputs.iter().map(|output| self.width(*output)).sum()
     }
 
     /// Returns the names of the LED actuators.
-    pub(crate) fn led_names(&self) -> Vec<String> {
+    pub fn led_names(&self) -> Vec<String> {
         let names = self
             .leds
             .iter()
@@ -109,7 +109,7 @@ impl Robot {
     }
 
     /// Returns the names of the values of a sent message.
-    pub(crate) fn message_names(&self) -> Vec<String> {
+    pub fn message_names(&self) -> Vec<String> {
         numbered("message", self.message).collect()
     }
 }

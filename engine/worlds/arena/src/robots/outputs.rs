@@ -2,7 +2,7 @@
 
 /// An output of a sensor. Controllers receive the outputs in the order of the model's list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Output {
+pub enum Output {
     /// The reading of each proximity sensor, 0..=1.
     Proximity,
     /// The sum of the proximity readings as vectors along their rays, limited to length 1: x, y.
@@ -58,7 +58,7 @@ pub(crate) enum Output {
 
 /// The value of a sensor when there is nothing to sense.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Neutral {
+pub enum Neutral {
     Zero,
     /// For sensors of the floor: neither black nor white.
     Half,
@@ -67,7 +67,7 @@ pub(crate) enum Neutral {
 }
 
 impl Neutral {
-    pub(crate) const fn number(self) -> f32 {
+    pub const fn number(self) -> f32 {
         match self {
             Self::Zero => 0.0,
             Self::Half => 0.5,
@@ -78,7 +78,7 @@ impl Neutral {
 
 impl Output {
     /// Returns the value for robots without the sensor.
-    pub(crate) const fn neutral(self) -> Neutral {
+    pub const fn neutral(self) -> Neutral {
         match self {
             Self::Ground | Self::GroundDrawn | Self::GroundReadings => Neutral::Half,
             Self::Battery => Neutral::One,

@@ -15,7 +15,7 @@ pub(super) const fn half_turns(degrees: f32) -> f32 {
 
 /// A ray in the frame of the robot, with x ahead and y to the left.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Ray {
+pub struct Ray {
     /// Unit vector.
     pub along: [f32; 2],
     /// Angle reported to controllers, half turns counter-clockwise from ahead.
@@ -24,7 +24,7 @@ pub(crate) struct Ray {
 
 /// Proximity sensors: rays that detect bodies and walls.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Proximity {
+pub struct Proximity {
     pub rays: Vec<Ray>,
     /// Whether each ray of the first half has its opposite in the second half, so that at most one of the two hits a
     /// given body.
@@ -44,7 +44,7 @@ pub(crate) struct Proximity {
 impl Proximity {
     /// Returns the number of opposite pairs if the rays are opposed, else the number of rays.
     #[inline(always)]
-    pub(crate) fn halves(&self) -> usize {
+    pub fn halves(&self) -> usize {
         if self.opposed {
             self.rays.len() / 2
         } else {
@@ -55,20 +55,20 @@ impl Proximity {
     /// Returns the minimum distance along a ray at which it detects a body. It is negative, down to the middle of the
     /// robot, unless the sensor is blind inside bodies.
     #[inline(always)]
-    pub(crate) fn least(&self) -> f32 {
+    pub fn least(&self) -> f32 {
         if self.blind_inside { 0.0 } else { -self.start }
     }
 
     /// Returns the ray opposite to a ray of the first half.
     #[inline(always)]
-    pub(crate) fn opposite(&self, ray: usize) -> Option<usize> {
+    pub fn opposite(&self, ray: usize) -> Option<usize> {
         self.opposed.then_some(ray + self.rays.len() / 2)
     }
 }
 
 /// Light sensors.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct LightSensors {
+pub struct LightSensors {
     /// Directions, half turns counter-clockwise from ahead.
     pub angles: Vec<f32>,
     /// Distance divided by intensity up to which light is detected.
@@ -81,7 +81,7 @@ pub(crate) struct LightSensors {
 
 /// Sensors that look at the floor.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct GroundSensors {
+pub struct GroundSensors {
     /// Positions in the frame of the robot, metres.
     pub points: Vec<[f32; 2]>,
     /// Half-width of the uniform noise.
@@ -90,7 +90,7 @@ pub(crate) struct GroundSensors {
 
 /// Range-and-bearing sensor, which receives messages of neighbours.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Links {
+pub struct Links {
     /// Maximum distance between middles, metres.
     pub range: f32,
     /// Probability that a message is lost, drawn for each link and tick.
@@ -101,26 +101,27 @@ pub(crate) struct Links {
 
 impl Links {
     /// Returns the maximum distance at which messages are received, metres.
-    pub(crate) fn reach(&self) -> f32 {
+    pub fn reach(&self) -> f32 {
         let radio = self.radio.as_ref();
         radio.map_or(self.range, |radio| self.range * radio.stretch)
     }
 
     /// Returns the delay of messages, in ticks.
-    pub(crate) fn delay(&self) -> u32 {
+    #[inline]
+    pub fn delay(&self) -> u32 {
         self.radio.as_ref().map_or(0, |radio| radio.delay)
     }
 
     /// Returns whether robots, walls and objects block messages.
     #[inline(always)]
-    pub(crate) fn line_of_sight(&self) -> bool {
+    pub fn line_of_sight(&self) -> bool {
         self.radio.as_ref().is_none_or(|radio| radio.line_of_sight)
     }
 }
 
 /// Properties of the radio channel between robots.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Radio {
+pub struct Radio {
     /// Shape parameter of Nakagami fading; 0 without fading, so that all messages within the range are received.
     pub fading: u32,
     /// Path-loss exponent.
@@ -139,7 +140,7 @@ pub(crate) struct Radio {
 
 /// The kinematics of a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Drive {
+pub enum Drive {
     /// Two wheels, left and right; `wheel_base` is the distance between them, metres.
     Differential { wheel_base: f32 },
     /// Motion in any direction, with a turn rate of up to `turn`, rad/s.
@@ -150,7 +151,7 @@ pub(crate) enum Drive {
 }
 
 impl Drive {
-    pub(crate) fn actuators(self) -> &'static [&'static str] {
+    pub fn actuators(self) -> &'static [&'static str] {
         match self {
             Self::Differential { .. } => &["left wheel", "right wheel"],
             Self::Holonomic { .. } => &["ahead", "left", "turn"],
@@ -159,7 +160,7 @@ impl Drive {
     }
 
     /// Returns whether the drive can move sideways.
-    pub(crate) const fn is_holonomic(self) -> bool {
+    pub const fn is_holonomic(self) -> bool {
         matches!(self, Self::Holonomic { .. })
     }
 
@@ -179,7 +180,7 @@ impl Drive {
 /// A quantity that a camera measures for each colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Sight {
+pub enum Sight {
     /// The number of things of the colour.
     Count,
     /// 1 if anything of the colour is in sight, else 0.
@@ -193,7 +194,7 @@ pub(crate) enum Sight {
 }
 
 impl Sight {
-    pub(crate) const fn width(self) -> usize {
+    pub const fn width(self) -> usize {
         match self {
             Self::Count | Self::Seen => 1,
             Self::Attraction | Self::Direction => 2,
@@ -215,7 +216,7 @@ impl Sight {
 
 /// An omnidirectional camera.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Camera {
+pub struct Camera {
     /// Maximum distance, metres from middle to middle.
     pub range: f32,
     /// Half-width of the uniform noise of each direction, half turns.
@@ -226,7 +227,7 @@ pub(crate) struct Camera {
 
 /// A battery; a charge of 1 is full.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Battery {
+pub struct Battery {
     /// Seconds that a full battery lasts while the robot stands, and while its drive is at the maximum.
     pub standing: f32,
     pub driving: f32,
@@ -237,7 +238,7 @@ pub(crate) struct Battery {
 
 /// A charging station.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Charging {
+pub struct Charging {
     /// Name of a patch of the floor.
     pub name: String,
     /// Index of the patch, set once the mission is known.

@@ -18,7 +18,7 @@ pub(super) const FRICTION: [f32; 2] = [0.49, 0.07];
 
 /// A model of a robot.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Robot {
+pub struct Robot {
     /// Radius, metres.
     pub radius: f32,
     /// Height, metres; lower bodies do not hide the robot.
@@ -96,7 +96,7 @@ impl Robot {
     ///
     /// # Errors
     /// Returns an error if the mission lacks the patch on which batteries charge.
-    pub(crate) fn settle(&mut self, layout: &Place, at: &str) -> Result<(), ParameterError> {
+    pub fn settle(&mut self, layout: &Place, at: &str) -> Result<(), ParameterError> {
         let battery = self.battery.as_mut();
         let Some(charging) = battery.and_then(|battery| battery.charging.as_mut()) else {
             return Ok(());
@@ -120,7 +120,8 @@ impl Robot {
 
     /// Returns the maximum distance, metres from middle to middle, at which another robot affects the sensors.
     /// `largest` is the radius of the largest robot.
-    pub(crate) fn range(&self, largest: f32) -> f32 {
+    #[inline]
+    pub fn range(&self, largest: f32) -> f32 {
         let proximity = self.proximity.as_ref();
         let proximity = proximity.map_or(0.0, |p| p.start + p.range + largest);
         self.links
@@ -133,12 +134,12 @@ impl Robot {
     }
 
     /// Returns the distance between rims, metres, beyond which robots cannot touch within a tick.
-    pub(crate) fn reach(&self) -> f32 {
+    pub fn reach(&self) -> f32 {
         (self.fastest() * TICK).max(0.03)
     }
 
     /// Returns an upper bound for the speed at which two bodies approach each other, m/s.
-    pub(crate) fn fastest(&self) -> f32 {
+    pub fn fastest(&self) -> f32 {
         // The noise deviates by at most 4.9 standard deviations.
         (2.0 * self.top_speed * (1.0 + 4.9 * self.wheel_noise)).max(0.3)
     }
@@ -146,10 +147,12 @@ impl Robot {
 
 /// Robots of the same model.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Group {
+pub struct Group {
     /// Name in pictures and metrics.
     pub name: String,
+    /// The model.
     pub robot: Robot,
+    /// Number of robots.
     pub count: usize,
     /// The start region as written; `None` for that of the mission.
     pub start: Option<Value>,

@@ -16,18 +16,18 @@ use crate::mistakes::{Mistakes, part};
 use crate::place::{LedColor, Place};
 
 /// Maximum number of robots.
-pub(crate) const MOST_ROBOTS: u32 = 100_000;
+pub const MOST_ROBOTS: u32 = 100_000;
 /// Maximum number of kinds of robots.
 const MOST_KINDS: usize = 16;
 /// Maximum ratio of masses in a contact. The heavier body counts as at most this many times as heavy as the other: for
 /// larger ratios the solver has too few passes, and the lighter body would be pressed through walls.
-pub(crate) const MOST_RATIO: f32 = 20.0;
+pub const MOST_RATIO: f32 = 20.0;
 /// Ratio of masses above which the solver makes more passes.
 const UNEVEN: f32 = 4.0;
 
 /// Constants of a contact between two robots.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Pair {
+pub struct Pair {
     /// Distance between middles at which the robots touch, metres.
     pub limit: f32,
     /// Radius of the smaller robot, metres.
@@ -46,7 +46,7 @@ pub(crate) struct Pair {
 
 /// All robots of a swarm, at least one.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Team {
+pub struct Team {
     groups: Vec<Group>,
     /// Group of each robot.
     of: Vec<u32>,
@@ -100,7 +100,7 @@ fn number(value: &Value, path: &str) -> Result<u32, ParameterError> {
 
 impl Team {
     /// Creates a team of robots of the same model.
-    pub(crate) fn uniform(robot: Robot, count: u32) -> Self {
+    pub fn uniform(robot: Robot, count: u32) -> Self {
         Self::new(vec![Group {
             name: String::new(),
             robot,
@@ -167,10 +167,7 @@ impl Team {
     ///
     /// # Errors
     /// Returns all mistakes in them.
-    pub(crate) fn of_mission(
-        robots: Option<&Value>,
-        robot: Option<&Value>,
-    ) -> Result<Self, Mistakes> {
+    pub fn of_mission(robots: Option<&Value>, robot: Option<&Value>) -> Result<Self, Mistakes> {
         let model = Value::from("e-puck-rm1.1");
         let read_robot = || Robot::read(robot.unwrap_or(&model), "mission.robot", false);
         match robots {
@@ -196,11 +193,7 @@ impl Team {
     ///
     /// # Errors
     /// Returns all mistakes in the parameters; also if `robots` is a number but there are several kinds.
-    pub(crate) fn but(
-        &self,
-        robots: Option<&Value>,
-        robot: Option<&Value>,
-    ) -> Result<Self, Mistakes> {
+    pub fn but(&self, robots: Option<&Value>, robot: Option<&Value>) -> Result<Self, Mistakes> {
         if let Some(Value::Array(items)) = robots {
             if robot.is_some() {
                 return Err(both("robot").into());
@@ -239,7 +232,7 @@ impl Team {
     ///
     /// # Errors
     /// Returns all mistakes in the list.
-    pub(crate) fn read(items: &[Value], path: &str) -> Result<Self, Mistakes> {
+    pub fn read(items: &[Value], path: &str) -> Result<Self, Mistakes> {
         if !(1..=MOST_KINDS).contains(&items.len()) {
             let reason = format!("{} kinds found, expected 1 to {MOST_KINDS}", items.len());
             return Err(wrong(path, reason).into());
@@ -308,17 +301,18 @@ impl Team {
 
     /// Returns the number of robots.
     #[inline(always)]
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.of.len()
     }
 
-    pub(crate) fn groups(&self) -> &[Group] {
+    #[inline]
+    pub fn groups(&self) -> &[Group] {
         &self.groups
     }
 
     /// Returns the names of the robot kinds, with the index range of each. Without a list, all robots are of one
     /// unnamed kind.
-    pub(crate) fn named(&self) -> impl Iterator<Item = (String, Range<usize>)> + '_ {
+    pub fn named(&self) -> impl Iterator<Item = (String, Range<usize>)> + '_ {
         let mut first = 0;
         self.groups.iter().map(move |group| {
             let robots = first..first + group.count;
@@ -328,7 +322,7 @@ impl Team {
     }
 
     /// Returns the number of robots of a kind, or of all robots.
-    pub(crate) fn count(&self, name: Option<&str>) -> usize {
+    pub fn count(&self, name: Option<&str>) -> usize {
         let Some(name) = name else {
             return self.len();
         };
@@ -337,7 +331,7 @@ impl Team {
     }
 
     /// Checks that there is a kind with this name.
-    pub(crate) fn check(&self, name: &str, path: &str) -> Result<(), ParameterError> {
+    pub fn check(&self, name: &str, path: &str) -> Result<(), ParameterError> {
         let names: Vec<&str> = self
             .groups
             .iter()
@@ -358,7 +352,7 @@ impl Team {
 
     /// Returns the group of a robot.
     #[inline(always)]
-    pub(crate) fn group(&self, index: usize) -> usize {
+    pub fn group(&self, index: usize) -> usize {
         if self.groups.len() == 1 {
             0
         } else {
@@ -368,13 +362,13 @@ impl Team {
 
     /// Returns the model of a robot.
     #[inline(always)]
-    pub(crate) fn robot(&self, index: usize) -> &Robot {
+    pub fn robot(&self, index: usize) -> &Robot {
         &self.groups[self.group(index)].robot
     }
 
     /// Returns the model of a group.
     #[inline(always)]
-    pub(crate) fn kind(&self, group: usize) -> &Robot {
+    pub fn kind(&self, group: usize) -> &Robot {
         &self.groups[group].robot
     }
 
@@ -384,98 +378,106 @@ impl Team {
     }
 
     /// Returns the maximum delay of messages, in ticks.
-    pub(crate) fn delay(&self) -> u32 {
+    pub fn delay(&self) -> u32 {
         self.delay
     }
 
     /// Returns the offset in the ring buffer of the messages that all robots sent `delay` ticks before `tick`.
     #[inline(always)]
-    pub(crate) fn sent_at(&self, tick: u32, delay: u32) -> usize {
+    pub fn sent_at(&self, tick: u32, delay: u32) -> usize {
         let ticks = self.delay() + 1;
         let slot = (tick + ticks - delay) % ticks;
         slot as usize * self.len() * self.message()
     }
 
     /// Returns the largest radius, metres.
-    pub(crate) fn radius(&self) -> f32 {
+    #[inline]
+    pub fn radius(&self) -> f32 {
         self.most(|robot| robot.radius)
     }
 
     /// Returns the distance between middles, metres, beyond which no robots can touch within a tick.
-    pub(crate) fn reach(&self) -> f32 {
+    #[inline]
+    pub fn reach(&self) -> f32 {
         let reaches = self.pairs.iter().map(|pair| pair.reach);
         reaches.fold(0.0, f32::max)
     }
 
     /// Returns the maximum distance by which two robots approach each other in a tick, metres.
-    pub(crate) fn gap(&self) -> f32 {
+    #[inline]
+    pub fn gap(&self) -> f32 {
         self.most(Robot::reach)
     }
 
     /// Returns the constants of a contact between two robots.
     #[inline(always)]
-    pub(crate) fn pair(&self, first: usize, second: usize) -> Pair {
+    pub fn pair(&self, first: usize, second: usize) -> Pair {
         self.pairs[self.group(first) * self.groups.len() + self.group(second)]
     }
 
     /// Returns the maximum speed at which two robots approach each other, m/s.
-    pub(crate) fn fastest(&self) -> f32 {
+    #[inline]
+    pub fn fastest(&self) -> f32 {
         self.most(Robot::fastest)
     }
 
     /// Returns the maximum distance, metres from middle to middle, at which a robot affects the sensors of another.
-    pub(crate) fn range(&self) -> f32 {
+    #[inline]
+    pub fn range(&self) -> f32 {
         let largest = self.radius();
         self.most(|robot| robot.range(largest))
     }
 
     /// Returns whether all robots are of one kind, and so have the same mass.
     #[inline(always)]
-    pub(crate) fn equal(&self) -> bool {
+    pub fn equal(&self) -> bool {
         self.groups.len() == 1
     }
 
     /// Returns whether some kind is much heavier than another.
     #[inline(always)]
-    pub(crate) fn uneven(&self) -> bool {
+    pub fn uneven(&self) -> bool {
         self.uneven
     }
 
     /// Returns the number of the controllers' inputs.
-    pub(crate) fn sensors(&self) -> usize {
+    #[inline]
+    pub fn sensors(&self) -> usize {
         self.row.sensors.len()
     }
 
     /// Returns the number of the controllers' outputs.
-    pub(crate) fn actuators(&self) -> usize {
+    #[inline]
+    pub fn actuators(&self) -> usize {
         self.row.actuators.len()
     }
 
     /// Returns which of the controllers' outputs are for the drive of a robot.
     #[inline(always)]
-    pub(crate) fn drive(&self, index: usize) -> Range<usize> {
+    pub fn drive(&self, index: usize) -> Range<usize> {
         let first = self.row.drives[self.group(index)];
         first..first + self.robot(index).drive.actuators().len()
     }
 
     /// Returns the index of the first output for a robot's LEDs.
-    pub(crate) fn leds(&self, index: usize) -> usize {
+    #[inline]
+    pub fn leds(&self, index: usize) -> usize {
         self.row.leds[self.group(index)]
     }
 
     /// Returns the index of the output for grippers; `None` if no kind has one.
     #[inline(always)]
-    pub(crate) fn gripper(&self) -> Option<usize> {
+    pub fn gripper(&self) -> Option<usize> {
         self.row.gripper
     }
 
     /// Returns whether any kind satisfies a predicate.
-    pub(crate) fn any(&self, is: impl Fn(&Robot) -> bool) -> bool {
+    pub fn any(&self, is: impl Fn(&Robot) -> bool) -> bool {
         self.groups.iter().any(|group| is(&group.robot))
     }
 
     /// Returns whether the robots come from a list of kinds.
-    pub(crate) fn is_listed(&self) -> bool {
+    pub fn is_listed(&self) -> bool {
         self.groups.iter().any(|group| !group.name.is_empty())
     }
 
@@ -483,7 +485,7 @@ impl Team {
     ///
     /// # Errors
     /// Returns an error if the mission lacks something.
-    pub(crate) fn settle(&mut self, layout: &Place, at: &str) -> Result<(), ParameterError> {
+    pub fn settle(&mut self, layout: &Place, at: &str) -> Result<(), ParameterError> {
         let listed = self.is_listed();
         for (index, group) in self.groups.iter_mut().enumerate() {
             let robot = if listed {
@@ -524,17 +526,18 @@ impl Team {
 
     /// Returns the number of values in the longest message.
     #[inline(always)]
-    pub(crate) fn message(&self) -> usize {
+    pub fn message(&self) -> usize {
         self.row.message.len()
     }
 
     /// Returns the index of the first output for messages.
-    pub(crate) fn message_at(&self) -> usize {
+    pub fn message_at(&self) -> usize {
         self.row.message.start
     }
 
     /// Returns the largest number of encoders of a kind.
-    pub(crate) fn encoders(&self) -> usize {
+    #[inline]
+    pub fn encoders(&self) -> usize {
         let encoders = |group: &Group| {
             let has_encoders = group.robot.outputs.contains(&Output::Encoders);
             if has_encoders {
@@ -547,17 +550,17 @@ impl Team {
     }
 
     /// Returns the names of the controllers' inputs; where kinds differ, with all their names.
-    pub(crate) fn sensor_names(&self) -> Vec<String> {
+    pub fn sensor_names(&self) -> Vec<String> {
         self.row.sensors.clone()
     }
 
     /// Returns the names of the controllers' outputs; where kinds differ, with all their names.
-    pub(crate) fn actuator_names(&self) -> Vec<String> {
+    pub fn actuator_names(&self) -> Vec<String> {
         self.row.actuators.clone()
     }
 
     /// Returns a kind's own names of its inputs and outputs.
-    pub(crate) fn own_names(&self, kind: usize) -> &Own {
+    pub fn own_names(&self, kind: usize) -> &Own {
         &self.row.own[kind]
     }
 }

@@ -8,7 +8,7 @@ use super::robot::{Group, Robot};
 
 /// The inputs and outputs of a controller for all kinds.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Row {
+pub struct Row {
     /// Names of the inputs; where kinds share a number with different meanings, all their names.
     pub sensors: Vec<String>,
     /// Names of the outputs.
@@ -30,7 +30,7 @@ const GRIPPER: &str = "gripper";
 
 /// A kind's names of its inputs and outputs; `None` for those of other kinds.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Own {
+pub struct Own {
     pub sensors: Vec<Option<String>>,
     pub actuators: Vec<Option<String>>,
 }
@@ -49,7 +49,7 @@ struct Column<T> {
 /// If all kinds have equally many numbers, they share them, number by number. Otherwise they share sensors of the same
 /// kind with the same names and directions; kinds without a sensor receive its neutral value. Drives of the same kind
 /// share their numbers. All robots receive as many values of messages as the longest message has.
-pub(crate) fn arrange(groups: &mut [Group]) -> Row {
+pub fn arrange(groups: &mut [Group]) -> Row {
     let longest = longest(groups);
     for group in groups.iter_mut() {
         group.robot.heard = longest.len();

@@ -12,7 +12,7 @@ use crate::robots::Team;
 /// not heard.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Capture {
+pub struct Capture {
     /// The kind that is caught.
     pub robots: String,
     /// The kind that catches.

@@ -13,7 +13,7 @@ use crate::robots::Team;
 /// at its base again.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Flag {
+pub struct Flag {
     pub name: String,
     /// Name of the patch where it lies.
     pub base: String,

@@ -13,17 +13,17 @@ use captures::Captures;
 use flags::Flags;
 use restart::Restarts;
 
-pub(crate) use captures::Capture;
-pub(crate) use flags::Flag;
-pub(crate) use restart::Restart;
+pub use captures::Capture;
+pub use flags::Flag;
+pub use restart::Restart;
 
 /// States of robots in pictures.
-pub(crate) const CARRIES: &str = "carries a flag";
-pub(crate) const CAUGHT: &str = "caught";
+pub const CARRIES: &str = "carries a flag";
+pub const CAUGHT: &str = "caught";
 
 /// The rules of a mission.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Rules {
+pub struct Rules {
     pub captures: Vec<Capture>,
     pub flags: Vec<Flag>,
     pub restart: Option<Restart>,
@@ -31,23 +31,24 @@ pub(crate) struct Rules {
 
 impl Rules {
     /// Returns whether robots of a kind may be caught.
-    pub(crate) fn catch(&self, kind: &str) -> bool {
+    pub fn catch(&self, kind: &str) -> bool {
         self.captures.iter().any(|capture| capture.robots == kind)
     }
 
     /// Returns whether robots of a kind may carry a flag.
-    pub(crate) fn carry(&self, kind: &str) -> bool {
+    pub fn carry(&self, kind: &str) -> bool {
         self.flags.iter().any(|flag| flag.robots == kind)
     }
 
     /// Returns whether there are none.
-    pub(crate) fn are_none(&self) -> bool {
+    #[inline]
+    pub fn are_none(&self) -> bool {
         self.captures.is_empty() && self.flags.is_empty() && self.restart.is_none()
     }
 }
 
 /// Applies the rules in the episodes of all lanes.
-pub(crate) struct Referee<L: Lanes> {
+pub struct Referee<L: Lanes> {
     captures: Captures,
     flags: Flags,
     restarts: Option<Restarts<L>>,
@@ -56,7 +57,7 @@ pub(crate) struct Referee<L: Lanes> {
 }
 
 impl<L: Lanes> Referee<L> {
-    pub(crate) fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             captures: Captures::default(),
             flags: Flags::default(),
@@ -66,7 +67,7 @@ impl<L: Lanes> Referee<L> {
     }
 
     /// Starts an episode in each lane, with everything at its start pose.
-    pub(crate) fn start(
+    pub fn start(
         &mut self,
         rules: &Rules,
         (team, layout): (&Team, &Place),
@@ -87,13 +88,13 @@ impl<L: Lanes> Referee<L> {
 
     /// Returns whether the mission has rules.
     #[inline(always)]
-    pub(crate) fn is_active(&self) -> bool {
+    pub fn is_active(&self) -> bool {
         self.active
     }
 
     /// Applies the rules after the motion of a tick.
     #[inline(always)]
-    pub(crate) fn update(&mut self, layout: &Place, bodies: &mut Bodies<L>) {
+    pub fn update(&mut self, layout: &Place, bodies: &mut Bodies<L>) {
         if let Some(restarts) = &mut self.restarts {
             let restarted = restarts.update(layout, bodies);
             Flags::forget(restarted, bodies);
@@ -104,7 +105,7 @@ impl<L: Lanes> Referee<L> {
 
     /// Writes the colours that robots show, apart from those of LEDs. `shown` is empty if no robot sees colours.
     #[inline(always)]
-    pub(crate) fn show(&self, team: &Team, bodies: &Bodies<L>, shown: &mut [Number<L>]) {
+    pub fn show(&self, team: &Team, bodies: &Bodies<L>, shown: &mut [Number<L>]) {
         for (robot, shown) in shown.iter_mut().enumerate() {
             let robot = team.robot(robot);
             if robot.leds.is_empty() {

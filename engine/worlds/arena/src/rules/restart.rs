@@ -9,7 +9,7 @@ use crate::place::Place;
 /// All robots and objects return to their start poses in the tick after an object came to a patch.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Restart {
+pub struct Restart {
     pub object: String,
     /// Names of patches.
     pub on: Vec<String>,

@@ -19,7 +19,7 @@ struct Seen<L> {
 
 /// Returns the code of the colour that LEDs show: the one with the largest number above 0, else 0.
 #[inline(always)]
-pub(crate) fn shown<L: Lanes>(colors: &[LedColor], numbers: &[L]) -> Number<L> {
+pub fn shown<L: Lanes>(colors: &[LedColor], numbers: &[L]) -> Number<L> {
     let (mut most, mut shown) = (number::<L>(0.0), number::<L>(0.0));
     for index in 0..colors.len() {
         let level = Number(numbers[index]);
@@ -62,7 +62,7 @@ struct Thing<L: Lanes> {
 /// Writes the values of a robot's camera in a tick, colour by colour. `shown` has the code of each robot's colour.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
-pub(crate) fn see<L: Lanes>(
+pub fn see<L: Lanes>(
     camera: &Camera,
     (robot, team): (&Robot, &Team),
     layout: &Place,

@@ -58,7 +58,7 @@ static PAIRS: [[i32; KNOTS - 1]; 3] = {
 
 /// Returns the inputs for a filtered colour: 0 on black, 1 on white, random draws on grey.
 #[inline(always)]
-pub(crate) fn drawn<L: Lanes>(color: Number<L>, units: [Number<L>; 3]) -> [Number<L>; 3] {
+pub fn drawn<L: Lanes>(color: Number<L>, units: [Number<L>; 3]) -> [Number<L>; 3] {
     let grey = number(0.25).lt(color).and(color.lt(number(0.75)));
     let mut inputs = [color; 3];
     if grey.any() {

@@ -17,7 +17,7 @@ const BLACK: f32 = 0.03;
 const WHITE: f32 = 0.85;
 
 /// Ground readings of the last ticks.
-pub(crate) struct GroundWindow<L> {
+pub struct GroundWindow<L> {
     /// Numbers of black and white readings, by robot and tick of the window.
     counts: Vec<[[Number<L>; 2]; WINDOW]>,
     /// Filtered colour for each robot: 0 black, 0.5 grey, 1 white.
@@ -27,7 +27,7 @@ pub(crate) struct GroundWindow<L> {
 }
 
 impl<L: Lanes> GroundWindow<L> {
-    pub(crate) fn new(robots: usize) -> Self {
+    pub fn new(robots: usize) -> Self {
         Self {
             counts: vec![[[number(0.0); 2]; WINDOW]; robots],
             seen: vec![number(0.5); robots],
@@ -36,13 +36,13 @@ impl<L: Lanes> GroundWindow<L> {
     }
 
     #[inline(always)]
-    pub(crate) fn clear(&mut self) {
+    pub fn clear(&mut self) {
         self.counts.fill([[number(0.0); 2]; WINDOW]);
     }
 
     /// Reads the ground sensors of a robot.
     #[inline(always)]
-    pub(crate) fn read(
+    pub fn read(
         &mut self,
         sensors: &GroundSensors,
         (layout, colors): (&Place, &[Number<L>]),

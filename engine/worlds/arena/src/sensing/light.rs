@@ -10,7 +10,7 @@ use crate::robots::{LightSensors, Team};
 
 /// Writes the light readings of a robot, without noise.
 #[inline(always)]
-pub(crate) fn read<L: Lanes>(
+pub fn read<L: Lanes>(
     sensors: &LightSensors,
     (team, range): (&Team, f32),
     layout: &Place,

@@ -18,7 +18,7 @@ const WINDOW: usize = 11;
 const AT_A_TIME: usize = 4;
 
 /// Messages of the last ticks.
-pub(crate) struct LinkWindow<L: Lanes> {
+pub struct LinkWindow<L: Lanes> {
     /// Sum over the messages, by robot and tick of the window, in the robot's frame at that tick.
     sums: Vec<[[Number<L>; 2]; WINDOW]>,
     /// Number of messages in this tick, by robot.
@@ -45,7 +45,7 @@ struct Arrived<L> {
 }
 
 impl<L: Lanes> LinkWindow<L> {
-    pub(crate) fn new(robots: usize) -> Self {
+    pub fn new(robots: usize) -> Self {
         Self {
             sums: vec![[[number(0.0); 2]; WINDOW]; robots],
             heard: vec![number(0.0); robots],
@@ -57,13 +57,13 @@ impl<L: Lanes> LinkWindow<L> {
     }
 
     #[inline(always)]
-    pub(crate) fn clear(&mut self) {
+    pub fn clear(&mut self) {
         self.sums.fill([[number(0.0); 2]; WINDOW]);
     }
 
     /// Returns the probability that a robot does not receive a message, because of its own loss or a failure.
     #[inline(always)]
-    pub(crate) fn loss(&self, links: &Links) -> f32 {
+    pub fn loss(&self, links: &Links) -> f32 {
         match self.failing {
             None => links.loss,
             Some(failing) => either(links.loss, failing),
@@ -73,7 +73,7 @@ impl<L: Lanes> LinkWindow<L> {
     /// Receives the messages for a robot.
     #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
     #[inline(always)]
-    pub(crate) fn hear(
+    pub fn hear(
         &mut self,
         links: &Links,
         team: &Team,
@@ -192,7 +192,7 @@ fn receive<L: Lanes>(
 
 /// Returns whether a third robot stands between the two robots.
 #[inline(always)]
-pub(crate) fn behind_robot<L: Lanes>(
+pub fn behind_robot<L: Lanes>(
     team: &Team,
     [x, y]: [Number<L>; 2],
     square: Number<L>,
@@ -214,7 +214,7 @@ pub(crate) fn behind_robot<L: Lanes>(
 
 /// Returns whether a wall lies between two points.
 #[inline(always)]
-pub(crate) fn behind_wall<L: Lanes>(
+pub fn behind_wall<L: Lanes>(
     layout: &Place,
     [x, y]: [Number<L>; 2],
     way: [Number<L>; 2],
@@ -242,7 +242,7 @@ pub(crate) fn behind_wall<L: Lanes>(
 /// Returns the components of a vector along the four diagonals, after its length is squashed to tanh(length / 2);
 /// negative components are 0.
 #[inline(always)]
-pub(crate) fn parts<L: Lanes>([x, y]: [Number<L>; 2]) -> [Number<L>; 4] {
+pub fn parts<L: Lanes>([x, y]: [Number<L>; 2]) -> [Number<L>; 4] {
     let length = (x * x + y * y).sqrt();
     let any = number(0.0).lt(length);
     let factor = (Number(tanh((length * 0.5).0)) / length).only_where(any);

@@ -17,7 +17,7 @@ use crate::robots::{Robot, Team};
 /// value; it is empty if all messages have the same length.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
-pub(crate) fn hear<L: Lanes>(
+pub fn hear<L: Lanes>(
     (robot, team): (&Robot, &Team),
     layout: &Place,
     bodies: &Bodies<L>,

@@ -1,16 +1,16 @@
 //! Sensors of the robots.
 
-pub(crate) mod camera;
+pub mod camera;
 mod grey;
 mod ground;
 mod light;
-pub(crate) mod links;
+pub mod links;
 mod messages;
 mod neighbours;
 mod objects;
 mod others;
 mod proximity;
-pub(crate) mod radio;
-pub(crate) mod senses;
+pub mod radio;
+pub mod senses;
 mod slots;
-pub(crate) mod verlet;
+pub mod verlet;

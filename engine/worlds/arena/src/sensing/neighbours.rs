@@ -8,7 +8,7 @@ use crate::robots::Output;
 
 /// Returns a quantity of the robots within a range, metres. For the count, only the first number is used.
 #[inline(always)]
-pub(crate) fn see<L: Lanes>(
+pub fn see<L: Lanes>(
     output: Output,
     range: f32,
     bodies: &Bodies<L>,

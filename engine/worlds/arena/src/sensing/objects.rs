@@ -23,7 +23,7 @@ struct Crossing<L: Lanes> {
 impl<L: Lanes> Objects<L> {
     /// Shortens the rays of a robot that hit an object. `readings` has the distance from the start of each ray.
     #[inline(always)]
-    pub(crate) fn shorten(
+    pub fn shorten(
         &self,
         sensors: &Proximity,
         bodies: &Bodies<L>,
@@ -57,18 +57,13 @@ impl<L: Lanes> Objects<L> {
 
     /// Returns the lanes in which an object stands between a point and the end of `way`.
     #[inline(always)]
-    pub(crate) fn hide(&self, at: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
+    pub fn hide(&self, at: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
         self.hide_by(0..self.things.len(), at, way)
     }
 
     /// Same as [`Self::hide`] for an object as the target, which does not hide itself.
     #[inline(always)]
-    pub(crate) fn hide_object(
-        &self,
-        object: usize,
-        at: [Number<L>; 2],
-        way: [Number<L>; 2],
-    ) -> L::Mask {
+    pub fn hide_object(&self, object: usize, at: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
         let before = self.hide_by(0..object, at, way);
         before.or(self.hide_by(object + 1..self.things.len(), at, way))
     }
@@ -92,7 +87,7 @@ impl<L: Lanes> Objects<L> {
 
     /// Returns the lanes in which an object intersects the line from the foot of a robot to a lamp.
     #[inline(always)]
-    pub(crate) fn shade(&self, [x, y]: [Number<L>; 2], light: &Light) -> L::Mask {
+    pub fn shade(&self, [x, y]: [Number<L>; 2], light: &Light) -> L::Mask {
         let way = [number(light.at[0]) - x, number(light.at[1]) - y];
         let mut hidden = L::Mask::from_bits(0);
         for object in 0..self.things.len() {

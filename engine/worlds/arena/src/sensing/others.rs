@@ -4,14 +4,14 @@ use swarmwright_lanes::Number;
 
 /// Vector to another robot, along the axes of the arena.
 #[derive(Clone, Copy)]
-pub(crate) struct Other<L> {
+pub struct Other<L> {
     pub x: Number<L>,
     pub y: Number<L>,
     pub square: Number<L>,
 }
 
 /// The robots around a sensing robot, kind by kind.
-pub(crate) struct Others<L> {
+pub struct Others<L> {
     /// Reused memory; the first `count` items are valid.
     pub all: Vec<Other<L>>,
     pub count: usize,
@@ -31,13 +31,13 @@ impl<L> std::ops::Deref for Others<L> {
 impl<L> Others<L> {
     /// Returns the number of kinds.
     #[inline(always)]
-    pub(crate) fn kinds(&self) -> usize {
+    pub fn kinds(&self) -> usize {
         self.ends.len()
     }
 
     /// Returns the robots of a kind.
     #[inline(always)]
-    pub(crate) fn of(&self, kind: usize) -> &[Other<L>] {
+    pub fn of(&self, kind: usize) -> &[Other<L>] {
         let first = if kind == 0 { 0 } else { self.ends[kind - 1] };
         &self.all[first..self.ends[kind]]
     }

@@ -17,7 +17,7 @@ const BRANCHLESS: usize = 8;
 const FAR: f32 = 1e6;
 
 /// Things that the rays of a robot may hit.
-pub(crate) struct Seen<L: Lanes> {
+pub struct Seen<L: Lanes> {
     /// Vectors to robots.
     robots: Slots<L, 2, AT_A_TIME>,
     /// For each face: the robot's distance in front of it and along it from its middle, half of its length, and its
@@ -26,7 +26,7 @@ pub(crate) struct Seen<L: Lanes> {
 }
 
 impl<L: Lanes> Seen<L> {
-    pub(crate) fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             robots: Slots::new([FAR; 2]),
             faces: Slots::new([FAR, 0.0, 0.0, 0.0, 0.0]),
@@ -44,7 +44,7 @@ impl<L: Lanes> Seen<L> {
     reason = "what rays meet, and where they look"
 )]
 #[inline(always)]
-pub(crate) fn measure<L: Lanes>(
+pub fn measure<L: Lanes>(
     sensors: &Proximity,
     team: &Team,
     layout: &Place,
@@ -109,7 +109,7 @@ pub(crate) fn measure<L: Lanes>(
 
 /// Converts distances to readings, without noise.
 #[inline(always)]
-pub(crate) fn respond<L: Lanes>(sensors: &Proximity, readings: &mut [Number<L>]) {
+pub fn respond<L: Lanes>(sensors: &Proximity, readings: &mut [Number<L>]) {
     let range = number(sensors.range);
     let [c0, c1, c2] = sensors.response;
     for reading in readings {

@@ -11,7 +11,7 @@ use crate::math::random::{Keys, LINKS};
 use crate::robots::{Links, Radio, Robot, Team};
 
 /// Reception of a robot in a tick, link by link.
-pub(crate) struct Reception<'a, L: Lanes> {
+pub struct Reception<'a, L: Lanes> {
     radio: Option<&'a Radio>,
     /// Random numbers up to this mean that a message is lost, if only `loss` matters.
     lost: L::Int,
@@ -29,7 +29,7 @@ impl<'a, L: Lanes> Reception<'a, L> {
     /// Creates the reception of a robot. `loss` is the probability of loss in this tick. `mute` has the lanes in which
     /// robots do not send; it is empty if all send.
     #[inline(always)]
-    pub(crate) fn new(
+    pub fn new(
         links: &'a Links,
         team: &Team,
         (others, indices): (&Others<L>, &[u32]),
@@ -59,7 +59,7 @@ impl<'a, L: Lanes> Reception<'a, L> {
     /// Returns whether a sender's message is received if nothing blocks it. `square` is the square of the distance,
     /// `range` the square of the maximum distance, m^2.
     #[inline(always)]
-    pub(crate) fn arrives(
+    pub fn arrives(
         &mut self,
         (sender, of): (usize, &Robot),
         square: Number<L>,
@@ -148,7 +148,7 @@ fn received<L: Lanes>(radio: &Radio, square: Number<L>, range: Number<L>) -> Num
 /// Returns the square of the maximum distance for a sender, m^2 (with fading, of the mean distance): the shorter range
 /// of the two robots counts. It is 0 for robots that send nothing.
 #[inline(always)]
-pub(crate) fn both(links: &Links, sender: &Robot) -> f32 {
+pub fn both(links: &Links, sender: &Robot) -> f32 {
     let range = match &sender.links {
         Some(links) => links.range,
         None => 0.0,

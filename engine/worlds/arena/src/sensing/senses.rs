@@ -17,7 +17,7 @@ use crate::place::{LedColor, Place};
 use crate::robots::{Group, Links, Output, Team};
 
 /// Sensor state: readings of the current robot, and inputs for the controllers of all robots.
-pub(crate) struct Senses<L: Lanes> {
+pub struct Senses<L: Lanes> {
     /// Inputs of controllers, robot by robot.
     pub outputs: Vec<L>,
     pub close: Close,
@@ -46,7 +46,7 @@ pub(crate) struct Senses<L: Lanes> {
 }
 
 impl<L: Lanes> Senses<L> {
-    pub(crate) fn new(team: &Team) -> Self {
+    pub fn new(team: &Team) -> Self {
         let robots = team.len();
         let angles = |group: &Group| {
             let rays = group.robot.proximity.as_ref().map_or(&[][..], |p| &p.rays);
@@ -96,7 +96,7 @@ impl<L: Lanes> Senses<L> {
 
     /// Resets the sensors, at the start of an episode.
     #[inline(always)]
-    pub(crate) fn forget(&mut self, team: &Team) {
+    pub fn forget(&mut self, team: &Team) {
         self.ground.clear();
         self.links.clear();
         self.measured.clear();
@@ -115,7 +115,7 @@ impl<L: Lanes> Senses<L> {
 
     /// Updates the sensors of all robots at their current poses.
     #[inline(always)]
-    pub(crate) fn update(
+    pub fn update(
         &mut self,
         bodies: &Bodies<L>,
         verlet: &VerletLists<L>,
@@ -414,7 +414,7 @@ impl<L: Lanes> Senses<L> {
 impl Senses<f32> {
     /// Stores ray lengths from another simulator, metres: for each of the `robots` robots as many as the maximum number
     /// of rays. Empty if rays are to be computed here.
-    pub(crate) fn measured(&mut self, distances: &[f32], robots: usize) {
+    pub fn measured(&mut self, distances: &[f32], robots: usize) {
         debug_assert!(distances.is_empty() || distances.len() == robots * self.proximity.len());
         self.measured.clear();
         self.measured.extend(distances.iter().copied().map(Number));

@@ -4,7 +4,7 @@
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 /// `K` slots for things of `N` numbers.
-pub(crate) struct Slots<L: Lanes, const N: usize, const K: usize> {
+pub struct Slots<L: Lanes, const N: usize, const K: usize> {
     things: [[Number<L>; N]; K],
     /// Lanes with an empty slot, by slot; a lane fills its slots in order.
     empty: [L::Mask; K],
@@ -17,7 +17,7 @@ pub(crate) struct Slots<L: Lanes, const N: usize, const K: usize> {
 impl<L: Lanes, const N: usize, const K: usize> Slots<L, N, K> {
     /// Creates empty slots; `nothing` is the content of empty lanes.
     #[inline(always)]
-    pub(crate) fn new(nothing: [f32; N]) -> Self {
+    pub fn new(nothing: [f32; N]) -> Self {
         Self {
             things: [[number(0.0); N]; K],
             empty: [L::Mask::from_bits(0); K],
@@ -28,7 +28,7 @@ impl<L: Lanes, const N: usize, const K: usize> Slots<L, N, K> {
 
     /// Puts a thing into the first empty slot of each of these lanes, and returns the lanes that have no empty slot.
     #[inline(always)]
-    pub(crate) fn put(&mut self, item: [Number<L>; N], mut lanes: L::Mask) -> L::Mask {
+    pub fn put(&mut self, item: [Number<L>; N], mut lanes: L::Mask) -> L::Mask {
         let mut slot = 0;
         while slot < self.used {
             let fits = lanes.and(self.empty[slot]);
@@ -59,19 +59,19 @@ impl<L: Lanes, const N: usize, const K: usize> Slots<L, N, K> {
 
     /// Empties all slots.
     #[inline(always)]
-    pub(crate) fn clear(&mut self) {
+    pub fn clear(&mut self) {
         self.used = 0;
     }
 
     /// Returns the number of slots that any lane has filled.
     #[inline(always)]
-    pub(crate) fn used(&self) -> usize {
+    pub fn used(&self) -> usize {
         self.used
     }
 
     /// Returns the content of a slot, and the lanes in which it is empty.
     #[inline(always)]
-    pub(crate) fn get(&self, slot: usize) -> ([Number<L>; N], L::Mask) {
+    pub fn get(&self, slot: usize) -> ([Number<L>; N], L::Mask) {
         (self.things[slot], self.empty[slot])
     }
 }

@@ -5,7 +5,7 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 use crate::bodies::Bodies;
 
 /// Maximum number of robots in lanes; the state of more robots would take too much memory.
-pub(crate) const MOST_IN_LANES: usize = 16_384;
+pub const MOST_IN_LANES: usize = 16_384;
 /// Maximum number of robots for which checking all others is faster, with one episode at a time.
 const FEW: usize = 48;
 /// Maximum number of robots for which checking all others is faster, with episodes in lanes.
@@ -19,7 +19,7 @@ const SKIN_TICKS: f32 = 6.0;
 ///
 /// As in Verlet (1967), lists also contain robots in a skin beyond the reach, and are rebuilt when a robot has moved by
 /// half of the skin's thickness.
-pub(crate) struct VerletLists<L: Lanes> {
+pub struct VerletLists<L: Lanes> {
     /// Start of each robot's list in `others`, and the end of the last list.
     starts: Vec<u32>,
     others: Vec<u32>,
@@ -39,7 +39,7 @@ pub(crate) struct VerletLists<L: Lanes> {
 impl<L: Lanes> VerletLists<L> {
     /// Creates lists for robots that affect each other within `reach` metres. `gap` is the maximum distance by which
     /// two robots approach each other in a tick, metres.
-    pub(crate) fn new(robots: usize, reach: f32, gap: f32) -> Self {
+    pub fn new(robots: usize, reach: f32, gap: f32) -> Self {
         let few = if L::WIDTH == 1 { FEW } else { FEW_IN_LANES };
         Self {
             starts: Vec::new(),
@@ -55,7 +55,7 @@ impl<L: Lanes> VerletLists<L> {
 
     /// Returns the indices of the robots that may be near a robot, in ascending order; may include the robot itself.
     #[inline(always)]
-    pub(crate) fn of(&self, robot: usize) -> &[u32] {
+    pub fn of(&self, robot: usize) -> &[u32] {
         if self.reach.is_none() {
             return &self.others;
         }
@@ -64,7 +64,7 @@ impl<L: Lanes> VerletLists<L> {
 
     /// Rebuilds the lists, if robots have moved too far.
     #[inline(always)]
-    pub(crate) fn update(&mut self, bodies: &Bodies<L>) {
+    pub fn update(&mut self, bodies: &Bodies<L>) {
         let Some(reach) = self.reach else {
             return;
         };
@@ -144,6 +144,7 @@ struct Cells {
 
 impl Cells {
     /// Sorts the points into cells with a side of at least `reach`; there are at most about as many cells as points.
+    #[inline]
     fn sort(&mut self, reach: f32) {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for point in &self.points {
@@ -182,6 +183,7 @@ impl Cells {
         }
     }
 
+    #[inline]
     fn cell(&self, point: [f32; 2]) -> [usize; 2] {
         let of = |axis: usize| {
             let cell = ((point[axis] - self.low[axis]) * self.scale) as usize;
@@ -191,6 +193,7 @@ impl Cells {
     }
 
     /// Adds the other robots that are less than `reach` away.
+    #[inline]
     fn around(&self, robot: u32, reach: f32, others: &mut Vec<u32>) {
         let [x, y] = self.points[robot as usize];
         let [column, row] = self.cell([x, y]);

@@ -1,13 +1,15 @@
 //! Start positions of robots and objects in an episode.
 
-pub(crate) mod objects;
-pub(crate) mod robots;
+pub mod objects;
+pub mod robots;
 
 use crate::place::Pose;
 
 /// Start poses of everything that moves.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Starts {
+pub struct Starts {
+    /// One per robot.
     pub robots: Vec<Pose>,
+    /// One per object.
     pub objects: Vec<Pose>,
 }

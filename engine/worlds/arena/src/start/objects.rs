@@ -17,7 +17,7 @@ const STREAM: u64 = 0x6F62_6A65_6374_7300;
 ///
 /// # Errors
 /// Returns the index of the kind whose objects do not all fit, and how many of them did.
-pub(crate) fn draw(kinds: &[Kind], layout: &Place, seed: u64) -> Result<Vec<Pose>, (usize, usize)> {
+pub fn draw(kinds: &[Kind], layout: &Place, seed: u64) -> Result<Vec<Pose>, (usize, usize)> {
     let fixed = kinds.iter().filter_map(|kind| match kind.places {
         Places::Fixed(pose) => Some((kind.form, pose)),
         Places::Drawn(..) => None,
@@ -54,7 +54,7 @@ pub(crate) fn draw(kinds: &[Kind], layout: &Place, seed: u64) -> Result<Vec<Pose
 }
 
 /// Returns the corners of a box, counter-clockwise.
-pub(crate) fn corners([x, y]: [f32; 2], pose: Pose) -> [[f32; 2]; 4] {
+pub fn corners([x, y]: [f32; 2], pose: Pose) -> [[f32; 2]; 4] {
     let (cos, sin) = (cos_pi(pose.heading), sin_pi(pose.heading));
     let corner = |x: f32, y: f32| {
         [
@@ -66,7 +66,7 @@ pub(crate) fn corners([x, y]: [f32; 2], pose: Pose) -> [[f32; 2]; 4] {
 }
 
 /// Returns whether an object is entirely inside the walls and outside obstacles.
-pub(crate) fn free((form, pose): (Form, Pose), layout: &Place) -> bool {
+pub fn free((form, pose): (Form, Pose), layout: &Place) -> bool {
     let off = |face: &Face| match form {
         Form::Disc { radius } => {
             let [x, y] = pose.at.map(Number);
@@ -84,7 +84,7 @@ pub(crate) fn free((form, pose): (Form, Pose), layout: &Place) -> bool {
 }
 
 /// Returns whether two objects overlap.
-pub(crate) fn overlap((a, at): (Form, Pose), (b, other): (Form, Pose)) -> bool {
+pub fn overlap((a, at): (Form, Pose), (b, other): (Form, Pose)) -> bool {
     match (a, b) {
         (Form::Disc { radius }, _) => distance((b, other), at.at) < radius,
         (_, Form::Disc { radius }) => distance((a, at), other.at) < radius,
@@ -96,7 +96,7 @@ pub(crate) fn overlap((a, at): (Form, Pose), (b, other): (Form, Pose)) -> bool {
 }
 
 /// Returns the distance from a point to the rim of an object, metres; 0 inside.
-pub(crate) fn distance((form, pose): (Form, Pose), [x, y]: [f32; 2]) -> f32 {
+pub fn distance((form, pose): (Form, Pose), [x, y]: [f32; 2]) -> f32 {
     let [dx, dy] = [x - pose.at[0], y - pose.at[1]];
     match form {
         Form::Disc { radius } => ((dx * dx + dy * dy).sqrt() - radius).max(0.0),

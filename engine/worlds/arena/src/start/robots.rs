@@ -19,7 +19,7 @@ const STREAM: u64 = 0x0073_7461_7274;
 ///
 /// # Errors
 /// Returns the largest number of robots that were placed, if not all fit.
-pub(crate) fn draw(
+pub fn draw(
     starts: &[Start],
     team: &Team,
     (layout, objects): (&Place, &[(Form, Pose)]),

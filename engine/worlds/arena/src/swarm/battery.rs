@@ -10,7 +10,7 @@ use crate::time::TICK;
 
 /// Sets all actuators of robots with an empty battery to 0: they stand still and show no colour.
 #[inline(always)]
-pub(crate) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, commands: &mut [L]) {
+pub fn stop<L: Lanes>(charges: &[Number<L>], row: usize, commands: &mut [L]) {
     for (robot, row) in commands.chunks_exact_mut(row).enumerate() {
         let left = number(0.0).lt(charges[robot]);
         for command in row {
@@ -21,7 +21,7 @@ pub(crate) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, commands: &mut [
 
 /// Adds the lanes in which each robot is mute because its battery is empty.
 #[inline(always)]
-pub(crate) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
+pub fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
     mute.resize(charges.len(), L::Mask::from_bits(0));
     for robot in 0..charges.len() {
         mute[robot] = mute[robot].or(charges[robot].le(number(0.0)));
@@ -31,7 +31,7 @@ pub(crate) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
 /// Updates the charges for a tick. Batteries discharge with time and with the mean effort of the drive, and charge on
 /// their station.
 #[inline(always)]
-pub(crate) fn update<L: Lanes>(
+pub fn update<L: Lanes>(
     team: &Team,
     layout: &Place,
     bodies: &Bodies<L>,

@@ -20,9 +20,12 @@ use crate::sensing::verlet::VerletLists;
 use crate::time::{SUBSTEP, SUBSTEPS};
 
 /// The robots of a swarm with their sensors and drives.
-pub(crate) struct Swarm<L: Lanes> {
+pub struct Swarm<L: Lanes> {
+    /// Robots and objects.
     pub bodies: Bodies<L>,
+    /// Neighbours of each robot.
     pub verlet: VerletLists<L>,
+    /// Sensors.
     pub senses: Senses<L>,
     contacts: Contacts<L>,
     keys: Keys<L>,
@@ -39,7 +42,7 @@ pub(crate) struct Swarm<L: Lanes> {
 impl<L: Lanes> Swarm<L> {
     /// Allocates robots and objects; [`start`](Self::start) places them.
     #[inline(always)]
-    pub(crate) fn new(team: &Team, objects: &[Kind]) -> Self {
+    pub fn new(team: &Team, objects: &[Kind]) -> Self {
         let robots = team.len();
         Self {
             bodies: Bodies::new(team, objects),
@@ -57,7 +60,7 @@ impl<L: Lanes> Swarm<L> {
 
     /// Starts an episode in each lane. In this first tick no robot moves; the sensors are updated.
     #[inline(always)]
-    pub(crate) fn start(
+    pub fn start(
         &mut self,
         team: &Team,
         layout: &Place,
@@ -106,7 +109,7 @@ impl<L: Lanes> Swarm<L> {
 
     /// Advances the swarm by a tick. `actuators` has the values of all robots, robot by robot, each in -1..=1.
     #[inline(always)]
-    pub(crate) fn step(&mut self, team: &Team, layout: &Place, actuators: &[L]) {
+    pub fn step(&mut self, team: &Team, layout: &Place, actuators: &[L]) {
         self.command(team, actuators);
         L::apart(
             #[inline(always)]
@@ -120,7 +123,7 @@ impl<L: Lanes> Swarm<L> {
 
     /// Applies the actuators, as the first part of a tick.
     #[inline(always)]
-    pub(crate) fn command(&mut self, team: &Team, actuators: &[L]) {
+    pub fn command(&mut self, team: &Team, actuators: &[L]) {
         let mut commands = std::mem::take(&mut self.told);
         // Failures apply by the time at which the tick begins.
         let mut other = self.failing.tell(self.tick, actuators, team, &mut commands);
@@ -173,7 +176,7 @@ impl<L: Lanes> Swarm<L> {
 
     /// Updates batteries and sensors at the current poses, as the last part of a tick.
     #[inline(always)]
-    pub(crate) fn look(&mut self, team: &Team, layout: &Place) {
+    pub fn look(&mut self, team: &Team, layout: &Place) {
         let charges = &mut self.senses.charges;
         if !charges.is_empty() {
             L::apart(
@@ -323,13 +326,14 @@ impl<L: Lanes> Swarm<L> {
 
 impl Swarm<f32> {
     /// Returns the target of a drive: velocity along the axes of the arena, m/s, and angular velocity, rad/s.
-    pub(crate) fn aim(&self, robot: usize) -> ([f32; 2], f32) {
+    #[inline]
+    pub fn aim(&self, robot: usize) -> ([f32; 2], f32) {
         let velocity = self.contacts.aim[robot].map(|number| number.0);
         (velocity, self.bodies.spin[robot].0)
     }
 
     /// Returns the state shown in scenes for a robot that is impaired or holds an object.
-    pub(crate) fn state(&self, robot: usize) -> Option<&'static str> {
+    pub fn state(&self, robot: usize) -> Option<&'static str> {
         if self
             .bodies
             .caught
@@ -351,7 +355,7 @@ impl Swarm<f32> {
     }
 
     /// Moves all robots and objects to poses that are `seconds` later.
-    pub(crate) fn put(
+    pub fn put(
         &mut self,
         robots: impl Iterator<Item = Pose>,
         objects: impl Iterator<Item = Pose>,

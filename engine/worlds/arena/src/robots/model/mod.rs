@@ -24,7 +24,7 @@ impl Robot {
     ///
     /// # Errors
     /// Returns all mistakes in the model.
-    pub(crate) fn read(value: &Value, path: &str, others_send: bool) -> Result<Self, Mistakes> {
+    pub fn read(value: &Value, path: &str, others_send: bool) -> Result<Self, Mistakes> {
         let expected = || format!("the name of a robot ({}) or an object", presets::names());
         match value {
             Value::String(name) => Self::preset(name).ok_or_else(|| {

@@ -2,6 +2,9 @@
 
 use std::sync::Arc;
 
+use swarmwright_arena::{
+    Group as Kind, MOST_ROBOTS, Mistakes, Settings, Swarm, Tally, parameters, scene,
+};
 use swarmwright_lanes::Level;
 use swarmwright_simulation::simulation::Describer;
 use swarmwright_simulation::{
@@ -10,12 +13,6 @@ use swarmwright_simulation::{
 };
 
 use crate::lanes::{evaluate, vectors};
-use crate::metrics::Tally;
-use crate::mistakes::Mistakes;
-use crate::robots::{self, MOST_ROBOTS};
-use crate::scene;
-use crate::settings::{self, Settings};
-use crate::swarm::Swarm;
 
 /// The arena simulation.
 pub struct Arena {
@@ -144,7 +141,7 @@ impl Simulation for Arena {
     }
 
     fn parameters(&self) -> Vec<ParameterInfo> {
-        settings::parameters()
+        parameters()
     }
 
     fn mistakes(&self, parameters: &Parameters) -> Option<Vec<ParameterError>> {
@@ -186,7 +183,7 @@ impl Simulation for Arena {
         if team.groups().len() < 2 {
             return Vec::new();
         }
-        let group = |(index, kind): (usize, &robots::Group)| {
+        let group = |(index, kind): (usize, &Kind)| {
             let own = team.own_names(index);
             Group {
                 name: kind.name.clone().into(),
@@ -286,7 +283,7 @@ impl Simulation for Arena {
     }
 
     fn scene(&self) -> Option<Scene> {
-        Some(scene::scene(&self.settings, &self.swarm))
+        Some(scene(&self.settings, &self.swarm))
     }
 
     fn step_size(&self) -> u64 {

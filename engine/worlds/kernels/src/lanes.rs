@@ -2,17 +2,12 @@
 
 use std::sync::atomic::AtomicBool;
 
+use swarmwright_arena::{MOST_IN_LANES, Settings, Starts, Swarm, Tally};
 use swarmwright_controllers::LaneControllers;
 use swarmwright_lanes::Lanes;
 use swarmwright_simulation::block::{self, Block, Create, LaneWorld};
 use swarmwright_simulation::rollout::stopped;
 use swarmwright_simulation::{Means, ParameterError, RolloutError};
-
-use crate::metrics::Tally;
-use crate::sensing::verlet::MOST_IN_LANES;
-use crate::settings::Settings;
-use crate::start::Starts;
-use crate::swarm::Swarm;
 
 /// Maximum number of vectors of lanes that are computed side by side.
 pub const VECTORS: usize = ArenaLanes::VECTORS;

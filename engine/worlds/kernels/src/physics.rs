@@ -3,18 +3,14 @@
 use std::f32::consts::PI;
 use std::sync::Arc;
 
+use swarmwright_arena::{Motion, Physics, Place, Pose, Settings, Start, TICK, World};
 use swarmwright_simulation::parameters::wrong;
 use swarmwright_simulation::simulation::Describer;
 use swarmwright_simulation::{
     Description, Determinism, ParameterError, ParameterInfo, Parameters, Scene, Simulation, fail,
 };
 
-use super::world::World;
-use super::{Motion, Physics, Pose, Start};
 use crate::arena::{Arena, describe};
-use crate::place::Pose as At;
-use crate::settings;
-use crate::time::TICK;
 
 /// Creates simulators.
 type Create = dyn Fn() -> Result<Box<dyn Physics>, String> + Send + Sync;
@@ -105,7 +101,7 @@ impl PhysicsSimulation {
         true
     }
 
-    fn describe(kind: &PhysicsKind, settings: &settings::Settings) -> Description {
+    fn describe(kind: &PhysicsKind, settings: &Settings) -> Description {
         Description {
             title: kind.title.clone(),
             determinism: kind.determinism,
@@ -138,7 +134,7 @@ impl Arena {
     /// Moves all robots and objects, then updates sensors and metrics.
     fn look(&mut self, robots: &[Pose], objects: &[Pose], rays: &[f32]) {
         let (mission, team) = (&self.settings.mission, &self.settings.team);
-        let at = |pose: &Pose| At {
+        let at = |pose: &Pose| Place {
             at: [pose.x, pose.y],
             heading: half_turns(pose.heading),
         };
@@ -158,7 +154,7 @@ fn half_turns(radians: f32) -> f32 {
 }
 
 /// Converts a pose to radians, for the simulator.
-fn radians(pose: At) -> Pose {
+fn radians(pose: Place) -> Pose {
     Pose {
         x: pose.at[0],
         y: pose.at[1],
@@ -167,10 +163,7 @@ fn radians(pose: At) -> Pose {
 }
 
 /// Rejects what other simulators cannot do.
-fn check_abilities(
-    kind: &PhysicsKind,
-    settings: &settings::Settings,
-) -> Result<(), ParameterError> {
+fn check_abilities(kind: &PhysicsKind, settings: &Settings) -> Result<(), ParameterError> {
     without_grippers(kind, settings)?;
     if settings.mission.rules.restart.is_some() {
         let reason = format!(
@@ -183,10 +176,7 @@ fn check_abilities(
 }
 
 /// Rejects grippers: other simulators move objects themselves and do not know which ones robots hold.
-fn without_grippers(
-    kind: &PhysicsKind,
-    settings: &settings::Settings,
-) -> Result<(), ParameterError> {
+fn without_grippers(kind: &PhysicsKind, settings: &Settings) -> Result<(), ParameterError> {
     if settings.team.gripper().is_none() {
         return Ok(());
     }
@@ -210,7 +200,7 @@ impl Simulation for PhysicsSimulation {
     fn describer(&self) -> Option<Describer> {
         let kind = Arc::clone(&self.kind);
         Some(Arc::new(move |parameters| {
-            let settings = settings::Settings::read(parameters)?;
+            let settings = Settings::read(parameters)?;
             check_abilities(&kind, &settings)?;
             Ok(Self::describe(&kind, &settings))
         }))
@@ -237,7 +227,7 @@ impl Simulation for PhysicsSimulation {
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
-        check_abilities(&self.kind, &settings::Settings::read(parameters)?)?;
+        check_abilities(&self.kind, &Settings::read(parameters)?)?;
         self.arena.reset(parameters)?;
         let (settings, bodies) = (&self.arena.settings, &self.arena.swarm.bodies);
         self.robots = bodies.poses().map(radians).collect();
