@@ -33,8 +33,7 @@ impl Mistakes {
         self.0.push(mistake);
     }
 
-    /// Returns the number of mistakes.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.0.len()
     }
 

@@ -50,7 +50,7 @@ impl Arena {
         );
         self.tallies.clear();
         self.tallies
-            .extend((0..mission.counted).map(|_| Tally::new()));
+            .extend((0..mission.counted).map(|_| Tally::default()));
         self.acting.clear();
         self.acting.extend(0..team.len() as u32);
         self.count();
@@ -76,7 +76,7 @@ impl Arena {
         match self.tallies.get(index) {
             Some(tally) if self.swarm.tick >= self.settings.ticks => tally.values[0],
             Some(tally) => now(tally),
-            None => now(&Tally::new()),
+            None => now(&Tally::default()),
         }
     }
 

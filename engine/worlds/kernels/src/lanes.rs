@@ -125,7 +125,7 @@ impl LaneWorld for ArenaLanes {
         workspace.tallies.clear();
         workspace
             .tallies
-            .extend(mission.metrics.iter().map(|_| Tally::new()));
+            .extend(mission.metrics.iter().map(|_| Tally::default()));
         let starts = |lane: usize| &self.starts[episodes[lane]];
         L::apart(
             #[inline(always)]

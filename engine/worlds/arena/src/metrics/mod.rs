@@ -95,9 +95,9 @@ pub struct Tally<L> {
     paint: Option<Box<Paint>>,
 }
 
-impl<L: Lanes> Tally<L> {
-    /// A tally of an episode that has not begun.
-    pub fn new() -> Self {
+/// A tally of an episode that has not begun.
+impl<L: Lanes> Default for Tally<L> {
+    fn default() -> Self {
         Self {
             values: [0.0; MOST_LANES],
             marks: Vec::new(),
@@ -111,7 +111,9 @@ impl<L: Lanes> Tally<L> {
             paint: None,
         }
     }
+}
 
+impl<L: Lanes> Tally<L> {
     /// Updates the metric after a tick; the first call is at the start.
     #[inline(always)]
     pub fn update(
@@ -386,7 +388,7 @@ impl Tally<f32> {
         match metric {
             Metric::CrossingsSouth { .. } => self.values[0].max(0.0),
             _ if metric.at_end() => {
-                let mut tally = Self::new();
+                let mut tally = Self::default();
                 tally.update(metric, bodies, layout, colors, (0, true));
                 tally.values[0]
             }
