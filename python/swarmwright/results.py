@@ -7,7 +7,8 @@
 
 These names are stable, while the modules that define them may change. They are not constructed by users.
 `ComparedGroup` is a group of runs in a comparison, `RunGroup` one in a transfer; `swarmwright.Group` is one
-of agents. `Candidate` is one in a transfer, `Axis` and `Grid` are of an archive, `Subject` is exported.
+of agents. `Candidate` is one in a transfer, `Axis`, `Cells` and `Grid` are of an archive, and `Subject` is
+exported.
 """
 
 from swarmwright.analysis.comparison import Group as ComparedGroup
@@ -23,7 +24,7 @@ from swarmwright.common.statistics import Correlation, Estimate, Summary
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.verification import Verification
-from swarmwright.methods.archive import Axis, Grid
+from swarmwright.methods.archive import Axis, Cells, Grid
 from swarmwright.methods.voronoi import Voronoi
 from swarmwright.runs.elites import Elite, Elites, Outside
 from swarmwright.runs.learning_curve import CurvePoint
@@ -41,6 +42,7 @@ __all__ = [
     "Axis",
     "Best",
     "Candidate",
+    "Cells",
     "Channel",
     "ComparedGroup",
     "Correlation",

@@ -23,11 +23,15 @@ MARKS = (pytest.mark.journey, pytest.mark.timeout(180))
 
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with what the examples have: `experiments`, the run `result` and the sweep `study`."""
+    """Return a folder with the `experiments`, runs `result` and `archive`, and sweep `study` of examples."""
     folder = tmp_path_factory.mktemp("prepared")
     (folder / "experiments").symlink_to(ROOT / "experiments")
     small: dict[str, Any] = {"simulation": "minisim", "method": {"population": 10, "generations": 2}}
     swarmwright.optimize(small, servers="in-process", out=folder / "result")
+    archive = {"kind": "map_elites", "measures": {"steps": {"range": [0, 15], "bins": 3}}}
+    swarmwright.optimize(
+        {**small, "method": {**small["method"], **archive}}, servers="in-process", out=folder / "archive"
+    )
     for kind in ("nnga", "random_search"):
         method = {**small["method"], "kind": kind}
         swarmwright.optimize(

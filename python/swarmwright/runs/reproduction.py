@@ -198,9 +198,11 @@ def reproduce_elites(
         SimulationError, RunError: as `post_evaluate`.
 
     Examples:
-        >>> found = swarmwright.reproduce_elites("archive", episodes=20)
-        >>> found.reproducibility.value
-        0.5
+        >>> found = swarmwright.reproduce_elites("archive", servers="in-process")
+        >>> 0 <= found.reproducibility.value <= 1
+        True
+
+    See also: `post_evaluate`, `Run.elites`.
     """
     from swarmwright.runs.run import open_run  # noqa: PLC0415 - takes long, not for reading runs
 

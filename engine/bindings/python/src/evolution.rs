@@ -221,8 +221,9 @@ impl PyGrowingNetwork {
     ) -> PyResult<Self> {
         let names = NodeActivation::ALL.map(NodeActivation::name);
         let number = |name: &String| {
-            let found = names.iter().position(|other| other == name);
-            found.ok_or_else(|| input(format!("activations: {name:?} found, expected {names:?}")))
+            let position = names.iter().position(|other| other == name);
+            position
+                .ok_or_else(|| input(format!("activations: {name:?} found, expected {names:?}")))
         };
         let activations: Vec<usize> = activations.iter().map(number).collect::<PyResult<_>>()?;
         let least = sensors.saturating_add(1).saturating_mul(actuators);

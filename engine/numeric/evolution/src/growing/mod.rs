@@ -3,8 +3,7 @@
 
 mod genome;
 
-use crate::search::{Operators, Unavailable, Variation};
-use crate::stream::{Stream, rows};
+use crate::stream::Stream;
 use genome::{Connection, Node};
 
 pub(crate) use genome::Network;
@@ -323,68 +322,6 @@ pub(crate) fn index(stream: &mut Stream, below: usize) -> usize {
 #[expect(clippy::cast_possible_truncation, reason = "rounding is meant")]
 fn rounded(value: f64) -> f32 {
     value as f32
-}
-
-/// As a genetic algorithm varies genomes.
-impl Operators for GrowingNetwork {
-    fn genes(&self) -> usize {
-        self.genes()
-    }
-
-    fn initials(&self, streams: &mut [Stream], genomes: &mut [f32]) -> Result<(), Unavailable> {
-        rows(streams, genomes, self.genes(), |_, stream, genome| {
-            self.initial(stream, genome);
-        });
-        Ok(())
-    }
-
-    fn mutations(
-        &self,
-        genomes: &[f32],
-        parents: &[usize],
-        streams: &mut [Stream],
-        Variation {
-            severity,
-            probability,
-        }: Variation,
-        children: &mut [f32],
-    ) -> Result<(), Unavailable> {
-        let genes = self.genes();
-        let weights = WeightMutation {
-            genomes: 1.0,
-            each: probability,
-            severity,
-        };
-        rows(streams, children, genes, |index, stream, child| {
-            let parent = &genomes[parents[index] * genes..][..genes];
-            self.mutated(parent, stream, weights, child);
-        });
-        Ok(())
-    }
-
-    fn matings(
-        &self,
-        genomes: &[f32],
-        mothers: &[usize],
-        partners: &[usize],
-        streams: &mut [Stream],
-        children: &mut [f32],
-    ) -> Result<(), Unavailable> {
-        let (genes, columns) = (self.genes(), partners.len() / mothers.len().max(1));
-        rows(streams, children, genes, |index, stream, child| {
-            let genome = |member: usize| &genomes[member * genes..][..genes];
-            let mother = genome(mothers[index]);
-            let mut farthest = (f64::NEG_INFINITY, mother);
-            for partner in &partners[index * columns..][..columns] {
-                let distance = self.distance(mother, genome(*partner), Compatibility::PAPER);
-                if distance > farthest.0 {
-                    farthest = (distance, genome(*partner));
-                }
-            }
-            self.crossover(mother, farthest.1, stream, child);
-        });
-        Ok(())
-    }
 }
 
 impl Compatibility {

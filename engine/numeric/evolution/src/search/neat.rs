@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::{Search, Unavailable};
+use super::{Operators, Search, Unavailable, Variation};
 use crate::growing::{
     Aligned, Compatibility, GrowingNetwork, Network, WeightMutation, difference, index,
 };
@@ -348,4 +348,66 @@ fn apportion(shares: &[f64], count: usize) -> Vec<usize> {
         parts[slot] += 1;
     }
     parts
+}
+
+/// As a genetic algorithm varies genomes.
+impl Operators for GrowingNetwork {
+    fn genes(&self) -> usize {
+        self.genes()
+    }
+
+    fn initials(&self, streams: &mut [Stream], genomes: &mut [f32]) -> Result<(), Unavailable> {
+        rows(streams, genomes, self.genes(), |_, stream, genome| {
+            self.initial(stream, genome);
+        });
+        Ok(())
+    }
+
+    fn mutations(
+        &self,
+        genomes: &[f32],
+        parents: &[usize],
+        streams: &mut [Stream],
+        Variation {
+            severity,
+            probability,
+        }: Variation,
+        children: &mut [f32],
+    ) -> Result<(), Unavailable> {
+        let genes = self.genes();
+        let weights = WeightMutation {
+            genomes: 1.0,
+            each: probability,
+            severity,
+        };
+        rows(streams, children, genes, |index, stream, child| {
+            let parent = &genomes[parents[index] * genes..][..genes];
+            self.mutated(parent, stream, weights, child);
+        });
+        Ok(())
+    }
+
+    fn matings(
+        &self,
+        genomes: &[f32],
+        mothers: &[usize],
+        partners: &[usize],
+        streams: &mut [Stream],
+        children: &mut [f32],
+    ) -> Result<(), Unavailable> {
+        let (genes, columns) = (self.genes(), partners.len() / mothers.len().max(1));
+        rows(streams, children, genes, |index, stream, child| {
+            let genome = |member: usize| &genomes[member * genes..][..genes];
+            let mother = genome(mothers[index]);
+            let mut farthest = (f64::NEG_INFINITY, mother);
+            for partner in &partners[index * columns..][..columns] {
+                let distance = self.distance(mother, genome(*partner), Compatibility::PAPER);
+                if distance > farthest.0 {
+                    farthest = (distance, genome(*partner));
+                }
+            }
+            self.crossover(mother, farthest.1, stream, child);
+        });
+        Ok(())
+    }
 }

@@ -6,8 +6,10 @@ use serde::Deserialize;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
-use super::TICKS_PER_SECOND;
 use super::formation::Formation;
+
+/// Ticks per second of an episode.
+pub(super) const TICKS_PER_SECOND: f64 = 10.0;
 
 /// A metric of a mission. A robot or object is on a patch if its middle lies in it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]

@@ -21,8 +21,6 @@ use swarm::{MetricCache, Visits};
 
 pub use kind::{Metric, When};
 
-/// Ticks per second of an episode.
-const TICKS_PER_SECOND: f64 = 10.0;
 /// Default distance of linked robots, metres.
 const LINK: f32 = 0.35;
 
@@ -228,7 +226,7 @@ impl<L: Lanes> Tally<L> {
                 counts::wait(on, bounds, &mut self.marks[0]);
                 self.add(self.marks[0], 1, false, When::EachTick);
                 for (value, ticks) in self.values.iter_mut().zip(self.sums) {
-                    *value = ticks / TICKS_PER_SECOND;
+                    *value = ticks / kind::TICKS_PER_SECOND;
                 }
             }
             Metric::Returns { sources, nest } => {
