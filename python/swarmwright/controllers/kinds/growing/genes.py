@@ -59,7 +59,7 @@ def read(specification: Mapping[str, Any]) -> Genes:
     """Read the network of a specification."""
     sensors, actuators = int(specification["sensors"]), int(specification["actuators"])
     weights = np.array(specification["weights"], np.float32)
-    hidden = _limited(weights[0], int(specification["nodes"]))
+    hidden = _clamp(weights[0], int(specification["nodes"]))
     inputs, rest = np.split(weights[1:], [actuators])
     rows, connections = np.split(rest, [_OF_NODE * int(specification["nodes"])])
     rows = rows.reshape(-1, _OF_NODE)[:hidden]
@@ -67,20 +67,20 @@ def read(specification: Mapping[str, Any]) -> Genes:
     nodes = []
     targets = [*((row[1], row[2]) for row in rows), *((None, count) for count in inputs)]
     for rank, (number, count) in enumerate(targets):
-        own, left = np.split(left, [_limited(count, len(left))])
-        own = own[[_limited(enabled, 1) == 1 for enabled in own[:, 2]]]
+        own, left = np.split(left, [_clamp(count, len(left))])
+        own = own[[_clamp(enabled, 1) == 1 for enabled in own[:, 2]]]
         sources = [
-            _rank(_limited(source, sensors + actuators + hidden), sensors, actuators, hidden)
+            _rank(_clamp(source, sensors + actuators + hidden), sensors, actuators, hidden)
             for source in own[:, 0]
         ]
-        kept = [specification["recurrent"] or source < sensors + 1 + rank for source in sources]
+        is_used = [specification["recurrent"] or source < sensors + 1 + rank for source in sources]
         nodes.append(
             Node(
                 str(specification["output_activation"])
                 if number is None
-                else ACTIVATIONS[_limited(number, len(ACTIVATIONS) - 1)],
-                [source for source, keep in zip(sources, kept, strict=True) if keep],
-                own[kept, 1],
+                else ACTIVATIONS[_clamp(number, len(ACTIVATIONS) - 1)],
+                [source for source, keep in zip(sources, is_used, strict=True) if keep],
+                own[is_used, 1],
             )
         )
     return Genes(sensors, actuators, bool(specification["recurrent"]), nodes)
@@ -93,7 +93,7 @@ def _rank(source: int, sensors: int, actuators: int, hidden: int) -> int:
     return source + hidden if source <= sensors + actuators else source - actuators
 
 
-def _limited(gene: float, highest: int) -> int:
+def _clamp(gene: float, highest: int) -> int:
     return int(min(max(gene, 0.0), highest))
 
 

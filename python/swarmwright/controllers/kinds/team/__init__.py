@@ -59,10 +59,10 @@ class GroupOptions(Options):
         if not component.steers:
             raise ValueError(f"{self.kind} steers no agents; use a kind of controller such as layered")
         values = {"kind": self.kind, **(self.model_extra or {})}
-        known = [*type(self).model_fields, *component.options_model.model_fields]
+        keys = [*type(self).model_fields, *component.options_model.model_fields]
         for key in self.model_extra or {}:
-            if key not in known:
-                raise FieldError((key,), unknown_key(key, dict.fromkeys(known)))
+            if key not in keys:
+                raise FieldError((key,), unknown_key(key, dict.fromkeys(keys)))
         options = component.options_model.model_validate(values, context=info.context)
         if getattr(options, "in_python", False):
             raise ValueError("teams do not support modules in Python; use built-in modules")
