@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import mannwhitneyu, t
 
 from swarmwright import Experiment
-from swarmwright.methods.archive import Archive
+from swarmwright.methods.archive import Archive, Grid
 from swarmwright.methods.novelty import NoveltyOptions
 from swarmwright.servers.evaluation.base import Controllers
 from swarmwright.servers.evaluation.opening import open_backend
@@ -70,7 +70,7 @@ def evolve(variant: str, seed: int) -> Outcome:
     experiment = Experiment.from_mapping({**EXPERIMENT, "method": method, "seed": seed})
     ranking = experiment.new_ranking()
     names = list(METHOD["measures"])
-    elites = Archive(NoveltyOptions.model_validate(METHOD).elites.cells)
+    elites = Archive(Grid(NoveltyOptions.model_validate(METHOD).elites.axes))
     with open_backend(experiment, metrics=names) as backend:
         columns = [backend.metrics.index(name) for name in names]
         representation = experiment.representation(backend.sensors, backend.actuators)

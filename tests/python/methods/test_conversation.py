@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmwright import InputError
-from swarmwright.controllers.kinds.neat import Neat, NeatOptions
+from swarmwright.controllers.kinds.neat import GrowingNeat, NeatOptions
 from swarmwright.methods import METHODS, Method
 from swarmwright.testing._common import representation
 
@@ -55,7 +55,7 @@ def test_a_target_ends_it_early(method: Method) -> None:
 def test_the_size_of_the_first_generation_is_known_before(kind: str) -> None:
     component = METHODS.get(kind)
     options = component.options_model()
-    evolved = Neat(NeatOptions(), sensors=4, actuators=1) if kind == "neat" else representation()
+    evolved = GrowingNeat(NeatOptions(), sensors=4, actuators=1) if kind == "neat" else representation()
     asked = len(component(options, evolved, seed=1).ask())
     assert component.first_generation(options, evolved) == asked
     assert component.first_generation(options, None) in (asked, None)

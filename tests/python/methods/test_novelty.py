@@ -35,7 +35,7 @@ def tell(method: Novelty, genomes: Genomes, **changes: Any) -> Any:
 def found(seed: int, generations: int = 60, **options: Any) -> Archive:
     """The elites of a run."""
     method = novelty(seed=seed, measures=ROUND, population=50, generations=generations, **options)
-    elites = Archive(method.options.elites.cells)
+    elites = Archive(Grid(method.options.elites.axes))
     while not method.done:
         points = method.ask().astype(np.float64)
         fitness = -sphere(points[:, 2:])

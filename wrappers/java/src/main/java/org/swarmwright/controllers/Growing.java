@@ -7,8 +7,8 @@ import java.util.Arrays;
  *
  * <p>Nodes: sensors, the bias, whose output is 1, actuators, then hidden nodes. Weights: the number
  * of hidden nodes; for each actuator its number of inputs; for each hidden node its innovation
- * number, activation and number of inputs; for each connection its source, weight, and whether it is
- * enabled. Connections are in the order of their targets, the hidden ones first.
+ * number, activation and number of inputs; for each connection its source, weight, and whether it
+ * is enabled. Connections are in the order of their targets, the hidden ones first.
  */
 final strictfp class Growing extends Architecture {
   private static final int OF_NODE = 3;
@@ -90,14 +90,14 @@ final strictfp class Growing extends Architecture {
     for (int rank = 0; rank < used; rank++) {
       boolean isActuator = rank >= hidden;
       int node = isActuator ? rank - hidden : actuators() + rank;
-      float inputs =
-          isActuator ? weights[first + 1 + node] : weights[gene + OF_NODE * rank + 2];
+      float inputs = isActuator ? weights[first + 1 + node] : weights[gene + OF_NODE * rank + 2];
       int count = limited(inputs, (end - connection) / OF_CONNECTION);
       float sum = 0f;
       for (int i = 0; i < count; i++) {
         if (limited(weights[connection + 2], 1) == 1) {
           int source = limited(weights[connection], sensors() + used) - sensors();
-          float input = source < 0 ? sensors[source + sensors()] : source == 0 ? 1f : state[source - 1];
+          float input =
+              source < 0 ? sensors[source + sensors()] : source == 0 ? 1f : state[source - 1];
           sum = sum + weights[connection + 1] * input;
         }
         connection += OF_CONNECTION;
