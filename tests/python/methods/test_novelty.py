@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from swarmwright import InputError
 from swarmwright.common.arrays import Genomes
 from swarmwright.methods import METHODS
-from swarmwright.methods.archive import Archive, ranks
+from swarmwright.methods.archive import Archive, Grid, ranks
 from swarmwright.methods.novelty import Novelty, NoveltyOptions
 from tests.python.methods.functions import new, sphere
 
