@@ -18,7 +18,7 @@ from swarmwright.controllers.modules.grammar import (
 )
 from swarmwright.runs.monitoring.prometheus import COUNTS
 
-MOST_WORDS = 114_000
+MOST_WORDS = 118_000
 """In all pages of docs, with snippets."""
 MOST_GUIDES = 31
 """Pages in docs/how-to."""
