@@ -212,19 +212,22 @@ class Dds:
     Args:
         name: name of the node.
         namespace: namespace of relative names.
+        domain: number of the domain; None: `ROS_DOMAIN_ID`, else 0. Exported nodes have it as an option.
         use_sim_time: whether to read the time from `/clock`.
 
     Raises MiddlewareError if the domain is not valid or cannot be joined.
     """
 
-    def __init__(self, name: str, namespace: str = "/", *, use_sim_time: bool = False) -> None:
+    def __init__(
+        self, name: str, namespace: str = "/", *, domain: int | None = None, use_sim_time: bool = False
+    ) -> None:
         self.name = name
         self._entities: list[Any] = []
         try:
             self.namespace = namespace_of(namespace)
         except ValueError as error:
             raise MiddlewareError(f"namespace '{namespace}': {error}") from None
-        number = _domain()
+        number = _domain() if domain is None else domain
         try:
             _configure(number)
             self._participant = self._register(DomainParticipant(number))
