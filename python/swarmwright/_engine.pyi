@@ -346,7 +346,7 @@ class Streams:
 class NodeNetwork:
     """Genetic operators of genomes that are rows of nodes, each with its bias first and then its weights.
 
-    sizes: weights of each node. What the operators do: `swarmwright.controllers.kinds.network`. Those of
+    sizes: weights of each node. What the operators do: `swarmwright.controllers.networks`. Those of
     many genomes take a stream for each and give the same bits as those of one. Raises InputError for shapes that do not fit.
     """
 

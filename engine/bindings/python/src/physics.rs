@@ -1,4 +1,4 @@
-//! Simulators in Python that move the robots of missions, through `swarmwright.simulations.physics_host.PhysicsHost`.
+//! Simulators in Python that move the robots of missions, through `swarmwright.simulations.physics.PhysicsHost`.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
