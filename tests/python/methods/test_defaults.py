@@ -8,9 +8,10 @@ import pytest
 from benchmarks.defaults import PROBLEMS, SEEDS, main
 from swarmwright.methods import METHODS
 
-KINDS = sorted(set(METHODS.built_in) - {"random_search", "racing", "map_elites", "novelty", "nsga2"})
-"""racing evaluates each candidate on several seeds, which are all the same here; map_elites, novelty and
-nsga2 look for more than one candidate."""
+_OTHERS = {"random_search", "racing", "neat", "map_elites", "novelty", "nsga2", "nsga3"}
+KINDS = sorted(set(METHODS.built_in) - _OTHERS)
+"""racing evaluates each candidate on several seeds, which are all the same here; neat needs its own networks,
+see `benchmarks.against_neat`; map_elites, novelty, nsga2 and nsga3 look for more than one candidate."""
 CHEAP = ("Minisim", "XOR")
 FEWER_OF_FOUR = {("cuckoo_search", "Emergency Exit"): 0, ("pso", "Emergency Exit"): 2}
 """Of the first four seeds."""
