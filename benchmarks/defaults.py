@@ -22,6 +22,9 @@ from swarmwright.servers.evaluation.opening import open_backend
 
 SEEDS = range(1, 41)
 
+KINDS = [kind for kind in METHODS.built_in if kind not in {"neat", "map_elites", "novelty", "nsga2", "nsga3"}]
+"""Without neat, which needs its own networks (`against_neat`), and those that look for several candidates."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -118,7 +121,7 @@ def main(words: Sequence[str]) -> None:
             key, value = word.split("=")
             kind, option = key.split(".")
             options.setdefault(kind, {})[option] = json.loads(value)
-    kinds = [kind for kind in METHODS.built_in if kind in words] or list(METHODS.built_in)
+    kinds = [kind for kind in METHODS.built_in if kind in words] or KINDS
     problems = [one for one in PROBLEMS.values() if one.name in words] or list(PROBLEMS.values())
     print("| method |" + "".join(f" {one.name} |" for one in problems))
     print("|---" * (len(problems) + 1) + "|")

@@ -5,13 +5,11 @@ import statistics
 
 import pytest
 
+from benchmarks import defaults
 from benchmarks.defaults import PROBLEMS, SEEDS, main
-from swarmwright.methods import METHODS
 
-_OTHERS = {"random_search", "racing", "neat", "map_elites", "novelty", "nsga2", "nsga3"}
-KINDS = sorted(set(METHODS.built_in) - _OTHERS)
-"""racing evaluates each candidate on several seeds, which are all the same here; neat needs its own networks,
-see `benchmarks.against_neat`; map_elites, novelty, nsga2 and nsga3 look for more than one candidate."""
+KINDS = sorted(set(defaults.KINDS) - {"random_search", "racing"})
+"""racing evaluates each candidate on several seeds, which are all the same here."""
 CHEAP = ("Minisim", "XOR")
 FEWER_OF_FOUR = {("cuckoo_search", "Emergency Exit"): 0, ("pso", "Emergency Exit"): 2}
 """Of the first four seeds."""
