@@ -14,6 +14,7 @@ from swarmwright.conformance.rules import Profile, Skip
 from swarmwright.servers.broker.client import Failure
 from tests.conformance.broken.tools import (
     TOOLS,
+    AsksOnce,
     FailsAtOnce,
     LosesRefusedWork,
     OnlyBatches,
@@ -59,7 +60,10 @@ def test_the_model_that_broken_tools_are_made_of_is_sound() -> None:
 @pytest.mark.parametrize("kind", TOOLS, ids=lambda kind: kind.__name__)
 def test_a_broken_tool_is_caught_by_the_right_rule(kind: type[SoundTool]) -> None:
     report = report_of(kind, ",".join([PLAIN, *sorted(kind.breaks)]))
-    assert set(report.list_ids("failed", "died")) == kind.breaks, str(report)
+    failed = set(report.list_ids("failed", "died"))
+    assert failed >= kind.breaks, str(report)
+    # Whoever asks once finds no server that is late, as any may be on a busy machine.
+    assert kind is AsksOnce or failed == kind.breaks, str(report)
 
 
 @pytest.mark.timeout(180)
