@@ -20,6 +20,7 @@ def test_a_run_with_every_method(kind: str, tmp_path: Path) -> None:
         {
             "simulation": "minisim",
             "servers": "local",
+            "controller": {"kind": "neat" if kind == "neat" else "layered"},
             "method": method_of(kind, generations=4),
             "seed": 3,
         }
