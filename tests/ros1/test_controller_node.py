@@ -38,6 +38,7 @@ from tests.python.simulations.ros.mistakes import (
 )
 from tests.ros1.machine import Driver, Master, Workspace, end
 
+pytestmark = pytest.mark.timeout(240)  # the workspace is compiled when the first test starts
 TOPICS = {"scan": SCAN, "sonar": RANGE, "odom": ODOMETRY, "light": FLOAT, "target": TWIST}
 LACKING = {"sensor": "sensor 6", "source": "constant", "value": 0.1}
 NO_PARAMETERS = ("nothing-for-text", "infinity")
@@ -106,7 +107,6 @@ def driven(running: Running) -> list[tuple[float, float]]:
     return [(one["linear"]["x"], one["angular"]["z"]) for one in running.recorded("cmd_vel")]
 
 
-@pytest.mark.timeout(120)
 def test_the_node_computes_what_the_engine_computes(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = engine()
     with node(master, driver, MAPPING, tmp_path) as running:
@@ -152,7 +152,6 @@ def test_the_node_computes_what_the_engine_computes(master: Master, driver: Driv
         until(lambda: len(driven(running)) > count and driven(running)[-1] == (0.0, 0.0))
 
 
-@pytest.mark.timeout(60)
 def test_names_are_remapped_once(master: Master, driver: Driver, tmp_path: Path) -> None:
     swapped = ["scan:=sonar", "sonar:=scan"]
     with node(master, driver, MAPPING, tmp_path, "swapped", swapped) as running:
@@ -167,7 +166,6 @@ def test_names_are_remapped_once(master: Master, driver: Driver, tmp_path: Path)
         np.testing.assert_allclose(running.steps()[-1, :7], expected_sensors(1), rtol=3e-7)
 
 
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_the_node_ends_without_a_master(how: signal.Signals, workspace: Workspace, tmp_path: Path) -> None:
     with socket.socket() as closed:  # bound, but nothing listens
@@ -187,7 +185,6 @@ def test_the_node_ends_without_a_master(how: signal.Signals, workspace: Workspac
             end(process)
 
 
-@pytest.mark.timeout(120)
 def test_the_node_ends_when_the_master_is_lost(master: Master, tmp_path: Path) -> None:
     workspace = master.workspace
     kept = workspace.environment["ROS_MASTER_URI"]
@@ -217,7 +214,6 @@ ANOTHER = "import rospy; rospy.init_node('swarmwright_controller'); rospy.sleep(
 """A node of the same name, which commands nothing."""
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGHUP", "rosnode kill", "another node"])
 def test_whatever_ends_the_node_stops_the_robot(
     how: str, master: Master, driver: Driver, tmp_path: Path
@@ -239,7 +235,6 @@ def test_whatever_ends_the_node_stops_the_robot(
         assert ("told to end" in running.said()) == (not how.startswith("SIG"))
 
 
-@pytest.mark.timeout(60)
 def test_a_clock_that_does_not_come_or_stands_still_stops_the_robot(
     master: Master, driver: Driver, tmp_path: Path
 ) -> None:
@@ -268,7 +263,6 @@ def test_a_clock_that_does_not_come_or_stands_still_stops_the_robot(
         driver("silence", topic="/clock")
 
 
-@pytest.mark.timeout(60)
 def test_a_sensor_that_the_robot_lacks_has_a_constant(master: Master, driver: Driver, tmp_path: Path) -> None:
     mapping = changed(lambda m: m["sensors"].__setitem__(5, LACKING))
     with node(master, driver, mapping, tmp_path, "lacking") as running:
@@ -278,7 +272,6 @@ def test_a_sensor_that_the_robot_lacks_has_a_constant(master: Master, driver: Dr
         assert set(running.steps()[:, 6].tolist()) == {float(np.float32(0.1))}
 
 
-@pytest.mark.timeout(60)
 def test_wheels_are_a_command_and_a_sensor_may_be_random(
     master: Master, driver: Driver, tmp_path: Path
 ) -> None:
@@ -297,7 +290,6 @@ def test_wheels_are_a_command_and_a_sensor_may_be_random(
         assert_on_wheels(steps, moved)
 
 
-@pytest.mark.timeout(60)
 def test_messages_without_a_value_are_told_from_silence(
     master: Master, driver: Driver, tmp_path: Path
 ) -> None:
@@ -309,7 +301,6 @@ def test_messages_without_a_value_are_told_from_silence(
         until(lambda: said in running.said())
 
 
-@pytest.mark.timeout(60)
 def test_a_corrected_mapping_replaces_the_one_before(master: Master, tmp_path: Path) -> None:
     said = ""
     for name, changes in (("first", {"reset_after_silence": True}), ("corrected", {"rate": 20})):
@@ -329,7 +320,6 @@ def test_a_corrected_mapping_replaces_the_one_before(master: Master, tmp_path: P
     assert yaml.safe_load(said).keys() == MAPPING.keys()
 
 
-@pytest.mark.timeout(120)
 def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = engine()
     mapping = {**MAPPING, "timeout": 2.0}
@@ -380,7 +370,6 @@ def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, t
         )
 
 
-@pytest.mark.timeout(120)
 def test_a_controller_that_begins_anew_after_silence(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = engine()
     mapping = {**MAPPING, "timeout": 2.0, "reset_after_silence": True}
@@ -414,7 +403,6 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
 }
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_mapping_is_refused(name: str, master: Master, driver: Driver, tmp_path: Path) -> None:
     change, message = WRONG[name]
@@ -424,7 +412,6 @@ def test_a_wrong_mapping_is_refused(name: str, master: Master, driver: Driver, t
     assert message in running.said()
 
 
-@pytest.mark.timeout(60)
 def test_without_a_mapping(master: Master, driver: Driver, tmp_path: Path) -> None:
     with node(master, driver, None, tmp_path, "none") as running:
         assert running.process.wait(20) == 2

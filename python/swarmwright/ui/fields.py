@@ -288,15 +288,15 @@ def _iter_fields(schema: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[F
     definitions = schema.get("$defs", {})
     for key, entry in schema["properties"].items():
         resolved = _resolve(entry, definitions)
-        inner = next((option for option in resolved if "properties" in option), None)
+        mappings = [option for option in resolved if "properties" in option]
         if (
-            inner is not None
+            len(mappings) == 1
             and len(path) < 2
             and all(_takes(option) in {"mapping", "boolean"} for option in resolved)
         ):
             nested = {
-                "properties": inner["properties"],
-                "required": inner.get("required", []),
+                "properties": mappings[0]["properties"],
+                "required": mappings[0].get("required", []),
                 "$defs": definitions,
             }
             yield from _iter_fields(nested, (*path, key))

@@ -17,7 +17,7 @@ from tests.protocol.controllers import Controller
 class RoundsOffloaded(Broken):
     """Gives other fitness offloaded than stepwise."""
 
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18", "S9.19"}
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18", "S9.19", "S9.21"}
     rules: ClassVar = OFFLOADED
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
@@ -28,7 +28,7 @@ class RoundsOffloaded(Broken):
 class OneControllerForAll(Broken):
     """Agents share a controller, and its state."""
 
-    breaks: ClassVar = {"S9.4", "S9.5", "S9.18", "S9.19"}
+    breaks: ClassVar = {"S9.4", "S9.5", "S9.18", "S9.19", "S9.21"}
     rules: ClassVar = OFFLOADED
 
     def rollout(self, specification: str, parameters: Json) -> World:
@@ -198,7 +198,7 @@ class ForgetsTheSubtree(BrokenRobots):
 class ColumnsFirst(Broken):
     """Writes episodes before candidates."""
 
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18", "S9.19"}
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18", "S9.19", "S9.21"}
     rules: ClassVar = OFFLOADED
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:

@@ -86,7 +86,7 @@ def test_a_terminal_shows_how_far_it_is(run: str, tmp_path: Path, command: tuple
             ("--vary", "parameters.speedDefender=0..1"),
             "--vary parameters.speedDefender=0..1: unknown parameter of minisim; did you mean",
         ),
-        ((*SLOWER, "--out", "loss.jpg"), "loss.jpg: figures end with .png, .svg or .pdf"),
+        ((*SLOWER, "--out", "loss.jpg"), "loss.jpg: unknown suffix of a figure; use .png, .svg or .pdf"),
         ((*SLOWER, "--csv", "loss.txt"), "loss.txt: this table ends with .csv"),
         ((*SLOWER, "--out", "nowhere/loss.png"), "there is no folder 'nowhere'"),
         ((*SLOWER, "--csv", "nowhere/loss.csv"), "'nowhere/loss.csv': there is no folder 'nowhere'"),
