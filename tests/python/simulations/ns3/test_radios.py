@@ -116,7 +116,7 @@ def test_the_same_seed_gives_the_same_deliveries_in_two_processes() -> None:
 
 def test_mistakes() -> None:
     radios = Radios(2, seed=1)
-    with pytest.raises(InputError, match=r"other radios are open, but ns-3 allows one simulation in a process"):
+    with pytest.raises(InputError, match="other radios are open, but ns-3 allows one simulation"):
         Radios(2, seed=1)
     places = np.zeros((2, 2))
     for values, message in (
