@@ -68,11 +68,11 @@ def command(
     read_only: bool,
     no_browser: bool,
 ) -> None:
-    """Show the runs below FOLDER (default: runs, which is made if missing) in a browser, live.
+    """Show the runs below FOLDER in a browser, live.
 
-    The printed address holds a secret token: whoever has it sees these runs. The window listens on 127.0.0.1
-    alone; from another machine, reach it through `ssh -L`, or let it listen there with a password and TLS. It
-    ends with Ctrl-C; runs are not affected.
+    FOLDER is runs by default, and is then made if missing. The printed address holds a secret token: whoever
+    has it sees these runs. The window listens on 127.0.0.1 alone; from another machine, reach it through `ssh
+    -L`, or let it listen there with a password and TLS. It ends with Ctrl-C; runs are not affected.
     """
     from swarmwright.runs.folders import RUNS
     from swarmwright.ui.server import Settings, serve
