@@ -22,8 +22,10 @@ from swarmwright.servers.evaluation.opening import open_backend
 
 SEEDS = range(1, 41)
 
-KINDS = [kind for kind in METHODS.built_in if kind not in {"neat", "map_elites", "novelty", "nsga2", "nsga3"}]
-"""Without neat, which needs its own networks (`against_neat`), and those that look for several candidates."""
+_OTHERS = {"neat", "map_elites", "novelty", "nsga2", "nsga3", "tpe"}
+KINDS = [kind for kind in METHODS.built_in if kind not in _OTHERS]
+"""Without neat, which needs its own networks (`against_neat`), those that look for several candidates, and
+tpe, which is for fewer evaluations than these problems need."""
 
 
 @dataclass(frozen=True)

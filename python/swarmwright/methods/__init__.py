@@ -34,6 +34,7 @@ METHODS: Registry[Method] = Registry(
         "random_search": "swarmwright.methods.random_search:RandomSearch",
         "sep_cma_es": "swarmwright.methods.sep_cma_es:SepCmaEs",
         "snes": "swarmwright.methods.snes:Snes",
+        "tpe": "swarmwright.methods.tpe:Tpe",
         "xnes": "swarmwright.methods.xnes:Xnes",
     },
     "swarmwright.methods:Method",

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from importlib.util import find_spec
 from math import isfinite, nan
@@ -271,6 +271,9 @@ class Method(SteadyState):
     record then has their mean so far as fitness, and the best candidate is `incumbent`."""
     spreads_evaluations: ClassVar[bool] = False
     """Whether all candidates depend on the option `evaluations`, so that a run cannot be prolonged."""
+    proposals_are_recorded: ClassVar[bool] = False
+    """Whether a resumed run takes the genomes of its record instead of repeating them, since a library, whose
+    numbers differ between versions and processors, proposes them; see `take_recorded`."""
     libraries: ClassVar[tuple[str, ...]] = ()
     """Packages used besides NumPy; a run's record includes their versions."""
     generational_because: ClassVar[str] = "it learns from whole generations"
@@ -397,6 +400,10 @@ class Method(SteadyState):
         if problem is not None:
             raise InputError(problem)
         self.start = np.array(genomes, dtype=np.float32)
+
+    def take_recorded(self, genomes: Iterable[Genome]) -> None:
+        """Propose these genomes of a record first; for methods with `proposals_are_recorded`."""
+        raise NotImplementedError(f"{self.kind} repeats its proposals")
 
     def ask(self) -> Genomes:
         """Return the genomes of this generation that need evaluation: float32, (n, genome_size), n >= 1.

@@ -6,7 +6,7 @@ from pydantic import Field
 from swarmwright.common.arrays import Genomes, Limits
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._numbers import center_and_reach, explain_discrete, limits
+from swarmwright.methods._numbers import box, explain_discrete
 from swarmwright.methods.search import KeepsMembers
 
 
@@ -44,20 +44,7 @@ class Box(KeepsMembers):
     @property
     def box(self) -> Limits:
         """The lowest and highest value of each gene."""
-        center, reach = center_and_reach(self.representation)
-        lower, upper = self.representation.bounds
-        least, most = limits(self.representation)
-        wide = self.options.reach * reach
-        low, high = center - wide, center + wide
-        if len(self.start):
-            start = self.start.astype(np.float64)
-            lowest, highest = start.min(axis=0), start.max(axis=0)
-            low = np.where(lowest < low, lowest - reach, low)
-            high = np.where(highest > high, highest + reach, high)
-        return (
-            np.where(np.isfinite(lower), lower, np.clip(low, least, most)),
-            np.where(np.isfinite(upper), upper, np.clip(high, least, most)),
-        )
+        return box(self.representation, self.start, self.options.reach)
 
     @property
     def _first(self) -> Genomes:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.arrays import Genomes, Limits
 from swarmwright.controllers import Representation
 from swarmwright.controllers.kinds.team import Team
 
@@ -19,6 +20,29 @@ def center_and_reach(representation: Representation) -> tuple[NDArray[np.float64
     """Return the middle and half of the width of each gene's initial range."""
     lower, upper = representation.initial_range
     return lower / 2 + upper / 2, upper / 2 - lower / 2
+
+
+def box(representation: Representation, start: Genomes, reach: float) -> Limits:
+    """Return the lowest and highest value of each gene of a search, (genome_size,) each.
+
+    Args:
+        representation: has the genes' bounds and initial range.
+        start: genomes that are to be inside.
+        reach: limit of genes without bounds, as a multiple of their initial range around its middle.
+    """
+    center, half = center_and_reach(representation)
+    lower, upper = representation.bounds
+    least, most = limits(representation)
+    low, high = center - reach * half, center + reach * half
+    if len(start):
+        genes = start.astype(np.float64)
+        lowest, highest = genes.min(axis=0), genes.max(axis=0)
+        low = np.where(lowest < low, lowest - half, low)
+        high = np.where(highest > high, highest + half, high)
+    return (
+        np.where(np.isfinite(lower), lower, np.clip(low, least, most)),
+        np.where(np.isfinite(upper), upper, np.clip(high, least, most)),
+    )
 
 
 def explain_discrete(representation: Representation) -> str | None:

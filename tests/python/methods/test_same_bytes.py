@@ -11,6 +11,7 @@ from tests.python.records import same_record
 
 METHODS: list[dict[str, Any]] = [
     {"kind": "ga_species"},
+    {"kind": "tpe"},
     {"kind": "cuckoo_search"},
     {"kind": "novelty", "objective": "mixed"},
     {

@@ -17,7 +17,8 @@ STEADY = sorted(kind for kind in METHODS.built_in if METHODS.get(kind).steady_st
 
 def run(kind: str, servers: int, speed: int, **options: Any) -> tuple[list[bytes], float]:
     """The genomes of a run on so many servers, and when it ended; `speed`: seed of how long episodes take."""
-    method = new(kind, operation="steady_state", generations=3, **options)
+    generations = 9 if kind == "tpe" else 3  # of ten candidates
+    method = new(kind, operation="steady_state", generations=generations, **options)
     times = random.Random(speed)
     busy: list[tuple[float, int, float]] = []  # when ready, index, fitness
     early: dict[int, float] = {}

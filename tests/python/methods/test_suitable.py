@@ -24,6 +24,7 @@ COMPUTING = [
     "pso",
     "sep_cma_es",
     "snes",
+    "tpe",
     "xnes",
 ]
 

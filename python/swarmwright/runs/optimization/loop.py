@@ -168,6 +168,10 @@ class Loop:
             reader: reader of the store.
             edited: descriptions of accepted edits of plug-in code since the run.
         """
+        if self.method.proposals_are_recorded:
+            self.method.take_recorded(
+                genome for stored in reader.generations() for genome in stored.expand_genomes()
+            )
         for stored in reader.generations():
             if self.method.done:
                 raise InputError(

@@ -205,6 +205,11 @@ class ParameterSet(Representation):
         """0 to 1."""
         return np.zeros(self.genome_size), np.ones(self.genome_size)
 
+    @property
+    def choices(self) -> tuple[int, ...]:
+        """Number of choices of each parameter, among which 0..1 is divided equally; 0 for numbers."""
+        return tuple(self._categories.astype(int).tolist())
+
     @cached_property
     def _categories(self) -> NDArray[np.float64]:
         """Number of choices of each parameter; 0 for numbers."""
