@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from importlib.util import find_spec
 from math import isfinite, nan
@@ -20,6 +20,9 @@ from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import Representation
+
+DrawStreams = Callable[[str, Sequence[int] | NDArray[np.int64]], Streams]
+"""Returns the streams of random numbers for a purpose and several candidates."""
 
 
 class SteadyState(ABC):
@@ -77,8 +80,10 @@ class SteadyState(ABC):
         self._handed_out += 1
         return self._handed_out - 1, self._pending[self._handed_out - 1 - self.evaluations].copy()
 
-    def tell_next(self, fitness: float) -> None:
+    def tell_next(self, fitness: float, metrics: ArrayLike | None = None) -> None:
         """Accept the fitness of candidate number `evaluations`, the first without fitness; NaN means failed.
+
+        metrics: (metrics,), if the options have `needed_metrics`.
 
         Raises InputError if no candidate is waiting for its fitness.
         """
@@ -86,6 +91,7 @@ class SteadyState(ABC):
         self._check_not_done()
         if self.evaluations == self._handed_out:
             raise InputError("no candidate is waiting for its fitness; ask for one first")
+        self._store_metrics(None if metrics is None else [metrics], 1)
         # Create all candidates that must not depend on this result.
         self._make(min(self.evaluations + self.options.in_flight, self._last))
         value = float(fitness) if isfinite(fitness) else nan
@@ -111,6 +117,14 @@ class SteadyState(ABC):
             return np.array(self.start[index])
         genomes = self.representation.initials(self.streams_of("initial", index))
         return np.asarray(genomes[0])
+
+    def streams_next(self, index: int) -> DrawStreams:
+        """Return the source of streams with which candidate `index` is created as a generation of its own."""
+        return lambda purpose, rows: Streams(self.seed, f"{purpose}.next", index, rows)
+
+    @abstractmethod
+    def _store_metrics(self, metrics: ArrayLike | None, count: int) -> None:
+        """Store the metrics of `count` candidates. Raises InputError if they are missing."""
 
     def _ask_next(self, index: int) -> Genome:
         """Return the genome of candidate `index`."""
@@ -325,12 +339,6 @@ class Method(SteadyState):
         if options.operation == "steady_state" and not cls.steady_state:
             invalid["operation"] = (
                 f"{cls.kind} cannot work in steady state: {cls.generational_because}; leave the key out"
-            )
-        elif options.operation == "steady_state" and options.needed_metrics:
-            names = ", ".join(options.needed_metrics)
-            invalid["operation"] = (
-                f"{cls.kind} cannot work in steady state with metrics ({names}), which exist only for whole "
-                "generations; leave the key out"
             )
         reason = None if representation is None else cls.unsuitable(representation)
         if representation is not None and reason is not None:

@@ -12,7 +12,7 @@ from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.random_numbers import Streams
 from swarmwright.controllers import Representation
 from swarmwright.methods import real_variation
-from swarmwright.methods._base import Method, MethodOptions, check_metric_mapping
+from swarmwright.methods._base import DrawStreams, Method, MethodOptions, check_metric_mapping
 from swarmwright.methods.archive import Values
 
 _ATTEMPTS = 20
@@ -67,6 +67,7 @@ class ParetoMethod(Method):
     """
 
     options: ParetoOptions
+    steady_state = True
     start_as = "members"
 
     def __init__(self, options: ParetoOptions, representation: Representation, *, seed: int) -> None:
@@ -96,8 +97,13 @@ class ParetoMethod(Method):
         """Fitness of the members."""
         return self._fitness.copy()
 
+    @property
+    def generation_size(self) -> int:
+        """Members, and children in each generation."""
+        return self.options.population
+
     @abstractmethod
-    def _choose_pairs(self, count: int) -> NDArray[np.int64]:
+    def _choose_pairs(self, count: int, streams: DrawStreams) -> NDArray[np.int64]:
         """Return pairs of members that have children, (count, 2)."""
 
     @abstractmethod
@@ -114,24 +120,33 @@ class ParetoMethod(Method):
         candidates = np.arange(self.options.population)
         if not len(self._members):
             return self.initials(candidates.tolist())
-        children = self._cross(candidates)
-        mutants = self._mutate(children, self.streams(f"{self.kind}.mutate", candidates))
+        return self._vary(candidates, self.streams)
+
+    def _ask_next(self, index: int) -> Genome:
+        if index < self.options.population or not len(self._members):
+            return self.initial_of(index)
+        return np.asarray(self._vary(np.arange(1), self.streams_next(index))[0])
+
+    def _vary(self, candidates: NDArray[np.int64], streams: DrawStreams) -> Genomes:
+        """Return children of the members, (n, genome_size), different from these and from each other."""
+        children = self._cross(candidates, streams)
+        mutants = self._mutate(children, streams(f"{self.kind}.mutate", candidates))
         digests = {_digest(member) for member in self._members}
         rows = candidates
         for attempt in range(_ATTEMPTS):
             rows = np.array([row for row in rows if not _add_digest(digests, mutants[row])], dtype=np.int64)
             if not len(rows):
                 break
-            mutants[rows] = self._mutate(children[rows], self.streams(f"{self.kind}.mutate.{attempt}", rows))
+            mutants[rows] = self._mutate(children[rows], streams(f"{self.kind}.mutate.{attempt}", rows))
         return mutants
 
-    def _cross(self, candidates: NDArray[np.int64]) -> Genomes:
+    def _cross(self, candidates: NDArray[np.int64], streams: DrawStreams) -> Genomes:
         """Return the children before their mutation; those of a pair are consecutive."""
-        pairs = self._choose_pairs((len(candidates) + 1) // 2)
+        pairs = self._choose_pairs((len(candidates) + 1) // 2, streams)
         # The second child of a pair has the same parents in the other order.
         parents = np.stack([pairs, pairs[:, ::-1]], axis=1).reshape(-1, 2)[: len(candidates)]
         children = self._members[parents[:, 0]]
-        draws = self.streams(f"{self.kind}.cross", candidates // 2).units(1)[:, 0]
+        draws = streams(f"{self.kind}.cross", candidates // 2).units(1)[:, 0]
         crossed = np.flatnonzero(draws < self.options.crossover)
         if not len(crossed):
             return children
@@ -141,13 +156,13 @@ class ParetoMethod(Method):
             real_variation.cross(
                 mothers,
                 fathers,
-                self.streams(purpose, crossed // 2),
+                streams(purpose, crossed // 2),
                 self.representation,
                 self.options.crossover_index,
                 second=crossed % 2 == 1,
             )
             if self._is_real
-            else self.representation.crossovers(mothers, fathers, self.streams(purpose, crossed))
+            else self.representation.crossovers(mothers, fathers, streams(purpose, crossed))
         )
         return children
 
@@ -159,13 +174,20 @@ class ParetoMethod(Method):
             genomes, streams, severity=options.severity, probability=options.probability
         )
 
-    def _shuffle(self, count: int) -> NDArray[np.int64]:
+    def _shuffle(self, count: int, streams: DrawStreams) -> NDArray[np.int64]:
         """Return `count` members in random order, of which all occur equally often, or once less."""
         size = len(self._members)
         shuffles = range(-(-count // size))
-        return self.streams(f"{self.kind}.choose", shuffles).units(size).argsort(axis=1).ravel()[:count]
+        return streams(f"{self.kind}.choose", shuffles).units(size).argsort(axis=1).ravel()[:count]
+
+    def _tell_next(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - members have no numbers
+        self._add(genome[np.newaxis], np.array([fitness]))
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
+        self._add(genomes, fitness)
+
+    def _add(self, genomes: Genomes, fitness: Fitness) -> None:
+        """Add genomes, of which with the members the best `population` survive."""
         metrics = self.metrics if self.options.objectives else np.empty((len(genomes), 0))
         members = np.concatenate([self._members, genomes])
         values = np.concatenate([self._values, self.options.values(fitness, metrics)])

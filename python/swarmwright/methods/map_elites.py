@@ -2,6 +2,7 @@
 
 import math
 import sys
+from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -13,7 +14,7 @@ from swarmwright.common.options import Options
 from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
-from swarmwright.methods._base import Method, MethodOptions, check_metric_mapping
+from swarmwright.methods._base import DrawStreams, Method, MethodOptions, check_metric_mapping
 from swarmwright.methods._numbers import center_and_reach, explain_too_many_genes
 from swarmwright.methods.archive import Archive, Axis, Cells, Grid, Values
 from swarmwright.methods.emitters import Emitters, Improvements, Thresholds
@@ -147,6 +148,15 @@ class MapElitesOptions(MethodOptions):
         return self.variation in ("cma_me", "cma_mae")
 
     @model_validator(mode="after")
+    def _check_operation(self) -> Self:
+        if self.operation == "steady_state" and (self.uses_emitters or self.reevaluate):
+            key = "reevaluate" if self.reevaluate else "variation"
+            raise FieldError(
+                "operation", f"steady_state does not support {key}: {getattr(self, key)}; leave one out"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _check_reevaluate(self) -> Self:
         if self.reevaluate and (self.uses_emitters or self.cells is None):
             raise FieldError(
@@ -236,6 +246,7 @@ class MapElites(Method):
     kind: ClassVar[str] = "map_elites"
     options_model = MapElitesOptions
     options: MapElitesOptions
+    steady_state = True
     start_as = "members"
 
     def __init__(self, options: MapElitesOptions, representation: Representation, *, seed: int) -> None:
@@ -290,6 +301,11 @@ class MapElites(Method):
         return self.options.population * self.options.generations
 
     @property
+    def generation_size(self) -> int:
+        """Candidates in each generation."""
+        return self.options.population
+
+    @property
     def population_fitness(self) -> Fitness:
         """Fitness of all elites; NaN without any."""
         return self._archive.fitness if len(self._archive) else np.full(1, np.nan)
@@ -308,19 +324,26 @@ class MapElites(Method):
         if self._emitters is not None:
             self._emitted = True
             return self._emitters.ask(self.generation, self._draw_elite)
-        chosen = self.streams("map_elites.choose", candidates).integers(len(self._archive), 2)
+        return np.concatenate([repeated, self._vary(candidates, self.streams)])
+
+    def _ask_next(self, index: int) -> Genome:
+        if index < max(self.options.initial, self.options.population) or not len(self._archive):
+            return self.initial_of(index)
+        return np.asarray(self._vary([0], self.streams_next(index))[0])
+
+    def _vary(self, candidates: Sequence[int], draw: DrawStreams) -> Genomes:
+        """Return a variation of an elite for each candidate, (n, genome_size)."""
+        chosen = draw("map_elites.choose", candidates).integers(len(self._archive), 2)
         parents, partners = self._genomes_of(chosen[:, 0]), self._genomes_of(chosen[:, 1])
-        streams = self.streams("map_elites.vary", candidates)
+        streams = draw("map_elites.vary", candidates)
         if self.options.variation == "line" or (
             self.options.variation == "auto" and self.representation.continuous
         ):
-            children = self._vary_along_lines(parents, partners, streams.normals(parents.shape[1] + 1))
-        else:
-            options = self.options
-            children = self.representation.mutations(
-                parents, streams, severity=options.severity, probability=options.probability
-            )
-        return np.concatenate([repeated, children])
+            return self._vary_along_lines(parents, partners, streams.normals(parents.shape[1] + 1))
+        options = self.options
+        return self.representation.mutations(
+            parents, streams, severity=options.severity, probability=options.probability
+        )
 
     def _ask_again(self) -> Genomes:
         """Return the genomes that are evaluated again."""
@@ -348,6 +371,9 @@ class MapElites(Method):
         largest = np.finfo(np.float32).max
         along_lines = np.clip(begin + steps + lines, np.maximum(lower, -largest), np.minimum(upper, largest))
         return along_lines.astype(np.float32)
+
+    def _tell_next(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - it is `evaluations`
+        self._tell(genome[np.newaxis], np.array([fitness]))
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         measures = self.metrics if self.options.measures else np.zeros((len(genomes), 1))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.controllers import Representation
+from swarmwright.methods._base import DrawStreams
 from swarmwright.methods._pareto import ParetoMethod, ParetoOptions
 from swarmwright.methods.archive import Values, crowding, dominates, ranks
 
@@ -33,8 +34,8 @@ class Nsga2(ParetoMethod):
         super().__init__(options, representation, seed=seed)
         self._crowding: Values = np.empty(0)
 
-    def _choose_pairs(self, count: int) -> NDArray[np.int64]:
-        drawn = self._shuffle(4 * count).reshape(count, 4)
+    def _choose_pairs(self, count: int, streams: DrawStreams) -> NDArray[np.int64]:
+        drawn = self._shuffle(4 * count, streams).reshape(count, 4)
         first, second = drawn[:, 0::2], drawn[:, 1::2]
         relation = dominates(self._values)
         isolated = ~relation[first, second] & (self._crowding[second] > self._crowding[first])

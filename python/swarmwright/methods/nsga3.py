@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright.controllers import Representation
-from swarmwright.methods._base import MethodOptions
+from swarmwright.methods._base import DrawStreams, MethodOptions
 from swarmwright.methods._pareto import ParetoMethod, ParetoOptions
 from swarmwright.methods.archive import Values, ranks
 
@@ -98,8 +98,8 @@ class Nsga3(ParetoMethod):
                 )
         return invalid
 
-    def _choose_pairs(self, count: int) -> NDArray[np.int64]:
-        return self._shuffle(2 * count).reshape(count, 2)
+    def _choose_pairs(self, count: int, streams: DrawStreams) -> NDArray[np.int64]:
+        return self._shuffle(2 * count, streams).reshape(count, 2)
 
     def _select(self, values: Values) -> list[int]:
         costs, fronts = -values, ranks(values)

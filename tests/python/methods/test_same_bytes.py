@@ -11,7 +11,9 @@ from tests.python.records import same_record
 
 METHODS: list[dict[str, Any]] = [
     {"kind": "ga_species"},
-    {"kind": "tpe"},
+    {"kind": "tpe", "population": 5},  # it takes its time
+    {"kind": "map_elites", "operation": "steady_state"},
+    {"kind": "nsga2", "operation": "steady_state"},
     {"kind": "cuckoo_search"},
     {"kind": "novelty", "objective": "mixed"},
     {
@@ -30,7 +32,7 @@ def test_servers_and_interruptions_do_not_matter(options: dict[str, Any], tmp_pa
         {
             "simulation": "minisim",
             "parameters": {"placement": "random", "numAgents": 3, "numDefenders": 2},
-            "method": method_of(**options, population=20, generations=9),
+            "method": method_of(**{"population": 20, "generations": 9, **options}),
             "ranking": {"episodes": 2},
             "seed": 5,
         }

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Genome, Genomes
+from swarmwright.common.statistics import means
 from swarmwright.experiment.budget import EndReason
 from swarmwright.runs.optimization.loop import Loop, Strategy
 from swarmwright.servers.evaluation.base import Backend, Controllers, Results, weights_of
@@ -104,7 +105,8 @@ class SteadyState(Strategy):
         """Tell the method the fitness of the first candidate in flight."""
         fitness = float(self.loop.ranking.score(episodes[np.newaxis])[0])
         self._part.append(_Evaluation(self._flying.popleft(), episodes, metrics, fitness))
-        self.loop.method.tell_next(fitness)
+        columns = self.loop.needed
+        self.loop.method.tell_next(fitness, means(metrics[:, columns][np.newaxis])[0] if columns else None)
 
     def _complete(self) -> bool:
         """Pass a generation to the loop; return whether to continue."""
