@@ -1,5 +1,6 @@
 """Shared part of `optimize` and `resume`: progress and results."""
 
+import math
 import shlex
 import shutil
 import sys
@@ -283,7 +284,10 @@ def _print_best(output: Output, run: "Run") -> None:
     best, champions = run.best, describe_champions(run)
     if champions is None:
         label = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
-        output.text(f"Best fitness {best.fitness + 0.0:.6g} ({label}).")
+        if math.isnan(best.fitness):
+            output.text(f"Best candidate: {label}.")
+        else:
+            output.text(f"Best fitness {best.fitness + 0.0:.6g} ({label}).")
         return
     output.text(f"The champions of generation {best.generation} met: {champions}.")
     output.text(

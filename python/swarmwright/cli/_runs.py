@@ -1,5 +1,6 @@
 """Output of the commands of `swarmwright runs`."""
 
+import math
 import re
 import shlex
 import time
@@ -242,6 +243,7 @@ def describe(output: Output, run: "Run") -> None:
     """Print a summary of a run."""
     from swarmwright.runs.code import describe_edits
     from swarmwright.runs.elites import has_elites
+    from swarmwright.runs.feasibility import feasibility_of
 
     facts = facts_of(run)
     servers = [share._asdict() for share in run._store.servers()]
@@ -251,6 +253,7 @@ def describe(output: Output, run: "Run") -> None:
     sessions = [vars(session) for session in run.sessions]
     warnings = [vars(event) for event in run.events()]
     best, unseen, validation, transfer = None, run.unseen, run.validation, transfer_of(run)
+    feasibility = feasibility_of(run)
     if run.generations:
         best = {
             "fitness": run.best.fitness,
@@ -262,6 +265,7 @@ def describe(output: Output, run: "Run") -> None:
         | {
             "best": best,
             "ended": run.ended,
+            "constraints": None if feasibility is None else feasibility._asdict(),
             "elites": elites_facts(run.elites) if run.generations and has_elites(run) else None,
             "failed_episodes": run.failed_episodes,
             "episodes_saved": run.episodes_saved,
@@ -367,7 +371,8 @@ def _describe_best(run: "Run") -> str:
     best, champions = run.best, describe_champions(run)
     if champions is not None:
         return f"champions of generation {best.generation}: {champions}"
-    return f"best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})"
+    fitness = "without fitness" if math.isnan(best.fitness) else f"{best.fitness:.6g}"
+    return f"best {fitness} (generation {best.generation}, candidate {best.candidate})"
 
 
 def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
@@ -445,11 +450,13 @@ def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
 
 
 def extra_lines(run: "Run") -> Iterator[str]:
-    """Yield lines on the elites, the episodes saved by races, and the evaluations in a slow simulation."""
+    """Yield lines on constraints, elites, episodes saved by races, and evaluations in a slow simulation."""
     from swarmwright.experiment.targets import slow_of
     from swarmwright.methods.rankings.race import RaceOptions
     from swarmwright.runs.elites import has_elites
+    from swarmwright.runs.feasibility import describe_feasibility
 
+    yield from describe_feasibility(run)
     if run.generations and has_elites(run):
         command = f"swarmwright runs elites {shlex.quote(str(run.path))}"
         yield f"{elites_line(run.elites)[:-1]}: `{command}` lists them."

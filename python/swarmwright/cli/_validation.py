@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.formatting import format_count, format_table
+from swarmwright.common.statistics import means
 from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
@@ -49,9 +50,21 @@ def validation_lines(validation: "Validation", run: "Run") -> Iterator[str]:
             "Do not report this value, which excludes failures. ranking.failed: NUMBER gives failed "
             f"episodes a fitness; for this run: {command} --set ranking.failed=NUMBER"
         )
+    yield from _violation_lines(validation)
     if len(validation.candidates) > 1:
         yield from _next_best_lines(validation)
     yield from _start_lines(validation, run)
+
+
+def _violation_lines(validation: "Validation") -> Iterator[str]:
+    """Yield a line for each constraint that the best candidate violates on the held-out seeds."""
+    from swarmwright.runs.feasibility import describe_limits
+
+    for name, limits in validation.constraints.items():
+        mean = means(validation.best.metrics[name].reshape(1, -1, 1))[0]
+        if not limits.meets(mean).all():
+            (limit,) = describe_limits({name: limits})
+            yield f"It violates a constraint on these seeds: {limit}, but the mean is {mean[0]:.4g}."
 
 
 def _describe_failed(evaluation: "ControllerEvaluation") -> str:
@@ -146,7 +159,7 @@ def validation_facts(validation: "Validation") -> dict[str, Any]:
         "seed": validation.seeds[0],
         "confidence": 0.95,
         "interval": "t",
-        "candidates": [candidate.summary() for candidate in validation.candidates],
+        "candidates": [validation.summarize(candidate) for candidate in validation.candidates],
         **({} if validation.start is None else {"start": validation.start.summary()}),
     }
 

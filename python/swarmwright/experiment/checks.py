@@ -355,12 +355,21 @@ def _fill_in(checked: Checked, is_available: bool, report: Report) -> None:
     checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
     metrics = list(announced["metrics"])
     _check_needed_metrics(checked, metrics, announced["title"], report)
+    for name in checked["constraints"]:
+        if name not in metrics:
+            report(("constraints", name), _explain_unknown_metric(name, metrics, announced["title"]))
     if checked["fitness"] is not None:
         problem = FitnessExpression(checked["fitness"]).unknown(metrics, announced["title"])
         if problem is not None:
             if is_command(checked["simulation"]):
                 problem += "; list the metrics of a command in simulation.metrics: [NAME, ..]"
             report(("fitness",), problem)
+
+
+def _explain_unknown_metric(name: str, metrics: list[str], title: str) -> str:
+    if not metrics:
+        return f"constraints need metrics, but {title} reports none"
+    return suggestions.unknown("metric", name, metrics)
 
 
 _OUTPUT_RANGES = {"tanh": (-1.0, 1.0), "sigmoid": (0.0, 1.0), "clamp": (0.0, 1.0), "relu": (0.0, math.inf)}

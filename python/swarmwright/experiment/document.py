@@ -12,6 +12,7 @@ from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.broker_address import broker_problem, prefix_problem
 from swarmwright.experiment.launchers import LauncherOptions
+from swarmwright.methods.constraints import Limits
 from swarmwright.methods.rankings.tournament import MOST_SIDES
 from swarmwright.simulations.fitness import FitnessExpression
 
@@ -316,6 +317,11 @@ class Document(Options):
     "arrived - 0.01 * steps". Available are + - * / **, comparisons, and, or, not, `a if condition else b`,
     abs, clip, max, min, sqrt. Without a finite value, the episode fails. Default: the simulation's
     fitness."""
+    constraints: dict[str, Limits] = Field(default={}, max_length=100)
+    """Limits of metrics, as means over episodes: {collisions: {at_most: 0}, coverage: {at_least: 0.5}}.
+    Candidates that violate them rank below all others, by the sum of their violations in units of the limits
+    (of the metric if the limit is 0), and have no fitness in the record. Default: none.
+    """
     start_from: StartFrom = None
     """Controllers to start from: a run folder (its best), a controller file (best.json), `{run: PATH,
     generation: G, candidate: N}`, or a list of these; paths are relative to this file. They are the first

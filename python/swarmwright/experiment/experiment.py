@@ -41,6 +41,7 @@ from swarmwright.experiment.unavailable import (
     require_method,
 )
 from swarmwright.methods import Method, MethodOptions
+from swarmwright.methods.constraints import Limits
 from swarmwright.methods.rankings import Ranking, RankingOptions
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.methods.rankings.tournament import TournamentOptions
@@ -135,6 +136,8 @@ class Experiment:
     actuators: int | None
     fitness: str | None
     """Fitness of an episode as an expression over metrics; None for the simulation's own."""
+    constraints: dict[str, Limits]
+    """Limits of metrics; empty for none."""
     start_from: list[dict[str, Any]] | None
     """Controllers to start from, with their weights; None for random ones."""
     controller: RepresentationOptions
@@ -281,9 +284,9 @@ class Experiment:
                     del value["fitness"]
             if item.name == "servers" and isinstance(value, tuple):
                 value = to_file_value(value)
-            if item.name == "populations":
+            if item.name in ("constraints", "populations"):
                 if value:
-                    result[item.name] = {name: {"method": _dump(options)} for name, options in value.items()}
+                    result[item.name] = {name: _dump_named(options) for name, options in value.items()}
                 continue
             if item.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)
@@ -566,6 +569,13 @@ def with_source(
         values[key] = {**values.get(key, {}), **value} if both else value
     merged = dataclasses.replace(source, values=values)
     return Experiment._check_source(merged, None, ask=ask, lenient=experiment._keeps_unavailable(values))
+
+
+def _dump_named(options: Limits | MethodOptions) -> dict[str, Any]:
+    """Return the limits of a metric, or the section of a population."""
+    if isinstance(options, Limits):
+        return options.model_dump(exclude_none=True)
+    return {"method": _dump(options)}
 
 
 def _dump(options: MethodOptions) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.methods.rankings import Ranking, RankingOptions
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
+from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.methods.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations.fitness import FitnessExpression
 
@@ -24,6 +25,7 @@ def check_ranking(checked: Checked, report: Report) -> None:
     problem = metrics_problem(checked.get("ranking"), checked.get("method"))
     if problem is not None:
         report(("ranking", "kind"), problem)
+    _check_constraints(checked, report)
     _check_validation(checked, report)
     _check_metrics(checked, report)
 
@@ -73,6 +75,38 @@ def _check_failed(checked: Checked, report: Report) -> None:
         report(
             ("ranking", "failed"),
             f"{compares}, which failed episodes lack; use failed: last or failed: stop",
+        )
+
+
+def _check_constraints(checked: Checked, report: Report) -> None:
+    """Check that every candidate has the means of its metrics over the same episodes."""
+    ranking, method = checked.get("ranking"), checked.get("method")
+    if not checked.get("constraints") or not isinstance(ranking, RankingOptions):
+        return
+    kind: str = ranking.kind
+    if isinstance(ranking, RaceOptions | SlowOptions | TournamentOptions):
+        report(
+            ("constraints",),
+            f"are not possible with ranking.kind: {kind}, which does not evaluate all candidates in the same "
+            "episodes; use kind: absolute",
+        )
+    elif ranking.reevaluate:
+        report(
+            ("constraints",),
+            "are not possible with ranking.reevaluate, as survivors would have fitness and metrics of "
+            "different episodes; leave that key out",
+        )
+    elif ranking.failure_fitness is not None:
+        report(
+            ("ranking", "failed"),
+            "constraints compare metrics, which failed episodes lack; use failed: last or failed: stop",
+        )
+    elif isinstance(method, MethodOptions) and METHODS.get(method.kind).by_instance:
+        name: str = method.kind
+        report(
+            ("constraints",),
+            f"are not possible with {name}, which evaluates candidates on different numbers of instances; "
+            "use another method",
         )
 
 

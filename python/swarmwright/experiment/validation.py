@@ -105,7 +105,7 @@ _NO_EXPERIMENT = (
     "is a mission, not an experiment; use it as parameters: {{mission: {}}} with simulation: arena, as "
     "printed by 'swarmwright new arena'"
 )
-_EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "validate", "timeouts", "faults"})
+_EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "constraints", "validate", "timeouts", "faults"})
 
 
 def _suggest_import(source: Source) -> str:

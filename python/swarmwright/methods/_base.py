@@ -20,6 +20,7 @@ from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import Representation
+from swarmwright.methods.constraints import rank_feasible_first
 
 DrawStreams = Callable[[str, Sequence[int] | NDArray[np.int64]], Streams]
 """Returns the streams of random numbers for a purpose and several candidates."""
@@ -80,10 +81,15 @@ class SteadyState(ABC):
         self._handed_out += 1
         return self._handed_out - 1, self._pending[self._handed_out - 1 - self.evaluations].copy()
 
-    def tell_next(self, fitness: float, metrics: ArrayLike | None = None) -> None:
+    def tell_next(
+        self, fitness: float, metrics: ArrayLike | None = None, violation: float | None = None
+    ) -> None:
         """Accept the fitness of candidate number `evaluations`, the first without fitness; NaN means failed.
 
-        metrics: (metrics,), if the options have `needed_metrics`.
+        Args:
+            fitness: of the candidate.
+            metrics: (metrics,), if the options have `needed_metrics`.
+            violation: sum of its violations of constraints, see `Method.tell`; None without constraints.
 
         Raises InputError if no candidate is waiting for its fitness.
         """
@@ -95,10 +101,11 @@ class SteadyState(ABC):
         # Create all candidates that must not depend on this result.
         self._make(min(self.evaluations + self.options.in_flight, self._last))
         value = float(fitness) if isfinite(fitness) else nan
-        self._tell_next(self.evaluations, self._pending.popleft(), value)
+        scores = self._score(np.array([value]), None if violation is None else [violation])
+        self._tell_next(self.evaluations, self._pending.popleft(), float(scores[0]))
         self.evaluations += 1
         target = self.options.target
-        reached = target is not None and value >= target
+        reached = target is not None and value >= target and not violation
         self.done = reached or self.evaluations >= self._last
         if not self.done:
             self.generation = self.evaluations // self.generation_size
@@ -125,6 +132,10 @@ class SteadyState(ABC):
     @abstractmethod
     def _store_metrics(self, metrics: ArrayLike | None, count: int) -> None:
         """Store the metrics of `count` candidates. Raises InputError if they are missing."""
+
+    @abstractmethod
+    def _score(self, values: Fitness, violations: ArrayLike | None) -> Fitness:
+        """Store violations, and return the scores for `_tell` or `_tell_next`, (n,)."""
 
     def _ask_next(self, index: int) -> Genome:
         """Return the genome of candidate `index`."""
@@ -288,6 +299,9 @@ class Method(SteadyState):
     proposals_are_recorded: ClassVar[bool] = False
     """Whether a resumed run takes the genomes of its record instead of repeating them, since a library, whose
     numbers differ between versions and processors, proposes them; see `take_recorded`."""
+    ranks_violations: ClassVar[bool] = False
+    """Whether the method orders infeasible candidates itself, by `violations`. Otherwise `_tell` receives
+    scores in which they are below all feasible ones: `rank_feasible_first`."""
     libraries: ClassVar[tuple[str, ...]] = ()
     """Packages used besides NumPy; a run's record includes their versions."""
     generational_because: ClassVar[str] = "it learns from whole generations"
@@ -315,6 +329,10 @@ class Method(SteadyState):
         self.metrics: NDArray[np.float64] = np.empty((0, len(options.needed_metrics)))
         """Metrics of the last `tell`, (n, metrics), in the order of the options' `needed_metrics`: means over
         episodes, NaN without any value."""
+        self.violations: NDArray[np.float64] = np.empty(0)
+        """Violations of the last `tell`, (n,); 0 for feasible candidates."""
+        self.has_constraints = False
+        """Whether the last `tell` had violations."""
         self._current: Genomes | None = None
         self._begin_steady_state()
 
@@ -474,6 +492,7 @@ class Method(SteadyState):
         fitness: ArrayLike,
         survivors: ArrayLike | None = None,
         metrics: ArrayLike | None = None,
+        violations: ArrayLike | None = None,
     ) -> None:
         """Accept the fitness of the last genomes, (n,), in their order; NaN means failed.
 
@@ -481,6 +500,8 @@ class Method(SteadyState):
             fitness: fitness of each genome.
             survivors: new fitness of the survivors, (k,), if they were evaluated again.
             metrics: (n, metrics), if the options have `needed_metrics`.
+            violations: sums of violations of constraints, (n,), 0 for feasible candidates. Infeasible ones
+                rank below all feasible ones, those with a larger violation lower. None without constraints.
 
         Raises InputError without a preceding `ask`, or for a wrong number of values.
         """
@@ -491,11 +512,18 @@ class Method(SteadyState):
         self._store_metrics(metrics, len(values))
         if survivors is not None:
             self._rescore(_check_fitness(survivors, len(self.survivors()), "surviving"))
-        self._tell(self._current, values)
-        self.count_generation(values)
+        self._tell(self._current, self._score(values, violations))
+        self.count_generation(np.where(self.violations > 0, nan, values))
+
+    def _score(self, values: Fitness, violations: ArrayLike | None) -> Fitness:
+        self.has_constraints = violations is not None
+        if violations is None:
+            self.violations = np.zeros(len(values))
+            return values
+        self.violations = _check_violations(violations, len(values))
+        return values if self.ranks_violations else rank_feasible_first(values, self.violations)
 
     def _store_metrics(self, metrics: ArrayLike | None, count: int) -> None:
-        """Store the metrics. Raises InputError if they are missing."""
         needed = self.options.needed_metrics
         if not needed:
             return
@@ -585,6 +613,15 @@ def _parse_numbers(name: str, data: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: must be an array of numbers: {error}") from error
     raise InputError(f"{name}: must be an array of numbers, not of the type {values.dtype}")
+
+
+def _check_violations(violations: ArrayLike, count: int) -> NDArray[np.float64]:
+    values = _parse_numbers("violations", violations)
+    if values.shape != (count,):
+        raise InputError(f"violations: shape is {values.shape}; expected ({count},), for the last genomes")
+    if not (values >= 0).all():
+        raise InputError("violations: must not be negative or NaN; 0 stands for a feasible candidate")
+    return values
 
 
 def _check_fitness(fitness: ArrayLike, count: int, label: str) -> Fitness:

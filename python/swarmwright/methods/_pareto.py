@@ -14,6 +14,7 @@ from swarmwright.controllers import Representation
 from swarmwright.methods import real_variation
 from swarmwright.methods._base import DrawStreams, Method, MethodOptions, check_metric_mapping
 from swarmwright.methods.archive import Values
+from swarmwright.methods.constraints import rank_feasible_first
 
 _ATTEMPTS = 20
 """Attempts to mutate a child into a new genome; there may be few genomes, or no mutations."""
@@ -69,6 +70,7 @@ class ParetoMethod(Method):
     options: ParetoOptions
     steady_state = True
     start_as = "members"
+    ranks_violations = True
 
     def __init__(self, options: ParetoOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
@@ -190,7 +192,12 @@ class ParetoMethod(Method):
         """Add genomes, of which with the members the best `population` survive."""
         metrics = self.metrics if self.options.objectives else np.empty((len(genomes), 0))
         members = np.concatenate([self._members, genomes])
-        values = np.concatenate([self._values, self.options.values(fitness, metrics)])
+        new = self.options.values(fitness, metrics)
+        if self.has_constraints:
+            # Constrained domination: infeasible candidates are worse in every objective than feasible ones.
+            new = rank_feasible_first(new, self.violations[:, np.newaxis])
+            fitness = np.where(self.violations > 0, np.nan, fitness)
+        values = np.concatenate([self._values, new])
         selected = self._select(values)
         self._members, self._values = members[selected], values[selected]
         self._fitness = np.concatenate([self._fitness, fitness])[selected]

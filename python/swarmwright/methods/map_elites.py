@@ -248,6 +248,7 @@ class MapElites(Method):
     options: MapElitesOptions
     steady_state = True
     start_as = "members"
+    ranks_violations = True
 
     def __init__(self, options: MapElitesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
@@ -377,6 +378,7 @@ class MapElites(Method):
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         measures = self.metrics if self.options.measures else np.zeros((len(genomes), 1))
+        fitness = np.where(self.violations > 0, np.nan, fitness)  # infeasible candidates are no elites
         archive = self._archive
         numbers = range(self.evaluations, self.evaluations + len(genomes))
         if isinstance(archive, SampledArchive):

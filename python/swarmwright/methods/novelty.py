@@ -15,6 +15,7 @@ from swarmwright.common.random_numbers import Streams
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import check_metric_mapping
 from swarmwright.methods.archive import Values, crowding, ranks
+from swarmwright.methods.constraints import Limits
 from swarmwright.methods.ga_species import SpeciesMembers, SpeciesOptions
 from swarmwright.methods.map_elites import MapElitesOptions, Measure
 from swarmwright.methods.nnga import Genetic, GeneticOptions
@@ -26,29 +27,6 @@ _MOST_WITH_FRONTS = 4_000
 """Upper limit of members that are sorted into fronts."""
 _LARGEST = 1e150
 """Upper limit of a scaled measure, so that sums of squares are finite."""
-
-
-class Criterion(Options):
-    """Limits that a metric must meet."""
-
-    at_least: float | None = None
-    """Lowest value; none by default."""
-    at_most: float | None = None
-    """Highest value; none by default."""
-
-    @model_validator(mode="after")
-    def _check_limits(self) -> Self:
-        if self.at_least is None and self.at_most is None:
-            raise ValueError("needs at_least, at_most or both")
-        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
-            raise ValueError(f"at_least {self.at_least:g} is above at_most {self.at_most:g}")
-        return self
-
-    def meets(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which values meet the limits, (n,); NaN does not."""
-        low = -math.inf if self.at_least is None else self.at_least
-        high = math.inf if self.at_most is None else self.at_most
-        return (values >= low) & (values <= high)
 
 
 class RandomArchive(Options):
@@ -101,7 +79,7 @@ class NoveltyOptions(GeneticOptions):
     or all others of a smaller population."""
     distance: Distance = "euclidean"
     """Distance between two behaviours."""
-    criteria: dict[str, Criterion] = Field(default={}, max_length=20)
+    criteria: dict[str, Limits] = Field(default={}, max_length=20)
     """Minimal criteria: limits of fitness or metrics, `{fitness: {at_least: 0.1}}`. Candidates that miss one
     rank below all others, and are not archived."""
     archive: Annotated[RandomArchive | ThresholdArchive | NoArchive, Field(discriminator="kind")] = (
@@ -195,6 +173,7 @@ class Novelty(Genetic):
     kind: ClassVar[str] = "novelty"
     options_model = NoveltyOptions
     options: NoveltyOptions
+    ranks_violations = True
 
     def __init__(self, options: NoveltyOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
@@ -211,8 +190,9 @@ class Novelty(Genetic):
             0 if isinstance(archive, NoArchive) else archive.size,
             archive.threshold if isinstance(archive, ThresholdArchive) else math.inf,
         )
-        self._fitness: Fitness = np.empty(0)  # of the members, as the two below
+        self._fitness: Fitness = np.empty(0)  # of the members, as the three below
         self._metrics: Values = np.empty((0, len(options.needed_metrics)))
+        self._violations: Values = np.empty(0)
         self._order: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         """The members in ascending order of scores."""
 
@@ -231,7 +211,9 @@ class Novelty(Genetic):
     @property
     def population_fitness(self) -> Fitness:
         """Fitness of the members; NaN without any."""
-        return self._fitness.copy() if len(self._fitness) else np.full(1, np.nan)
+        if not len(self._fitness):
+            return np.full(1, np.nan)
+        return np.where(self._violations > 0, np.nan, self._fitness)
 
     @property
     def archive(self) -> NoveltyArchive:
@@ -254,7 +236,7 @@ class Novelty(Genetic):
         if self.generation:
             # The search knows members by their scores.
             remaining = self._order[super().population_fitness.astype(np.int64)]
-            self._fitness, self._metrics = self._fitness[remaining], self._metrics[remaining]
+            self._keep(remaining)
         return genomes
 
     def _streams_of(self, purpose: str, children: Sequence[int]) -> Streams:
@@ -268,13 +250,19 @@ class Novelty(Genetic):
             order = self._join(members, len(genomes))
         self._fitness = np.concatenate([self._fitness, fitness])[order]
         self._metrics = np.concatenate([self._metrics, metrics])[order]
+        self._violations = np.concatenate([self._violations, self.violations])[order]
         scores = self._score(order >= members)
         if self._species is not None:
             remaining = self._species.update(genomes, scores)
-            self._fitness, self._metrics = self._fitness[remaining], self._metrics[remaining]
+            self._keep(remaining)
             return
         self._order = np.argsort(scores)
         self.search.rescore(scores)
+
+    def _keep(self, remaining: NDArray[np.int64]) -> None:
+        """Keep these members, in this order."""
+        self._fitness, self._metrics = self._fitness[remaining], self._metrics[remaining]
+        self._violations = self._violations[remaining]
 
     def _join(self, members: int, children: int) -> NDArray[np.int64]:
         """Tell the search new members; return the order in which it has all, (members + children,)."""
@@ -304,12 +292,14 @@ class Novelty(Genetic):
         novelty = mean_distances(distances)
         meets = self._meets(valid)
         values = self._combine(novelty, fitness, neighbours)
-        # Candidates that meet the criteria rank above the others.
+        # Feasible candidates rank above infeasible ones, and those that meet the criteria above the others.
+        violations = self._violations[valid]
         ranks_of = np.empty(len(valid))
-        ranks_of[np.lexsort((-np.arange(len(valid)), values, meets))] = np.arange(len(valid))
+        order = np.lexsort((-np.arange(len(valid)), values, meets, -violations))
+        ranks_of[order] = np.arange(len(valid))
         scores = np.full(len(self._fitness), np.nan)
         scores[valid] = ranks_of
-        self._add_to_archive(points, fitness, novelty, np.flatnonzero(new & meets))
+        self._add_to_archive(points, fitness, novelty, np.flatnonzero(new & meets & (violations == 0)))
         return scores
 
     def _meets(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from swarmwright.controllers import Representation
 from swarmwright.methods._base import DrawStreams, MethodOptions
 from swarmwright.methods._pareto import ParetoMethod, ParetoOptions
 from swarmwright.methods.archive import Values, ranks
+from swarmwright.methods.constraints import is_infeasible
 
 _SMALL = 1e-6
 """Range of an objective below which the front does not scale it."""
@@ -104,6 +105,7 @@ class Nsga3(ParetoMethod):
     def _select(self, values: Values) -> list[int]:
         costs, fronts = -values, ranks(values)
         usable: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(costs), axis=1)
+        usable &= ~is_infeasible(values[:, 0])
         if usable.any():
             nadir = self._update_scale(costs[usable], costs[usable & (fronts == 0)])
             niches, distances = self._associate(np.where(usable[:, np.newaxis], costs, 0.0), nadir)

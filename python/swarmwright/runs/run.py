@@ -29,6 +29,7 @@ from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.runs.annotations import read_annotations, write_annotations
 from swarmwright.runs.export import write_table
 from swarmwright.runs.failures import iterate_episode_counts
+from swarmwright.runs.feasibility import violations_of
 from swarmwright.runs.instances import best_words
 from swarmwright.runs.store import Evaluation, StoreReader
 from swarmwright.runs.store.folder import find_store
@@ -379,11 +380,20 @@ class Run:
 
     @cached_property
     def fitness(self) -> NDArray[np.float64]:
-        """(evaluations,) fitness of every evaluation in the order of the record; NaN if it failed.
+        """(evaluations,) fitness of every evaluation in the order of the record.
 
-        Unlike `record`, this reads only the fitness.
+        It is NaN for candidates that failed or violate constraints. Unlike `record`, this reads only the
+        fitness.
         """
         return self._store.fitness()
+
+    @cached_property
+    def violations(self) -> NDArray[np.float64]:
+        """(evaluations,) sum of violations of the experiment's constraints; 0 for feasible candidates.
+
+        It is infinite if a metric has no value, as in failed episodes.
+        """
+        return violations_of(self)
 
     @check_arguments
     def evaluation(

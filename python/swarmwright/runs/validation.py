@@ -12,8 +12,8 @@ import logging
 import math
 import shlex
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +25,7 @@ from swarmwright.common.arrays import Genome
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
 from swarmwright.common.html import table
-from swarmwright.common.statistics import Estimate, estimate
+from swarmwright.common.statistics import Estimate, estimate, means
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers import Representation
 from swarmwright.experiment.derived import reports_slow
@@ -34,6 +34,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import find_start_genomes, samples_around_start
 from swarmwright.experiment.targets import slow_of
 from swarmwright.experiment.unavailable import explain_unreadable
+from swarmwright.methods.constraints import Limits, sum_violations
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC
@@ -90,6 +91,8 @@ class Validation:
     which the candidate had been evaluated."""
     slow: str | None = None
     """Name of the ranking's slow simulation, if the candidates were evaluated in it."""
+    constraints: Mapping[str, Limits] = field(default_factory=dict)
+    """Constraints of the experiment."""
     start: ControllerEvaluation | None = None
     """The controller that the method's first sample was drawn around, which is not a candidate of the run;
     None if there is none."""
@@ -124,16 +127,25 @@ class Validation:
     def leading(self) -> PostEvaluation:
         """The candidate with the highest fitness on the held-out seeds; the first of equals.
 
-        Candidates whose mean excludes failed episodes come after all others.
+        Candidates whose mean excludes failed episodes come after all others, those that violate constraints
+        on these seeds after those that meet them.
         """
         return max(
             self.candidates,
             key=lambda candidate: (
+                -self.violation_of(candidate),
                 candidate.is_reportable,
                 math.isfinite(candidate.fitness.mean),
                 candidate.fitness.mean,
             ),
         )
+
+    def violation_of(self, candidate: PostEvaluation) -> float:
+        """Return the sum of violations of constraints by a candidate's means on the held-out seeds."""
+        if not self.constraints:
+            return 0.0
+        columns = np.stack([candidate.metrics[name] for name in self.constraints], axis=-1)
+        return float(sum_violations(self.constraints, means(columns[np.newaxis]))[0])
 
     @property
     def lead(self) -> Estimate | None:
@@ -162,9 +174,14 @@ class Validation:
             "depends_on_seed": self.depends_on_seed,
             "episodes": len(self.seeds),
             "seeds": self.seeds,
-            "candidates": [candidate.summary() for candidate in self.candidates],
+            "candidates": [self.summarize(candidate) for candidate in self.candidates],
             **({} if self.start is None else {"start": self.start.summary()}),
         }
+
+    def summarize(self, candidate: PostEvaluation) -> dict[str, Any]:
+        """Return plain values of a candidate, with its violation if there are constraints."""
+        violation = {"violation": self.violation_of(candidate)} if self.constraints else {}
+        return {**candidate.summary(), **violation}
 
     def export(self, path: str | PathLike[str]) -> None:
         """Write all episodes of all candidates as a CSV table, in the order of `candidates` and `seeds`.
@@ -203,7 +220,12 @@ def estimate_gain(
 
 
 def load_validation(
-    values: dict[str, Any], ranking: Ranking, *, by_instance: bool = False, slow: str | None = None
+    values: dict[str, Any],
+    ranking: Ranking,
+    *,
+    by_instance: bool = False,
+    slow: str | None = None,
+    constraints: Mapping[str, Limits] | None = None,
 ) -> Validation:
     """Build a validation from its stored values."""
     shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
@@ -215,6 +237,7 @@ def load_validation(
         depends_on_seed=values["state"] != "same",
         by_instance=by_instance,
         slow=slow,
+        constraints=constraints or {},
         start=None if start is None else load_controller_evaluation({**shared, **start}, ranking),
     )
 
@@ -237,6 +260,7 @@ def load_run_validation(run: "Run") -> Validation | None:
         experiment.new_ranking(),
         by_instance=averages_instances(experiment),
         slow=None if target is None else target.name,
+        constraints=experiment.constraints,
     )
 
 
@@ -305,6 +329,8 @@ def check_affordability(run: "Run") -> TooShort | None:
     if run.state != "done" or not run.generations or run.validation is not None:
         return None
     experiment = run.experiment
+    if not has_feasible(experiment, run._store):
+        return None
     if experiment.validate.episodes != AUTO or _plan_validation(experiment, run._store) is not None:
         return None
     affordable, needed = (
@@ -498,7 +524,7 @@ def _plan_validation(experiment: Experiment, reader: StoreReader) -> _Plan | Non
     """Plan the validation of a run; None if there is nothing to evaluate."""
     options, ranking, last = experiment.validate, experiment.ranking, reader.last()
     automatic = options.episodes == AUTO
-    if last is None or options.episodes == 0:
+    if last is None or options.episodes == 0 or not has_feasible(experiment, reader):
         return None
     count, most = options.episodes, options.candidates
     if automatic:
@@ -516,6 +542,11 @@ def _plan_validation(experiment: Experiment, reader: StoreReader) -> _Plan | Non
     # An explicit number is always evaluated: a rare failure may not occur in the first seeds.
     trial = min(count, _TRIAL_EPISODES) if automatic else count
     return _Plan(candidates, seeds, trial, _select_simulation_episodes(experiment, reader.evaluation(0, 0)))
+
+
+def has_feasible(experiment: Experiment, reader: StoreReader) -> bool:
+    """Return whether a candidate meets the constraints, so that the best has a fitness to validate."""
+    return not experiment.constraints or math.isfinite(reader.evaluation(None, None).fitness)
 
 
 def _compute_affordable_episodes(experiment: Experiment, reader: StoreReader) -> int:

@@ -1,6 +1,7 @@
 """Verify a run folder: the store against its digests, and best.json against the store."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -78,8 +79,9 @@ def _compare(
 ) -> str | None:
     """Describe the difference from the evaluation that the file names; None if there is none."""
     candidate = _format_candidate(recorded.generation, recorded.candidate)
-    if values.get("fitness") != recorded.fitness:
-        return f"its fitness is {values.get('fitness')!r}, but that of {candidate} is {recorded.fitness!r}"
+    fitness = recorded.fitness if math.isfinite(recorded.fitness) else None
+    if values.get("fitness") != fitness:
+        return f"its fitness is {values.get('fitness')!r}, but that of {candidate} is {fitness!r}"
     genome = shortest(recorded.genome)
     if values.get("genome", genome) != genome:
         return f"its genome is not that of {candidate}"

@@ -69,6 +69,7 @@ class Account:
         self.leader = -1
         """Index of the best evaluation, from 0."""
         self._best_ever = -np.inf
+        self._violation = np.inf  # of the leader
         self._started: float | None = None  # time of `start`
         self._rate = Rate(0.0, 0)
         self._resumed_at = 0  # evaluations told to the method before this session
@@ -86,15 +87,16 @@ class Account:
         self._started = time.monotonic()
         self._rate = Rate(self._started, self.evaluations)
 
-    def add(self, fitness: Fitness, leader: int, failed: int) -> None:
+    def add(self, fitness: Fitness, leader: int, failed: int, violation: float = 0.0) -> None:
         """Count a generation told to the method, and note its best candidate.
 
         Args:
             fitness: fitness of its candidates.
             leader: index of its best candidate.
             failed: number of failed candidates.
+            violation: violation of constraints by its best candidate; above 0 only if all violate them.
         """
-        self._update_best(fitness, leader)
+        self._update_best(fitness, leader, violation)
         self.generations += 1
         self.evaluations += len(fitness)
         self.failed += failed
@@ -164,13 +166,19 @@ class Account:
         """Return the seconds of this session; 0 before its start."""
         return 0.0 if self._started is None else time.monotonic() - self._started
 
-    def _update_best(self, fitness: Fitness, leader: int) -> None:
+    def _update_best(self, fitness: Fitness, leader: int, violation: float) -> None:
         """Note the best evaluation so far, or of this generation if members are re-evaluated."""
         if self._method.by_instance:
             incumbent = self._method.incumbent
             if incumbent is not None:
                 self.best_so_far, self.leader = incumbent.fitness, incumbent.evaluation
             return
+        if violation > 0:
+            # Until a candidate is feasible, the best is the one with the smallest violation.
+            if violation < self._violation or self.leader < 0:
+                self._violation, self.leader = violation, self.evaluations + leader
+            return
+        self._violation = 0.0
         value = float(fitness[leader])
         self._best_ever = max(self._best_ever, value)
         if value > self.best_so_far or self._reevaluates:

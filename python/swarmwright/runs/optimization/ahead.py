@@ -13,8 +13,6 @@ from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.errors import engine_errors
 from swarmwright.common.statistics import Figures
 from swarmwright.controllers import Representation
-from swarmwright.methods import Method
-from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.absolute import Absolute
 from swarmwright.methods.search import SearchMethod
 from swarmwright.runs.optimization.loop import Loop, Strategy
@@ -45,7 +43,7 @@ class Ahead(Strategy):
     def of(cls, loop: Loop, backend: Backend) -> Self | None:
         """Start the engine at the method's generation; return None if a generation needs Python."""
         method, ranking, representation = loop.method, loop.ranking, loop.representation
-        if not (can_run_ahead(method, ranking) and _genes_are_weights(representation)):
+        if not (can_run_ahead(loop) and _genes_are_weights(representation)):
             return None
         assert isinstance(method, SearchMethod)
         assert isinstance(ranking, Absolute)
@@ -161,8 +159,11 @@ class Ahead(Strategy):
         self.loop.recorder.progress(done, total, waiting_for)
 
 
-def can_run_ahead(method: Method, ranking: Ranking) -> bool:
+def can_run_ahead(loop: Loop) -> bool:
     """Return whether the engine alone can do everything between ask and tell, except for the evaluation."""
+    method, ranking = loop.method, loop.ranking
+    if loop.constraints:
+        return False
     if not isinstance(method, SearchMethod) or not method.ahead or type(ranking) is not Absolute:
         return False
     return not ranking.options.reevaluate and ranking.options.failure_fitness is None

@@ -67,7 +67,7 @@ class Generational(Strategy):
 
     def replay_generation(self, stored: GenerationResult) -> bool:
         """Ask for the candidates and tell the stored results; see `Strategy.replay_generation`."""
-        if can_run_ahead(self.loop.method, self.loop.ranking):
+        if can_run_ahead(self.loop):
             return replay_search(self.loop, stored)
         genomes, seeds = self._ask()
         if genomes.tobytes() != stored.expand_genomes().tobytes() or seeds != stored.seeds:
@@ -106,9 +106,16 @@ class Generational(Strategy):
         new = self._new_candidates
         reevaluated = fitness[new:] if loop.ranking.options.reevaluate else None
         metrics = means(results.metrics[:new, :, loop.needed]) if loop.needed else None
-        method.tell(fitness[:new], reevaluated, metrics)
+        violations = loop.constraints.measure(results.metrics)
+        more = {} if violations is None else {"violations": violations}  # plug-ins may lack them
+        method.tell(fitness[:new], reevaluated, metrics, **more)
         if method.by_instance:
             fitness = method.instance_means
         return loop.record_generation(
-            genomes if sample is None else sample, seeds, results, fitness, failed=failed
+            genomes if sample is None else sample,
+            seeds,
+            results,
+            fitness,
+            failed=failed,
+            violations=violations,
         )

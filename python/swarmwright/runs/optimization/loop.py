@@ -7,6 +7,7 @@ a new run evaluates with.
 """
 
 import logging
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -25,9 +26,11 @@ from swarmwright.controllers import Representation
 from swarmwright.experiment.budget import EndReason
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
+from swarmwright.methods.constraints import is_infeasible
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.tournament import Tournament
 from swarmwright.runs.optimization.account import Account
+from swarmwright.runs.optimization.constraints import MeasuredConstraints, find_leader
 from swarmwright.runs.optimization.evaluators import create_evaluator
 from swarmwright.runs.optimization.failures import Failures, FirstEvaluations, FirstFailedError
 from swarmwright.runs.optimization.fitness_checks import FitnessChecks
@@ -106,6 +109,7 @@ class Loop:
         self.evaluator = create_evaluator(self.ranking, experiment)
         self.needed = find_needed_columns(self.ranking, experiment)
         """Columns of the metrics that the method needs."""
+        self.constraints = MeasuredConstraints(self.ranking, experiment)
         self.first_seed = experiment.first_seed
         check_plug_ins(self.method, self.ranking, representation)
         self.name = store.folder.resolve().name
@@ -244,6 +248,7 @@ class Loop:
         outcome: tuple[int, int] | None = None,
         figures: Figures | None = None,
         digests: _engine.Digests | None = None,
+        violations: NDArray[np.float64] | None = None,
     ) -> GenerationResult:
         """Count a generation whose results the method has, and return it for the store.
 
@@ -257,18 +262,28 @@ class Loop:
             outcome: outcome of the fitness, see `_engine.outcome`; None computes it.
             figures: figures of the method's population; None computes them.
             digests: digests of the columns in the store, if already computed.
+            violations: of the experiment's constraints, (candidates,), if it has any. Infeasible candidates
+                are recorded without a fitness.
         """
         leader, without = outcome or _engine.outcome(fitness)
         failed = without if failed is None else failed
+        violation = 0.0
+        if violations is not None:
+            leader = find_leader(fitness, violations)
+            violation = float(violations[leader])
+            fitness = np.where(violations > 0, np.nan, fitness)
         number = self.account.generations
         if figures is None:
             figures = figures_of(self._population_fitness())
-        self.account.add(fitness, leader, failed)
+        self.account.add(fitness, leader, failed, violation)
+        best_so_far = self.account.best_so_far
+        if self.constraints and not math.isfinite(best_so_far):
+            best_so_far = math.nan  # no candidate is feasible yet
         summary = summarize(
             figures,
             generation=number,
             evaluations=self.account.evaluations,
-            best_so_far=self.account.best_so_far,
+            best_so_far=best_so_far,
             failed=failed,
         )
         return GenerationResult(
@@ -338,6 +353,8 @@ class Loop:
     def _population_fitness(self) -> Fitness:
         """Return the fitness of the method's population. Raises PlugInError if it is invalid."""
         fitness = self.method.population_fitness
+        if self.constraints and not self.method.ranks_violations:
+            fitness = np.where(is_infeasible(fitness), np.nan, fitness)
         if not is_plug_in(type(self.method)):
             return fitness
         expected = "fitness, (members,), NaN for members that failed"

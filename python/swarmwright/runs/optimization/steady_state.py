@@ -9,7 +9,7 @@ population has members.
 import sys
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ class _Evaluation(NamedTuple):
     episodes: NDArray[np.float64]
     metrics: NDArray[np.float64]
     fitness: float
+    violation: float
 
 
 class SteadyState(Strategy):
@@ -104,9 +105,15 @@ class SteadyState(Strategy):
     def _tell(self, episodes: NDArray[np.float64], metrics: NDArray[np.float64]) -> None:
         """Tell the method the fitness of the first candidate in flight."""
         fitness = float(self.loop.ranking.score(episodes[np.newaxis])[0])
-        self._part.append(_Evaluation(self._flying.popleft(), episodes, metrics, fitness))
-        columns = self.loop.needed
-        self.loop.method.tell_next(fitness, means(metrics[:, columns][np.newaxis])[0] if columns else None)
+        violations = self.loop.constraints.measure(metrics[np.newaxis])
+        violation = None if violations is None else float(violations[0])
+        self._part.append(_Evaluation(self._flying.popleft(), episodes, metrics, fitness, violation or 0.0))
+        needed: dict[str, Any] = {}
+        if self.loop.needed:
+            needed["metrics"] = means(metrics[:, self.loop.needed][np.newaxis])[0]
+        if violation is not None:
+            needed["violation"] = violation
+        self.loop.method.tell_next(fitness, **needed)
 
     def _complete(self) -> bool:
         """Pass a generation to the loop; return whether to continue."""
@@ -123,10 +130,20 @@ class SteadyState(Strategy):
         """Record the candidates told so far as a generation, and begin the next one."""
         genomes: Genomes = np.array([evaluation.genome for evaluation in self._part], dtype=np.float32)
         fitness = self._fitness()
+        violations = None
+        if self.loop.constraints:
+            violations = np.array([evaluation.violation for evaluation in self._part])
         self._part = []
         failures = self.loop.find_failed_candidates(results)
         failed = None if failures is None else int(np.count_nonzero(failures | np.isnan(fitness)))
-        return self.loop.record_generation(genomes, self._seeds, results, fitness, failed=failed)
+        return self.loop.record_generation(
+            genomes,
+            self._seeds,
+            results,
+            fitness,
+            failed=failed,
+            violations=violations,
+        )
 
     def _results(self) -> Results:
         episodes, metrics = (

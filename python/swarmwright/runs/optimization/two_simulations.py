@@ -252,12 +252,17 @@ def find_needed_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
 
 
 def _list_extra_metrics(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]:
-    """Return the metrics evaluated for the ranking and the method."""
+    """Return the metrics evaluated for the ranking, the method and the constraints."""
     descriptor = ranking.descriptor if isinstance(ranking, SlowRanking) else ()
     sides = needed_metrics(ranking.options) if isinstance(ranking, Tournament) else ()
-    return (*descriptor, *experiment.method.needed_metrics, *sides)
+    return (*descriptor, *experiment.method.needed_metrics, *sides, *experiment.constraints)
+
+
+def list_stored_metrics(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]:
+    """Return the names of the metrics in the results of a simulation, in order."""
+    return metrics_of(fitness_expression(experiment), _list_extra_metrics(ranking, experiment))
 
 
 def _find_columns(metrics: Sequence[str], ranking: Ranking, experiment: Experiment) -> list[int]:
-    names = metrics_of(fitness_expression(experiment), _list_extra_metrics(ranking, experiment))
+    names = list_stored_metrics(ranking, experiment)
     return [names.index(name) for name in metrics]

@@ -26,7 +26,7 @@ class Evaluation(ComparedByValue):
     generation: int
     candidate: int
     fitness: float
-    """From the ranking; NaN if the evaluation failed."""
+    """From the ranking; NaN if the evaluation failed or violates constraints."""
     seeds: list[int]
     """Simulation seed of each episode."""
     episodes: NDArray[np.float64]
@@ -74,6 +74,7 @@ class Lookup:
         equals: finds the best of equals; None chooses the first.
         ends_with_best: whether the last evaluation of a generation is its best, as the match of its champions
             is in a competition.
+        violations: returns the violations of constraints of candidates by their metrics; None without any.
     """
 
     def __init__(
@@ -84,12 +85,14 @@ class Lookup:
         equals: BestOfEquals | None,
         *,
         ends_with_best: bool = False,
+        violations: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
     ) -> None:
         self._generations = generations
         self._folder = folder
         self._metrics = metrics
         self._equals = equals
         self._ends_with_best = ends_with_best
+        self._violations = violations
 
     def leading(
         self,
@@ -178,7 +181,7 @@ class Lookup:
         """Return an evaluation of a generation by its number in the run; None for the best."""
         row, part = whole.row, whole.part
         if number is None:
-            index = row.count - 1 if self._ends_with_best else int(best_first(part.fitness)[0])
+            index = row.count - 1 if self._ends_with_best else self._find_best(part)
         else:
             index = number - row.first
         return Evaluation(
@@ -191,6 +194,13 @@ class Lookup:
             part.metrics[index],
             part.genomes[index] if whole.sample is None else whole.sample.genomes(index, 1)[0],
         )
+
+    def _find_best(self, part: Record) -> int:
+        """Return the index of the best candidate; that with the smallest violation if none is feasible."""
+        index = int(best_first(part.fitness)[0])
+        if self._violations is not None and np.isnan(part.fitness[index]):
+            return int(np.argmin(self._violations(part.metrics)))
+        return index
 
     def _locate(self, candidate: int | None, generation: int | None) -> tuple[Row, int | None]:
         """Return the generation of an evaluation and its number, None for the best of the generation."""

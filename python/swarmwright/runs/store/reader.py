@@ -6,7 +6,7 @@ import sqlite3
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self, SupportsIndex
 
@@ -18,6 +18,7 @@ from swarmwright.common.json_text import loads
 from swarmwright.common.processes import StablePath
 from swarmwright.common.ranges import Range
 from swarmwright.common.statistics import Summary
+from swarmwright.methods.constraints import Limits, measure_violations
 from swarmwright.runs.store import journal, pieces
 from swarmwright.runs.store.best_of_equals import BestOfEquals
 from swarmwright.runs.store.blocks import Record, concatenate_records
@@ -355,12 +356,22 @@ class StoreReader:
                 len(self.metrics),
                 self._best_of_equals,
                 ends_with_best=self._is_competition,
+                violations=self._violations,
             )
 
     @cached_property
     def _is_competition(self) -> bool:
         ranking: Any = self._parse(self._facts["experiment"])["ranking"]
         return bool(ranking["kind"] == "tournament")
+
+    @cached_property
+    def _violations(self) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+        """Returns the violations of candidates by their metrics; None without constraints."""
+        stored = self._parse(self._facts["experiment"]).get("constraints")
+        if not stored:
+            return None
+        constraints = {name: Limits.model_validate(limits) for name, limits in stored.items()}
+        return partial(measure_violations, constraints, self.metrics)
 
     @cached_property
     def _best_of_equals(self) -> BestOfEquals | None:

@@ -1,6 +1,7 @@
 """Write the store: a generation is stored completely or not at all."""
 
 import json
+import math
 import platform
 import socket
 import sqlite3
@@ -386,8 +387,8 @@ class StoreWriter:
         if best is None:
             return
         controller, genome = representation.specification(best.genome), shortest(best.genome)
-        values = {
-            "fitness": best.fitness,
+        values: dict[str, Any] = {
+            "fitness": best.fitness if math.isfinite(best.fitness) else None,
             "generation": best.generation,
             "candidate": best.candidate,
             "controller": controller,

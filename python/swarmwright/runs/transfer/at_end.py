@@ -24,7 +24,7 @@ from swarmwright.runs.run import Run, open_written_run
 from swarmwright.runs.store import FILE, Evaluation, StoreReader, StoreWriter
 from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
-from swarmwright.runs.validation import find_leading
+from swarmwright.runs.validation import find_leading, has_feasible
 from swarmwright.servers.evaluation.base import Progress, Servers
 from swarmwright.simulations.user_code.parts import read_simulation
 from swarmwright.simulations.user_code.permission import remember, require_named
@@ -88,7 +88,7 @@ class _TransferPlan:
     def of(cls, experiment: Experiment, reader: StoreReader) -> Self | None:
         """Plan the transfer; return None if there is nothing to do."""
         options = experiment.validate
-        if not options.transfers or reader.last() is None:
+        if not options.transfers or reader.last() is None or not has_feasible(experiment, reader):
             return None
         used = reader.collect_seeds() if options.seed is None else set[int]()
         return cls(

@@ -12,6 +12,8 @@ use crate::stream::{Stream, purpose_key, rows};
 const LARGE: usize = 5;
 /// Step of a threshold that is adapted to a number of species, also its least value.
 const THRESHOLD_STEP: f64 = 0.3;
+/// Highest fitness of members that violate constraints, which `rank_feasible_first` of the Python library gives them.
+const INFEASIBLE: f64 = -1e100;
 
 /// Settings of the algorithm.
 #[derive(Debug, Clone, Copy)]
@@ -145,11 +147,12 @@ impl Neat {
     }
 
     /// Decides how many children each species has: in proportion to the mean of its members' fitness, less the lowest of all if that is
-    /// negative. Those without progress have none, unless they are the best.
+    /// negative. Members that violate constraints add nothing. Species without progress have no children, unless they are the best.
     fn share(&self, families: &mut [Family], fitness: &[f64]) {
         let count = fitness.len();
         // `min` passes over those that failed (NaN).
-        let least = fitness.iter().copied().fold(0.0, f64::min);
+        let feasible = fitness.iter().copied().filter(|value| *value > INFEASIBLE);
+        let least = feasible.fold(0.0, f64::min);
         let mut order: Vec<usize> = (0..families.len()).collect();
         order.sort_by(|first, second| {
             let best = |family: &usize| fitness[families[*family].members[0]];
@@ -319,11 +322,11 @@ fn parents(family: &Family, survival: f64) -> &[usize] {
     &family.members[..count.min(family.members.len())]
 }
 
-/// The mean of how far the members are above `least`; those that failed are at it.
+/// The mean of how far the members are above `least`; those that failed or violate constraints are at it.
 #[expect(clippy::cast_precision_loss, reason = "counts are below 2^53")]
 fn mean(family: &Family, fitness: &[f64], least: f64) -> f64 {
     let above = family.members.iter().map(|member| fitness[*member] - least);
-    let sum: f64 = above.filter(|above| !above.is_nan()).sum();
+    let sum: f64 = above.filter(|above| *above >= 0.0).sum();
     sum / family.members.len() as f64
 }
 
