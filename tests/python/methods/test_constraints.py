@@ -150,7 +150,7 @@ def test_it_comes_near_a_constrained_optimum(kind: str) -> None:
 
 def test_species_of_neat_share_the_fitness_of_feasible_members() -> None:
     growing = GrowingNeat(NeatOptions(), sensors=2, actuators=1)
-    methods = [new("neat", subject=growing, population=40, generations=8) for _ in range(2)]
+    methods = [new("neat", subject=growing, population=40, generations=8, threshold=0.5) for _ in range(2)]
     while not methods[0].done:
         genomes, others = (method.ask() for method in methods)
         assert genomes.tobytes() == others.tobytes()
