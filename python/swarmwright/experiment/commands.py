@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.common.problems import Report, format_value
 from swarmwright.common.suggestions import did_you_mean, suggest_or_list
 from swarmwright.common.yaml import Path_
-from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, ParameterSetOptions
+from swarmwright.controllers.kinds.parameter_set import ChoiceParameter, ParameterSetOptions
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.command import (
@@ -254,7 +254,7 @@ def _check_text(
     values += [
         (("controller", "parameters", name, "choices"), name, choice)
         for name, parameter in evolved.items()
-        if isinstance(parameter, CategoricalParameter)
+        if isinstance(parameter, ChoiceParameter)
         for choice in parameter.choices
     ]
     parameters = catalogue.description(checked["simulation"])["parameters"]

@@ -8,7 +8,7 @@ import numpy as np
 from swarmwright.common.arrays import shortest
 from swarmwright.common.suggestions import UnknownKey, suggest_or_list
 from swarmwright.common.yaml import Path_
-from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, Parameter, RealParameter
+from swarmwright.controllers.kinds.parameter_set import ChoiceParameter, Parameter, RealParameter
 from swarmwright.simulations import catalogue
 
 _TRIED_SHARE = 0.4391
@@ -57,7 +57,7 @@ def _iter_undeclared_booleans(
 ) -> Iterator[tuple[Path_, str]]:
     """Yield booleans that a simulation would receive as 0 and 1, as it does not declare them."""
     for name, parameter in evolved.items():
-        if not (isinstance(parameter, CategoricalParameter) and parameter.are_booleans):
+        if not (isinstance(parameter, ChoiceParameter) and parameter.are_booleans):
             continue
         if not catalogue.declares_boolean(simulation, name):
             message = (
@@ -122,7 +122,7 @@ def _iter_corners(
 
 
 def _extremes(parameter: Parameter) -> list[Any]:
-    if isinstance(parameter, CategoricalParameter):
+    if isinstance(parameter, ChoiceParameter):
         return list(parameter.choices)
     if parameter.type == "integer":
         return list(parameter.range)

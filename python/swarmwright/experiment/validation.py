@@ -10,6 +10,7 @@ from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.problems import Report, format_value
 from swarmwright.common.simulation_names import LIBRARIES, definition_in, is_definition, is_in_file, is_python
 from swarmwright.common.yaml import Path_, Source
+from swarmwright.controllers.kinds.parameter_set import irace
 from swarmwright.experiment import competition
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, STORE, Checked
@@ -67,9 +68,10 @@ def check(
         values = _with_controllers(source, values, report)
         values = _with_opponents(source, values, report)
         values = _with_modules(source, values, folder, report)
+        values, report_set = _with_parameter_file(source, values, report)
         values = _with_classes(source, values, folder, report, ask=ask)
         values = _with_launchers(source, values, folder, report)
-        values, report_side = competition.expand(values, is_available, report)
+        values, report_side = competition.expand(values, is_available, report_set)
         placed = _report_in_sections(values, is_available, _report_in_files(files, report_side))
         with _use_stand_ins({"method", "ranking"} if not ask else lenient):
             checked = check_values(values, is_available, placed, ask=ask, unread=unread)
@@ -266,6 +268,47 @@ def _with_modules(
                 _resolve_name(name, base, partial(report, ("controller", key))) for name in names
             ]
     return {**values, "controller": controller}
+
+
+def _with_parameter_file(
+    source: Source, values: dict[str, Any], report: Report
+) -> tuple[dict[str, Any], Report]:
+    """Replace a parameter file of irace by its parameters; return the report for the values."""
+    controller = values.get("controller")
+    name = controller.get("file") if isinstance(controller, Mapping) else None
+    if not isinstance(controller, Mapping) or controller.get("kind") != "parameter_set":
+        return values, report
+    if not isinstance(name, str) or not name:
+        return values, report
+    key: Path_ = ("controller", "file")
+
+    def report_others(path: Path_, message: str) -> None:
+        if path[:1] != ("controller",):  # the file's problems are the cause
+            report(path, message)
+
+    beside = [other for other in ("parameters", "forbidden") if other in controller]
+    if beside:
+        report(key, f"cannot be combined with {' and '.join(beside)}; write them into the file")
+        return values, report_others
+    file = source.folder(key) / name
+    try:
+        content = irace.read(file)
+    except InputError as error:
+        for line in str(error).splitlines():
+            report(key, line)
+        return values, report_others
+    parameters = values.get("parameters", {})
+    if isinstance(parameters, Mapping):
+        values = {**values, "parameters": {**content.constants, **parameters}}
+    rest = {other: value for other, value in controller.items() if other != "file"}
+    read = {"parameters": content.parameters, "forbidden": content.forbidden}
+
+    def report_line(path: Path_, message: str) -> None:
+        place = path[1:3] if path[:1] == ("controller",) else ("constants", *path[1:2])
+        line = content.lines.get(place)
+        report(path, message if line is None else f"{file}:{line}: {message}")
+
+    return {**values, "controller": {**rest, **read}}, report_line
 
 
 def _with_classes(

@@ -1,8 +1,9 @@
 """Named parameters of simulations that control their agents themselves."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal, localcontext
 from functools import cached_property
+from hashlib import sha256
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -14,6 +15,8 @@ from swarmwright.common.options import Options
 from swarmwright.common.problems import FieldError, format_value
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers._base import Representation, RepresentationOptions, sample_around, split_rows
+from swarmwright.controllers.kinds.parameter_set.combinations import Combinations
+from swarmwright.controllers.kinds.parameter_set.conditions import Variable
 
 _LARGEST_INTEGER = 1 << 24
 """Largest integer up to which every integer is a float32."""
@@ -21,6 +24,10 @@ _LARGEST_REAL = float(np.finfo(np.float32).max)
 _RESERVED = frozenset({"server", "simulation", "simulation_hash", "seed"})
 """Other keys of a parameters message, and the seed, which changes with every episode."""
 _LN_2 = 0.6931471805599453
+_ATTEMPTS = 100
+"""Attempts to replace a forbidden combination; then an allowed one is used that does not depend on it."""
+_PART, _PARTS = 100, 10
+"""Random combinations to find an allowed one among, at a time, and how often."""
 
 Numbers = NDArray[np.float64]
 
@@ -55,10 +62,31 @@ def _pair(kind: str) -> WithJsonSchema:
     return WithJsonSchema({"type": "array", "items": {"type": kind}, "minItems": 2, "maxItems": 2})
 
 
-class _NumberParameter(Options):
+class _Parameter(Options):
+    when: str | None = Field(default=None, min_length=1)
+    """Condition under which the parameter is active: `algorithm == "acs" and ants > 10`. Default: always."""
+
+
+class _NumberParameter(_Parameter):
     range: list[float]
     scale: Literal["linear", "log"] = "linear"
     """log: steps are multiplicative, for ranges over orders of magnitude; both limits must be above 0."""
+    inactive: float | None = None
+    """Value that is sent while `when` is not true. Default: the lowest."""
+
+    @property
+    def fallback(self) -> float:
+        """The value while it is inactive."""
+        return float(self.range[0] if self.inactive is None else self.inactive)
+
+    @model_validator(mode="after")
+    def _check_inactive(self) -> "_NumberParameter":
+        low, high = self.range
+        if not low <= self.fallback <= high:
+            raise FieldError("inactive", f"must be in the range [{low:g}, {high:g}], not {self.fallback:g}")
+        if isinstance(self, IntegerParameter) and not self.fallback.is_integer():
+            raise FieldError("inactive", f"must be a whole number, not {self.fallback:g}")
+        return self
 
     @model_validator(mode="after")
     def _check_scale(self) -> "_NumberParameter":
@@ -74,6 +102,8 @@ class RealParameter(_NumberParameter):
     """A number with a fraction."""
     range: Annotated[Any, BeforeValidator(lambda value: _range(value, whole=False)), _pair("number")]
     """Lowest and highest value, inclusive."""
+    digits: int | None = Field(default=None, ge=0, le=15)
+    """Decimal places to which values are rounded. Default: none."""
 
 
 class IntegerParameter(_NumberParameter):
@@ -118,17 +148,30 @@ def _check_number(choice: float, *, whole: bool) -> None:
         raise ValueError(f"{format_value(choice)} is sent as the 32-bit float {single!r}; write that number")
 
 
-class CategoricalParameter(Options):
-    """One of several values without an order."""
-
-    type: Literal["categorical"]
+class ChoiceParameter(_Parameter):
     """One of several values."""
+
     choices: Annotated[
         Any,
         BeforeValidator(_choices),
         WithJsonSchema({"type": "array", "items": {"type": ["string", "number", "boolean"]}, "minItems": 2}),
     ]
     """The values: all strings, all numbers, or all booleans."""
+
+    inactive: str | float | bool | None = None
+    """Value that is sent while `when` is not true. Default: the first choice."""
+
+    @property
+    def fallback(self) -> float:
+        """The value while it is inactive; for strings the index of the choice."""
+        choice = self.choices[0] if self.inactive is None else self.inactive
+        return float(self.choices.index(choice) if self.are_strings else choice)
+
+    @model_validator(mode="after")
+    def _check_inactive(self) -> "ChoiceParameter":
+        if self.inactive is not None and self.inactive not in self.choices:
+            raise FieldError("inactive", f"must be one of the choices, not {format_value(self.inactive)}")
+        return self
 
     @property
     def are_strings(self) -> bool:
@@ -141,29 +184,71 @@ class CategoricalParameter(Options):
         return isinstance(self.choices[0], bool)
 
 
-Parameter = Annotated[RealParameter | IntegerParameter | CategoricalParameter, Field(discriminator="type")]
+class CategoricalParameter(ChoiceParameter):
+    """One of several values without an order."""
+
+    type: Literal["categorical"]
+    """One of several values, without an order."""
+
+
+class OrdinalParameter(ChoiceParameter):
+    """One of several values in an order."""
+
+    type: Literal["ordinal"]
+    """One of several values, in order."""
+
+
+Parameter = Annotated[
+    RealParameter | IntegerParameter | CategoricalParameter | OrdinalParameter, Field(discriminator="type")
+]
 
 
 class ParameterSetOptions(RepresentationOptions):
     """Values of parameters, for simulations that control their agents themselves."""
 
     kind: Literal["parameter_set"] = "parameter_set"
-    parameters: dict[str, Parameter] = Field(min_length=1, max_length=10_000)
+    file: str | None = Field(default=None, min_length=1)
+    """A parameter file of irace, relative to the experiment, instead of `parameters` and `forbidden`."""
+    parameters: dict[str, Parameter] = Field(default={}, max_length=10_000)
     """The evolved parameters by name: {type: real, range: [0, 5]}, {type: integer, range: [1, 10]} or {type:
-    categorical, choices: [a, b]}, also of numbers or booleans. A real or integer has a scale: linear
-    (default), or log for positive ranges over orders of magnitude. The simulation's fixed parameters are
-    under the experiment's key parameters.
+    categorical, choices: [a, b]}, also of numbers or booleans; ordinal if they have an order. A real or
+    integer has a scale: linear (default), or log for positive ranges over orders of magnitude. With `when`, a
+    condition over other parameters, it is active only where that is true. The simulation's fixed parameters
+    are under the experiment's key parameters.
     """
+    forbidden: list[str] = Field(default=[], max_length=1000)
+    """Conditions that no candidate may meet: ["alpha == 0 and beta == 0"]. Forbidden values are replaced by
+    others of the parameters in the condition."""
 
     @model_validator(mode="after")
     def _check_names(self) -> "ParameterSetOptions":
+        if not self.parameters:
+            raise FieldError("parameters", "is missing; name at least one parameter, or a file of irace")
         for name in self.parameters:
             if name in _RESERVED:
                 raise FieldError(
                     "parameters",
                     f"{name!r} cannot be evolved: it is set for each episode",
                 )
+        self.combinations()  # raises a FieldError
         return self
+
+    def combinations(self) -> Combinations:
+        """Return the conditions, checked. Raises FieldError if they are not valid."""
+        variables = {name: _describe(parameter) for name, parameter in self.parameters.items()}
+        when = {name: parameter.when for name, parameter in self.parameters.items() if parameter.when}
+        return Combinations(variables, when, self.forbidden)
+
+
+def _describe(parameter: Parameter) -> Variable:
+    """Return what conditions can do with a parameter."""
+    if not isinstance(parameter, ChoiceParameter):
+        return Variable()
+    return Variable(
+        choices=parameter.choices if parameter.are_strings else None,
+        is_boolean=parameter.are_booleans,
+        is_ordered=isinstance(parameter, OrdinalParameter),
+    )
 
 
 class ParameterSet(Representation):
@@ -177,6 +262,11 @@ class ParameterSet(Representation):
     into a part for each value, equally wide, or on the log scale as wide as log(n + 1) - log(n). For a
     categorical it is divided equally among the choices. All values are computed in binary64, in operations
     that give the same bits on every machine, and rounded to float32, which is sent as its shortest decimal.
+    Inactive parameters have a constant value, whatever their gene.
+
+    If the combination of values is forbidden, the genes of the parameters in the condition are drawn again,
+    from random numbers addressed by the genome, until it is allowed. So a genome always has the same values,
+    for every method and on every server.
 
     A mutation moves a number's gene uniformly within +-severity, with `probability`, and reflects it at 0 and
     1; a categorical changes with `probability` times `severity` to another choice, all equally likely. A
@@ -189,6 +279,11 @@ class ParameterSet(Representation):
     options_model = ParameterSetOptions
     options: ParameterSetOptions
     steers: ClassVar[bool] = False
+
+    def __init__(self, options: ParameterSetOptions, *, sensors: int, actuators: int) -> None:
+        super().__init__(options, sensors=sensors, actuators=actuators)
+        if options.forbidden:
+            _ = self._allowed  # raises a FieldError
 
     @property
     def genome_size(self) -> int:
@@ -229,9 +324,9 @@ class ParameterSet(Representation):
         parameters: list[dict[str, Any]] = []
         for name, parameter in self.options.parameters.items():
             described: dict[str, Any] = {"name": name, "type": parameter.type}
-            if isinstance(parameter, CategoricalParameter):
+            if isinstance(parameter, ChoiceParameter):
                 if parameter.are_strings:
-                    described["choices"] = parameter.choices
+                    described |= {"type": "categorical", "choices": parameter.choices}
                 else:
                     described["type"] = (
                         "real" if any(type(c) is float for c in parameter.choices) else "integer"
@@ -241,12 +336,75 @@ class ParameterSet(Representation):
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
         """Return the values, (candidates, parameters); for strings, the index of the choice."""
-        genes = np.clip(genomes.astype(np.float64), 0.0, 1.0)
-        columns = [
-            _value(parameter, genes[..., index])
-            for index, parameter in enumerate(self.options.parameters.values())
+        rows = genomes.reshape(-1, self.genome_size)
+        genes = np.clip(rows.astype(np.float64), 0.0, 1.0)
+        values, columns = self._decode(genes)
+        if self.options.forbidden:
+            self._replace_forbidden(rows, genes, values, columns)
+        return values.astype(np.float32).reshape(genomes.shape)
+
+    def _decode(self, genes: Numbers) -> tuple[Numbers, dict[str, Numbers]]:
+        """Return the values, (n, parameters), and the values of each parameter, NaN where it is inactive.
+
+        genes: (n, genome_size), 0 to 1.
+        """
+        parameters = self.options.parameters
+        columns = {
+            name: _value(parameter, genes[:, index])
+            for index, (name, parameter) in enumerate(parameters.items())
+        }
+        self._combinations.deactivate(columns)
+        values = [
+            np.where(np.isnan(column), parameter.fallback, column)
+            for column, parameter in zip(columns.values(), parameters.values(), strict=True)
         ]
-        return np.stack(columns, axis=-1).astype(np.float32)
+        return np.stack(values, axis=-1), columns
+
+    @cached_property
+    def _combinations(self) -> Combinations:
+        return self.options.combinations()
+
+    def _replace_forbidden(
+        self, genomes: Genomes, genes: Numbers, values: Numbers, columns: Mapping[str, Numbers]
+    ) -> None:
+        """Replace forbidden combinations in `values`, see the class.
+
+        Args:
+            genomes: (n, genome_size).
+            genes: the same, within 0 to 1.
+            values: those of the genes, (n, parameters).
+            columns: those of each parameter, NaN where it is inactive.
+        """
+        forbidden = self._combinations.find_forbidden(columns, len(genes))
+        rows = np.flatnonzero(forbidden.any(axis=1))
+        # The numbers of a genome depend on nothing else.
+        addresses = np.array([_address(genomes[row]) for row in rows], dtype=np.int64)
+        attempt = 0
+        while len(rows):
+            again = forbidden[forbidden.any(axis=1)] @ self._combinations.involved
+            units = Streams(0, "parameter_set.allowed", attempt, addresses).units(self.genome_size)
+            drawn = np.where(again, units, genes[rows])
+            if attempt == _ATTEMPTS:
+                drawn[:] = self._allowed
+            genes[rows] = drawn
+            values[rows], columns = self._decode(drawn)
+            forbidden = self._combinations.find_forbidden(columns, len(rows))
+            remaining = forbidden.any(axis=1)
+            rows, addresses = rows[remaining], addresses[remaining]
+            attempt += 1
+
+    @cached_property
+    def _allowed(self) -> Numbers:
+        """Genes of an allowed combination, (genome_size,). Raises FieldError if random ones are forbidden."""
+        for part in range(_PARTS):
+            genes = Streams(0, "parameter_set.first", part, range(_PART)).units(self.genome_size)
+            forbidden = self._combinations.find_forbidden(self._decode(genes)[1], len(genes)).any(axis=1)
+            if not forbidden.all():
+                return np.asarray(genes[np.argmin(forbidden)])
+        raise FieldError(
+            ("controller", "forbidden"),
+            f"all of {_PART * _PARTS:,} random combinations are forbidden; forbid fewer, or change ranges",
+        )
 
     def initial(self, stream: Stream) -> Genome:
         """Return genes that are uniform in 0..1."""
@@ -364,8 +522,14 @@ def _part(genes: Numbers, parts: Numbers | float) -> Numbers:
     return inside
 
 
-def _value(parameter: RealParameter | IntegerParameter | CategoricalParameter, genes: Numbers) -> Numbers:
-    if isinstance(parameter, CategoricalParameter):
+def _address(genome: Genome) -> int:
+    """Return the number that addresses a genome's random numbers."""
+    digest = sha256(genome.astype("<f4").tobytes()).digest()
+    return int.from_bytes(digest[:8], "little") >> 1
+
+
+def _value(parameter: Parameter, genes: Numbers) -> Numbers:
+    if isinstance(parameter, ChoiceParameter):
         index = _part(genes, float(len(parameter.choices)))
         if parameter.are_strings:
             return index
@@ -380,6 +544,9 @@ def _value(parameter: RealParameter | IntegerParameter | CategoricalParameter, g
         values = low + genes * (high - low)
     else:
         values = low * _power(genes, _binary_logarithm(low, high))
+    if isinstance(parameter, RealParameter) and parameter.digits is not None:
+        factor = 10.0**parameter.digits  # exact
+        values = np.rint(values * factor) / factor
     inside: Numbers = np.clip(values, low, high)
     return inside
 
