@@ -376,9 +376,9 @@ def load_subject(
         raise InputError(str(error)) from error
     label = f"candidate {chosen.candidate} of generation {chosen.generation}"
     if np.isnan(chosen.fitness):
-        raise InputError(
-            f"{run.path}: the evaluation of {label} failed; name another candidate with --candidate G:N"
-        )
+        infeasible = run.experiment.constraints and np.isfinite(chosen.episodes).all()
+        reason = "violates constraints" if infeasible else "failed"
+        raise InputError(f"{run.path}: {label} {reason}; name another candidate with --candidate G:N")
     facts = _facts(run, chosen)
     part = select_member(chosen.specification, group, str(run.path))
     if part is not None:

@@ -195,7 +195,7 @@ def test_forbidden_combinations_do_not_occur() -> None:
     values, free = subject.weights(genomes), parameter_set(forbidden=[]).weights(genomes)
     algorithm, ants, q0, level, walls = values.T
     assert not ((algorithm == 1) & (walls == 1)).any()
-    assert not np.isin(q0, np.float32([0.3, 0.4])).any()
+    assert not np.isin(q0, np.array([0.3, 0.4], dtype=np.float32)).any()
     assert not ((level == 2) & (ants <= 50)).any()
     changed = (values != free).any(axis=1)
     assert 0.1 < changed.mean() < 0.5
