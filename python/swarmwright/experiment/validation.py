@@ -304,8 +304,8 @@ def _with_parameter_file(
     read = {"parameters": content.parameters, "forbidden": content.forbidden}
 
     def report_line(path: Path_, message: str) -> None:
-        place = path[1:3] if path[:1] == ("controller",) else ("constants", *path[1:2])
-        line = content.lines.get(place)
+        sections = {"controller": path[1:3], "parameters": ("constants", *path[1:2])}
+        line = content.lines.get(sections.get(str(path[0]) if path else "", ()))
         report(path, message if line is None else f"{file}:{line}: {message}")
 
     return {**values, "controller": {**rest, **read}}, report_line

@@ -449,6 +449,7 @@ def check_method(kind: str) -> None:
     _check_budget(kind, first)
     _check_failures(kind, first)
     _check_fitness(kind, first)
+    _check_constraints(kind, first)
     _check_target(kind, first)
     _check_members(kind, first)
     check_replay(_new(kind, first))
@@ -583,6 +584,27 @@ def _check_budget(kind: str, representation: Representation) -> None:
     generations = _conversation(method)
     assert sum(map(len, generations)) == method.evaluations, "evaluations is not what was evaluated"
     assert method.evaluations <= budget, "more was evaluated than budget says"
+
+
+def _check_constraints(kind: str, representation: Representation) -> None:
+    """Check that a method takes violations, and that infeasible candidates do not reach its target."""
+    if METHODS.get(kind).by_instance:
+        return  # experiments refuse constraints
+    method = _new(kind, representation, target=-1e9)
+    with _strictly():
+        for generation in range(_GENERATIONS - 1):
+            genomes = method.ask()
+            fitness = _sphere(genomes)
+            violations = np.arange(len(genomes), dtype=np.float64) + 1
+            violations[::3] = np.inf if generation else 0.5
+            metrics = synthetic_metrics(method, genomes, fitness)
+            method.tell(fitness, metrics=metrics, violations=violations)
+            assert not method.done, "an infeasible candidate must not reach the target"
+        genomes = method.ask()
+        fitness = _sphere(genomes)
+        metrics = synthetic_metrics(method, genomes, fitness)
+        method.tell(fitness, metrics=metrics, violations=np.zeros(len(genomes)))
+    assert method.reached, "a feasible candidate must reach the target"
 
 
 def _check_failures(kind: str, representation: Representation) -> None:

@@ -381,9 +381,9 @@ class ParameterSet(Representation):
         addresses = np.array([_address(genomes[row]) for row in rows], dtype=np.int64)
         attempt = 0
         while len(rows):
-            again = forbidden[forbidden.any(axis=1)] @ self._combinations.involved
+            redrawn = forbidden[forbidden.any(axis=1)] @ self._combinations.involved
             units = Streams(0, "parameter_set.allowed", attempt, addresses).units(self.genome_size)
-            drawn = np.where(again, units, genes[rows])
+            drawn = np.where(redrawn, units, genes[rows])
             if attempt == _ATTEMPTS:
                 drawn[:] = self._allowed
             genes[rows] = drawn

@@ -138,19 +138,19 @@ class _Parser:
 
     def _refuse_token(self, expected: str) -> None:
         token = self._token
-        found = "it ends there" if token.kind == "end" else f"not {token.text!r}"
-        raise ConditionError(f"expected {expected} in column {token.column}, {found}")
+        actual = "it ends there" if token.kind == "end" else f"not {token.text!r}"
+        raise ConditionError(f"expected {expected} in column {token.column}, {actual}")
 
     def _parse_or(self) -> _Operand:
         self._depth += 1
         if self._depth > _DEEPEST:
             raise ConditionError(f"is nested too deeply; at most {_DEEPEST} levels are possible")
-        operand = self._join(self._parse_and, "|", _any_of)
+        operand = self._join(self._parse_and, "|", _disjoin)
         self._depth -= 1
         return operand
 
     def _parse_and(self) -> _Operand:
-        return self._join(self._parse_not, "&", _all_of)
+        return self._join(self._parse_not, "&", _conjoin)
 
     def _join(
         self, parse: Callable[[], _Operand], operator: str, combine: Callable[[list[Numbers]], Numbers]
@@ -196,7 +196,7 @@ class _Parser:
             options.append(self._compare("==", left, self._parse_sum()).compute)
         self._require(end)
         return _Operand(
-            "logic", lambda columns: np.nan_to_num(_any_of([option(columns) for option in options]))
+            "logic", lambda columns: np.nan_to_num(_disjoin([option(columns) for option in options]))
         )
 
     def _parse_sum(self) -> _Operand:
@@ -365,7 +365,7 @@ def _boolean_of(name: str, operand: _Operand) -> _Operand:
     return _number(float(value))
 
 
-def _any_of(parts: list[Numbers]) -> Numbers:
+def _disjoin(parts: list[Numbers]) -> Numbers:
     """Return 1 where a part is 1, else NaN where one is NaN, else 0."""
     result = parts[0]
     for part in parts[1:]:
@@ -374,6 +374,6 @@ def _any_of(parts: list[Numbers]) -> Numbers:
     return result
 
 
-def _all_of(parts: list[Numbers]) -> Numbers:
+def _conjoin(parts: list[Numbers]) -> Numbers:
     """Return 0 where a part is 0, else NaN where one is NaN, else 1."""
-    return 1.0 - _any_of([1.0 - part for part in parts])
+    return 1.0 - _disjoin([1.0 - part for part in parts])
