@@ -170,7 +170,7 @@ CASES = (
     *(Case("nsga3", f"dtlz{number}", 3, 92, 400, 12) for number in (1, 2, 4)),
     Case("nsga3", "dtlz2", 5, 212, 300, 6),
 )
-CONSTRAINED = (
+CONSTRAINED: tuple[Case | Constrained, ...] = (
     Case("nsga2", "bnh", generations=100),
     Case("nsga3", "c1dtlz1", 3, 92, 500, 12),
     Case("nsga3", "c2dtlz2", 3, 92, 250, 12),
