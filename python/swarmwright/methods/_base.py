@@ -101,7 +101,7 @@ class SteadyState(ABC):
         # Create all candidates that must not depend on this result.
         self._make(min(self.evaluations + self.options.in_flight, self._last))
         value = float(fitness) if isfinite(fitness) else nan
-        scores = self._score(np.array([value]), None if violation is None else [violation])
+        scores = self._apply_violations(np.array([value]), None if violation is None else [violation])
         self._tell_next(self.evaluations, self._pending.popleft(), float(scores[0]))
         self.evaluations += 1
         target = self.options.target
@@ -134,7 +134,7 @@ class SteadyState(ABC):
         """Store the metrics of `count` candidates. Raises InputError if they are missing."""
 
     @abstractmethod
-    def _score(self, values: Fitness, violations: ArrayLike | None) -> Fitness:
+    def _apply_violations(self, values: Fitness, violations: ArrayLike | None) -> Fitness:
         """Store violations, and return the scores for `_tell` or `_tell_next`, (n,)."""
 
     def _ask_next(self, index: int) -> Genome:
@@ -512,10 +512,10 @@ class Method(SteadyState):
         self._store_metrics(metrics, len(values))
         if survivors is not None:
             self._rescore(_check_fitness(survivors, len(self.survivors()), "surviving"))
-        self._tell(self._current, self._score(values, violations))
+        self._tell(self._current, self._apply_violations(values, violations))
         self.count_generation(np.where(self.violations > 0, nan, values))
 
-    def _score(self, values: Fitness, violations: ArrayLike | None) -> Fitness:
+    def _apply_violations(self, values: Fitness, violations: ArrayLike | None) -> Fitness:
         self.has_constraints = violations is not None
         if violations is None:
             self.violations = np.zeros(len(values))
