@@ -175,6 +175,10 @@ NO_LIMIT = 1_000_000_000
 """Number of generations that stands for no limit."""
 
 
+_MOST_GENES = 4_000_000_000
+"""Upper limit of genes of a generation, which take 16 GB."""
+
+
 def check_metric_mapping(value: object, label: str, example: str, form: str) -> object:
     """Check an option that maps names of metrics to values, see `metrics_option`; return it unchanged.
 
@@ -361,6 +365,13 @@ class Method(SteadyState):
         reason = None if representation is None else cls.unsuitable(representation)
         if representation is not None and reason is not None:
             invalid["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"
+        genes = 0 if representation is None else representation.genome_size
+        count = cls.first_generation(options, representation) or 0
+        if count * genes > _MOST_GENES and hasattr(options, "population"):
+            invalid["population"] = (
+                f"{count:,} genomes of {genes:,} genes need too much memory; use at most "
+                f"{_MOST_GENES // genes:,}"
+            )
         return invalid
 
     @classmethod

@@ -40,6 +40,13 @@ def scale(measures: Values, axes: Sequence[Axis]) -> Values:
         return np.asarray((measures - low) / width)
 
 
+def subtract(values: Values, others: Values) -> Values:
+    """Return differences of finite numbers, at most the largest finite number."""
+    largest = np.finfo(np.float64).max
+    with np.errstate(over="ignore"):
+        return np.clip(values - others, -largest, largest)
+
+
 @dataclass(frozen=True)
 class Grid:
     """Cells of an archive: the range of each measure is divided into equal bins."""
@@ -144,7 +151,7 @@ class Archive:
         """
         cells = self.division.cells_of(measures)
         empty = self._numbers[cells] < 0
-        values = np.where(empty, fitness, fitness - self._fitness[cells])
+        values = np.where(empty, fitness, subtract(fitness, self._fitness[cells]))
         usable = (cells >= 0) & np.isfinite(fitness)
         return empty & usable, np.where(usable, values, np.nan)
 

@@ -1,5 +1,6 @@
 """Cuckoo search: Lévy flights and abandoned nests."""
 
+from collections.abc import Callable
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -14,8 +15,14 @@ from swarmwright.methods._numbers import explain_discrete, limits
 _SIGMA = 0.6965745025576968
 """Deviation of Mantegna's algorithm for Lévy flights with exponent 1.5: (gamma(2.5) sin(0.75 pi) /
 (gamma(1.25) 1.5 2^0.25))^(1 / 1.5). Mantegna, Physical Review E 49(5), 1994."""
+_BLOCK = 1_000_000
+"""Genes that are moved at once, which takes some hundred bytes each."""
 _NEWTON_STEPS = 6
 """Enough for the precision of binary64 from an initial error of 60 %."""
+
+
+Move = Callable[[NDArray[np.int64]], NDArray[np.float64]]
+"""Returns new genomes of nests, (n, genome_size), of indices, (n,)."""
 
 
 class CuckooSearchOptions(MethodOptions):
@@ -85,35 +92,44 @@ class CuckooSearch(Method):
         if self.generation == 0:
             self._nests = self.initials(range(self.options.population))
             return self._nests
-        genomes = self._fly() if self.generation % 2 else self._discover()
+        move = self._begin_flights() if self.generation % 2 else self._begin_discoveries()
         lower, upper = limits(self.representation)
-        return np.clip(genomes, lower, upper).astype(np.float32)
+        genomes = np.empty((len(self._moving), len(lower)), dtype=np.float32)
+        step = max(_BLOCK // len(lower), 1)
+        for begin in range(0, len(genomes), step):
+            block = slice(begin, begin + step)
+            genomes[block] = np.clip(move(self._moving[block]), lower, upper)
+        return genomes
 
-    def _fly(self) -> NDArray[np.float64]:
+    def _begin_flights(self) -> Move:
         best = int(np.argmax(np.where(np.isnan(self._fitness), -np.inf, self._fitness)))
         self._moving = np.delete(np.arange(self.options.population), best)
-        nests = self._nests.astype(np.float64)
-        genes = nests.shape[1]
-        normals = self.streams("cuckoo_search.fly", self._moving).normals(3 * genes)
-        numerators, denominators, factors = np.hsplit(normals, 3)
-        jumps = _SIGMA * numerators / _cube_root(denominators * denominators)
-        moved: NDArray[np.float64] = nests[self._moving] + (
-            self.options.step * jumps * factors * (nests[self._moving] - nests[best])
-        )
-        return moved
 
-    def _discover(self) -> NDArray[np.float64]:
-        candidates = np.arange(self.options.population)
-        drawn = self.streams("cuckoo_search.discover", candidates).units(2)
+        def fly(moving: NDArray[np.int64]) -> NDArray[np.float64]:
+            nests = self._nests[moving].astype(np.float64)
+            normals = self.streams("cuckoo_search.fly", moving).normals(3 * nests.shape[1])
+            numerators, denominators, factors = np.hsplit(normals, 3)
+            jumps = _SIGMA * numerators / _cube_root(denominators * denominators)
+            moved: NDArray[np.float64] = nests + (
+                self.options.step * jumps * factors * (nests - self._nests[best].astype(np.float64))
+            )
+            return moved
+
+        return fly
+
+    def _begin_discoveries(self) -> Move:
+        drawn = self.streams("cuckoo_search.discover", np.arange(self.options.population)).units(2)
         discovered = drawn[:, 0] < self.options.discovery
         discovered[np.argmin(drawn[:, 0])] = True
         self._moving = np.flatnonzero(discovered)
-        others = self.streams("cuckoo_search.others", self._moving).integers(self.options.population, 2)
-        nests = self._nests.astype(np.float64)
-        shares = drawn[self._moving, 1:]
-        steps = shares * (nests[others[:, 0]] - nests[others[:, 1]])
-        moved: NDArray[np.float64] = nests[self._moving] + steps
-        return moved
+
+        def discover(moving: NDArray[np.int64]) -> NDArray[np.float64]:
+            others = self.streams("cuckoo_search.others", moving).integers(self.options.population, 2)
+            first, second = (self._nests[column].astype(np.float64) for column in others.T)
+            moved: NDArray[np.float64] = self._nests[moving] + drawn[moving, 1:] * (first - second)
+            return moved
+
+        return discover
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         before = self._fitness[self._moving]

@@ -11,7 +11,7 @@ from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import Representation
 from swarmwright.methods._numbers import center_and_reach
-from swarmwright.methods.archive import Cells, Values
+from swarmwright.methods.archive import Cells, Values, subtract
 
 _FLAT = 1e-12
 """Range of improvements below which an emitter learns nothing."""
@@ -42,7 +42,7 @@ class Thresholds:
         """Return fitness minus the threshold of each candidate's cell, then raise the thresholds."""
         cells = self._cells.cells_of(measures)
         usable = (cells >= 0) & np.isfinite(fitness)
-        values = np.where(usable, fitness - self._thresholds[cells], np.nan)
+        values = np.where(usable, subtract(fitness, self._thresholds[cells]), np.nan)
         rows = np.flatnonzero(usable & (values > 0))
         accepted, indices, counts = np.unique(cells[rows], return_inverse=True, return_counts=True)
         means = np.bincount(indices, weights=fitness[rows], minlength=len(accepted)) / counts
@@ -119,7 +119,7 @@ class Emitters:
             ranked[order] = self._size * (self._generations[number] + 1.0) - np.arange(self._size)
             stop = search.tell(np.where(np.isfinite(values), ranked, np.nan))
             self._generations[number] += 1
-            is_flat = not new.any() and float(usable.max() - usable.min()) < _FLAT
+            is_flat = not new.any() and float(usable.max()) - float(usable.min()) < _FLAT
             has_failed = not self._patient and not (new | (values > 0)).any()
             if stop is not None or is_flat or has_failed:
                 self._searches[number] = None

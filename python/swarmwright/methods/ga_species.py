@@ -18,6 +18,20 @@ _MEMBERS_PER_SPECIES = 10
 _ADJUSTMENTS = 20
 """Adjustments of the threshold in each generation, as in FREVO: one every population / 20 children."""
 _LOWEST_COMPATIBILITY = 0.01
+_MOST_COMPARISONS = 5e9
+"""Upper limit of population^2 * genes, to which the time of a generation is proportional: a minute."""
+
+
+def explain_slow_species(population: int, representation: Representation) -> dict[str, str]:
+    """Return why a population is too large to be divided into species, by option; empty if it is not."""
+    genes = representation.genome_size
+    most = int((_MOST_COMPARISONS / genes) ** 0.5)
+    if population <= most:
+        return {}
+    return {
+        "population": f"{population:,} genomes of {genes:,} genes take too long to divide into species; use "
+        f"at most {most:,}"
+    }
 
 
 class SpeciesOptions(Options):
@@ -223,6 +237,15 @@ class GaSpecies(Method):
         variation = options.severity, options.probability
         self._members = SpeciesMembers(options, options.population, representation, variation)
         self._fitness: Fitness = np.empty(0)
+
+    @classmethod
+    def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
+        """Refuse populations that would take too long."""
+        invalid = super().problems(options, representation)
+        assert isinstance(options, GaSpeciesOptions)
+        if representation is not None:
+            invalid |= explain_slow_species(options.population, representation)
+        return invalid
 
     @property
     def budget(self) -> int:

@@ -26,6 +26,10 @@ _MOST_CELLS = 1_000_000
 """Upper limit of cells in a grid."""
 _MOST_GENES = 5000
 """Genes for which a covariance matrix is affordable."""
+_MOST_ENTRIES = 5 * _MOST_GENES**2
+"""Upper limit of entries of all covariance matrices: 3 GB."""
+_MOST_UNSTRUCTURED = 100_000
+"""Upper limit of a generation that is added to an unstructured archive: minutes for the fullest archive."""
 _BINS = 20
 """Default number of bins of a measure in a grid."""
 
@@ -162,6 +166,12 @@ class MapElitesOptions(MethodOptions):
             raise FieldError(
                 "reevaluate", "needs archive.kind grid or cvt, and variation line or mutation; leave it out"
             )
+        if self.reevaluate and not int(self.reevaluate * self.population):
+            raise FieldError(
+                "reevaluate",
+                f"{self.reevaluate:g} of a population of {self.population} is less than one candidate; "
+                "increase it or the population, or leave it out",
+            )
         return self
 
     @model_validator(mode="after")
@@ -181,6 +191,12 @@ class MapElitesOptions(MethodOptions):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        if isinstance(self.archive, UnstructuredOptions) and self.population > _MOST_UNSTRUCTURED:
+            raise FieldError(
+                "population",
+                f"{self.population:,} candidates take too long to add to an unstructured archive; use at "
+                f"most {_MOST_UNSTRUCTURED:,}, and more generations",
+            )
         if not isinstance(self.archive, GridOptions):
             kind = self.archive.kind
             for name, measure in self.measures.items():
@@ -294,6 +310,12 @@ class MapElites(Method):
         elif options.uses_emitters:
             reason = explain_too_many_genes(representation, _MOST_GENES, "line")
             invalid |= {} if reason is None else {"variation": reason}
+            most = _MOST_ENTRIES // representation.genome_size**2
+            if options.emitters > most and reason is None:
+                invalid["emitters"] = (
+                    f"{options.emitters:,} covariance matrices of {representation.genome_size:,} genes need "
+                    f"too much memory; use at most {most:,} emitters"
+                )
         return invalid
 
     @property

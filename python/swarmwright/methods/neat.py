@@ -23,8 +23,9 @@ class NeatOptions(MethodOptions):
     weights: float = Field(default=0.4, ge=0, le=1000)
     """Compatibility distance: coefficient of the mean difference of weights of matching connections, c3."""
     threshold: float = Field(default=3.0, gt=0, le=1e6)
-    """Largest distance from a species' representative; with `species`, at the start."""
-    species: int | None = Field(default=None, ge=1, le=100_000)
+    """Largest distance from a species' representative; with `species`, at the start. Beyond 1,000 species,
+    networks join the nearest one instead of founding another."""
+    species: int | None = Field(default=None, ge=1, le=1000)
     """Number of species towards which the threshold is adapted, by 0.3 in each generation. Default: none."""
     survival: float = Field(default=0.2, ge=0, le=1)
     """Share of a species, its best, that may be parents."""

@@ -11,20 +11,34 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.options import Options
+from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Streams
 from swarmwright.controllers import Representation
-from swarmwright.methods._base import check_metric_mapping
+from swarmwright.methods._base import MethodOptions, check_metric_mapping
 from swarmwright.methods.archive import Values, crowding, ranks
 from swarmwright.methods.constraints import Limits
-from swarmwright.methods.ga_species import SpeciesMembers, SpeciesOptions
+from swarmwright.methods.ga_species import SpeciesMembers, SpeciesOptions, explain_slow_species
 from swarmwright.methods.map_elites import MapElitesOptions, Measure
 from swarmwright.methods.nnga import Genetic, GeneticOptions
-from swarmwright.methods.novelty_archive import Distance, NoveltyArchive, find_nearest, mean_distances
+from swarmwright.methods.novelty_archive import (
+    MOST_COLUMNS_OF_TREE,
+    Distance,
+    NoveltyArchive,
+    find_nearest,
+    mean_distances,
+)
 
 _NEIGHBOURS = 15
 """Default of Lehman and Stanley."""
 _MOST_WITH_FRONTS = 4_000
 """Upper limit of members that are sorted into fronts."""
+_MOST_NEIGHBOURS = 10_000_000
+"""Upper limit of the neighbours of all members, which are sorted in each generation: some seconds."""
+_MOST_NUMBERS = 50_000
+"""Upper limit of the numbers of all members' behaviours where no tree finds neighbours faster."""
+_MOST_ARCHIVED = 1_000_000
+"""Upper limit of behaviours in an archive: a second for each generation."""
+_MOST_ARCHIVED_WITHOUT_TREE = 100_000
 _LARGEST = 1e150
 """Upper limit of a scaled measure, so that sums of squares are finite."""
 
@@ -36,8 +50,8 @@ class RandomArchive(Options):
     """Candidates are archived at random."""
     probability: float = Field(default=0.05, ge=0, le=1)
     """Probability that a candidate is archived."""
-    size: int = Field(default=0, ge=0, le=10_000_000)
-    """Candidates to keep, the latest; 0: all."""
+    size: int = Field(default=0, ge=0, le=_MOST_ARCHIVED)
+    """Candidates to keep, the latest; 0: as many as possible."""
 
 
 class ThresholdArchive(Options):
@@ -47,8 +61,8 @@ class ThresholdArchive(Options):
     """Candidates are archived if their novelty exceeds a threshold, which adapts."""
     threshold: float = Field(default=0.05, gt=0, le=1e100)
     """Initial threshold."""
-    size: int = Field(default=0, ge=0, le=10_000_000)
-    """Candidates to keep, the latest; 0: all."""
+    size: int = Field(default=0, ge=0, le=_MOST_ARCHIVED)
+    """Candidates to keep, the latest; 0: as many as possible."""
 
 
 class NoArchive(Options):
@@ -88,7 +102,9 @@ class NoveltyOptions(GeneticOptions):
     """{kind: random, probability: 0.05}: each candidate is archived with this probability. {kind: threshold,
     threshold: 0.05}: candidates whose novelty exceeds a threshold are; it rises by 20 % after a generation
     with more than four of them, and falls by 5 % after ten generations without any. {kind: none}: no archive.
-    With size: N, only the latest N candidates stay."""
+    With size: N, only the latest N candidates stay. Default: 1,000,000, or 100,000 with more than 12
+    measures.
+    """
     species: SpeciesOptions | None = None
     """Select with species as `ga_species` does, with these options; islands and the five shares then have no
     effect. Default: none."""
@@ -106,8 +122,7 @@ class NoveltyOptions(GeneticOptions):
     @model_validator(mode="after")
     def _fits_novelty(self) -> Self:
         members = self.population * self.islands
-        if self.neighbours is not None and self.neighbours >= members:
-            raise ValueError(f"neighbours must be below the population of {members}, not {self.neighbours}")
+        self._check_neighbours(members)
         if self.weight is not None and self.objective != "mixed":
             raise ValueError("weight needs objective: mixed")
         if self.objective == "local_competition" and members > _MOST_WITH_FRONTS:
@@ -122,6 +137,40 @@ class NoveltyOptions(GeneticOptions):
             reason = error.errors()[0]["msg"].removeprefix("Value error, ")
             raise ValueError(f"{reason}; measures with bins: 1 do not divide the archive of elites") from None
         return self
+
+    def _check_neighbours(self, members: int) -> None:
+        count = self.neighbours
+        if count is not None and count >= members:
+            raise FieldError("neighbours", f"must be below the population of {members:,}, not {count:,}")
+        if (count or _NEIGHBOURS) * members > _MOST_NEIGHBOURS:
+            raise FieldError(
+                "neighbours" if count else "population",
+                f"{count or _NEIGHBOURS:,} neighbours of {members:,} members are too many to sort in each "
+                f"generation; use at most {_MOST_NEIGHBOURS // members:,} neighbours, or fewer members",
+            )
+        measures = len(self.measures)
+        if self._has_many_measures and members * measures > _MOST_NUMBERS:
+            raise FieldError(
+                "population",
+                f"{members:,} members are too many to compare with {measures} measures; use at most "
+                f"{_MOST_NUMBERS // measures:,} members, or {MOST_COLUMNS_OF_TREE} measures",
+            )
+        size = 0 if isinstance(self.archive, NoArchive) else self.archive.size
+        if size > self.archive_limit:
+            raise FieldError(
+                ("archive", "size"),
+                f"{size:,} is too large with {measures} measures; use at most {self.archive_limit:,}, or "
+                f"{MOST_COLUMNS_OF_TREE} measures",
+            )
+
+    @property
+    def _has_many_measures(self) -> bool:
+        return len(self.measures) > MOST_COLUMNS_OF_TREE
+
+    @property
+    def archive_limit(self) -> int:
+        """Largest possible size of the archive."""
+        return _MOST_ARCHIVED_WITHOUT_TREE if self._has_many_measures else _MOST_ARCHIVED
 
     @property
     def needed_metrics(self) -> tuple[str, ...]:
@@ -187,7 +236,7 @@ class Novelty(Genetic):
         archive = options.archive
         self._archive = NoveltyArchive(
             max(len(options.measures), 1),
-            0 if isinstance(archive, NoArchive) else archive.size,
+            (0 if isinstance(archive, NoArchive) else archive.size) or options.archive_limit,
             archive.threshold if isinstance(archive, ThresholdArchive) else math.inf,
         )
         self._fitness: Fitness = np.empty(0)  # of the members, as the three below
@@ -195,6 +244,15 @@ class Novelty(Genetic):
         self._violations: Values = np.empty(0)
         self._order: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         """The members in ascending order of scores."""
+
+    @classmethod
+    def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
+        """Refuse species that would take too long."""
+        invalid = super().problems(options, representation)
+        assert isinstance(options, NoveltyOptions)
+        if options.species is not None and representation is not None:
+            invalid |= explain_slow_species(options.population, representation)
+        return invalid
 
     @property
     def ahead(self) -> bool:

@@ -16,6 +16,10 @@ from swarmwright.methods.constraints import is_infeasible
 
 _SMALL = 1e-6
 """Range of an objective below which the front does not scale it."""
+_LARGEST = 1e140
+"""Limit of costs, so that squares of scaled ones are finite."""
+_BLOCK = 1_000_000
+"""Distances that are computed at once."""
 _OTHER_WEIGHT = 1e6
 """Weight of the other objectives in the search for the extreme point of one."""
 
@@ -93,9 +97,11 @@ class Nsga3(ParetoMethod):
             objectives = 1 + len(options.objectives)
             count = count_directions(objectives, options.partitions)
             if count > options.population:
+                default = _fitting_partitions(objectives, options.population)
                 invalid["partitions"] = (
                     f"{options.partitions} makes {count:,} reference directions for {objectives} objectives, "
-                    f"more than population ({options.population}); increase it, or leave the key out"
+                    f"more than population ({options.population}); leave the key out for "
+                    f"{count_directions(objectives, default):,} directions"
                 )
         return invalid
 
@@ -103,8 +109,8 @@ class Nsga3(ParetoMethod):
         return self._shuffle(2 * count, streams).reshape(count, 2)
 
     def _select(self, values: Values) -> list[int]:
-        costs, fronts = -values, ranks(values)
-        usable: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(costs), axis=1)
+        costs, fronts = np.clip(-values, -_LARGEST, _LARGEST), ranks(values)
+        usable: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(values), axis=1)
         usable &= ~is_infeasible(values[:, 0])
         if usable.any():
             nadir = self._update_scale(costs[usable], costs[usable & (fronts == 0)])
@@ -140,21 +146,27 @@ class Nsga3(ParetoMethod):
         return np.asarray(np.where(nadir - self._best <= _SMALL, costs.max(axis=0), nadir))
 
     def _associate(self, costs: Values, nadir: Values) -> tuple[NDArray[np.int64], Values]:
-        """Return the nearest direction of each row, and the distance from it, (n,) each."""
+        """Return the nearest direction of each row, and the squared distance from it, (n,) each."""
         width = np.where(nadir > self._best, nadir - self._best, 1e-12)
         scaled = (costs - self._best) / width
+        nearest, squares = np.empty(len(costs), dtype=np.int64), np.empty(len(costs))
+        step = max(_BLOCK // len(self._directions), 1)
+        for begin in range(0, len(costs), step):
+            block = slice(begin, begin + step)
+            nearest[block], squares[block] = self._find_directions(scaled[block])
+        return nearest, squares
+
+    def _find_directions(self, points: Values) -> tuple[NDArray[np.int64], Values]:
+        """Return the nearest direction of scaled costs, (n, objectives), and the squared distance from it."""
+        directions, columns = self._directions, range(points.shape[1])
         # Sums in the order of the objectives, the same on every machine.
-        along = sum(
-            scaled[:, column, np.newaxis] * self._directions[:, column] for column in range(len(nadir))
+        along = sum(points[:, column, np.newaxis] * directions[:, column] for column in columns)
+        share = np.asarray(along) / sum(directions[:, column] ** 2 for column in columns)
+        squares = np.asarray(
+            sum((points[:, column, np.newaxis] - share * directions[:, column]) ** 2 for column in columns)
         )
-        lengths = sum(self._directions[:, column] ** 2 for column in range(len(nadir)))
-        share = np.asarray(along) / lengths
-        squares = sum(
-            (scaled[:, column, np.newaxis] - share * self._directions[:, column]) ** 2
-            for column in range(len(nadir))
-        )
-        nearest = np.asarray(squares).argmin(axis=1)
-        return nearest, np.asarray(squares)[np.arange(len(costs)), nearest]
+        nearest = squares.argmin(axis=1)
+        return nearest, squares[np.arange(len(points)), nearest]
 
     def _fill_niches(
         self,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Fitness
 from swarmwright.common.statistics import student_t
-from swarmwright.methods.archive import Cells, Values
+from swarmwright.methods.archive import Cells, Values, subtract
 
 _ENOUGH = 10
 """Evaluations with which a challenger may replace an elite that has more."""
@@ -37,10 +37,10 @@ class Sampled:
         """Add an evaluation, by the method of Welford."""
         self.rows.append(number)
         self.evaluations += 1
-        difference = fitness - self.fitness
+        difference = float(subtract(np.float64(fitness), np.float64(self.fitness)))
         self.fitness += difference / self.evaluations
         self.squares += difference * (fitness - self.fitness)
-        self.measures = self.measures + (measures - self.measures) / self.evaluations
+        self.measures = self.measures + subtract(measures, self.measures) / self.evaluations
 
     @property
     def interval(self) -> tuple[float, float] | None:

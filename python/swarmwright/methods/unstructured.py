@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Fitness
-from swarmwright.methods.archive import Axis, Values, scale
+from swarmwright.methods.archive import Axis, Values, scale, subtract
 from swarmwright.methods.voronoi import compute_squared_distances
 
 MOST_ELITES = 100_000
@@ -74,15 +74,18 @@ class Unstructured:
         for row in np.flatnonzero(usable).tolist():
             distances = compute_squared_distances(points[row][np.newaxis], self._points[: self._count])[0]
             new[row] = self._is_novel(distances)
-            values[row] = fitness[row] - (0.0 if new[row] else self._fitness[distances.argmin()])
+            nearest = 0.0 if new[row] else self._fitness[distances.argmin()]
+            values[row] = subtract(fitness[row], nearest)
         return new, values
 
     def _is_novel(self, distances: NDArray[np.float64]) -> bool:
         """Return whether a candidate at these squared distances from the elites joins."""
-        nearest = np.sort(distances)[: self._neighbours].tolist()
-        if not nearest:
-            return True
-        return sum(map(sqrt, nearest)) / len(nearest) >= self._threshold and self._count < MOST_ELITES
+        if not self._count < MOST_ELITES:
+            return False
+        if len(distances) > self._neighbours:
+            distances = np.partition(distances, self._neighbours - 1)[: self._neighbours]
+        nearest = np.sort(distances).tolist()
+        return not nearest or sum(map(sqrt, nearest)) / len(nearest) >= self._threshold
 
     def _find_place(self, point: NDArray[np.float64], fitness: float) -> int | None:
         """Return the place that a candidate gets; None if it does not become an elite."""

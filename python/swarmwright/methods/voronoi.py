@@ -109,7 +109,8 @@ def find_nearest(points: Values, tree: "KDTree") -> NDArray[np.int64]:
 def compute_squared_distances(points: Values, others: Values) -> Values:
     """Return squared distances, (points, others), added in the order of the columns."""
     total = np.zeros((len(points), len(others)))
-    for column in range(points.shape[1]):
-        difference = points[:, column, np.newaxis] - others[:, column]
-        total += difference * difference
+    with np.errstate(over="ignore"):  # infinitely far
+        for column in range(points.shape[1]):
+            difference = points[:, column, np.newaxis] - others[:, column]
+            total += difference * difference
     return total

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmwright import InputError
 from swarmwright.common.arrays import Genomes
 from swarmwright.methods.ga_species import GaSpecies
 from tests.python.methods.functions import new, rastrigin, sphere
@@ -130,3 +131,8 @@ def test_it_gets_better(seed: int) -> None:
         best.append(method.population_fitness[0])
     assert best == sorted(best)
     assert best[-1] > best[0] / 10
+
+
+def test_populations_that_take_too_long_are_refused() -> None:
+    with pytest.raises(InputError, match=r"method\.population: 30,000 genomes of 10 genes .* at most 22,360"):
+        new("ga_species", population=30_000)

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from swarmwright import InputError
 from swarmwright.common.arrays import Genomes
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS, Method
 from swarmwright.methods.archive import Archive, Axis, Grid
 from swarmwright.methods.emitters import Emitters, Thresholds
@@ -143,6 +144,15 @@ def test_telling_it_needs_metrics_of_the_right_shape() -> None:
             r"measures\.x\.bins: only a grid has bins, not archive\.kind cvt; leave it out and set ",
         ),
         ({"archive": {"kind": "cvt", "cells": 0}}, "greater than or equal to 1"),
+        ({"archive": {"kind": "cvt", "cells": 1_000_000}}, "less than or equal to 10000"),
+        (
+            {"archive": {"kind": "unstructured"}, "population": 200_000},
+            "population: 200,000 candidates take too long .*; use at most 100,000, and more generations",
+        ),
+        (
+            {"population": 9, "reevaluate": 0.1},
+            "reevaluate: 0.1 of a population of 9 is less than one candidate; increase it or the population",
+        ),
         ({"archive": {"kind": "unstructured", "threshold": math.nan}}, "finite number"),
         ({"archive": {"kind": "unstructured", "threshold": 0}}, "greater than or equal to"),
         ({"archive": {"kind": "grid", "cells": 5}}, "Extra inputs are not permitted"),
@@ -275,3 +285,10 @@ def test_emitters_need_two_numeric_genes(variation: str) -> None:
     subject = Choices(ten_genes().options, sensors=9, actuators=1)
     with pytest.raises(InputError, match=rf"method\.variation: {variation} needs numeric genes"):
         new("map_elites", subject=subject, variation=variation, threshold_min=0.0)
+
+
+def test_covariance_matrices_of_many_emitters_are_refused() -> None:
+    layered = REPRESENTATIONS.get("layered")
+    subject = layered(layered.options_model(hidden=[]), sensors=1999, actuators=1)
+    with pytest.raises(InputError, match=r"method\.emitters: 40 covariance .* 2,000 genes .* at most 31"):
+        new("map_elites", subject=subject, variation="cma_me", emitters=40, population=400)

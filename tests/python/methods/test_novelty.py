@@ -15,6 +15,7 @@ from swarmwright.methods.novelty import Novelty, NoveltyOptions
 from tests.python.methods.functions import new, sphere
 
 MEASURES = {"x": {"range": [-5, 5], "bins": 20}, "y": {"range": [0, 1]}}
+MANY = {f"m{number}": {"range": [0, 1], "bins": 1} for number in range(20)}
 ROUND = {"x": {"range": [-5, 5], "bins": 20}, "y": {"range": [-5, 5], "bins": 20}}
 
 
@@ -227,7 +228,13 @@ def test_elites_are_those_of_an_archive_over_the_measures_with_bins() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"neighbours": 50, "population": 50}, "neighbours must be below the population of 50, not 50"),
+        ({"neighbours": 50, "population": 50}, "neighbours: must be below the population of 50, not 50"),
+        ({"neighbours": 9999, "population": 100_000}, "neighbours: 9,999 neighbours of 100,000 members"),
+        ({"measures": MANY, "population": 4000}, "population: 4,000 members .* at most 2,500 members"),
+        (
+            {"measures": MANY, "archive": {"kind": "random", "size": 200_000}},
+            r"archive\.size: 200,000 is too large with 20 measures; use at most 100,000, or 12 measures",
+        ),
         ({"weight": 0.5}, "weight needs objective: mixed"),
         ({"objective": "mixed", "weight": 1.1}, "less than or equal to 1"),
         ({"objective": "mixed", "weight": -0.1}, "greater than or equal to 0"),
@@ -249,6 +256,11 @@ def test_elites_are_those_of_an_archive_over_the_measures_with_bins() -> None:
 def test_wrong_options(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         METHODS.get("novelty").options_model.model_validate(options)
+
+
+def test_species_of_too_many_genomes_are_refused() -> None:
+    with pytest.raises(InputError, match=r"method\.population: 30,000 genomes .* use at most 22,360"):
+        novelty(species={}, population=30_000)
 
 
 def test_telling_it_needs_metrics() -> None:

@@ -46,6 +46,16 @@ def test_neighbours_are_those_of_a_comparison_with_all(columns: int, levels: int
         assert find_nearest(points, first, count, distance, ties=False)[0].tobytes() == expected.tobytes()
 
 
+@pytest.mark.parametrize("ties", [False, True])
+def test_equal_points_are_compared_once(ties: bool) -> None:
+    """Each with each would take minutes."""
+    points = np.concatenate([np.zeros((100_000, 2)), [[1.0, 0.0]]])
+    distances, neighbours = find_nearest(points, 50_000, 3, "euclidean", ties=ties)
+    assert distances[:-1].max() == 0
+    assert distances[-1].tolist() == [1, 1, 1]
+    assert neighbours[-1].tolist() == neighbours[0].tolist() == [0, 1, 2]
+
+
 def test_novelty_is_the_mean_distance() -> None:
     assert mean_distances(np.array([[1.0, 2.0], [0.0, 5.0]])).tolist() == [1.5, 2.5]
     assert mean_distances(np.empty((3, 0))).tolist() == [0, 0, 0]

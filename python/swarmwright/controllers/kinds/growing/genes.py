@@ -94,7 +94,7 @@ def _rank(source: int, sensors: int, actuators: int, hidden: int) -> int:
 
 
 def _clamp(gene: float, highest: int) -> int:
-    return int(min(max(gene, 0.0), highest))
+    return int(min(max(0.0, gene), highest))  # 0 for NaN
 
 
 def describe(specification: Mapping[str, Any]) -> str:
