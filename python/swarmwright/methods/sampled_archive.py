@@ -1,5 +1,6 @@
 """An archive for noisy evaluations, whose elites and challengers are evaluated again."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
@@ -12,6 +13,7 @@ from swarmwright.common.arrays import Fitness
 from swarmwright.common.statistics import student_t
 from swarmwright.methods.archive import Cells, Values, subtract
 
+_LARGEST = sys.float_info.max
 _ENOUGH = 10
 """Evaluations with which a challenger may replace an elite that has more."""
 
@@ -37,7 +39,7 @@ class Sampled:
         """Add an evaluation, by the method of Welford."""
         self.rows.append(number)
         self.evaluations += 1
-        difference = float(subtract(np.float64(fitness), np.float64(self.fitness)))
+        difference = min(max(fitness - self.fitness, -_LARGEST), _LARGEST)
         self.fitness += difference / self.evaluations
         self.squares += difference * (fitness - self.fitness)
         self.measures = self.measures + subtract(measures, self.measures) / self.evaluations

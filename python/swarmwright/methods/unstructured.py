@@ -70,13 +70,12 @@ class Unstructured:
         """
         points = scale(measures, self._axes)
         usable = np.isfinite(fitness) & np.logical_and.reduce(np.isfinite(points), axis=1)
-        new, values = np.zeros(len(fitness), dtype=bool), np.full(len(fitness), np.nan)
+        new, nearest = np.zeros(len(fitness), dtype=bool), np.full(len(fitness), np.nan)
         for row in np.flatnonzero(usable).tolist():
             distances = compute_squared_distances(points[row][np.newaxis], self._points[: self._count])[0]
             new[row] = self._is_novel(distances)
-            nearest = 0.0 if new[row] else self._fitness[distances.argmin()]
-            values[row] = subtract(fitness[row], nearest)
-        return new, values
+            nearest[row] = 0.0 if new[row] else self._fitness[distances.argmin()]
+        return new, subtract(fitness, nearest)
 
     def _is_novel(self, distances: NDArray[np.float64]) -> bool:
         """Return whether a candidate at these squared distances from the elites joins."""

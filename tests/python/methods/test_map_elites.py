@@ -289,6 +289,6 @@ def test_emitters_need_two_numeric_genes(variation: str) -> None:
 
 def test_covariance_matrices_of_many_emitters_are_refused() -> None:
     layered = REPRESENTATIONS.get("layered")
-    subject = layered(layered.options_model(hidden=[]), sensors=1999, actuators=1)
+    subject = layered(layered.options_model.model_validate({"hidden": []}), sensors=1999, actuators=1)
     with pytest.raises(InputError, match=r"method\.emitters: 40 covariance .* 2,000 genes .* at most 31"):
         new("map_elites", subject=subject, variation="cma_me", emitters=40, population=400)

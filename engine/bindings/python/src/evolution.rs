@@ -237,6 +237,11 @@ impl PyGrowingNetwork {
                 "at most {MAX_WEIGHTS} nodes and connections are possible"
             )));
         }
+        if !weight_range.is_finite() {
+            return Err(input(format!(
+                "weight_range: must be a finite number, not {weight_range}"
+            )));
+        }
         Ok(Self(GrowingNetwork {
             sensors,
             actuators,

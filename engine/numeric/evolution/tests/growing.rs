@@ -115,6 +115,10 @@ fn check(operators: &GrowingNetwork, genome: &[f32]) {
     }
 }
 
+fn number() -> impl Strategy<Value = f32> {
+    prop_oneof![8 => -9f32..40.0, 1 => -9f32..1e8, 1 => any::<f32>(), 1 => Just(f32::NAN)]
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
@@ -136,7 +140,7 @@ proptest! {
     }
 
     #[test]
-    fn any_numbers_are_a_genome(recurrent in any::<bool>(), numbers in prop::collection::vec(-9f32..1e8, 117), seed in any::<u64>()) {
+    fn any_numbers_are_a_genome(recurrent in any::<bool>(), numbers in prop::collection::vec(number(), 117), seed in any::<u64>()) {
         let operators = operators(recurrent);
         prop_assert_eq!(operators.genes(), numbers.len());
         let mut child = vec![0.0; numbers.len()];
@@ -269,6 +273,33 @@ fn the_threshold_is_adapted_to_a_number_of_species() {
         "{counts:?}"
     );
     assert!(search.state("threshold").unwrap_or_default()[0] < 9.0);
+}
+
+#[test]
+fn genomes_that_are_like_no_species_join_the_nearest_of_many() {
+    let operators = operators(true);
+    let first = (0..1200)
+        .flat_map(|seed| grown(&operators, seed, 0))
+        .collect();
+    let threshold = 1e-9;
+    let settings = NeatSettings {
+        threshold,
+        ..settings()
+    };
+    let mut search = Neat::new((3, "neat"), first, operators.clone(), settings);
+    let genomes = search.ask().unwrap_or_default();
+    search.tell(&genomes, &[1.0; 1200]).unwrap_or_default();
+    let species = search.state("species").unwrap_or_default();
+    assert_eq!(species[999], 999.0, "each founds its own");
+    let genome = |member: usize| &genomes[member * operators.genes()..][..operators.genes()];
+    for member in [1000, 1199] {
+        let distance = |other: &usize| {
+            operators.distance(genome(member), genome(*other), Compatibility::PAPER)
+        };
+        let nearest =
+            (0..1000).min_by(|first, second| distance(first).total_cmp(&distance(second)));
+        assert_eq!(nearest, Some(species[member] as usize));
+    }
 }
 
 #[test]

@@ -1,5 +1,8 @@
 //! Genomes of networks that grow, decoded and encoded.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
 use super::GrowingNetwork;
 
 /// Numbers of a gene of a hidden node: the historical marking, the activation, the number of inputs.
@@ -95,6 +98,8 @@ impl GrowingNetwork {
         let (nodes, mut connections) = rest.split_at(OF_NODE * self.nodes);
         let nodes = nodes.chunks_exact(OF_NODE).take(count);
         let last = self.first_hidden() + count - 1;
+        // The last target that each source was connected with.
+        let mut targets = vec![None; last + 1];
         let mut network = Network {
             hidden: Vec::with_capacity(count),
             connections: Vec::with_capacity(self.connections),
@@ -107,16 +112,15 @@ impl GrowingNetwork {
             let inputs = limited(inputs, connections.len() / OF_CONNECTION);
             let (own, others) = connections.split_at(OF_CONNECTION * inputs);
             connections = others;
-            let first = network.connections.len();
             for numbers in own.chunks_exact(OF_CONNECTION) {
                 let source = limited(numbers[0], last);
-                let mut before = network.connections[first..].iter();
-                let is_new = before.all(|other| other.source != source);
+                let is_new = targets[source] != Some(target);
                 let later = !self.recurrent
                     && source >= self.first_hidden()
                     && target >= self.first_hidden()
                     && source >= target;
                 if is_new && !later && self.is_possible(source) {
+                    targets[source] = Some(target);
                     network.connections.push(Connection {
                         source,
                         target,
@@ -192,19 +196,25 @@ impl GrowingNetwork {
         let first = self.first_hidden();
         let count = network.hidden.len();
         let mut missing = vec![0_usize; count];
-        let inner =
-            |connection: &&Connection| connection.source >= first && connection.target >= first;
-        for connection in network.connections.iter().filter(inner) {
-            missing[connection.target - first] += 1;
+        let mut targets = vec![Vec::new(); count];
+        for connection in &network.connections {
+            if let (Some(source), Some(target)) = (
+                connection.source.checked_sub(first),
+                connection.target.checked_sub(first),
+            ) {
+                missing[target] += 1;
+                targets[source].push(target);
+            }
         }
         let mut order = Vec::with_capacity(count);
-        let mut is_placed = vec![false; count];
-        while let Some(next) = (0..count).find(|node| !is_placed[*node] && missing[*node] == 0) {
-            is_placed[next] = true;
+        let ready = (0..count).filter(|node| missing[*node] == 0);
+        let mut ready: BinaryHeap<Reverse<usize>> = ready.map(Reverse).collect();
+        while let Some(Reverse(next)) = ready.pop() {
             order.push(next);
-            for connection in network.connections.iter().filter(inner) {
-                if connection.source - first == next {
-                    missing[connection.target - first] -= 1;
+            for target in &targets[next] {
+                missing[*target] -= 1;
+                if missing[*target] == 0 {
+                    ready.push(Reverse(*target));
                 }
             }
         }

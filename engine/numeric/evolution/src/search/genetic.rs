@@ -86,11 +86,15 @@ impl Operators for NodeNetwork {
         }: Variation,
         children: &mut [f32],
     ) -> Result<(), Unavailable> {
-        let genes = self.genes();
-        rows(streams, children, genes, |index, stream, child| {
-            let parent = row(genomes, parents[index], genes);
-            self.mutate(parent, stream, severity, probability, child);
-        });
+        vary(
+            self,
+            (genomes, parents),
+            streams,
+            children,
+            |parent, stream, child| {
+                self.mutate(parent, stream, severity, probability, child);
+            },
+        );
         Ok(())
     }
 
@@ -102,24 +106,65 @@ impl Operators for NodeNetwork {
         streams: &mut [Stream],
         children: &mut [f32],
     ) -> Result<(), Unavailable> {
-        let (genes, columns) = (self.genes(), partners.len() / mothers.len().max(1));
-        let mate = |farthest: &mut Farthest,
-                    index: usize,
-                    stream: &mut Stream,
-                    child: &mut [f32],
-                    _: &mut [()]| {
-            let mother = row(genomes, mothers[index], genes);
-            let its = &partners[index * columns..(index + 1) * columns];
-            let others = its.iter().map(|partner| row(genomes, *partner, genes));
-            let father = farthest.find(mother, others);
-            let father = father.map_or(mother, |index| row(genomes, its[index], genes));
-            self.crossover(mother, father, stream, child);
+        let genome = |member: &usize| row(genomes, *member, self.genes());
+        let farthest = |farthest: &mut Farthest, mother: usize, partners: &[usize]| {
+            let index = farthest.find(genome(&mother), partners.iter().map(genome));
+            index.map(|index| partners[index])
         };
-        let mut none = vec![(); children.len()];
-        let places = (children, &mut none[..]);
-        rows_of_two(streams, places, genes, FEW, Farthest::default, mate);
+        mate(
+            self,
+            genomes,
+            (mothers, partners),
+            streams,
+            children,
+            farthest,
+            |[mother, father], stream, child| {
+                self.crossover(mother, father, stream, child);
+            },
+        );
         Ok(())
     }
+}
+
+/// Makes a child of a parent for each stream; the arguments are those of [`Operators::mutations`].
+pub(super) fn vary(
+    operators: &impl Operators,
+    (genomes, parents): (&[f32], &[usize]),
+    streams: &mut [Stream],
+    children: &mut [f32],
+    make: impl Fn(&[f32], &mut Stream, &mut [f32]) + Sync,
+) {
+    let genes = operators.genes();
+    rows(streams, children, genes, |index, stream, child| {
+        make(row(genomes, parents[index], genes), stream, child);
+    });
+}
+
+/// Makes a child of each mother and of the partner that `farthest` finds, or of the mother alone; the arguments are those of
+/// [`Operators::matings`].
+pub(super) fn mate<R: Default>(
+    operators: &impl Operators,
+    genomes: &[f32],
+    (mothers, partners): (&[usize], &[usize]),
+    streams: &mut [Stream],
+    children: &mut [f32],
+    farthest: impl Fn(&mut R, usize, &[usize]) -> Option<usize> + Sync,
+    cross: impl Fn([&[f32]; 2], &mut Stream, &mut [f32]) + Sync,
+) {
+    let (genes, columns) = (operators.genes(), partners.len() / mothers.len().max(1));
+    let make =
+        |scratch: &mut R, index: usize, stream: &mut Stream, child: &mut [f32], _: &mut [()]| {
+            let mother = mothers[index];
+            let father = farthest(scratch, mother, &partners[index * columns..][..columns]);
+            let parents = [mother, father.unwrap_or(mother)];
+            cross(
+                parents.map(|member| row(genomes, member, genes)),
+                stream,
+                child,
+            );
+        };
+    let mut none = vec![(); children.len()];
+    rows_of_two(streams, (children, &mut none), genes, FEW, R::default, make);
 }
 
 /// The settings of a [`Genetic`].
@@ -448,7 +493,7 @@ impl Search for Genetic {
     }
 }
 
-fn row(genomes: &[f32], index: usize, genes: usize) -> &[f32] {
+pub(super) fn row(genomes: &[f32], index: usize, genes: usize) -> &[f32] {
     &genomes[index * genes..(index + 1) * genes]
 }
 

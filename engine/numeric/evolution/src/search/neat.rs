@@ -2,6 +2,7 @@
 
 use std::cmp::Ordering;
 
+use super::genetic::{mate, row, vary};
 use super::{Operators, Search, Unavailable, Variation};
 use crate::growing::{
     Aligned, Compatibility, GrowingNetwork, Network, WeightMutation, difference, index,
@@ -10,6 +11,8 @@ use crate::stream::{Stream, purpose_key, rows};
 
 /// Species with more members keep their best one unchanged.
 const LARGE: usize = 5;
+/// Species of a generation, after which genomes that are like none join the nearest: the time of large populations is limited.
+const MOST_SPECIES: usize = 1000;
 /// Step of a threshold that is adapted to a number of species, also its least value.
 const THRESHOLD_STEP: f64 = 0.3;
 /// Highest fitness of members that violate constraints, which `rank_feasible_first` of the Python library gives them.
@@ -99,6 +102,22 @@ impl Neat {
         }
     }
 
+    /// The species that a genome joins, if it does not found its own.
+    fn compatible(&self, families: &[Family], aligned: &Aligned) -> Option<usize> {
+        let mut nearest = (f64::INFINITY, 0);
+        for (slot, family) in families.iter().enumerate() {
+            let representative = &family.species.representative;
+            let distance = difference(aligned, representative, self.settings.compatibility);
+            if distance < self.threshold {
+                return Some(slot);
+            }
+            if distance < nearest.0 {
+                nearest = (distance, slot);
+            }
+        }
+        (families.len() >= MOST_SPECIES).then_some(nearest.1)
+    }
+
     /// Assigns each genome to the first species whose representative is like it, or founds one.
     fn speciate(&mut self, networks: &[Network]) -> Vec<Family> {
         let founded = |species| Family {
@@ -110,11 +129,7 @@ impl Neat {
         self.assigned.clear();
         for (member, network) in networks.iter().enumerate() {
             let aligned = self.operators.aligned(network);
-            let is_like = |family: &Family| {
-                let representative = &family.species.representative;
-                difference(&aligned, representative, self.settings.compatibility) < self.threshold
-            };
-            let slot = families.iter().position(is_like).unwrap_or_else(|| {
+            let slot = self.compatible(&families, &aligned).unwrap_or_else(|| {
                 families.push(founded(Species {
                     number: self.founded,
                     representative: aligned.clone(),
@@ -377,16 +392,20 @@ impl Operators for GrowingNetwork {
         }: Variation,
         children: &mut [f32],
     ) -> Result<(), Unavailable> {
-        let genes = self.genes();
         let weights = WeightMutation {
             genomes: 1.0,
             each: probability,
             severity,
         };
-        rows(streams, children, genes, |index, stream, child| {
-            let parent = &genomes[parents[index] * genes..][..genes];
-            self.mutated(parent, stream, weights, child);
-        });
+        vary(
+            self,
+            (genomes, parents),
+            streams,
+            children,
+            |parent, stream, child| {
+                self.mutated(parent, stream, weights, child);
+            },
+        );
         Ok(())
     }
 
@@ -398,19 +417,30 @@ impl Operators for GrowingNetwork {
         streams: &mut [Stream],
         children: &mut [f32],
     ) -> Result<(), Unavailable> {
-        let (genes, columns) = (self.genes(), partners.len() / mothers.len().max(1));
-        rows(streams, children, genes, |index, stream, child| {
-            let genome = |member: usize| &genomes[member * genes..][..genes];
-            let mother = genome(mothers[index]);
-            let mut farthest = (f64::NEG_INFINITY, mother);
-            for partner in &partners[index * columns..][..columns] {
-                let distance = self.distance(mother, genome(*partner), Compatibility::PAPER);
+        let aligned =
+            |member: usize| self.aligned(&self.decode(row(genomes, member, self.genes())));
+        let farthest = |(): &mut (), mother: usize, partners: &[usize]| {
+            let mother = aligned(mother);
+            let mut farthest = (f64::NEG_INFINITY, None);
+            for partner in partners {
+                let distance = difference(&mother, &aligned(*partner), Compatibility::PAPER);
                 if distance > farthest.0 {
-                    farthest = (distance, genome(*partner));
+                    farthest = (distance, Some(*partner));
                 }
             }
-            self.crossover(mother, farthest.1, stream, child);
-        });
+            farthest.1
+        };
+        mate(
+            self,
+            genomes,
+            (mothers, partners),
+            streams,
+            children,
+            farthest,
+            |[mother, father], stream, child| {
+                self.crossover(mother, father, stream, child);
+            },
+        );
         Ok(())
     }
 }
