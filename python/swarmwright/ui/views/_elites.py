@@ -132,10 +132,16 @@ class Reading:
         self._read = run.generations
 
     def _share_equals(self, elites: Elites) -> Elites:
-        """Return elites as the objects of earlier states: most stay from one to the next."""
-        candidates = [
-            self._elites.setdefault((elite.generation, elite.candidate), elite) for elite in elites.candidates
-        ]
+        """Return elites as the objects of earlier states: most stay from one to the next.
+
+        Those that were evaluated again since have other means.
+        """
+        candidates = []
+        for elite in elites.candidates:
+            key = elite.generation, elite.candidate
+            if self._elites.get(key) != elite:
+                self._elites[key] = elite
+            candidates.append(self._elites[key])
         return replace(elites, candidates=candidates)
 
 
@@ -193,6 +199,7 @@ def describe_elites(run: Run, generation: int) -> Values:
     state = HISTORY.reading(run).find(run, generation)
     candidates = state.elites.candidates[:MOST_POINTS]
     names = list(state.elites.goals)
+    evaluations = [candidate.evaluations for candidate in candidates]
     return {
         "generation": state.generation,
         "count": len(state.elites.candidates),
@@ -201,5 +208,6 @@ def describe_elites(run: Run, generation: int) -> Values:
         "columns": {
             "fitness": [candidate.fitness for candidate in candidates],
             **{name: as_values([candidate.metrics[name] for candidate in candidates]) for name in names},
+            **({"evaluations": evaluations} if max(evaluations, default=1) > 1 else {}),
         },
     }

@@ -169,3 +169,25 @@ def test_few_runs_are_kept_and_read_at_once(folder: Path, monkeypatch: pytest.Mo
     assert not first.is_wanted
     with pytest.raises(InputError, match="other runs were looked at meanwhile"):
         first.read(Run(folder / "front"))
+
+
+def test_elites_that_are_evaluated_again_have_the_latest_means(
+    tmp_path: Path, open_app: Callable[[Path], Starlette]
+) -> None:
+    method = {**METHODS["archive"], "population": 12, "generations": 8, "reevaluate": 0.5}
+    values = {**BASE, "method": method, "ranking": {"episodes": 1, "seeds": "new"}}
+    run = optimize(Experiment.from_mapping(values), out=tmp_path / "noisy")
+    app, before = open_app(tmp_path), {}
+    changed = 0
+    for generation in range(8):
+        points = call(app, "/api/archive_cells", run="noisy", generation=generation).values
+        columns = points["columns"]
+        expected = compute_elites(run, run.history[generation].evaluations).candidates
+        assert columns["fitness"] == [elite.fitness for elite in expected]
+        assert columns.get("evaluations", [1] * len(expected)) == [elite.evaluations for elite in expected]
+        fitness = dict(
+            zip(zip(points["born"], points["candidate"], strict=True), columns["fitness"], strict=True)
+        )
+        changed += sum(before.get(key, value) != value for key, value in fitness.items())
+        before = fitness
+    assert changed > 0
