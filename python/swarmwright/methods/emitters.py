@@ -21,7 +21,7 @@ class Improvements(NamedTuple):
     """What candidates would add to an archive, compared with the archive before all of them."""
 
     new: NDArray[np.bool_]
-    """Whether each found an empty cell, (n,)."""
+    """Whether each is in an empty cell, (n,)."""
     values: Fitness
     """Fitness in empty cells, else fitness minus that of the elite, (n,); NaN for failed candidates."""
 

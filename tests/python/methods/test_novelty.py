@@ -33,8 +33,8 @@ def tell(method: Novelty, genomes: Genomes, **changes: Any) -> Any:
     return fitness
 
 
-def found(seed: int, generations: int = 60, **options: Any) -> Archive:
-    """The elites of a run."""
+def collect(seed: int, generations: int = 60, **options: Any) -> Archive:
+    """Return the elites of a run."""
     method = novelty(seed=seed, measures=ROUND, population=50, generations=generations, **options)
     elites = Archive(Grid(method.options.elites.axes))
     while not method.done:
@@ -47,19 +47,19 @@ def found(seed: int, generations: int = 60, **options: Any) -> Archive:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_it_finds_more_behaviours_than_fitness_does(seed: int) -> None:
-    by_fitness = found(seed, objective="mixed", weight=1.0)
+    by_fitness = collect(seed, objective="mixed", weight=1.0)
     rules: list[dict[str, Any]] = [
         {"species": {}},
         *({"archive": {"kind": kind}} for kind in ("threshold", "none")),
     ]
     for options in rules:
-        assert len(found(seed, **options)) > 1.1 * len(by_fitness), options
-    assert len(found(seed)) > 1.5 * len(by_fitness)
+        assert len(collect(seed, **options)) > 1.1 * len(by_fitness), options
+    assert len(collect(seed)) > 1.5 * len(by_fitness)
     for objective in ("mixed", "local_competition"):
-        both = found(seed, objective=objective)
+        both = collect(seed, objective=objective)
         assert len(both) > 1.3 * len(by_fitness)
-        assert both.fitness.max() > found(seed).fitness.max()
-        assert both.fitness.mean() > found(seed).fitness.mean()
+        assert both.fitness.max() > collect(seed).fitness.max()
+        assert both.fitness.mean() > collect(seed).fitness.mean()
 
 
 def naive(points: NDArray[np.float64], archive: NDArray[np.float64], count: int = 15) -> Any:

@@ -212,6 +212,17 @@ mod tests {
     }
 
     #[test]
+    fn deep_nesting_is_refused_before_the_stack_ends() {
+        let payload =
+            |depth: usize| [&[0x81, 0xa1, b'x'][..], &vec![0x91; depth], &[0xc0]].concat();
+        assert!(read(&payload(1023), usize::MAX).is_ok());
+        for depth in [1024, 1_000_000] {
+            let error = read(&payload(depth), usize::MAX).unwrap_err();
+            assert!(error.contains("nested too deeply"), "{error}");
+        }
+    }
+
+    #[test]
     fn an_extension_type_is_named() {
         let undefined = [0x81, 0xa1, b'x', 0xd4, 0x00, 0x00];
         let nested = [0x81, 0xa1, b'x', 0x91, 0xd4, 0x00, 0x00];

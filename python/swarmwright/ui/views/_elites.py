@@ -16,13 +16,13 @@ from swarmwright.ui.views._base import Values
 T = TypeVar("T")
 
 MOST_GENERATIONS = 41
-"""Whose elites are kept."""
+"""Upper limit of generations whose elites are stored."""
 LONGEST_WAIT_S = 0.8
-"""After which a request says how much is read."""
+"""Time after which a request answers how much is read."""
 MOST_RUNS = 8
-"""Runs whose elites are kept."""
+"""Upper limit of runs whose elites are stored."""
 MOST_POINTS = 20_000
-"""Elites that are sent, the best by fitness."""
+"""Upper limit of elites in an answer, the best by fitness."""
 
 reading = threading.BoundedSemaphore(2)
 """Held while a run is read."""
@@ -51,9 +51,9 @@ class Reading:
 
     def __init__(self) -> None:
         self.share = 0.0
-        """Of the generations that are read, 0 to 1."""
-        self.is_wanted = True
-        """Whether its thread goes on."""
+        """Share of the generations that are read, 0 to 1."""
+        self.is_current = True
+        """Whether its thread continues: the run is among those that were opened last."""
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._error: SwarmwrightError | None = None
@@ -120,8 +120,8 @@ class Reading:
         for generation, elites in self._collector.follow(run, chosen):
             self._steps[generation] = self._share_equals(elites)
             self.share = (generation + 1) / run.generations
-            if not self.is_wanted:
-                raise InputError(f"{run.path}: other runs were looked at meanwhile; try again")
+            if not self.is_current:
+                raise InputError(f"{run.path}: other runs were opened meanwhile; try again")
         self._steps = {
             generation: elites for generation, elites in self._steps.items() if generation in chosen
         }
@@ -150,16 +150,16 @@ class EliteHistory:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[str, str], Reading] = OrderedDict()
+        self._readings: OrderedDict[tuple[str, str], Reading] = OrderedDict()
 
     def reading(self, run: Run) -> Reading:
         """Return the states of a run, computed or being computed."""
         key = str(run.path), run.created
         with self._lock:
-            states = self._kept.setdefault(key, Reading())
-            self._kept.move_to_end(key)
-            if len(self._kept) > MOST_RUNS:
-                self._kept.popitem(last=False)[1].is_wanted = False
+            states = self._readings.setdefault(key, Reading())
+            self._readings.move_to_end(key)
+            if len(self._readings) > MOST_RUNS:
+                self._readings.popitem(last=False)[1].is_current = False
             return states
 
 

@@ -166,8 +166,8 @@ def test_few_runs_are_kept_and_read_at_once(folder: Path, monkeypatch: pytest.Mo
     first = history.reading(Run(folder / "front"))
     assert history.reading(Run(folder / "front")) is first
     history.reading(Run(folder / "archive"))
-    assert not first.is_wanted
-    with pytest.raises(InputError, match="other runs were looked at meanwhile"):
+    assert not first.is_current
+    with pytest.raises(InputError, match="other runs were opened meanwhile"):
         first.read(Run(folder / "front"))
 
 
@@ -177,7 +177,8 @@ def test_elites_that_are_evaluated_again_have_the_latest_means(
     method = {**METHODS["archive"], "population": 12, "generations": 8, "reevaluate": 0.5}
     values = {**BASE, "method": method, "ranking": {"episodes": 1, "seeds": "new"}}
     run = optimize(Experiment.from_mapping(values), out=tmp_path / "noisy")
-    app, before = open_app(tmp_path), {}
+    app = open_app(tmp_path)
+    before: dict[tuple[int, int], float] = {}
     changed = 0
     for generation in range(8):
         points = call(app, "/api/archive_cells", run="noisy", generation=generation).values

@@ -86,14 +86,23 @@ pub(crate) trait Kind: Sized {
 
 /// Inference in lanes: the operations of [`Kind::step`] in the same order, for as many controllers as there are lanes.
 pub(crate) trait LaneKind: Kind {
-    /// Vectors of weights that are loaded; 0 if each lane looks its weights up in its genome.
-    fn lane_weights(&self) -> usize;
+    /// Vectors of weights that are loaded. Default: 0, each lane takes its weights from its genome.
+    #[inline(always)]
+    fn lane_weights(&self) -> usize {
+        0
+    }
 
-    /// Vectors that are kept between steps; all 0 at the start of an episode.
-    fn lane_state_length(&self) -> usize;
+    /// Vectors that are kept between steps; all 0 at the start of an episode. Default: as many as numbers of a single controller.
+    #[inline(always)]
+    fn lane_state_length(&self) -> usize {
+        self.state_length()
+    }
 
-    /// Vectors that a step needs besides.
-    fn lane_scratch_length(&self) -> usize;
+    /// Vectors that a step needs besides. Default: those for sensors and actuators.
+    #[inline(always)]
+    fn lane_scratch_length(&self) -> usize {
+        self.sensors() + self.actuators()
+    }
 
     /// Changes weights that were loaded, once, to what makes steps short.
     #[inline(always)]

@@ -49,23 +49,23 @@ pub struct GrowingNetwork {
     pub toggle: f64,
 }
 
-/// How much a mutation changes the weights.
+/// Probabilities and size of changes of weights.
 #[derive(Debug, Clone, Copy)]
 pub struct WeightMutation {
-    /// Probability that any is changed.
+    /// Probability that a mutation changes weights.
     pub genomes: f64,
-    /// Probability that each is, then.
+    /// Probability that it changes each of them.
     pub each: f64,
-    /// Greatest change, in units of the range.
+    /// Largest change, in units of the range.
     pub severity: f64,
 }
 
-/// How different two genomes are, by their genes.
+/// Coefficients of the compatibility distance.
 #[derive(Debug, Clone, Copy)]
 pub struct Compatibility {
-    /// Of connections that one of the genomes has alone.
+    /// Coefficient of the connections that only one of the genomes has.
     pub disjoint: f64,
-    /// Of the mean difference of weights of those that both have.
+    /// Coefficient of the mean difference of weights of matching connections.
     pub weights: f64,
 }
 

@@ -11,7 +11,8 @@ use crate::stream::{Stream, purpose_key, rows};
 
 /// Species with more members keep their best one unchanged.
 const LARGE: usize = 5;
-/// Species of a generation, after which genomes that are like none join the nearest: the time of large populations is limited.
+/// Most species of a generation. Beyond these, genomes join the nearest species instead of founding one, which bounds the time that
+/// large populations take.
 const MOST_SPECIES: usize = 1000;
 /// Step of a threshold that is adapted to a number of species, also its least value.
 const THRESHOLD_STEP: f64 = 0.3;
@@ -69,7 +70,7 @@ pub struct Neat {
     species: Vec<Species>,
     founded: u64,
     threshold: f64,
-    /// The species of each genome told last.
+    /// Species of each genome of the last `tell`.
     assigned: Vec<f64>,
 }
 
@@ -120,17 +121,17 @@ impl Neat {
 
     /// Assigns each genome to the first species whose representative is like it, or founds one.
     fn speciate(&mut self, networks: &[Network]) -> Vec<Family> {
-        let founded = |species| Family {
+        let begin = |species| Family {
             species,
             members: Vec::new(),
             children: 0,
         };
-        let mut families: Vec<Family> = self.species.drain(..).map(founded).collect();
+        let mut families: Vec<Family> = self.species.drain(..).map(begin).collect();
         self.assigned.clear();
         for (member, network) in networks.iter().enumerate() {
             let aligned = self.operators.aligned(network);
             let slot = self.compatible(&families, &aligned).unwrap_or_else(|| {
-                families.push(founded(Species {
+                families.push(begin(Species {
                     number: self.founded,
                     representative: aligned.clone(),
                     best: f64::NEG_INFINITY,

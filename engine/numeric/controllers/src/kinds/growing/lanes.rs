@@ -3,10 +3,10 @@
 use swarmwright_lanes::Lanes;
 
 use super::{Cells, Growing};
-use crate::kinds::{Kind, LaneKind};
+use crate::kinds::LaneKind;
 use crate::lanes::nodes::stretched;
 
-/// One lane: its sensors, and what it keeps.
+/// One lane: its sensors, and its outputs.
 struct Lane<'a, L>(usize, &'a [L], &'a mut [L]);
 
 impl<L: Lanes> Cells for Lane<'_, L> {
@@ -16,34 +16,17 @@ impl<L: Lanes> Cells for Lane<'_, L> {
     }
 
     #[inline(always)]
-    fn kept(&self, index: usize) -> f32 {
+    fn output(&self, index: usize) -> f32 {
         self.2[index].numbers()[self.0]
     }
 
     #[inline(always)]
-    fn keep(&mut self, index: usize, value: f32) {
+    fn set_output(&mut self, index: usize, value: f32) {
         self.2[index].numbers_mut()[self.0] = value;
     }
 }
 
 impl LaneKind for Growing {
-    /// Each lane takes the weights from its genome.
-    #[inline(always)]
-    fn lane_weights(&self) -> usize {
-        0
-    }
-
-    #[inline(always)]
-    fn lane_state_length(&self) -> usize {
-        self.state_length()
-    }
-
-    /// Sensors and actuators.
-    #[inline(always)]
-    fn lane_scratch_length(&self) -> usize {
-        self.sensors + self.actuators
-    }
-
     #[inline(always)]
     fn step_slice_in_lanes<L: Lanes>(
         &self,

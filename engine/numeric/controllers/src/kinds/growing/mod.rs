@@ -90,9 +90,9 @@ pub struct Growing {
 /// What a step reads and writes, of one controller or of one lane.
 trait Cells {
     fn sensor(&self, index: usize) -> f32;
-    /// A number that is kept between steps.
-    fn kept(&self, index: usize) -> f32;
-    fn keep(&mut self, index: usize, value: f32);
+    /// The output of a node, which stays until it is computed again.
+    fn output(&self, index: usize) -> f32;
+    fn set_output(&mut self, index: usize, value: f32);
 }
 
 impl Growing {
@@ -101,8 +101,8 @@ impl Growing {
         self.actuators + self.nodes
     }
 
-    /// Computes all nodes. Kept are the outputs of actuators and hidden nodes; in a recurrent network these are followed by
-    /// those that are being computed.
+    /// Computes all nodes. Outputs are those of actuators and hidden nodes, which in a recurrent network are followed by those of
+    /// this step.
     #[inline(always)]
     fn update(&self, weights: &[f32], cells: &mut impl Cells) {
         let Self {
@@ -114,7 +114,7 @@ impl Growing {
         let first = if self.recurrent { self.computed() } else { 0 };
         if !self.recurrent {
             for index in 0..actuators + hidden {
-                cells.keep(index, 0.0);
+                cells.set_output(index, 0.0);
             }
         }
         let last = sensors + actuators + hidden;
@@ -129,12 +129,12 @@ impl Growing {
                     let input = match source.checked_sub(sensors) {
                         None => cells.sensor(source),
                         Some(0) => 1.0,
-                        Some(at) => cells.kept(at - 1),
+                        Some(at) => cells.output(at - 1),
                     };
                     sum += connection[1] * input;
                 }
             }
-            cells.keep(first + index, activation.apply(sum));
+            cells.set_output(first + index, activation.apply(sum));
         };
         for (index, gene) in nodes.chunks_exact(OF_NODE).take(hidden).enumerate() {
             let activation = limited(gene[1], NodeActivation::ALL.len() - 1);
@@ -145,7 +145,7 @@ impl Growing {
         }
         if self.recurrent {
             for index in 0..actuators + hidden {
-                cells.keep(index, cells.kept(first + index));
+                cells.set_output(index, cells.output(first + index));
             }
         }
     }
@@ -158,7 +158,7 @@ fn limited(number: f32, highest: usize) -> usize {
     (number as usize).min(highest)
 }
 
-/// One controller: its sensors, and what it keeps.
+/// One controller: its sensors, and its outputs.
 struct Single<'a>(&'a [f32], &'a mut [f32]);
 
 impl Cells for Single<'_> {
@@ -168,12 +168,12 @@ impl Cells for Single<'_> {
     }
 
     #[inline]
-    fn kept(&self, index: usize) -> f32 {
+    fn output(&self, index: usize) -> f32 {
         self.1[index]
     }
 
     #[inline]
-    fn keep(&mut self, index: usize, value: f32) {
+    fn set_output(&mut self, index: usize, value: f32) {
         self.1[index] = value;
     }
 }

@@ -14,11 +14,6 @@ impl LaneKind for Hebbian {
         self.weight_count().unwrap_or(usize::MAX)
     }
 
-    #[inline(always)]
-    fn lane_state_length(&self) -> usize {
-        self.state_length()
-    }
-
     /// What the weights learn, or the outputs of the next iteration; then the sensors.
     #[inline(always)]
     fn lane_scratch_length(&self) -> usize {

@@ -6,23 +6,6 @@ use super::MealyFsm;
 use crate::kinds::LaneKind;
 
 impl LaneKind for MealyFsm {
-    /// Each lane looks its row up in its own table.
-    #[inline(always)]
-    fn lane_weights(&self) -> usize {
-        0
-    }
-
-    #[inline(always)]
-    fn lane_state_length(&self) -> usize {
-        1
-    }
-
-    /// Sensors and actuators.
-    #[inline(always)]
-    fn lane_scratch_length(&self) -> usize {
-        self.sensors + self.actuators
-    }
-
     #[inline(always)]
     fn step_slice_in_lanes<L: Lanes>(
         &self,

@@ -6,8 +6,8 @@ use super::behaviours::act_in_lanes;
 use super::conditions::{ground_in_lanes, probability_in_lanes};
 use super::random::LaneRandom;
 use super::{
-    ACTUATORS, Form, MOST_STATES, MOST_TRANSITIONS, Modules, OF_STATE, OF_TRANSITION, SENSORS,
-    STATE_LIMITS, TRANSITION_LIMITS,
+    Form, MOST_STATES, MOST_TRANSITIONS, Modules, OF_STATE, OF_TRANSITION, SENSORS, STATE_LIMITS,
+    TRANSITION_LIMITS,
 };
 use crate::kinds::{Kind, LaneKind};
 
@@ -15,17 +15,6 @@ impl LaneKind for Modules {
     #[inline(always)]
     fn lane_weights(&self) -> usize {
         self.weight_count().unwrap_or(usize::MAX)
-    }
-
-    #[inline(always)]
-    fn lane_state_length(&self) -> usize {
-        3
-    }
-
-    /// Sensors and actuators.
-    #[inline(always)]
-    fn lane_scratch_length(&self) -> usize {
-        SENSORS + ACTUATORS
     }
 
     /// Limits all weights once.

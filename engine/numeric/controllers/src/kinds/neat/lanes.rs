@@ -4,27 +4,10 @@ use swarmwright_lanes::{Lanes, MOST_LANES};
 
 use super::{KEPT, Neat, activation, pack_output, unpack_output};
 use crate::OutputRange;
-use crate::kinds::{Kind, LaneKind};
+use crate::kinds::LaneKind;
 use crate::lanes::nodes::stretched;
 
 impl LaneKind for Neat {
-    /// Each lane takes the weights from its genome.
-    #[inline(always)]
-    fn lane_weights(&self) -> usize {
-        0
-    }
-
-    #[inline(always)]
-    fn lane_state_length(&self) -> usize {
-        self.state_length()
-    }
-
-    /// Sensors and actuators.
-    #[inline(always)]
-    fn lane_scratch_length(&self) -> usize {
-        self.sensors + self.actuators
-    }
-
     /// As [`Kind::step`], each operation for one lane after the other.
     #[inline(always)]
     fn step_slice_in_lanes<L: Lanes>(
