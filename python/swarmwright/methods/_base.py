@@ -366,8 +366,8 @@ class Method(SteadyState):
         if representation is not None and reason is not None:
             invalid["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"
         genes = 0 if representation is None else representation.genome_size
-        count = cls.first_generation(options, representation) or 0
-        if count * genes > _MOST_GENES and hasattr(options, "population"):
+        count = _members(options) or 0
+        if count * genes > _MOST_GENES:
             invalid["population"] = (
                 f"{count:,} genomes of {genes:,} genes need too much memory; use at most "
                 f"{_MOST_GENES // genes:,}"
@@ -394,10 +394,7 @@ class Method(SteadyState):
             options: the method's section of the experiment.
             representation: None if not yet known.
         """
-        population = getattr(options, "population", None)
-        if not isinstance(population, int):
-            return None
-        return population * int(getattr(options, "islands", 1))
+        return _members(options)
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:
@@ -613,6 +610,12 @@ class Method(SteadyState):
     def _is_exhausted(self) -> bool:
         """Return whether the current generation is the last one."""
         return self.generation + 1 >= self.options.generations
+
+
+def _members(options: MethodOptions) -> int | None:
+    """Return the members of all populations; None if the options have no population."""
+    population = getattr(options, "population", None)
+    return population * int(getattr(options, "islands", 1)) if isinstance(population, int) else None
 
 
 def _parse_numbers(name: str, data: ArrayLike) -> NDArray[np.float64]:

@@ -105,6 +105,19 @@ def test_several_problems_are_told_at_once() -> None:
     )
 
 
+def test_populations_that_need_too_much_memory_are_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"method\.population: 1,000,000 genomes of 4,861 genes .* at most 822,875"
+    ):
+        Experiment.from_mapping(
+            {
+                "simulation": "minisim",
+                "controller": {"hidden": [810]},
+                "method": {"kind": "de", "population": 1_000_000},
+            }
+        )
+
+
 def test_a_method_made_by_hand_refuses_as_well() -> None:
     with pytest.raises(InputError, match=r"method\.kind: de cannot evolve sample"):
         new("de", subject=Choices())
