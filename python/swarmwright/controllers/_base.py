@@ -15,6 +15,8 @@ from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.problems import format_value
 from swarmwright.common.random_numbers import Stream, Streams
 
+LARGEST_GENOME = 1_000_000
+"""Upper limit of genes of a controller, as in the engine."""
 MANY = 1 << 22
 """Largest number of float64 values drawn at once; they take 32 MB."""
 _DRAWS = 16

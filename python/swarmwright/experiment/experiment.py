@@ -16,6 +16,7 @@ from swarmwright.common.simulation_names import SimulationName, is_command
 from swarmwright.common.values import flatten, hashable, plain_values, read_only
 from swarmwright.common.yaml import Source, dump, read
 from swarmwright.controllers import REPRESENTATIONS, Representation, RepresentationOptions
+from swarmwright.controllers._base import LARGEST_GENOME
 from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
 from swarmwright.experiment.derived import find_source, steers_agents
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
@@ -112,8 +113,6 @@ def _list_robots(simulation: str) -> list[str]:
     return _engine.robots() if _ROBOT in catalogue.parameter_names(simulation) else []
 
 
-LARGEST_GENOME = 1_000_000
-"""Upper limit of genes of a controller, as in the engine."""
 KEYS_OUTSIDE_RECORD = frozenset(
     {"servers", "broker", "prefix", "mode", "timeouts", "faults", "requirements", "validate"}
 )

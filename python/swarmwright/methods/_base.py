@@ -20,6 +20,7 @@ from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import Representation
+from swarmwright.controllers._base import LARGEST_GENOME
 from swarmwright.methods.constraints import rank_feasible_first
 
 DrawStreams = Callable[[str, Sequence[int] | NDArray[np.int64]], Streams]
@@ -367,7 +368,7 @@ class Method(SteadyState):
             invalid["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"
         genes = 0 if representation is None else representation.genome_size
         count = _members(options) or 0
-        if count * genes > _MOST_GENES:
+        if genes <= LARGEST_GENOME and count * genes > _MOST_GENES:  # larger genomes are refused in any case
             invalid["population"] = (
                 f"{count:,} genomes of {genes:,} genes need too much memory; use at most "
                 f"{_MOST_GENES // genes:,}"
