@@ -323,7 +323,7 @@ def _check_populations(
             ("ranking", "pairing"),
             f"{ranking.pairing} is for one population; use {', '.join(sorted(BETWEEN_POPULATIONS))}",
         )
-    if ranking.score not in {"fitness", "points"}:
+    if ranking.score not in {None, "fitness", "points"}:
         report(("ranking", "score"), f"{ranking.score} is for one population; use fitness or points")
     only = [name for name in names if name not in populations]
     if only and len(names) > 2:

@@ -286,7 +286,9 @@ class Competition(Method):
         generations = len(self._archives[0])
         players = np.where(met < 0, count - 1 - met, met)  # champions come after the candidates
         players = np.where(met <= FIRST_OPPONENT, count + generations + FIRST_OPPONENT - met, players)
-        scores = score_matches(options.score, count, players, outcome, win=options.win, draw=options.draw)
+        scores = score_matches(
+            options.score_or_default, count, players, outcome, win=options.win, draw=options.draw
+        )
         return [scores + 0.0]
 
     def _choose_outside(self) -> list[tuple[int, int]]:
@@ -378,7 +380,7 @@ class Competition(Method):
             side = self.populations[number].sides[0]
             self._add(sums[number], played[number], block[:, side], self._values(part, side))
             first += len(block)
-        if self._tournament.score == "points":
+        if self._tournament.score_or_default == "points":
             return [np.where(count > 0, total, np.nan) for total, count in zip(sums, played, strict=True)]
         with np.errstate(invalid="ignore"):
             return [total / count for total, count in zip(sums, played, strict=True)]
@@ -386,7 +388,7 @@ class Competition(Method):
     def _values(self, fitness: NDArray[np.float64], side: int) -> NDArray[np.float64]:
         """Return the results of a side, (matches,): its fitness or its points."""
         own = fitness[:, side]
-        if self._tournament.score == "fitness":
+        if self._tournament.score_or_default == "fitness":
             return own
         others = np.delete(fitness, side, axis=1)
         best = others.max(axis=1)

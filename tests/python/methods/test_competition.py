@@ -86,6 +86,19 @@ def test_the_strongest_of_a_round_robin_has_the_best_score(score: str) -> None:
     assert method.population_fitness.argmax() == strengths.argmax()
 
 
+@pytest.mark.parametrize(
+    ("pairing", "score"),
+    [("swiss", "bradley_terry"), ("multi_swiss", "bradley_terry"), ("random", "fitness")],
+)
+def test_the_default_score_is_that_of_the_pairing(pairing: str, score: str) -> None:
+    scores = []
+    for options in ({}, {"score": None}, {"score": score}, {"score": "points"}):
+        method = create(pairing=pairing, **options)
+        play(method)
+        scores.append(method.population_fitness.tolist())
+    assert scores[0] == scores[1] == scores[2] != scores[3]
+
+
 @pytest.mark.parametrize("pairing", SEVERAL)
 def test_every_candidate_of_each_population_plays(pairing: str) -> None:
     method = create(populations=True, pairing=pairing, rounds=3)

@@ -40,9 +40,12 @@ Pairing = Literal[
 BETWEEN_POPULATIONS = frozenset(
     {"round_robin", "random", "hall_of_fame", "best", "pareto_archive", ONLY_OPPONENTS}
 )
+"""Pairings that several populations can use."""
 AGAINST_CHAMPIONS = frozenset({"hall_of_fame", "best", "pareto_archive"})
 """Pairings with champions of earlier generations."""
-"""Pairings that several populations can use."""
+_RATED = frozenset({"swiss", "multi_swiss"})
+"""Pairings in which the best meet the best, so that points depend on the opponents."""
+Score = Literal["points", "win_rate", "fitness", "elo", "bradley_terry", "order", "frevo_multi_swiss"]
 
 
 def _parse_sides(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
@@ -142,18 +145,22 @@ class TournamentOptions(RankingOptions):
     both_sides: bool = True
     """Whether two candidates of one population meet twice, with exchanged sides. Without it, each plays each
     side about equally often."""
-    score: Literal["points", "win_rate", "fitness", "elo", "bradley_terry", "order", "frevo_multi_swiss"] = (
-        "fitness"
-    )
+    score: Score | None = None
     """A candidate's fitness from its matches. points: the sum of `win` for a victory and `draw` for a draw.
     win_rate: the mean of 1 and 0.5 for them. fitness: mean of its own fitness. elo, bradley_terry: a rating
-    that takes the opponents' strength into account; bradley_terry is best for swiss. order: the number of
-    candidates that it is better than, also by way of others; the result of merge_sort. frevo_multi_swiss: the
-    mean of 2 for a victory and 1 for a defeat. With populations: points, fitness."""
+    that takes the opponents' strength into account. order: the number of candidates that it is better than,
+    also by way of others; the result of merge_sort. frevo_multi_swiss: the mean of 2 for a victory and 1 for
+    a defeat. With populations: points, fitness. Default: bradley_terry with swiss and multi_swiss, else
+    fitness."""
     win: float = Field(default=1.0, gt=0, le=1e6)
     """Points for a victory, also where swiss pairs by points; a defeat has none."""
     draw: float = Field(default=0.5, ge=0, le=1e6)
     """Points of both for a draw."""
+
+    @property
+    def score_or_default(self) -> Score:
+        """The score, or without one the default of the pairing."""
+        return self.score or ("bradley_terry" if self.pairing in _RATED else "fitness")
 
     @model_validator(mode="after")
     def _check_reevaluate(self) -> "TournamentOptions":
