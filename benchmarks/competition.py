@@ -52,15 +52,15 @@ class CompetitionSuite:
         """Take one sample of everything."""
         steps = self._champions**2 * EPISODES * ROBOTS * SECONDS * TICKS
         firsts, seconds = np.divmod(np.arange(self._champions**2), self._champions)
-        own, other = (self._genomes[:, genes] for genes in slices_of(self._experiment).values())
-        joined = np.concatenate([own[firsts], other[seconds]], axis=1)
+        own, other = slices_of(self._experiment).values()
+        joined = np.concatenate([self._genomes[firsts, own], self._genomes[seconds, other]], axis=1)
         start = time.perf_counter()
         with open_backend(self._experiment, metrics=("prey_fitness",)) as backend:
             controllers = Controllers.from_genomes(self._representation, joined)
             plain = backend.evaluate(controllers, range(EPISODES), lambda *_: None)
         self._plain.add(steps / (time.perf_counter() - start))
         start = time.perf_counter()
-        fitness = play_all(self._experiment, own, other, range(EPISODES))
+        fitness = play_all(self._experiment, self._genomes, "predators", range(EPISODES))
         self._matrix.add(steps / (time.perf_counter() - start))
         assert np.array_equal(fitness[..., 0].ravel(), plain.fitness.ravel())
         for side in (0, 1):

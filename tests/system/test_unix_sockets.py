@@ -127,7 +127,7 @@ def test_the_file_of_the_embedded_broker(launch: Launch, tmp_path: Path) -> None
         (("broker", "--socket", "{long}"), 1, "choose a shorter path"),
         (("broker", "--socket", "{folder}/missing/broker.sock"), 1, "missing does not exist; create it"),
         (("broker", "--socket", "x", "--socket-mode", "rw"), 2, "write three octal digits, such as 660"),
-        (("broker", "--socket-mode", "660"), 2, "--socket-mode has no effect without --socket FILE"),
+        (("broker", "--socket-mode", "660"), 2, "--socket-mode needs --socket; add it"),
         (
             ("optimize", "{experiment}", "--servers", "slurm:2", "--broker", "unix:///run/x"),
             2,

@@ -1,14 +1,13 @@
 """Progress of competitions: do later champions beat earlier ones, or do they go in circles?
 
 Fitness says nothing about it, since the opponents change with it. Therefore champions of all generations of
-one side meet those of the other: the master tournament of Nolfi and Floreano, "Coevolving predator and prey
-robots: do 'arms races' arise in artificial evolution?", Artificial Life 4(4), 1998. The matches against
-earlier opponents alone are those of Cliff and Miller, "Tracking the red queen: measurements of adaptive
-progress in co-evolutionary simulations", ECAL 1995.
+each side meet those of the other side, or of all other sides together: the master tournament of Nolfi and
+Floreano, "Coevolving predator and prey robots: do 'arms races' arise in artificial evolution?", Artificial
+Life 4(4), 1998. The matches against earlier opponents alone are those of Cliff and Miller, "Tracking the red
+queen: measurements of adaptive progress in co-evolutionary simulations", ECAL 1995.
 """
 
 import csv
-import dataclasses
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,11 +23,11 @@ from swarmwright.analysis.table import CSV, check
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.files import write_text
-from swarmwright.display.figures.progress import choose_side_colors
+from swarmwright.display.figures.progress import choose_side_colors, draw_progress
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.robots import find_colors
 from swarmwright.runs.code import resolve_experiment
-from swarmwright.runs.matches import FIRST_SEED, play_all, sides_of, slices_of, stack_champions
+from swarmwright.runs.matches import FIRST_SEED, play_all, sides_of, stack_champions
 from swarmwright.runs.run import Run
 from swarmwright.servers.evaluation.base import Progress, Servers
 
@@ -46,13 +45,15 @@ _MOST = {"champions": 1000, "episodes": 10_000, "seed": 2**62}
 
 @dataclass(frozen=True)
 class SideProgress:
-    """Champions of a side against all champions of the other side."""
+    """Champions of a side against those of the other side, or of all other sides together."""
 
     side: str
+    opponents: str
+    """The other side; of several, "the others"."""
     generations: tuple[int, ...]
     """Generations of the champions, ascending."""
     outcomes: Values
-    """(generations, generations of the other side): mean fitness of this side over the episodes."""
+    """(generations, generations of the opponents): mean fitness of this side over the episodes."""
     means: Values
     """(generations,): mean of the outcomes of each champion."""
     low: Values
@@ -93,7 +94,7 @@ class SideProgress:
         return "later champions are worse" if self.gain_high < 0 else "no clear progress"
 
     def columns(self) -> dict[str, list[float]]:
-        """Return what is known of each champion, by name."""
+        """Return means, ratings and their intervals of the champions, by name."""
         return {name: getattr(self, name).tolist() for name in _COLUMNS}
 
     def summary(self) -> dict[str, Any]:
@@ -114,13 +115,35 @@ class SideProgress:
 
 @dataclass(frozen=True)
 class CompetitionProgress:
-    """Progress of both sides of a run."""
+    """Progress of all sides of a run."""
 
-    sides: tuple[SideProgress, SideProgress]
+    run: Run
+    sides: tuple[SideProgress, ...]
     episodes: int
     """Episodes of each match."""
     seed: int
     """Seed of the first."""
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "run": str(self.run.path),
+            "sides": {side.side: side.summary() for side in self.sides},
+            "cycles": any(side.cycles for side in self.sides),
+            "champions": len(self.sides[0].generations),
+            "episodes": self.episodes,
+            "seed": self.seed,
+        }
+
+    def plot(self, path: str | PathLike[str]) -> None:
+        """Draw outcomes, means and ratings: .png, .svg or .pdf.
+
+        Raises InputError for another suffix, and if the file cannot be written.
+        """
+        from swarmwright.display.figures import style
+
+        heading = f"Progress of {self.run.name}"
+        style.save(draw_progress(self.sides, heading, color_sides(self.run.experiment)), Path(path))
 
     def export(self, path: str | PathLike[str]) -> None:
         """Write a table, .csv, with a row for each champion of each side.
@@ -146,33 +169,31 @@ def measure_progress(
     episodes: int = 10,
     seed: int = FIRST_SEED,
     broker: str | None = None,
-    prefix: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
 ) -> CompetitionProgress:
-    """Let champions of all generations meet, and measure the progress of both sides.
+    """Let champions of all generations meet, and measure the progress of each side.
+
+    Of more than two sides, each meets the champions that the others had in a generation.
 
     Args:
-        run: a competition with two sides.
-        experiment: in place of the run's, for other time limits of servers.
+        run: a competition.
+        experiment: in place of the run's, with other settings.
         champions: number of champions of each side, of evenly spaced generations, at least 2.
         episodes: episodes of each match, at least 2, from which the noise is estimated.
         seed: seed of the first episode.
         broker: as in `optimize`.
-        prefix: prefix of the topics on the broker; default: the run's.
         servers: as in `optimize`.
         on_progress: as in `optimize`.
 
     Raises:
-        InputError: the run is no competition, has other than two sides, or fewer than two generations.
+        InputError: the run is not a competition, or has fewer than two generations.
         RunError: matches failed, their fitness is beyond ±1e100, or there is no server.
     """
     for name, value, least in (("champions", champions, 2), ("episodes", episodes, 2), ("seed", seed, 0)):
         if not least <= value <= _MOST[name]:
             raise InputError(f"{name}: must be from {least} to {_MOST[name]}, not {value}")
-    slices = slices_of(run.experiment)
-    if len(slices) != 2:
-        raise InputError(f"progress compares two sides, but the run has {len(slices)}: {', '.join(slices)}")
+    sides = sides_of(run.experiment)
     if run.generations < 2:
         raise InputError(
             f"{run.path}: progress needs at least two finished generations, not {run.generations}"
@@ -180,29 +201,46 @@ def measure_progress(
     generations = spread(run.generations, champions)
     joined = stack_champions(run, generations)
     experiment = experiment or resolve_experiment(run, generations[-1])
-    if prefix is not None:
-        experiment = dataclasses.replace(experiment, prefix=prefix)
-    own, other = (joined[:, genes] for genes in slices.values())
-    fitness = play_all(
-        experiment,
-        own,
-        other,
-        range(seed, seed + episodes),
-        broker=broker,
-        servers=servers,
-        on_progress=on_progress,
-    )
-    if not np.isfinite(fitness).all():
-        failed = int(np.count_nonzero(~np.isfinite(fitness).all(axis=(2, 3))))
-        raise RunError(f"{failed} of {len(joined) ** 2} matches failed; progress needs all of them")
-    if np.abs(fitness).max() > _LARGEST_FITNESS:
-        raise RunError(
-            f"fitness is up to {np.abs(fitness).max():.3g}, but progress needs at most {_LARGEST_FITNESS:g}; "
-            "scale it down"
+    # Of two sides, the matches of one are those of the other.
+    playing = sides if len(sides) > 2 else sides[:1]
+    results = []
+    for number, side in enumerate(playing):
+
+        def follow(done: int, whole: int, waiting_for: str, number: int = number) -> None:
+            if on_progress is not None:
+                on_progress(number * whole + done, len(playing) * whole, waiting_for)
+
+        fitness = play_all(
+            experiment,
+            joined,
+            side,
+            range(seed, seed + episodes),
+            broker=broker,
+            servers=servers,
+            on_progress=follow,
         )
-    parts = (fitness[..., 0], fitness[..., 1].transpose(1, 0, 2))
-    first, second = (assess(name, generations, part) for name, part in zip(slices, parts, strict=True))
-    return CompetitionProgress((first, second), episodes, seed)
+        _check_fitness(fitness)
+        results.append(fitness[..., number])
+        if len(playing) < len(sides):
+            results.append(fitness[..., 1].transpose(1, 0, 2))
+    measured = []
+    for side, values in zip(sides, results, strict=True):
+        others = [name for name in sides if name != side]
+        measured.append(assess(side, generations, values, others[0] if len(others) == 1 else "the others"))
+    return CompetitionProgress(run, tuple(measured), episodes, seed)
+
+
+def _check_fitness(fitness: Values) -> None:
+    """Raise RunError unless all matches have a fitness that can be averaged, (.., episodes, sides)."""
+    failed = int(np.count_nonzero(~np.isfinite(fitness).all(axis=(2, 3))))
+    if failed:
+        matches = fitness.shape[0] * fitness.shape[1]
+        raise RunError(f"{failed} of {matches} matches failed; progress needs all of them")
+    largest = float(np.abs(fitness).max())
+    if largest > _LARGEST_FITNESS:
+        raise RunError(
+            f"fitness is up to {largest:.3g}, but progress needs at most {_LARGEST_FITNESS:g}; scale it down"
+        )
 
 
 def color_sides(experiment: Experiment) -> list[str]:
@@ -217,13 +255,16 @@ def spread(generations: int, most: int) -> list[int]:
     return [int(number) for number in np.unique(numbers.round())]
 
 
-def assess(side: str, generations: Sequence[int], values: Values) -> SideProgress:
+def assess(
+    side: str, generations: Sequence[int], values: Values, opponents: str = "the others"
+) -> SideProgress:
     """Return the progress of a side.
 
     Args:
         side: its name.
-        generations: generations of its champions and of those of the other side.
+        generations: generations of its champions and of its opponents.
         values: (generations, generations, episodes) fitness of this side, finite.
+        opponents: what the opponents are called.
     """
     random = np.random.default_rng(len(generations))
     outcomes = values.mean(axis=2)
@@ -247,6 +288,7 @@ def assess(side: str, generations: Sequence[int], values: Values) -> SideProgres
     intervals = [row.rating_interval or (row.rating, row.rating) for row in table]
     return SideProgress(
         side=side,
+        opponents=opponents,
         generations=tuple(generations),
         outcomes=outcomes,
         means=means,

@@ -25,7 +25,7 @@ from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.kinds.team import Team
 from swarmwright.experiment.competition import needed_metrics, opponents_of
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.opponents import Opponent, load_opponent
+from swarmwright.experiment.opponents import Opponent, find_run, load_opponent
 from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.runs.matches import sides_of
 from swarmwright.runs.post_evaluation import EvaluationOptions
@@ -199,13 +199,13 @@ def validate_competition(
         champions: number of champions, of evenly spaced generations; one is the last.
 
     Raises:
-        InputError: the run is no competition of two sides, or no opponent is new to it and fits.
+        InputError: the run is not a competition of two sides, or no opponent is new to it and fits.
         RunError: no broker, no matching server, or all episodes failed.
     """
     options = experiment.ranking
     if not isinstance(options, TournamentOptions):
         command = format_validation_command(run)
-        raise InputError(f"{run.path}: is no competition; validate it on held-out seeds: {command}")
+        raise InputError(f"{run.path}: is not a competition; validate it on held-out seeds: {command}")
     sides = sides_of(experiment)
     if len(sides) != 2:
         raise InputError(f"{run.path}: validation needs two sides, but the run has {', '.join(sides)}")
@@ -215,7 +215,9 @@ def validate_competition(
     picked = np.linspace(len(lineups) - 1, 0, min(champions, len(lineups))).round().astype(np.intp)
     rows = [run._store.evaluation(lineups[index].evaluation, None) for index in np.unique(picked).tolist()]
     own = [load_opponent(f"{run.path}:{row.generation}:{row.candidate}") for row in rows]
-    loaded, left_out, others = load_participants(Path(), against)
+    inside = [source for source in against if _is_from(run, source)]
+    loaded, left_out, others = load_participants(Path(), [each for each in against if each not in inside])
+    left_out += [_leave_out(escape_line(source)) for source in inside]
     seeds = where.seeds(experiment, run._store.collect_seeds() | others)
     with open_backend(
         experiment, broker=where.broker, servers=where.servers, metrics=needed_metrics(options)
@@ -229,8 +231,7 @@ def validate_competition(
         opponents = []
         for participant in fitting:
             if any(_genes(part) in met for part in participant.sides.values()):
-                reason = "was met in the evolution, or is its own champion, so it proves nothing"
-                left_out.append(LeftOut(participant.name, f"{participant.name}: {reason}"))
+                left_out.append(_leave_out(participant.name))
             else:
                 opponents.append(participant)
         left_out = sorted([*left_out, *unfit])
@@ -266,6 +267,16 @@ def validate_competition(
         },
         left_out=tuple(left_out),
     )
+
+
+def _is_from(run: Run, source: str) -> bool:
+    """Return whether an opponent is a candidate of the run itself."""
+    origin = find_run(source, Path())
+    return origin is not None and origin.resolve() == run.path.resolve()
+
+
+def _leave_out(name: str) -> LeftOut:
+    return LeftOut(name, f"{name}: is from this evolution, or was met in it, so it proves nothing")
 
 
 def _collect_met(run: Run, options: TournamentOptions, representation: Team) -> set[bytes]:

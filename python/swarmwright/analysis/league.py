@@ -21,6 +21,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.opponents import (
     Opponent,
     check_fits,
+    find_run,
     is_bundle,
     load_opponent,
     read_bundled_experiment,
@@ -282,20 +283,22 @@ def find_entries(folder: Path) -> list[str]:
         raise InputError(f"{folder}: cannot be read: {error.strerror}") from error
 
 
-def find_experiment(folder: Path, names: Sequence[str]) -> Experiment | None:
-    """Return the experiment of the first run or bundle of a competition; None if there is none.
+def find_experiment(folder: Path, names: Sequence[str]) -> Experiment:
+    """Return the experiment of a league: its file in the folder, or that of the first run or bundle.
 
     The simulation of a bundle must be built in, since bundles are untrusted.
 
-    Raises InputError if the code of a run is missing or not trusted.
+    Raises InputError if there is none, or if the code of a run is missing or not trusted.
     """
+    if (folder / EXPERIMENT).is_file():
+        return Experiment.load(folder / EXPERIMENT)
     for name in names:
         path = folder / name
         if (path / FILE).is_file():
             try:
                 run = Run.open(path)
                 sides_of(run.experiment)
-            except SwarmwrightError:  # is reported as left out, or is no competition
+            except SwarmwrightError:  # is reported as left out, or is not a competition
                 continue
             return resolve_experiment(run)
         values = read_bundled_experiment(path) if is_bundle(path) else None
@@ -304,7 +307,10 @@ def find_experiment(folder: Path, names: Sequence[str]) -> Experiment | None:
                 return Experiment.from_mapping(values)
             except InputError:  # of another version, or invalid
                 continue
-    return None
+    raise InputError(
+        f"{folder}: no run in it is a competition, nor any bundle of a built-in simulation, so the "
+        f"experiment is unknown; name one with --experiment FILE, or add it as {EXPERIMENT}"
+    )
 
 
 def play_league(
@@ -314,8 +320,7 @@ def play_league(
 
     Args:
         folder: has run folders (their best candidates), bundles, and files of controllers.
-        experiment: a competition of two sides; None for that of the first run
-            or bundle.
+        experiment: a competition of two sides; None for that of `find_experiment`.
         where: episodes of each match, and where they are evaluated. By default, seeds that no run has used.
         names: the files and folders; default: all.
 
@@ -325,11 +330,6 @@ def play_league(
     """
     names = find_entries(folder) if names is None else names
     experiment = experiment or find_experiment(folder, names)
-    if experiment is None:
-        raise InputError(
-            f"{folder}: no run in it is a competition, nor any bundle of a built-in simulation, so the "
-            f"experiment is unknown; name one with --experiment FILE, or add it as {EXPERIMENT}"
-        )
     sides = tuple(sides_of(experiment))
     if len(sides) != 2:
         raise InputError(f"a league needs matches of two sides, but the experiment has {', '.join(sides)}")
@@ -360,7 +360,7 @@ def play_league(
 
 
 def load_participants(folder: Path, names: Sequence[str]) -> tuple[list[Opponent], list[LeftOut], set[int]]:
-    """Return the controllers, what is none, and the seeds that runs have used."""
+    """Return the controllers, what is left out, and the seeds that their runs have used."""
     opponents: list[Opponent] = []
     left_out: list[LeftOut] = []
     used: set[int] = set()
@@ -369,8 +369,9 @@ def load_participants(folder: Path, names: Sequence[str]) -> tuple[list[Opponent
         label = escape_line(name)
         try:
             opponent = load_opponent(name, folder)
-            if (folder / name / FILE).is_file():
-                used |= Run.open(folder / name)._store.collect_seeds()
+            run = find_run(name, folder)
+            if run is not None:
+                used |= Run.open(run)._store.collect_seeds()
         except SwarmwrightError as error:
             left_out.append(LeftOut(label, escape_line(str(error))))
             continue

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright.cli._output import show_warnings
 from swarmwright.common.errors import InputError, PlugInError, SwarmwrightError
 from swarmwright.common.suggestions import unknown
 from swarmwright.common.untrusted import escape_line
@@ -93,6 +94,11 @@ class Command(click.Command):
                 raise
             instead = other.format(_value_of(error.option_name, words))
             raise click.UsageError(f"No such option '{error.option_name}'; use '{instead}'.", ctx) from None
+
+    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 - click's signature
+        """Run the command, and show warnings of the library."""
+        with show_warnings():
+            return super().invoke(ctx)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the example without wrapping."""

@@ -8,9 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
-
-import click
+from typing import TYPE_CHECKING, Protocol
 
 from swarmwright.cli._observing import ObserverOptions, observe_run
 from swarmwright.cli._output import STDOUT, Output, complain
@@ -41,22 +39,6 @@ FILES = {
     "code": "a copy of the source of its simulation and plug-ins",
     "servers.log": "what the simulation servers printed",
 }
-
-
-def watch_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """Add `--tensorboard DIR` and `--mlflow URI`."""
-    tensorboard = click.option(
-        "--tensorboard",
-        type=click.Path(path_type=Path, file_okay=False),
-        metavar="DIR",
-        help="Write the statistics of each generation to this TensorBoard folder.",
-    )
-    mlflow = click.option(
-        "--mlflow",
-        metavar="URI",
-        help="Log to a new run of this MLflow tracking server (http://..) or database (sqlite:///..).",
-    )
-    return tensorboard(mlflow(command))
 
 
 class Work(Protocol):

@@ -1,7 +1,6 @@
 """Observers of commands: `--log FILE`, metrics, warnings."""
 
 import datetime as dt
-import functools
 import json
 import logging
 import re
@@ -14,11 +13,11 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TextIO
+from typing import TYPE_CHECKING, Self, TextIO
 
 import click
 
-from swarmwright.cli._options import WholeNumber
+from swarmwright.cli._options import Decorator, WholeNumber, combine_options, gather
 from swarmwright.cli._output import Output, complain, replace_nonfinite
 from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import kind_of
@@ -33,28 +32,27 @@ LEVELS = ("debug", "info", "warning", "error")
 _NAMES = {logging.WARNING: "warning", logging.ERROR: "error", logging.CRITICAL: "error"}
 
 
-def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """Add `--log FILE`, `--log-level LEVEL` and `--log-size MIB`."""
-    file = click.option(
+log_options = combine_options(
+    click.option(
         "--log",
         type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
         help="Append events to FILE, one JSON object per line; - is standard error.",
-    )
-    level = click.option(
+    ),
+    click.option(
         "--log-level",
         type=click.Choice(LEVELS),
         default="info",
         show_default=True,
         help="Lowest level to log.",
-    )
-    size = click.option(
+    ),
+    click.option(
         "--log-size",
         type=WholeNumber(min=1, max=2**20),
         metavar="MIB",
         help="Rename the log to FILE.1 before it exceeds this size. Default: 64 for `broker`, else "
         "unlimited.",
-    )
-    return file(level(size(command)))
+    ),
+)
 
 
 class Log:
@@ -261,27 +259,41 @@ class ObserverOptions:
     mlflow: str | None = None
 
 
-def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """Add `--log FILE` with its level and size, and `--metrics HOST:PORT`.
-
-    The command gets `observing`, an `ObserverOptions`. It also takes `--tensorboard` and `--mlflow`, if they
-    are declared above.
-    """
-    metrics = click.option(
-        "--metrics",
-        type=_endpoint,
-        metavar="[HOST:]PORT",
-        help="Serve Prometheus metrics at http://HOST:PORT/metrics. Default host: 127.0.0.1.",
+def _observe(*options: Decorator) -> Decorator:
+    """Return options that say where progress is reported, of which commands get `observing`."""
+    return gather(
+        lambda **values: {"observing": ObserverOptions(**values)},
+        *options,
+        log_options,
+        click.option(
+            "--metrics",
+            type=_endpoint,
+            metavar="[HOST:]PORT",
+            help="Serve Prometheus metrics at http://HOST:PORT/metrics. Default host: 127.0.0.1.",
+        ),
     )
 
-    @functools.wraps(command)
-    def with_observers(**options: Any) -> Any:  # noqa: ANN401 - the command's
-        values = {
-            field.name: options.pop(field.name) for field in fields(ObserverOptions) if field.name in options
-        }
-        return command(observing=ObserverOptions(**values), **options)
 
-    return log_options(metrics(with_observers))
+_tensorboard = click.option(
+    "--tensorboard",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write the statistics of each generation for TensorBoard to this folder, of a sweep to a subfolder "
+    "per run.",
+)
+observe_options = _observe()
+"""`--log FILE`, its level and size, and `--metrics`; the command gets `observing`, an `ObserverOptions`."""
+observe_sweep_options = _observe(_tensorboard)
+"""The same, and `--tensorboard DIR`."""
+observe_run_options = _observe(
+    _tensorboard,
+    click.option(
+        "--mlflow",
+        metavar="URI",
+        help="Log to a new run of this MLflow tracking server (http://..) or database (sqlite:///..).",
+    ),
+)
+"""The same, and `--mlflow URI`."""
 
 
 class ToolObserver:

@@ -7,12 +7,13 @@ import math
 import os
 import shlex
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import click
+from click.core import ParameterSource
 
 from swarmwright.cli._output import Output, print_note
 from swarmwright.common.suggestions import did_you_mean
@@ -283,6 +284,51 @@ def combine_options(*options: Decorator) -> Decorator:
     return decorate
 
 
+def gather(make: Callable[..., Mapping[str, Any]], *options: Decorator) -> Decorator:
+    """Return a decorator that adds options, from whose values `make` makes arguments of the command.
+
+    make: gets the values by name.
+    """
+
+    def declared() -> None:
+        """Hold the options, whose names are read from it."""
+
+    combine_options(*options)(declared)
+    parameters: list[click.Parameter] = declared.__click_params__  # type: ignore[attr-defined]
+    names = [parameter.name for parameter in parameters if parameter.expose_value]
+
+    def decorate(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+        @functools.wraps(command)
+        def with_arguments(**values: Any) -> Any:  # noqa: ANN401 - the command's
+            own = {name: values.pop(name) for name in names}
+            return command(**make(**own), **values)
+
+        return combine_options(*options)(with_arguments)
+
+    return decorate
+
+
+def _is_set(option: str) -> bool:
+    """Return whether an option of the current command is on the command line."""
+    context = click.get_current_context()
+    name = next(each.name for each in context.command.params if option in each.opts)
+    return context.get_parameter_source(name or "") is ParameterSource.COMMANDLINE
+
+
+def exclude(option: str, *others: str) -> None:
+    """Raise UsageError if an option and one of the others are on the command line."""
+    for other in others:
+        if _is_set(option) and _is_set(other):
+            raise click.UsageError(f"{option} and {other} exclude each other; leave one out.")
+
+
+def need(option: str, *others: str) -> None:
+    """Raise UsageError if an option is on the command line without any of the others."""
+    if _is_set(option) and not any(map(_is_set, others)):
+        added = "it" if len(others) == 1 else "one"
+        raise click.UsageError(f"{option} needs {' or '.join(others)}; add {added}, or leave out {option}.")
+
+
 servers_option: Decorator = click.option(
     "--servers",
     type=server_count,
@@ -320,10 +366,8 @@ trust_option: Decorator = click.option(
 )
 
 
-def set_option(
-    text: str = "Override a value of FILE: method.generations=50, 'controller.hidden=[8, 4]'.",
-) -> Decorator:
-    """Add `--set KEY=VALUE`, which overrides values of the experiment and can be repeated."""
+def set_option(text: str) -> Decorator:
+    """Add `--set KEY=VALUE`, with this help, which overrides values of the experiment and can be repeated."""
     return click.option(
         "--set",
         "settings",
@@ -343,18 +387,18 @@ json_option: Decorator = click.option(
 """`--json`; the command gets `output`, an `Output`."""
 
 
-def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """Add `--candidate G:N`, or `--generation G --candidate N`: an evaluation in a run's record.
+def _choose_candidate(generation: int | None, chosen: tuple[int | None, int] | None) -> dict[str, int | None]:
+    in_generation, number = chosen or (None, None)
+    if in_generation is not None and generation is not None:
+        raise click.UsageError(
+            f"--candidate {in_generation}:{number} names the generation; leave out --generation."
+        )
+    return {"generation": generation if in_generation is None else in_generation, "candidate": number}
 
-    The command gets `generation` and `candidate`, as `Run.evaluation` takes them.
-    """
-    generation = click.option(
-        "--generation",
-        type=WholeNumber(min=0, max=2**63 - 1),
-        metavar="G",
-        help="Generation, counted from 0. Without --candidate: its best candidate.",
-    )
-    candidate = click.option(
+
+candidate_options = gather(
+    _choose_candidate,
+    click.option(
         "--candidate",
         "chosen",
         type=candidate_id,
@@ -364,38 +408,28 @@ G:N  candidate N of generation G
 N    with --generation: candidate N of it
 N    alone: evaluation N of the whole run
 Counted from 0. Default: the best.""",
-    )
+    ),
+    click.option(
+        "--generation",
+        type=WholeNumber(min=0, max=2**63 - 1),
+        metavar="G",
+        help="Generation, counted from 0. Without --candidate: its best candidate.",
+    ),
+)
+"""`--candidate G:N`, or `--generation G --candidate N`: an evaluation in a run's record.
 
-    @functools.wraps(command)
-    def with_candidate(
-        *, generation: int | None, chosen: tuple[int | None, int] | None, **options: object
-    ) -> Any:  # noqa: ANN401
-        chosen_generation, number = chosen or (None, None)
-        if chosen_generation is not None and generation is not None:
-            raise click.UsageError(
-                f"--candidate {chosen_generation}:{number} names the generation; leave out --generation."
-            )
-        return command(
-            generation=generation if chosen_generation is None else chosen_generation,
-            candidate=number,
-            **options,
-        )
-
-    return candidate(generation(with_candidate))
+The command gets `generation` and `candidate`, as `Run.evaluation` takes them.
+"""
 
 
-def _with_comparison(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    @functools.wraps(command)
-    def with_options(**options: Any) -> Any:  # noqa: ANN401 - the command's
-        from swarmwright.cli._comparison import ComparisonOptions
+def _gather_comparison(**options: Any) -> dict[str, Any]:  # noqa: ANN401 - of different types
+    from swarmwright.cli._comparison import ComparisonOptions
 
-        compared = ComparisonOptions.from_options(options)
-        return command(compared=compared, **options)
-
-    return with_options
+    return {"compared": ComparisonOptions.from_options(options)}
 
 
-compare_options = combine_options(
+compare_options = gather(
+    _gather_comparison,
     click.option(
         "--by",
         "criterion",
@@ -456,7 +490,6 @@ compare_options = combine_options(
         metavar="GROUP=NAME",
         help="Rename a group or task: --label nnga='genetic algorithm'. Repeatable.",
     ),
-    _with_comparison,
 )
 """Options shared by commands that compare runs, which get `compared`, a `ComparisonOptions`."""
 
@@ -517,12 +550,12 @@ experiment_prefix_option: Decorator = click.option(
 """`--prefix P` of commands that have an experiment, which may name a prefix itself."""
 
 
-_SERVERS_OF_EXPERIMENT = (
+SERVERS_OF_EXPERIMENT = (
     "Use the servers on this broker. Default: the experiment's, SWARMWRIGHT_BROKER, or a private one."
 )
 
 
-def experiment_broker_options(text: str = _SERVERS_OF_EXPERIMENT) -> Decorator:
+def experiment_broker_options(text: str = SERVERS_OF_EXPERIMENT) -> Decorator:
     """Add `--broker URL`, with this help, and `--prefix P` to a command that has an experiment."""
     return combine_options(broker_option(default=None, text=text), experiment_prefix_option)
 
@@ -615,51 +648,58 @@ def server_output_option(command: Any) -> Any:  # noqa: ANN401 - click's decorat
     return option(command)
 
 
+HELD_OUT_SEEDS = (
+    "Simulation seed of the first episode; the others count up. Default: held-out seeds that no run used."
+)
+
+
 def seed_option(text: str) -> Decorator:
     """Add `--seed S`, the first simulation seed, with this help."""
     return click.option("--seed", type=WholeNumber(min=0, max=2**62), metavar="S", help=text)
 
 
-def evaluation_options(text: str = _SERVERS_OF_EXPERIMENT) -> Decorator:
-    """Add what commands that evaluate controllers share: the broker, with this help, servers, trust, JSON."""
-    return combine_options(
-        experiment_broker_options(text), servers_option, server_output_option, trust_option, json_option
+def episodes_option(
+    text: str, *, default: int | None = None, least: int = 1, most: int = 10_000_000
+) -> Decorator:
+    """Add `--episodes N`, with this help, default and range."""
+    return click.option(
+        "--episodes",
+        type=WholeNumber(min=least, max=most),
+        default=default,
+        show_default=default is not None,
+        help=text,
     )
 
 
-def episodes_options(figure: str, table: str) -> Decorator:
-    """Add `--out FILE` for a figure of episodes and `--csv FILE` for a table, with these help texts.
+def file_options(figure: str, table: str) -> Decorator:
+    """Add `--out FILE` for a figure and `--csv FILE` for a table, with these help texts.
 
     The command gets `picture` and `table`, whose endings are checked before it runs.
     """
-    return combine_options(
+    return gather(
+        _check_files,
         click.option("--out", "picture", cls=SaveOption, type=OutputFile(), help=figure),
         click.option("--csv", "table", type=OutputFile(), help=table),
-        _with_checked_files,
     )
 
 
-def _with_checked_files(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    @functools.wraps(command)
-    def with_options(picture: Path | None, table: Path | None, **options: Any) -> Any:  # noqa: ANN401 - the command's
-        if picture is not None:
-            from swarmwright.display.figures import style
-
-            style.check_figure_path(picture)
-        if table is not None:
-            from swarmwright.analysis.table import CSV, check
-
-            check(table, CSV)
-        return command(picture=picture, table=table, **options)
-
-    return with_options
-
-
-def write_episodes(output: Output, evaluation: Any, picture: Path | None, table: Path | None) -> None:  # noqa: ANN401
-    """Write the files of `episodes_options`. evaluation: has `plot` and `export`."""
-    if table is not None:
-        evaluation.export(table)
-        output.text(f"Every episode is in {table}")
+def _check_files(picture: Path | None, table: Path | None) -> dict[str, Path | None]:
     if picture is not None:
-        evaluation.plot(picture)
+        from swarmwright.display.figures import style
+
+        style.check_figure_path(picture)
+    if table is not None:
+        from swarmwright.analysis.table import CSV, check
+
+        check(table, CSV)
+    return {"picture": picture, "table": table}
+
+
+def write_files(output: Output, result: Any, picture: Path | None, table: Path | None) -> None:  # noqa: ANN401
+    """Write the files of `file_options`. result: has `plot` and `export`."""
+    if table is not None:
+        result.export(table)
+        output.text(f"The table is in {table}")
+    if picture is not None:
+        result.plot(picture)
         output.text(f"The figure is in {picture}")

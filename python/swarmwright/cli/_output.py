@@ -147,8 +147,9 @@ def replace_nonfinite(value: object) -> object:
     return value
 
 
-def show_warnings() -> None:
-    """Show warnings and slow steps of the library on standard error, a line each."""
+@contextmanager
+def show_warnings() -> Iterator[None]:
+    """Show warnings and slow steps of the library on standard error, a line each, during a `with` block."""
     import logging
 
     progress = logging.getLogger("swarmwright.progress")
@@ -160,7 +161,12 @@ def show_warnings() -> None:
     progress.setLevel(logging.INFO)
     handler = Handler(logging.INFO)
     handler.addFilter(lambda record: record.levelno >= logging.WARNING or record.name == progress.name)
-    logging.getLogger("swarmwright").addHandler(handler)
+    logger = logging.getLogger("swarmwright")
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
 
 
 def complain(message: str, *, hint: str = "") -> None:

@@ -1,10 +1,8 @@
 """Options of commands that save an episode as a picture, page or video, and its display in a browser."""
 
-import functools
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 from click.core import ParameterSource
 
-from swarmwright.cli._options import OutputFile, RealNumber, SaveOption, combine_options, environment_broker
+from swarmwright.cli._options import OutputFile, RealNumber, SaveOption, environment_broker, gather, need
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -90,28 +88,18 @@ class PictureOptions(NamedTuple):
             output.text(f"Open it in a browser: {address}")
 
 
-def _with_picture(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    @functools.wraps(command)
-    def with_options(
-        *,
-        picture: Path | None,
-        open_browser: bool,
-        speed: float,
-        parts: str,
-        colors: str,
-        **rest: Any,  # noqa: ANN401 - those of the command
-    ) -> Any:  # noqa: ANN401 - the command's
-        if picture is None:
-            check_unsaved({"open_browser": "--open", "parts": "--show", "colors": "--colors"})
-        else:
-            _check_file(picture)
-        options = PictureOptions(picture, open_browser, speed, _parse_parts(parts, colors))
-        return command(picture=options, **rest)
-
-    return with_options
+def _gather_picture(
+    picture: Path | None, open_browser: bool, speed: float, parts: str, colors: str
+) -> "dict[str, PictureOptions]":
+    for option in ("--open", "--show", "--colors"):
+        need(option, "--save")
+    if picture is not None:
+        _check_file(picture)
+    return {"picture": PictureOptions(picture, open_browser, speed, _parse_parts(parts, colors))}
 
 
-picture_options = combine_options(
+picture_options = gather(
+    _gather_picture,
     click.option(
         "--save",
         "picture",
@@ -151,17 +139,8 @@ picture_options = combine_options(
         help="Colour bodies by kind and state, by value, or by the state of their controller's state "
         "machine.",
     ),
-    _with_picture,
 )
 """`--save`, `--open`, `--speed`, `--show` and `--colors`; the command gets `picture`, a `PictureOptions`."""
-
-
-def check_unsaved(options: Mapping[str, str]) -> None:
-    """Refuse options of pictures without --save. options: parameter -> name on the command line."""
-    context = click.get_current_context()
-    for name, option in options.items():
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} needs a file to write: add --save FILE.")
 
 
 def broker_of(experiment: "Experiment", broker: str | None, simulation: str | None = None) -> str | None:

@@ -10,7 +10,7 @@ import socket
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Event
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._observing import Log, log_options
 from swarmwright.cli._options import ExistingPath, WholeNumber, json_option, topic_prefix
@@ -36,33 +37,6 @@ if TYPE_CHECKING:
 _LOGGER = logging.getLogger("swarmwright.servers.broker")
 _HEAD = "# Account of `swarmwright broker`, valid while it runs.\n"
 """First line of a file of --account."""
-
-
-def account_for(
-    alternatives: Mapping[str, object], file: Path | None, *, has_port: bool
-) -> "UserAccount | None":
-    """Create the account that a broker admits; None if it admits others, or has only a Unix socket.
-
-    Args:
-        alternatives: options that admit other clients, with None for those that are missing.
-        file: of --account.
-        has_port: whether the broker listens on a port.
-
-    Raises:
-        click.UsageError: options exclude each other.
-    """
-    options = [option for option, value in alternatives.items() if value is not None]
-    if "--anonymous" in options and len(options) > 1:
-        raise click.UsageError(f"--anonymous and {options[1]} exclude each other; leave one out.")
-    if file is not None and options:
-        raise click.UsageError(f"--account and {options[0]} exclude each other; leave one out.")
-    if file is not None and not has_port:
-        raise click.UsageError("--account needs --port PORT; clients of a Unix socket need no account.")
-    if options or not has_port:
-        return None
-    from swarmwright.servers.broker.private import create_account
-
-    return UserAccount(create_account(), file)
 
 
 class UserAccount:
@@ -195,6 +169,13 @@ swarmwright broker --socket /run/user/1000/swarmwright.sock
 swarmwright broker --init lab --host broker.example.org
 swarmwright broker --add-user users.txt ada
 swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --key key.pem"""
+
+
+_SERVING = (
+    *("--socket", "--socket-mode", "--websocket-port", "--origin", "--users", "--anonymous", "--account"),
+    *("--access", "--certificate", "--key", "--client-ca"),
+)
+"""Options of a broker that runs."""
 
 
 @click.command("broker", cls=Command, example=EXAMPLE)
@@ -335,49 +316,38 @@ def command(
     machines are admitted only with TLS and a password file or client certificates. On SIGHUP the broker
     reloads its files.
     """
-    if folder is not None or add_user is not None:
-        others = {
-            "--socket": socket_file,
-            "--socket-mode": socket_mode,
-            "--websocket-port": websocket_port,
-            "--origin": origins or None,
-            "--users": users,
-            "--anonymous": anonymous or None,
-            "--account": account_file,
-            "--access": access,
-            "--certificate": certificate,
-            "--key": key,
-            "--client-ca": client_ca,
-            **({} if folder is None else {"--add-user": add_user}),
-        }
-        _refuse("--add-user" if folder is None else "--init", others)
+    for option in ("--init", "--add-user"):
+        options.exclude(option, *_SERVING)
+    options.exclude("--init", "--add-user")
     if folder is not None:
         return _init(output, folder, hosts, port, prefixes, iterations)
     if add_user is not None:
         return _add_user(output, Path(add_user[0]), add_user[1])
-    if prefixes or iterations is not None:
-        option = "--prefix" if prefixes else "--iterations"
-        raise click.UsageError(f"{option} is only valid with --init.")
+    options.need("--prefix", "--init")
+    options.need("--iterations", "--init")
     if len(hosts) > 1:
         raise click.UsageError("The broker listens on one address; --host was given more than once.")
     host = hosts[0] if hosts else "127.0.0.1"
-    if (certificate is None) != (key is None):
-        missing = "--key" if key is None else "--certificate"
-        raise click.UsageError(f"TLS needs both --certificate and --key; {missing} is missing.")
-    _needs("--client-ca", client_ca, "--certificate FILE and --key FILE", certificate)
-    _needs("--access", access, "--users FILE", users)
-    _needs("--origin", origins or None, "--websocket-port PORT", websocket_port)
-    _needs("--socket-mode", socket_mode, "--socket FILE", socket_file)
+    options.need("--certificate", "--key")
+    options.need("--key", "--certificate")
+    options.need("--client-ca", "--certificate")
+    options.need("--access", "--users")
+    options.need("--origin", "--websocket-port")
+    options.need("--socket-mode", "--socket")
+    options.exclude("--anonymous", "--users", "--client-ca")
+    options.exclude("--account", "--anonymous", "--users", "--client-ca")
     if socket_file is not None and port is None and not hosts:
-        _needs("--certificate", certificate, "a TCP port; add --port PORT", websocket_port)
+        if websocket_port is None:
+            options.need("--certificate", "--port")
+            options.need("--account", "--port")
     elif port is None:
         port = 8883 if certificate else 1883
     _check_exposure(host, users=users, certificate=certificate, client_ca=client_ca)
-    account = account_for(
-        {"--anonymous": anonymous or None, "--users": users, "--client-ca": client_ca},
-        account_file,
-        has_port=port is not None or websocket_port is not None,
-    )
+    account = None
+    if (port is not None or websocket_port is not None) and not (anonymous or users or client_ca):
+        from swarmwright.servers.broker.private import create_account
+
+        account = UserAccount(create_account(), account_file)
     from swarmwright import _engine
 
     allow_more_open_files()
@@ -442,17 +412,6 @@ def _announce(
             **({"account": account.file} if account is not None else {}),
         }
     )
-
-
-def _needs(option: str, value: object, other: str, needed: object) -> None:
-    if value is not None and needed is None:
-        raise click.UsageError(f"{option} has no effect without {other}.")
-
-
-def _refuse(option: str, others: Mapping[str, object]) -> None:
-    options = [name for name, value in others.items() if value is not None]
-    if options:
-        raise click.UsageError(f"{option} writes files and starts no broker; leave out {', '.join(options)}.")
 
 
 def _check_exposure(

@@ -6,7 +6,7 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
 
 
 @click.command(
@@ -25,36 +25,22 @@ from swarmwright.cli._output import Output, show_warnings
     type=options.ExistingPath(folder=False),
     help="Experiment for both controllers. Default: A's, or B's if A is not a run.",
 )
-@click.option(
-    "--episodes",
-    type=options.WholeNumber(min=1, max=10_000_000),
-    default=100,
-    show_default=True,
-    help="Number of episodes.",
-)
-@options.seed_option(
-    "Simulation seed of the first episode; the others count up. Default: held-out seeds that neither "
-    "run used."
-)
-@options.set_option("Override a value of the experiment: parameters.maxSteps=40, ranking.failed=0.")
-@options.episodes_options(
+@options.episodes_option("Number of episodes.", default=100)
+@options.seed_option(options.HELD_OUT_SEEDS)
+@options.file_options(
     "Draw the episodes of both and their differences: .png, .svg or .pdf.",
     "Write every episode as a table: seed, first, second, difference.",
 )
-@options.evaluation_options()
+@evaluation_options(settings="Override a value of the experiment: parameters.maxSteps=40, ranking.failed=0.")
 def command(
     first: str,
     second: str,
     experiment_file: Path | None,
     episodes: int,
     seed: int | None,
-    settings: tuple[str, ...],
     picture: Path | None,
     table: Path | None,
-    broker: str | None,
-    prefix: str | None,
-    servers: options.Servers | None,
-    output: Output,
+    evaluating: Evaluating,
 ) -> None:
     """Compare two controllers in the same episodes.
 
@@ -71,26 +57,14 @@ def command(
     """
     from swarmwright.analysis.paired import Match
     from swarmwright.cli._experiments import experiment_of
-    from swarmwright.cli._progress import episodes as shown_episodes
-    from swarmwright.cli.evaluate import NOT_EVALUATED, settable
-    from swarmwright.experiment.settings import refuse_seed
-    from swarmwright.runs.post_evaluation import EvaluationOptions
 
-    show_warnings()
-    refuse_seed(settings)
-    changed = (*settings, *options.prefix_settings(prefix))
+    evaluating.refuse_seed()
     if experiment_file is None:
         match = Match.of(first, second, None)
-        experiment = match.experiment.with_settings(changed, only=settable(), reason=NOT_EVALUATED)
-        match = match._replace(experiment=experiment)
+        match = match._replace(experiment=evaluating.change(match.experiment))
     else:
-        match = Match.of(first, second, experiment_of(experiment_file, changed))
-        experiment = match.experiment
-    broker = options.experiment_broker(experiment, broker, servers)
-    with shown_episodes(output) as on_progress:
-        comparison = match.evaluate(EvaluationOptions.of(episodes, seed, broker, servers, on_progress))
-    if settings:
-        output.text(f"Settings: {', '.join(settings)}")
-    output.block(str(comparison))
-    output.json({"settings": list(settings), **comparison.to_mapping()})
-    options.write_episodes(output, comparison, picture, table)
+        match = Match.of(first, second, experiment_of(experiment_file, evaluating.changes))
+    with evaluating.episodes(match.experiment, episodes, seed) as where:
+        comparison = match.evaluate(where)
+    evaluating.show(comparison)
+    options.write_files(evaluating.output, comparison, picture, table)

@@ -6,7 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import OutputOption, json_option
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._output import Output
 
 
 @click.command(
@@ -48,7 +48,6 @@ def command(
     from swarmwright.common.errors import InputError
     from swarmwright.simulations.fmu.ssp import component_files, write_system
 
-    show_warnings()
     if target.suffix != ".ssp":
         raise InputError(f"{target}: the name of an SSP must end with .ssp")
     if target.is_dir():

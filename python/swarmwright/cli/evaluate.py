@@ -1,7 +1,7 @@
 """`swarmwright evaluate`: a candidate on held-out seeds, an evaluation repeated, or a learning curve."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -9,19 +9,14 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
+from swarmwright.cli._output import Output
 from swarmwright.common.formatting import format_count
 from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from swarmwright import ControllerEvaluation, LearningCurve, PostEvaluation, Repetition
     from swarmwright.common.statistics import Estimate
-
-
-NOT_EVALUATED = (
-    "it does not affect how a candidate is evaluated; set parameters, fitness, ranking, or where it is "
-    "evaluated"
-)
 
 
 @click.command(
@@ -44,11 +39,7 @@ NOT_EVALUATED = (
     help="Controller file (JSON, or YAML of a machine) or run folder to evaluate instead; RUN may then be "
     "an experiment file. Needs --episodes or --seed.",
 )
-@click.option(
-    "--episodes",
-    type=options.WholeNumber(min=1, max=10_000_000),
-    help="Evaluate in N episodes on seeds outside the record. Default with --seed: 100.",
-)
+@options.episodes_option("Evaluate in N episodes on seeds outside the record. Default with --seed: 100.")
 @options.seed_option(
     "Simulation seed of the first episode; the others count up. Default: the held-out seeds of the "
     "run's validation; give S for fresh seeds."
@@ -67,19 +58,14 @@ NOT_EVALUATED = (
     help="With --curve: draw it (.png, .svg or .pdf), or write it as a table (.csv).",
 )
 @options.candidate_options
-@options.set_option("With --episodes: override a value of the run: parameters.maxSteps=40.")
 @click.option(
     "--metrics",
     metavar="NAME,..",
     help="With --episodes: additional metrics to measure, such as arrived,steps; 'all' for every "
     "announced metric.",
 )
-@options.experiment_broker_options()
-@options.servers_option
 @options.simulation_option
-@options.server_output_option
-@options.trust_option
-@options.json_option
+@evaluation_options(settings="With --episodes: override a value of the run: parameters.maxSteps=40.")
 def command(
     run: Path,
     controller_file: Path | None,
@@ -89,13 +75,9 @@ def command(
     file: Path | None,
     candidate: int | None,
     generation: int | None,
-    settings: tuple[str, ...],
     metrics: str | None,
-    broker: str | None,
-    prefix: str | None,
-    servers: options.Servers | None,
     simulation: str | None,
-    output: Output,
+    evaluating: Evaluating,
 ) -> int:
     """Repeat an evaluation, or evaluate on held-out seeds.
 
@@ -115,72 +97,55 @@ def command(
     """
     from swarmwright import PostEvaluation, Run, learning_curve, post_evaluate, repeat
     from swarmwright.cli._experiments import experiment_of
-    from swarmwright.cli._progress import episodes as shown_episodes
-    from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD
-    from swarmwright.experiment.settings import refuse_seed
     from swarmwright.runs.code import resolve_experiment
     from swarmwright.runs.edits import differences
     from swarmwright.runs.post_evaluation import EPISODES
 
-    show_warnings()
-    repeats = episodes is None and seed is None and curve is None
-    of_candidate = {"--candidate": candidate, "--generation": generation}
-    if curve is not None:
-        _refuse({"--controller": controller_file, **of_candidate, "--metrics": metrics}, "--curve")
-    if file is not None:
-        _check_file(file, curve)
-    if controller_file is not None:
-        _refuse({**of_candidate, "--simulation": simulation}, "--controller")
-        if repeats:
-            raise click.UsageError(
-                "--controller: the run has no recorded episodes of this controller; add --episodes N"
-            )
-    elif run.is_file():
+    options.exclude("--curve", "--controller", "--candidate", "--generation", "--metrics")
+    options.exclude("--controller", "--candidate", "--generation", "--simulation")
+    options.need("--controller", "--episodes", "--seed")
+    options.need("--metrics", "--episodes", "--seed")
+    options.need("--out", "--curve")
+    if file is not None and file.suffix.lower() not in {".csv", ".png", ".svg", ".pdf"}:
+        raise click.UsageError(
+            f"--out {file}: the name must end with .png, .svg or .pdf, or with .csv for a table"
+        )
+    if controller_file is None and run.is_file():
         raise click.UsageError(
             f"'{run}' is a file where a run folder is expected. Evaluate a controller file in an experiment, "
             "or in that of a run folder: swarmwright evaluate EXPERIMENT.yaml --controller FILE "
             "--episodes 100"
         )
-    refuse_seed(settings)
-    changed = (*settings, *options.prefix_settings(prefix))
-    opened = Run.open(run) if controller_file is None or run.is_dir() else None
+    repeats = episodes is None and seed is None and curve is None
+    output, opened = evaluating.output, Run.open(run) if controller_file is None or run.is_dir() else None
     if opened is None:
-        used = experiment = experiment_of(run, changed)
+        evaluating.refuse_seed()
+        used = experiment = experiment_of(run, evaluating.changes)
     else:
         at = None if controller_file else opened.evaluation(candidate, generation).generation
         used = resolve_experiment(opened, at, simulation)
-        experiment = used.with_settings(
-            changed,
-            only=KEYS_OUTSIDE_RECORD - {"validate"} if repeats else settable(),
-            reason="--set changes the conditions, so the result cannot be compared with the record; add "
-            "--episodes N"
-            if repeats
-            else NOT_EVALUATED,
-        )
-    arguments: dict[str, Any] = {
-        "experiment": experiment,
-        "broker": options.experiment_broker(experiment, broker, servers),
-        "servers": servers,
-    }
+        experiment = evaluating.change(used, repeats=repeats)
     if opened is not None and repeats:
-        if metrics is not None:
-            raise click.UsageError("--metrics: add --episodes N; metrics are measured in new episodes only")
-        return show_repetition(output, repeat(opened, candidate, generation, **arguments))
-    arguments |= {"episodes": episodes or EPISODES, "seed": seed}
-    if opened is not None and curve is not None:
-        _show_settings(output, settings)
-        with shown_episodes(output) as on_progress:
-            learned = learning_curve(opened, curve, on_progress=on_progress, **arguments)
-        show_learning_curve(output, learned, file, settings)
-        return 0
-    arguments |= {"controller": controller_file, "metrics": _names(metrics)}
-    with shown_episodes(output) as on_progress:
-        subject: Any = opened or experiment
-        evaluation: ControllerEvaluation = post_evaluate(
-            subject, candidate, generation, on_progress=on_progress, **arguments
+        broker, servers = evaluating.broker_of(experiment), evaluating.servers
+        repetition = repeat(
+            opened, candidate, generation, experiment=experiment, broker=broker, servers=servers
         )
+        return show_repetition(output, repetition)
+    with evaluating.episodes(experiment, episodes or EPISODES, seed) as where:
+        arguments: dict[str, Any] = where._asdict() | {"experiment": experiment}
+        del arguments["metrics"]
+        if opened is not None and curve is not None:
+            learned = learning_curve(opened, curve, **arguments)
+        else:
+            subject: Any = opened or experiment
+            arguments |= {"controller": controller_file, "metrics": _names(metrics)}
+            evaluation: ControllerEvaluation = post_evaluate(subject, candidate, generation, **arguments)
+    if curve is not None:
+        evaluating.show_settings()
+        show_learning_curve(output, learned, file, evaluating.settings)
+        return 0
     source = {"run": str(run)} | ({} if controller_file is None else {"controller": str(controller_file)})
-    output.json({**source, "settings": list(settings), **evaluation.to_mapping()})
+    output.json({**source, "settings": list(evaluating.settings), **evaluation.to_mapping()})
     if isinstance(evaluation, PostEvaluation):
         # Other parameters make other episodes of the same seeds.
         other = any(changes.matters for changes in differences(used.to_mapping(), experiment.to_mapping()))
@@ -194,45 +159,15 @@ def command(
     else:
         output.text(f"The controller of {controller_file}.")
         seeds = f"the {'held-out ' if seed is None else ''}{format_seeds(evaluation.seeds)}"
-    _show_settings(output, settings)
+    evaluating.show_settings()
     _show(output, evaluation, seeds)
     return 0
-
-
-def _show_settings(output: Output, settings: Sequence[str]) -> None:
-    """Print the settings, on which the result depends."""
-    if settings:
-        output.text(f"Settings: {', '.join(settings)}")
-
-
-def _refuse(conflicting: Mapping[str, object], option: str) -> None:
-    """Raise a UsageError for a given option that cannot be combined with another."""
-    for name, value in conflicting.items():
-        if value is not None:
-            raise click.UsageError(f"{name}: cannot be combined with {option}; leave it out")
-
-
-def _check_file(file: Path, curve: int | None) -> None:
-    """Raise a UsageError for `--out` without a curve, or with another ending."""
-    if curve is None:
-        raise click.UsageError("--out draws a learning curve; add --curve N")
-    if file.suffix.lower() not in {".csv", ".png", ".svg", ".pdf"}:
-        raise click.UsageError(
-            f"--out {file}: the name must end with .png, .svg or .pdf, or with .csv for a table"
-        )
 
 
 def _names(text: str | None) -> list[str] | Literal["all"]:
     if text == "all":
         return "all"
     return [] if text is None else [name.strip() for name in text.split(",") if name.strip()]
-
-
-def settable() -> frozenset[str]:
-    """Return the keys of an experiment that can be set for new episodes."""
-    from swarmwright.experiment.experiment import KEYS_OUTSIDE_RECORD
-
-    return frozenset(KEYS_OUTSIDE_RECORD - {"validate"} | {"parameters", "fitness", "ranking", "simulation"})
 
 
 def _show(output: Output, evaluation: "ControllerEvaluation", seeds: str) -> None:
@@ -306,6 +241,8 @@ def show_learning_curve(
     output: Output, curve: "LearningCurve", file: Path | None, settings: Sequence[str]
 ) -> None:
     """Print a learning curve as a table; if there is a file, write or draw it."""
+    from swarmwright.analysis.table import columns
+
     is_table = file is not None and file.suffix.lower() == ".csv"
     if file is not None:
         (curve.export if is_table else curve.plot)(file)
@@ -314,15 +251,15 @@ def show_learning_curve(
     )
     count = format_count(len(curve.seeds), "episode")
     output.text(f"The {curve.run.best_words}, in {count} with the {format_seeds(curve.seeds)}:")
-    output.text("generation  evaluations   candidate     recorded     held-out  95 % interval")
+    rows = [["generation", "evaluations", "candidate", "recorded", "held-out", "95 % interval"]]
     for point in curve.points:
         best = point.best.fitness
-        interval = "" if best.low is None else f"  {best.low:.5g} to {best.high:.5g}"
+        interval = "-" if best.low is None else f"{best.low:.5g} to {best.high:.5g}"
         failed = f", {point.best.failed} failed" if point.best.failed else ""
-        output.text(
-            f"{point.generation:>10}{point.evaluations:>13,}{point.best.label:>12}"
-            f"{point.best.recorded + 0.0:>13.5g}{best.mean + 0.0:>13.5g}{interval}{failed}"
-        )
+        numbers = (f"{point.best.recorded + 0.0:.5g}", f"{best.mean + 0.0:.5g}", f"{interval}{failed}")
+        rows.append([str(point.generation), f"{point.evaluations:,}", point.best.label, *numbers])
+    for line in columns(rows):
+        output.text(line)
     if not curve.is_reportable:
         output.text(
             "Do not report these means, which exclude failed episodes; --set ranking.failed=NUMBER gives "

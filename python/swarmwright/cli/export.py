@@ -9,7 +9,7 @@ import click
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._experiments import importer_of
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
     from swarmwright.export.bundle import Bundle
@@ -115,25 +115,21 @@ def command(
     from swarmwright.export.bundle import export_bundle
     from swarmwright.export.exporting import PREFIX, export_controller
 
-    show_warnings()
     if target is not None and (target / "run.sqlite").exists() and target.resolve() != run.resolve():
         raise click.UsageError(f"--output {target}: is the folder of another run; name a separate folder")
     chosen: dict[str, Any] = {"generation": generation, "candidate": candidate, "force": force}
+    options.exclude("--bundle", "--to", "--output", "--verify", "--model")
+    options.exclude("--model", "--to", "--verify")
+    options.need("--model", "--output")
+    options.need("--mapping", "--bundle")
+    options.need("--license", "--bundle")
     if bundle is not None:
-        if form is not None or target is not None or verify:
-            raise click.UsageError(
-                "--bundle holds all formats, verified: leave out --to, --output and --verify"
-            )
         bundled = export_bundle(
             run, bundle, group=group, prefix=prefix or PREFIX, mapping=mapping, license=terms, **chosen
         )
         _print_bundle(output, run, bundle, bundled)
         return 0
-    if model:
-        if form is not None or verify or target is None:
-            raise click.UsageError(
-                "--model writes into a folder: name it with --output, leave out --to and --verify"
-            )
+    if model and target is not None:
         subject, written = importer_of(model).write_back(run, model, target, **chosen)
         _print_subject(output, subject, written)
         output.json({"run": str(run), "files": [str(file) for file in written]})
@@ -142,8 +138,6 @@ def command(
         raise click.UsageError(
             f"name a format: --to {', '.join(EXPORTERS.names())}; or give --bundle FILE.zip or --model FILE"
         )
-    if mapping is not None or terms is not None:
-        raise click.UsageError("--mapping and --license are for bundles: name one with --bundle FILE.zip")
     exported = export_controller(
         run, to=form, output=target, group=group, prefix=prefix, verify=verify, **chosen
     )

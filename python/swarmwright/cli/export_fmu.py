@@ -8,14 +8,11 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._output import Output
 from swarmwright.experiment.broker_address import DEFAULT_BROKER, PREFIX_VARIABLE
 
 if TYPE_CHECKING:
     from swarmwright import Experiment
-
-
-_PROXY_ONLY = "applies only to FMUs of simulation servers; add --proxy"
 
 
 @click.command(
@@ -97,10 +94,8 @@ def command(
     from swarmwright.export.simulation_fmu import Address, Model, build_model_fmu, proxy_model
     from swarmwright.simulations.catalogue import title
 
-    show_warnings()
-    of_proxy = {"--broker": broker, "--prefix": prefix, "--server": server, "--agents": agents}
-    if not proxy and (ignored := [name for name, value in of_proxy.items() if value is not None]):
-        raise InputError(f"{ignored[0]} {_PROXY_ONLY}")
+    for option in ("--broker", "--prefix", "--server", "--agents"):
+        options.need(option, "--proxy")
     experiment = _experiment(simulation, settings, proxy=proxy)
     label = title(experiment.simulation)
     file = target or Path(f"{_stem(simulation)}.fmu")

@@ -1,17 +1,13 @@
 """`swarmwright league`: a league table of controllers in a folder."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._comparison import INCOMPLETE
-from swarmwright.cli._output import Output, show_warnings
-
-if TYPE_CHECKING:
-    from swarmwright import Experiment
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
 
 
 @click.command(
@@ -29,21 +25,8 @@ if TYPE_CHECKING:
     help="Experiment with matches of two sides. Default: FOLDER/league.yaml, or that of the first run or "
     "bundle.",
 )
-@click.option(
-    "--episodes",
-    type=options.WholeNumber(min=1, max=1_000_000),
-    default=10,
-    show_default=True,
-    help="Number of episodes of each match.",
-)
-@click.option(
-    "--seed",
-    type=options.WholeNumber(min=0, max=2**62),
-    metavar="S",
-    help="Simulation seed of the first episode; the others count up. Default: held-out seeds that no run "
-    "used.",
-)
-@options.set_option("Override a value of the experiment: parameters.maxSteps=40.")
+@options.episodes_option("Number of episodes of each match.", default=10, most=1_000_000)
+@options.seed_option(options.HELD_OUT_SEEDS)
 @click.option(
     "--output",
     "target",
@@ -52,22 +35,14 @@ if TYPE_CHECKING:
     metavar="FILE.md",
     help="Write the table as Markdown, too.",
 )
-@options.experiment_broker_options()
-@options.servers_option
-@options.server_output_option
-@options.trust_option
-@options.json_option
+@evaluation_options()
 def command(
     folder: Path,
     experiment_file: Path | None,
     episodes: int,
     seed: int | None,
-    settings: tuple[str, ...],
     target: Path | None,
-    broker: str | None,
-    prefix: str | None,
-    servers: options.Servers | None,
-    output: Output,
+    evaluating: Evaluating,
 ) -> int:
     """Rank controllers by matches of each against all others.
 
@@ -81,39 +56,23 @@ def command(
 
     The exit status is 1 if files or folders were left out.
     """
-    from swarmwright.analysis.league import EXPERIMENT, find_entries, find_experiment, play_league
+    from swarmwright.analysis.league import find_entries, find_experiment, play_league
     from swarmwright.analysis.table import check
     from swarmwright.cli._experiments import experiment_of
-    from swarmwright.cli._progress import episodes as shown_episodes
-    from swarmwright.cli.evaluate import NOT_EVALUATED, settable
     from swarmwright.common.files import write_text
-    from swarmwright.experiment.settings import refuse_seed
-    from swarmwright.runs.post_evaluation import EvaluationOptions
 
-    show_warnings()
-    refuse_seed(settings)
+    evaluating.refuse_seed()
     if target is not None:
         check(target, ".md")
-    changed = (*settings, *options.prefix_settings(prefix))
     names = find_entries(folder)
-    if experiment_file is None and (folder / EXPERIMENT).is_file():
-        experiment_file = folder / EXPERIMENT
-    if experiment_file is not None:
-        experiment: Experiment | None = experiment_of(experiment_file, changed)
+    if experiment_file is None:
+        experiment = evaluating.change(find_experiment(folder, names))
     else:
-        experiment = find_experiment(folder, names)
-        if experiment is not None:
-            experiment = experiment.with_settings(changed, only=settable(), reason=NOT_EVALUATED)
-    if experiment is not None:
-        broker = options.experiment_broker(experiment, broker, servers)
-    with shown_episodes(output) as on_progress:
-        where = EvaluationOptions.of(episodes, seed, broker, servers, on_progress)
+        experiment = experiment_of(experiment_file, evaluating.changes)
+    with evaluating.episodes(experiment, episodes, seed) as where:
         league = play_league(folder, experiment, where, names)
-    if settings:
-        output.text(f"Settings: {', '.join(settings)}")
-    output.block(str(league))
-    output.json({"settings": list(settings), **league.to_mapping()})
+    evaluating.show(league)
     if target is not None:
         write_text(target, league.markdown())
-        output.text(f"The table is in {target}")
+        evaluating.output.text(f"The table is in {target}")
     return INCOMPLETE if league.left_out else 0

@@ -7,10 +7,10 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import SETTINGS, Command
-from swarmwright.cli._evolving import evolve, watch_options
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
+from swarmwright.cli._evolving import evolve
 from swarmwright.cli._experiments import experiment_of
-from swarmwright.cli._observing import ObserverOptions, observe_options
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._observing import ObserverOptions, observe_run_options
 
 
 @click.command(
@@ -21,8 +21,6 @@ from swarmwright.cli._output import Output, show_warnings
     "swarmwright optimize experiments/minisim.yaml --set method.kind=cma_es --set method.generations=30",
 )
 @click.argument("file", type=options.ExistingPath())
-@options.experiment_broker_options()
-@options.set_option()
 @click.option(
     "--seed", type=options.WholeNumber(min=0), metavar="S", help="Seed of the run. Default: FILE's."
 )
@@ -33,24 +31,16 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="DIR",
     help="Folder for the results. Default: a new one in runs/.",
 )
-@options.servers_option
-@options.server_output_option
 @options.wait_option
-@watch_options
-@observe_options
-@options.trust_option
-@options.json_option
+@observe_run_options
+@evaluation_options(settings="Override a value of FILE: method.generations=50, 'controller.hidden=[8, 4]'.")
 def command(
     file: Path,
-    settings: tuple[str, ...],
-    broker: str | None,
-    prefix: str | None,
     seed: int | None,
     out: Path | None,
-    servers: options.Servers | None,
     wait: float | None,
     observing: ObserverOptions,
-    output: Output,
+    evaluating: Evaluating,
 ) -> int:
     """Run the experiment in FILE.
 
@@ -60,13 +50,7 @@ def command(
     """
     from swarmwright import optimize
 
-    show_warnings()
-    experiment = experiment_of(file, (*settings, *options.prefix_settings(prefix)))
-    broker = options.experiment_broker(experiment, broker, servers)
-    return evolve(
-        output,
-        experiment,
-        partial(optimize, experiment, broker=broker, servers=servers, wait=wait, seed=seed, out=out),
-        observing=observing,
-        broker=broker,
-    )
+    experiment = experiment_of(file, evaluating.changes)
+    broker, servers = evaluating.broker_of(experiment), evaluating.servers
+    work = partial(optimize, experiment, broker=broker, servers=servers, wait=wait, seed=seed, out=out)
+    return evolve(evaluating.output, experiment, work, observing=observing, broker=broker)

@@ -9,12 +9,13 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
 from swarmwright.cli._evolving import program
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.common.formatting import format_count
 from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
-    from swarmwright.analysis.competition import CompetitionProgress, SideProgress
+    from swarmwright.analysis.competition import SideProgress
 
 
 @click.command(
@@ -32,14 +33,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Number of champions of each side, of evenly spaced generations.",
 )
-@click.option(
-    "--episodes",
-    type=options.WholeNumber(min=2, max=10_000),
-    metavar="N",
-    default=10,
-    show_default=True,
-    help="Episodes of each match.",
-)
+@options.episodes_option("Number of episodes of each match.", default=10, least=2, most=10_000)
 @click.option(
     "--seed",
     type=options.WholeNumber(min=0, max=2**62),
@@ -48,15 +42,11 @@ if TYPE_CHECKING:
     show_default=True,
     help="First simulation seed; the others count up.",
 )
-@options.episodes_options(
+@options.file_options(
     "Draw the outcomes of all matches, means and ratings: .png, .svg or .pdf.",
     "Write mean fitness and rating of each champion, with 95 % intervals, as a table, .csv.",
 )
-@options.experiment_broker_options("Use the servers on this broker. Default: the run's.")
-@options.servers_option
-@options.server_output_option
-@options.trust_option
-@options.json_option
+@evaluation_options()
 def command(
     run: Path,
     champions: int,
@@ -64,66 +54,45 @@ def command(
     seed: int,
     picture: Path | None,
     table: Path | None,
-    broker: str | None,
-    prefix: str | None,
-    servers: options.Servers | None,
-    output: Output,
+    evaluating: Evaluating,
 ) -> None:
     """Show whether the sides of a competition become better, or go in circles.
 
-    The champions of all generations of one side meet those of the other (master tournament). The fitness of a
-    competition does not show progress, since the opponents change with it.
+    The champions of all generations of each side meet those of the other side, or of all other sides together
+    (master tournament). The fitness of a competition does not show progress, since the opponents change with
+    it.
     """
     from swarmwright import Run
-    from swarmwright.analysis.competition import color_sides, measure_progress
-    from swarmwright.cli._progress import episodes as show_episodes
-    from swarmwright.display.figures import style
-    from swarmwright.display.figures.progress import Champions, draw_progress
+    from swarmwright.analysis.competition import measure_progress
+    from swarmwright.runs.code import resolve_experiment
 
-    show_warnings()
-    opened = Run.open(run)
-    with show_episodes(output) as on_progress:
+    opened, output = Run.open(run), evaluating.output
+    experiment = evaluating.change(resolve_experiment(opened))
+    with evaluating.episodes(experiment, episodes, seed) as where:
         result = measure_progress(
             opened,
+            experiment=experiment,
             champions=champions,
             episodes=episodes,
             seed=seed,
-            broker=broker,
-            prefix=prefix,
-            servers=servers,
-            on_progress=on_progress,
+            broker=where.broker,
+            servers=where.servers,
+            on_progress=where.on_progress,
         )
-    for line in _lines(result, run):
-        output.text(line)
-    if table is not None:
-        result.export(table)
-        output.text(f"The table is in {table}")
-    if picture is not None:
-        sides = [Champions(*(getattr(side, name) for name in Champions._fields)) for side in result.sides]
-        generations, heading = result.sides[0].generations, f"Progress of {opened.name}"
-        style.save(draw_progress(sides, generations, heading, color_sides(opened.experiment)), picture)
-        output.text(f"The figure is in {picture}")
-    output.json(
-        {
-            "run": str(run),
-            "sides": {side.side: side.summary() for side in result.sides},
-            "cycles": any(side.cycles for side in result.sides),
-            "champions": len(result.sides[0].generations),
-            "episodes": result.episodes,
-            "seed": result.seed,
-        }
+    evaluating.show_settings()
+    count = format_count(len(result.sides[0].generations), "champion")
+    output.text(
+        f"{count} of each side met those of all other sides, {format_count(episodes, 'episode')} each."
     )
+    for side in result.sides:
+        for line in _lines(side, run):
+            output.text(line)
+    options.write_files(output, result, picture, table)
+    output.json({"settings": list(evaluating.settings), **result.to_mapping()})
 
 
-def _lines(result: "CompetitionProgress", run: Path) -> Iterator[str]:
-    count = len(result.sides[0].generations)
-    yield f"{count} champions of each side met all of the other side, {result.episodes} episodes each."
-    for side, other in zip(result.sides, reversed(result.sides), strict=True):
-        yield from _side_lines(side, other, run)
-
-
-def _side_lines(side: "SideProgress", other: "SideProgress", run: Path) -> Iterator[str]:
-    name, opponent = escape_line(side.side), escape_line(other.side)
+def _lines(side: "SideProgress", run: Path) -> Iterator[str]:
+    name, opponent = escape_line(side.side), escape_line(side.opponents)
     interval = f"95 % interval {side.gain_low:.3g} to {side.gain_high:.3g}"
     yield (
         f"{name}: {side.verdict}. From the first tenth to the last, mean fitness changed by {side.gain:.3g}, "

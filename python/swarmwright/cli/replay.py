@@ -8,7 +8,8 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._output import Output, get_stdout, show_warnings
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
+from swarmwright.cli._output import Output, get_stdout
 from swarmwright.cli._pictures import PictureOptions, broker_of, picture_options
 from swarmwright.common.errors import engine_errors
 
@@ -72,14 +73,14 @@ def _read_match(_context: click.Context, _option: click.Parameter, text: str | N
 @click.option(
     "--seed", type=options.WholeNumber(min=0), metavar="S", help="Simulation seed of a new episode."
 )
-@options.experiment_broker_options(
-    "Compute the episode on a server that sends scenes. Default: this process, or if it lacks the "
-    "simulation, the run's broker or SWARMWRIGHT_BROKER."
-)
 @options.simulation_option
-@options.set_option("Override a value of the run: parameters.maxSteps=40.")
-@options.trust_option
-@options.json_option
+@evaluation_options(
+    "Compute the episode on a server that sends scenes. Default: this process, or if it lacks the "
+    "simulation, the run's broker or SWARMWRIGHT_BROKER.",
+    "Override a value of the run: parameters.maxSteps=40.",
+    servers=False,
+    server_output=False,
+)
 def command(
     run: Path,
     picture: PictureOptions,
@@ -90,38 +91,28 @@ def command(
     match: tuple[int, ...],
     episode: int | None,
     seed: int | None,
-    broker: str | None,
-    prefix: str | None,
     simulation: str | None,
-    settings: tuple[str, ...],
-    output: Output,
+    evaluating: Evaluating,
 ) -> None:
     """Watch an episode of a candidate, or save it as a page or film.
 
     By default, the best candidate of RUN is replayed in this process, with the parameters and seed of the
     run.
     """
-    for name, is_given in (("--controller", controller is not None), ("--match", bool(match))):
-        if is_given and (generation is not None or candidate is not None):
-            raise click.UsageError(
-                f"{name} excludes --generation and --candidate; leave it out, or leave out these."
-            )
-    if controller is not None and match:
-        raise click.UsageError("--controller and --match exclude each other; leave one out.")
-    if seed is not None and episode is not None:
-        raise click.UsageError("--episode and --seed exclude each other; leave one out.")
+    options.exclude("--controller", "--match", "--generation", "--candidate")
+    options.exclude("--match", "--generation", "--candidate")
+    options.exclude("--episode", "--seed")
     if beside and (picture.file is None or picture.file.suffix.lower() != ".html"):
         raise click.UsageError("--beside needs a page: --save FILE.html.")
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
-    show_warnings()
-    opened = Run.open(run)
+    opened, output = Run.open(run), evaluating.output
     how: dict[str, Any] = {
         "simulation": simulation,
-        "settings": settings,
-        "prefix": prefix,
-        "broker": broker_of(opened.experiment, broker, simulation),
+        "settings": evaluating.settings,
+        "prefix": evaluating.prefix,
+        "broker": broker_of(opened.experiment, evaluating.broker, simulation),
     }
     replay = Replay.of(
         opened,

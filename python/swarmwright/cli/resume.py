@@ -2,14 +2,15 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._evolving import evolve, watch_options
-from swarmwright.cli._observing import ObserverOptions, observe_options
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
+from swarmwright.cli._evolving import evolve
+from swarmwright.cli._observing import ObserverOptions, observe_run_options
 
 
 @click.command(
@@ -20,9 +21,6 @@ from swarmwright.cli._output import Output, show_warnings
     "swarmwright resume runs/minisim-1 --evaluations 20000",
 )
 @click.argument("run", type=options.ExistingPath(folder=True))
-@options.experiment_broker_options()
-@options.servers_option
-@options.server_output_option
 @options.wait_option
 @click.option(
     "--generations",
@@ -45,27 +43,18 @@ from swarmwright.cli._output import Output, show_warnings
     help="Continue although the code of the simulation or a plug-in was edited; the run records it.",
 )
 @options.simulation_option
-@options.set_option(
-    "Change the budget, or how and where to evaluate: method.evaluations=9000, timeouts.step=5."
+@observe_run_options
+@evaluation_options(
+    settings="Change the budget, or how and where to evaluate: method.evaluations=9000, timeouts.step=5."
 )
-@watch_options
-@observe_options
-@options.trust_option
-@options.json_option
 def command(
     run: Path,
-    broker: str | None,
-    prefix: str | None,
-    servers: options.Servers | None,
     wait: float | None,
-    generations: int | None,
-    evaluations: int | None,
-    seconds: float | None,
     accept_changed_code: bool,
     simulation: str | None,
-    settings: tuple[str, ...],
     observing: ObserverOptions,
-    output: Output,
+    evaluating: Evaluating,
+    **budget: Any,  # noqa: ANN401 - as click passes options
 ) -> int:
     """Continue a run that was interrupted or failed.
 
@@ -79,17 +68,14 @@ def command(
     from swarmwright.runs.store.lock import check_free
     from swarmwright.runs.transfer import at_end
 
-    show_warnings()
     opened = Run.open(run)
     check_free(opened.path)
-    settings = (*settings, *options.prefix_settings(prefix))
     # Report errors before anything is printed or started.
-    budget = {"generations": generations, "evaluations": evaluations, "seconds": seconds}
-    resumption = Resumption.of(opened, opened._store, settings, budget)
+    resumption = Resumption.of(opened, opened._store, evaluating.changes, budget)
     experiment = resumption.experiment
     if not resumption.has_all_generations:
         plan_continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
-    broker = options.experiment_broker(experiment, broker, servers)
+    output = evaluating.output
     if resumption.has_all_generations:
         due = resumption.validation_is_due
         if not due and at_end.is_due(experiment, opened._store):
@@ -104,23 +90,16 @@ def command(
             f"{opened.generations}{whole} generations are stored. Replaying them from the record, then "
             "continuing."
         )
-    return evolve(
-        output,
-        experiment,
-        partial(
-            resume,
-            opened,
-            generations=generations,
-            evaluations=evaluations,
-            seconds=seconds,
-            settings=settings,
-            broker=broker,
-            servers=servers,
-            wait=wait,
-            accept_changed_code=accept_changed_code,
-            simulation=simulation,
-        ),
-        observing=observing,
+    broker = evaluating.broker_of(experiment)
+    work = partial(
+        resume,
+        opened,
+        settings=evaluating.changes,
         broker=broker,
-        prefix=prefix,
+        servers=evaluating.servers,
+        wait=wait,
+        accept_changed_code=accept_changed_code,
+        simulation=simulation,
+        **budget,
     )
+    return evolve(output, experiment, work, observing=observing, broker=broker, prefix=evaluating.prefix)

@@ -14,6 +14,7 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Group
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
 from swarmwright.common.errors import InputError
@@ -250,21 +251,13 @@ def show(run: Path, output: Output) -> None:
     metavar="FITNESS",
     help="Worst possible fitness, subtracted from each elite's in the QD score. Default: 0.",
 )
-@click.option(
-    "--episodes",
-    type=options.WholeNumber(min=1, max=100_000),
-    help="Evaluate each elite of an archive in N episodes on held-out seeds, and count those that are "
-    "illusory: in another cell, or with less fitness than in the record.",
+@options.episodes_option(
+    "Evaluate each elite of an archive in N episodes on held-out seeds, and count those that are illusory: "
+    "in another cell, or with less fitness than in the record.",
+    most=100_000,
 )
-@click.option(
-    "--seed",
-    type=options.WholeNumber(min=0, max=2**62),
-    metavar="S",
-    help="With --episodes: simulation seed of the first episode.",
-)
-@options.experiment_broker_options()
-@options.servers_option
-@options.json_option
+@options.seed_option("With --episodes: simulation seed of the first episode.")
+@evaluation_options(settings=None, server_output=False)
 def elites(
     run: Path,
     limit: int,
@@ -272,10 +265,7 @@ def elites(
     offset: float | None,
     episodes: int | None,
     seed: int | None,
-    broker: str | None,
-    prefix: str | None,
-    servers: options.Servers | None,
-    output: Output,
+    evaluating: Evaluating,
 ) -> None:
     """List the elites of RUN, an archive or a front.
 
@@ -285,15 +275,12 @@ def elites(
     or outside the range of a measure.
     """
     from swarmwright import Run, reproduce_elites
-    from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.cli._runs import elites_facts, list_elites, list_reproduction
     from swarmwright.runs.code import resolve_experiment
 
-    if episodes is None and any(option is not None for option in (seed, broker, prefix, servers)):
-        raise click.UsageError(
-            "--seed, --broker, --prefix and --servers need --episodes N; add it, or leave them out."
-        )
-    opened = Run.open(run)
+    for option in ("--seed", "--broker", "--prefix", "--servers"):
+        options.need(option, "--episodes")
+    opened, output = Run.open(run), evaluating.output
     archive = opened.elites
     if offset is not None and archive.kind == "front":
         raise click.UsageError(
@@ -304,13 +291,11 @@ def elites(
         archive.plot(file)
     reproduction = None
     if episodes is not None:
-        experiment = resolve_experiment(opened).with_settings(options.prefix_settings(prefix))
-        where = options.experiment_broker(experiment, broker, servers)
-        with shown_episodes(output) as on_progress:
-            reproduction = reproduce_elites(
-                opened, episodes=episodes, seed=seed, experiment=experiment, broker=where, servers=servers,
-                on_progress=on_progress,
-            )  # fmt: skip
+        experiment = evaluating.change(resolve_experiment(opened))
+        with evaluating.episodes(experiment, episodes, seed) as where:
+            arguments = where._asdict() | {"experiment": experiment}
+            del arguments["metrics"]
+            reproduction = reproduce_elites(opened, **arguments)
     output.json(
         {
             "run": str(run),

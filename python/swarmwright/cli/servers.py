@@ -89,7 +89,12 @@ def command(
     """
     from swarmwright import _engine
 
-    _check(broker, simulation, dimensions, wait, every, watch=watch, forget_lost=forget_lost)
+    options.exclude("--watch", "--wait", "--forget-lost", "--simulation")
+    options.exclude("--forget-lost", "--simulation")
+    options.need("--every", "--watch")
+    options.need("--dimensions", "--simulation")
+    if simulation is not None and "," in broker:
+        raise click.BadParameter("names several brokers; --simulation needs one.", param_hint="'--broker'")
     if watch:
         from swarmwright.cli._watching import watch as go_on
 
@@ -117,31 +122,6 @@ def command(
     elif not servers:
         _advise(output, broker, prefix)
     return 0
-
-
-def _check(
-    broker: str,
-    simulation: str | None,
-    dimensions: int | None,
-    wait: float | None,
-    every: float | None,
-    *,
-    watch: bool,
-    forget_lost: bool,
-) -> None:
-    """Refuse options that exclude each other."""
-    if watch and wait is not None:
-        raise click.UsageError("--wait cannot be combined with --watch; leave one out")
-    if not watch and every is not None:
-        raise click.UsageError("--every needs --watch")
-    if watch and forget_lost:
-        raise click.UsageError("--forget-lost cannot be combined with --watch; leave one out")
-    if simulation is None and dimensions is not None:
-        raise click.UsageError("--dimensions needs --simulation")
-    if simulation is not None and (watch or forget_lost):
-        raise click.UsageError("--simulation cannot be combined with --watch or --forget-lost")
-    if simulation is not None and "," in broker:
-        raise click.BadParameter("names several brokers; --simulation needs one.", param_hint="'--broker'")
 
 
 def _with_answers(

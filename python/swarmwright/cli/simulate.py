@@ -11,9 +11,10 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
 from swarmwright.cli._experiments import experiment_of
-from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._pictures import PictureOptions, broker_of, check_unsaved, picture_options
+from swarmwright.cli._output import Output
+from swarmwright.cli._pictures import PictureOptions, broker_of, picture_options
 
 if TYPE_CHECKING:
     from swarmwright import Experiment
@@ -34,56 +35,47 @@ if TYPE_CHECKING:
     metavar="C",
     help="Controller file (best.json) or run folder. Default: a random controller.",
 )
-@options.set_option("Override a value of FILE: parameters.maxSteps=30.")
 @click.option(
     "--seed",
     type=options.WholeNumber(min=0, max=2**63 - 1),
     metavar="S",
     help="Seed of the simulation. Default: parameters.seed, else 0.",
 )
-@options.experiment_broker_options(
-    "Use a server on this broker; with --save, one that sends scenes. Default: FILE's, SWARMWRIGHT_BROKER, "
-    "or a private one; with --save, this process if it has the simulation."
-)
 @picture_options
 @click.option("--visual", is_flag=True, help="Ask the server to draw every step.")
-@options.server_output_option
-@options.trust_option
-@options.json_option
+@evaluation_options(
+    "Use a server on this broker; with --save, one that sends scenes. Default: FILE's, SWARMWRIGHT_BROKER, "
+    "or a private one; with --save, this process if it has the simulation.",
+    "Override a value of FILE: parameters.maxSteps=30.",
+    servers=False,
+)
 def command(
     file: Path,
     controller: Path | None,
-    settings: tuple[str, ...],
     seed: int | None,
-    broker: str | None,
-    prefix: str | None,
     picture: PictureOptions,
     visual: bool,
-    output: Output,
+    evaluating: Evaluating,
 ) -> None:
     """Run one episode without optimization, or save it as a page, video or picture.
 
     FILE is an experiment or a FREVO session (.zse).
     """
-    if visual and output.as_json:
-        raise click.UsageError("--visual and --json exclude each other; leave one out.")
-    if visual and picture.file is not None:
-        raise click.UsageError("--visual and --save exclude each other; leave one out.")
-    if picture.file is None:
-        check_unsaved({"speed": "--speed"})
+    options.exclude("--visual", "--json", "--save")
+    options.need("--speed", "--save")
     from swarmwright import Controller
     from swarmwright.servers.evaluation.evaluate import run_episode
 
-    show_warnings()
-    experiment = experiment_of(file, (*settings, *options.prefix_settings(prefix)))
+    output = evaluating.output
+    experiment = experiment_of(file, evaluating.changes)
     if picture.file is not None:
-        _save(output, experiment, controller, seed, broker_of(experiment, broker), picture)
+        _save(output, experiment, controller, seed, broker_of(experiment, evaluating.broker), picture)
         picture.open(output)
         return
     loaded = None if controller is None else Controller.load(controller)
     if visual:  # the server's process, which draws, takes the width from its environment
         os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)
-    broker = options.experiment_broker(experiment, broker)
+    broker = evaluating.broker_of(experiment)
     result = run_episode(experiment, loaded, broker=broker, visual=visual, seed=seed)
     _print(output, result, controller)
 

@@ -10,8 +10,9 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import SETTINGS, Command
-from swarmwright.cli._observing import ObserverOptions, observe_options, observe_run
-from swarmwright.cli._output import Output, complain, show_warnings
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
+from swarmwright.cli._observing import ObserverOptions, observe_run, observe_sweep_options
+from swarmwright.cli._output import Output, complain
 from swarmwright.cli._signals import INTERRUPTED
 from swarmwright.common.formatting import format_count
 
@@ -30,8 +31,6 @@ FAILED = 1
     "swarmwright sweep results/sweep.json --out again",
 )
 @click.argument("file", type=options.ExistingPath())
-@options.set_option("Override a value in all variants: method.generations=50.")
-@options.experiment_broker_options()
 @click.option(
     "--out",
     cls=options.OutputOption,
@@ -40,32 +39,16 @@ FAILED = 1
     help="Folder for the runs. Default: FILE's, else runs/ and FILE's name; for a sweep.json, its own "
     "folder.",
 )
-@options.servers_option
 @click.option(
     "--jobs",
     type=options.WholeNumber(min=1, max=1024),
     help="Number of simultaneous runs. Default: one per started server, one per processor with --servers "
     "local, or as many as the servers on the broker can serve.",
 )
-@click.option(
-    "--tensorboard",
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="DIR",
-    help="Write the statistics of each generation for TensorBoard, in a subfolder per run.",
-)
-@observe_options
-@options.trust_option
-@options.json_option
+@observe_sweep_options
+@evaluation_options(settings="Override a value in all variants: method.generations=50.", server_output=False)
 def command(
-    file: Path,
-    settings: tuple[str, ...],
-    broker: str | None,
-    prefix: str | None,
-    out: Path | None,
-    servers: options.Servers | None,
-    jobs: int | None,
-    observing: ObserverOptions,
-    output: Output,
+    file: Path, out: Path | None, jobs: int | None, observing: ObserverOptions, evaluating: Evaluating
 ) -> int:
     """Run an experiment with several settings and seeds, and compare.
 
@@ -88,9 +71,9 @@ def command(
     from swarmwright.analysis.sweep.run import UnreadableRunError
     from swarmwright.cli._sweep_report import Report
 
-    show_warnings()
-    sweep = Sweep.load(file, out=out, settings=(*settings, *options.prefix_settings(prefix)))
-    broker = options.experiment_broker(sweep.variants[0].experiment, broker, servers)
+    output = evaluating.output
+    sweep = Sweep.load(file, out=out, settings=evaluating.changes)
+    broker = evaluating.broker_of(sweep.variants[0].experiment)
     todo = list_tasks(sweep)
     longer = 0
     for task in todo:
@@ -111,7 +94,7 @@ def command(
         with observe_run(output, observing) as observer:
             report = Report(output, observer, todo, observing.tensorboard)
             with report.show():
-                outcome = conduct(sweep, todo, report, jobs=jobs, broker=broker, servers=servers)
+                outcome = conduct(sweep, todo, report, jobs=jobs, broker=broker, servers=evaluating.servers)
             report.conclude()
         _conclude(output, outcome, sweep.out)
         if outcome.interrupted:

@@ -7,7 +7,7 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
 
 
 @click.command(
@@ -65,13 +65,14 @@ from swarmwright.cli._output import Output, show_warnings
     "First simulation seed; the others count up. Default: those of the runs' validations; give S for "
     "fresh seeds."
 )
-@options.episodes_options(
+@options.file_options(
     "Draw fitness in the other simulation (y) over that in the run's own (x): .png, .svg or .pdf.",
     "Write every episode as a table.",
 )
-@options.evaluation_options(
+@evaluation_options(
     "Use the servers on this broker where the runs used one, and for simulations that only a server offers. "
-    "Default: the runs'."
+    "Default: the runs'.",
+    settings=None,
 )
 def command(
     runs: tuple[Path, ...],
@@ -79,7 +80,7 @@ def command(
     vary: tuple[str, ...],
     picture: Path | None,
     table: Path | None,
-    output: Output,
+    evaluating: Evaluating,
     **chosen: Any,  # noqa: ANN401 - as click passes options
 ) -> None:
     """Test the best controllers of runs in other simulations.
@@ -92,17 +93,24 @@ def command(
     from swarmwright.cli._progress import episodes
     from swarmwright.experiment.ranges import Range
 
-    show_warnings()
     names = [name.strip() for text in targets for name in text.split(",") if name.strip()]
     if not names and not vary and not chosen["pseudo_reality"]:
         raise click.UsageError(
             "nothing to transfer to: name simulations with --to, or parameters with --vary KEY=LOW..HIGH."
         )
     folders, _ = run_folders(runs)
+    output = evaluating.output
     with episodes(output) as on_progress:
         result = transfer(
-            folders, names, vary=[Range.parse(text) for text in vary], on_progress=on_progress, **chosen
+            folders,
+            names,
+            vary=[Range.parse(text) for text in vary],
+            broker=evaluating.broker,
+            prefix=evaluating.prefix,
+            servers=evaluating.servers,
+            on_progress=on_progress,
+            **chosen,
         )
     output.block(str(result))
     output.json(result.to_mapping())
-    options.write_episodes(output, result, picture, table)
+    options.write_files(output, result, picture, table)

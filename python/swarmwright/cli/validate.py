@@ -7,7 +7,7 @@ import click
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
 from swarmwright.cli._comparison import INCOMPLETE
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._evaluating import Evaluating, evaluation_options
 
 
 @click.command(
@@ -24,39 +24,18 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="N",
     default=1,
     show_default=True,
-    help="Number of champions of RUN, of evenly spaced generations. Default: the last.",
+    help="Number of champions of RUN, of evenly spaced generations up to the last.",
 )
-@click.option(
-    "--episodes",
-    type=options.WholeNumber(min=1, max=1_000_000),
-    default=30,
-    show_default=True,
-    help="Number of episodes of each match.",
-)
-@click.option(
-    "--seed",
-    type=options.WholeNumber(min=0, max=2**62),
-    metavar="S",
-    help="Simulation seed of the first episode; the others count up. Default: held-out seeds that no run "
-    "used.",
-)
-@options.set_option("Override a value of the experiment: parameters.maxSteps=40.")
-@options.experiment_broker_options()
-@options.servers_option
-@options.server_output_option
-@options.trust_option
-@options.json_option
+@options.episodes_option("Number of episodes of each match.", default=30, most=1_000_000)
+@options.seed_option(options.HELD_OUT_SEEDS)
+@evaluation_options()
 def command(
     run: Path,
     against: tuple[str, ...],
     champions: int,
     episodes: int,
     seed: int | None,
-    settings: tuple[str, ...],
-    broker: str | None,
-    prefix: str | None,
-    servers: options.Servers | None,
-    output: Output,
+    evaluating: Evaluating,
 ) -> int:
     """Let champions of a competition play opponents that they have not met.
 
@@ -69,23 +48,11 @@ def command(
     """
     from swarmwright import Run
     from swarmwright.analysis.competition_validation import validate_competition
-    from swarmwright.cli._progress import episodes as shown_episodes
-    from swarmwright.cli.evaluate import NOT_EVALUATED, settable
-    from swarmwright.experiment.settings import refuse_seed
     from swarmwright.runs.code import resolve_experiment
-    from swarmwright.runs.post_evaluation import EvaluationOptions
 
-    show_warnings()
-    refuse_seed(settings)
     opened = Run.open(run)
-    changed = (*settings, *options.prefix_settings(prefix))
-    experiment = resolve_experiment(opened).with_settings(changed, only=settable(), reason=NOT_EVALUATED)
-    broker = options.experiment_broker(experiment, broker, servers)
-    with shown_episodes(output) as on_progress:
-        where = EvaluationOptions.of(episodes, seed, broker, servers, on_progress)
+    experiment = evaluating.change(resolve_experiment(opened))
+    with evaluating.episodes(experiment, episodes, seed) as where:
         validation = validate_competition(opened, experiment, against, where, champions=champions)
-    if settings:
-        output.text(f"Settings: {', '.join(settings)}")
-    output.block(str(validation))
-    output.json({"settings": list(settings), **validation.to_mapping()})
+    evaluating.show(validation)
     return INCOMPLETE if validation.left_out else 0

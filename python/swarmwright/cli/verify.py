@@ -6,7 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import ExistingPath, json_option
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._output import Output
 from swarmwright.common.formatting import format_count
 
 
@@ -35,7 +35,6 @@ def command(bundle: Path, require_fitness: bool, require_formats: bool, output: 
     """
     from swarmwright.export.bundle import verify_bundle
 
-    show_warnings()
     verified = verify_bundle(bundle)
     output.text(f"{bundle}: SHA-256 of the manifest {verified.digest}")
     for name, text in verified.facts:

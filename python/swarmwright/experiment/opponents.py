@@ -146,6 +146,8 @@ def load_opponent(
     if text.lstrip().startswith("{"):
         return _parse("opponent", text)
     name = _name(text)
+    if not text:
+        raise InputError(f"opponent: its name is empty; {_EXPECTED}")
     try:
         path = Path(folder) / text
         mode = path.stat().st_mode
@@ -157,11 +159,26 @@ def load_opponent(
     except (OSError, ValueError) as error:  # a name that the system refuses
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{name}: cannot be read: {reason}") from error
-    if stat.S_ISDIR(mode):
-        return _read_folder(path, name)
-    if not stat.S_ISREG(mode):
-        raise InputError(f"{name}: is not a regular file; {_EXPECTED}")
-    return _read_bundle(path, name) if is_bundle(path) else _read_file(path, name)
+    try:
+        if stat.S_ISDIR(mode):
+            return _read_folder(path, name)
+        if not stat.S_ISREG(mode):
+            raise InputError(f"{name}: is not a regular file; {_EXPECTED}")
+        return _read_bundle(path, name) if is_bundle(path) else _read_file(path, name)
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read: {error.strerror}") from error
+
+
+def find_run(source: str, folder: Path) -> Path | None:
+    """Return the folder of the run that a source of `load_opponent` is from; None for other sources."""
+    candidate = _CANDIDATE.fullmatch(source)
+    for name in (source, *([candidate[1]] if candidate else [])):
+        try:
+            if (folder / name / STORE).is_file():
+                return folder / name
+        except (OSError, ValueError):  # a name that the system refuses
+            continue
+    return None
 
 
 def is_bundle(path: Path) -> bool:
@@ -322,8 +339,6 @@ def _read_file(path: Path, name: str) -> Opponent:
             raise InputError(_shorten(escape_line(str(error)))) from error
     try:
         data = read_bytes(path, LARGEST_FILE_BYTES)
-    except OSError as error:
-        raise InputError(f"{name}: cannot be read: {error.strerror}") from error
     except InputError as error:
         raise InputError(escape_line(str(error))) from error
     return _parse(name, data)

@@ -92,11 +92,11 @@ class Champion(NamedTuple):
 def sides_of(experiment: Experiment) -> list[str]:
     """Return the names of the sides of a competition, in the order of the joined genome.
 
-    Raises InputError if the experiment is no competition.
+    Raises InputError if the experiment is not a competition.
     """
     if not isinstance(experiment.ranking, TournamentOptions):
         raise InputError(
-            "the experiment is no competition: it has no ranking of the kind tournament and no populations"
+            "the experiment is not a competition: it has no ranking of the kind tournament and no populations"
         )
     return list(experiment.ranking.sides)
 
@@ -117,7 +117,7 @@ def slices_of(experiment: Experiment) -> dict[str, slice]:
 def champions(run: "Run", side: str) -> list[Champion]:
     """Return the champion of a side in each generation, in order.
 
-    Raises InputError if the run is no competition, or has no such side.
+    Raises InputError if the run is not a competition, or has no such side.
     """
     slices = slices_of(run.experiment)
     if side not in slices:
@@ -147,7 +147,7 @@ def join_champions(run: "Run", generations: Sequence[int]) -> Genome:
 
     generations: one of each side.
 
-    Raises InputError if the run is no competition, has another number of sides, or lacks a generation.
+    Raises InputError if the run is not a competition, has another number of sides, or lacks a generation.
     """
     slices = slices_of(run.experiment)
     if len(generations) != len(slices):
@@ -161,7 +161,7 @@ def join_champions(run: "Run", generations: Sequence[int]) -> Genome:
 def describe_champions(run: "Run") -> str | None:
     """Return the result of the last match of champions: `hunters -0.39, prey 0.39`.
 
-    None if the run is no competition, or has no generation.
+    None if the run is not a competition, or has no generation.
     """
     options = run.experiment.ranking
     if not isinstance(options, TournamentOptions) or not run.history:
@@ -193,7 +193,7 @@ def play(
         on_progress: as in `optimize`.
 
     Raises:
-        InputError: the experiment is no competition, or the genomes have another size.
+        InputError: the experiment is not a competition, or the genomes have another size.
         RunError: no broker or no matching server.
     """
     rows = np.ascontiguousarray(genomes, dtype=np.float32)
@@ -210,38 +210,42 @@ def play(
 
 def play_all(
     experiment: Experiment,
-    first: Genomes,
-    second: Genomes,
+    genomes: Genomes,
+    side: str,
     seeds: Sequence[int],
     *,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
 ) -> NDArray[np.float64]:
-    """Let each controller of the first of two sides meet each of the second; otherwise as `play`.
+    """Let the controllers of one side each meet those of all other sides together; otherwise as `play`.
 
     Memory is that of the result: genomes are joined as they are needed.
 
     Args:
-        experiment: a competition of two sides.
-        first: genomes of the first side, (players, genes).
-        second: genomes of the second side, (opponents, genes).
+        experiment: a competition.
+        genomes: joined genomes of all sides, (players, genome_size).
+        side: whose part of each genome meets the rest of all genomes.
         seeds: seeds of the episodes of each match.
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`.
 
     Returns:
-        (players, opponents, seeds, 2).
+        (players, players, seeds, sides): the first number is that of the controller of `side`.
     """
+    own = slices_of(experiment)[side]
+    count = len(genomes)
 
     def join(start: int, end: int) -> Genomes:
-        players, opponents = np.divmod(np.arange(start, end), len(second))
-        return np.concatenate([first[players], second[opponents]], axis=1)
+        players, opponents = np.divmod(np.arange(start, end), count)
+        joined = genomes[opponents]
+        joined[:, own] = genomes[players, own]
+        return joined
 
-    shape = len(first) * len(second), first.shape[1] + second.shape[1]
+    shape = count**2, genomes.shape[1]
     values = _play(experiment, shape, join, seeds, broker=broker, servers=servers, on_progress=on_progress)
-    return values.reshape(len(first), len(second), len(seeds), -1)
+    return values.reshape(count, count, len(seeds), -1)
 
 
 def _play(

@@ -206,7 +206,7 @@ class Run:
     def champions(self, side: str) -> "list[Champion]":
         """Return the best candidate of a side of a competition in each generation.
 
-        Raises InputError if the run is no competition, or has no such side.
+        Raises InputError if the run is not a competition, or has no such side.
         """
         from swarmwright.runs.matches import champions
 

@@ -16,7 +16,9 @@ from swarmwright.analysis.competition import (
     measure_progress,
     spread,
 )
+from swarmwright.runs.matches import play
 from tests.python.runs.optimization.test_competing import MINISIM, POPULATIONS, TOURNAMENT
+from tests.python.simulations.duel import Trio
 
 
 def noisy(outcomes: NDArray[np.float64], noise: float, seed: int = 0) -> NDArray[np.float64]:
@@ -95,6 +97,36 @@ def test_champions_of_all_generations_meet(experiment: dict[str, object], tmp_pa
     assert repeated.sides[0].summary() == own.summary()
 
 
+def test_each_of_three_sides_meets_the_others_together(tmp_path: Path) -> None:
+    values = {
+        "simulation": Trio,
+        "controller": {"hidden": []},
+        "populations": {"first": {}, "second": {}, "third": {}},
+        "method": {"population": 4, "generations": 3},
+        "ranking": {"pairing": "best"},
+    }
+    run = swarmwright.optimize(values, servers="in-process", out=tmp_path / "run")
+    reports: list[tuple[int, int]] = []
+    progress = measure_progress(
+        run,
+        episodes=2,
+        servers="in-process",
+        on_progress=lambda done, whole, _: reports.append((done, whole)),
+    )
+    assert [(side.side, side.opponents) for side in progress.sides] == [
+        ("first", "the others"),
+        ("second", "the others"),
+        ("third", "the others"),
+    ]
+    assert reports[-1] == (3 * 9 * 2, 3 * 9 * 2)
+    champions = {name: run.champions(name) for name in ("first", "second", "third")}
+    match = np.concatenate([champions[name][2 if name == "second" else 0].genome for name in champions])
+    expected = play(run.experiment, [match], [progress.seed, progress.seed + 1], servers="in-process")
+    assert progress.sides[1].outcomes[2, 0] == expected[0, :, 1].mean()
+    progress.plot(tmp_path / "progress.svg")
+    assert "generation of the others" in (tmp_path / "progress.svg").read_text(encoding="utf-8")
+
+
 def test_mistakes_are_a_message(tmp_path: Path) -> None:
     run = swarmwright.optimize(TOURNAMENT, servers="in-process", out=tmp_path / "run")
     with pytest.raises(InputError, match="champions: must be from 2 to 1000, not 1"):
@@ -109,7 +141,7 @@ def test_mistakes_are_a_message(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="needs at least two finished generations, not 1"):
         measure_progress(short)
     alone = swarmwright.optimize({**MINISIM, "parameters": {}}, servers="in-process", out=tmp_path / "alone")
-    with pytest.raises(InputError, match="no competition"):
+    with pytest.raises(InputError, match="not a competition"):
         measure_progress(alone)
 
 

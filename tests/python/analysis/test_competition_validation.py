@@ -43,7 +43,7 @@ def validate(folder: Path, name: str, *against: str, **changes: Any) -> Competit
     run = Run.open(folder / name)
     experiment = changes.pop("experiment", run.experiment)
     champions = changes.pop("champions", 1)
-    paths = [str(folder / each) for each in against]
+    paths = [str(folder / each) if each else "" for each in against]
     return validate_competition(run, experiment, paths, options(**changes), champions=champions)
 
 
@@ -106,7 +106,7 @@ def test_opponents_alone_are_not_validated(folder: Path, tmp_path: Path) -> None
     result = validate(tmp_path, "alone", *opponents, "met.json")
     assert list(result.fitness) == ["left"]
     (left_out,) = result.left_out
-    assert "met.json: was met in the evolution" in left_out.reason
+    assert "met.json: is from this evolution, or was met in it" in left_out.reason
     assert f"Left out: {left_out.reason}" in str(result)
 
 
@@ -127,8 +127,10 @@ def test_mistakes_are_a_message(folder: Path, tmp_path: Path) -> None:
     for against, message in [
         (
             ["run-1"],
-            r"no opponent can play against the champions of .*run-1: was met in the evolution, or is its",
+            r"no opponent can play against the champions of .*run-1: is from this evolution, or was met",
         ),
+        (["run-1:0:1"], r"run-1:0:1: is from this evolution"),
+        ([""], r"opponent: its name is empty"),
         (["nothing"], r"no opponent can play .*nothing: there is no such file"),
     ]:
         with pytest.raises(InputError, match=message):
@@ -137,7 +139,7 @@ def test_mistakes_are_a_message(folder: Path, tmp_path: Path) -> None:
         {"simulation": "minisim", "method": {"generations": 1}}, servers="in-process", out=tmp_path / "one"
     )
     with pytest.raises(
-        InputError, match="is no competition; validate it on held-out seeds: swarmwright resume"
+        InputError, match="is not a competition; validate it on held-out seeds: swarmwright resume"
     ):
         validate(tmp_path, "one", str(folder / "run-1"))
 

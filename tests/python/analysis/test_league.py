@@ -150,7 +150,7 @@ def test_too_few_that_can_meet(folder: Path) -> None:
     with pytest.raises(InputError, match=r"so the experiment is unknown; name one with --experiment"):
         play_league(folder, None, options())
     alone = Experiment.from_mapping({"simulation": "minisim"})
-    with pytest.raises(InputError, match="no competition"):
+    with pytest.raises(InputError, match="not a competition"):
         play_league(folder, alone, options())
 
 
@@ -304,7 +304,8 @@ def test_the_experiment_of_a_bundle_is_used_if_its_simulation_is_built_in(tmp_pa
 )
 def test_what_a_bundle_says_of_its_experiment_is_not_trusted(tmp_path: Path, experiment: Any) -> None:
     recorded(tmp_path / "b.zip", experiment)
-    assert find_experiment(tmp_path, ["b.zip"]) is None
+    with pytest.raises(InputError, match="the experiment is unknown"):
+        find_experiment(tmp_path, ["b.zip"])
 
 
 @pytest.mark.slow

@@ -141,7 +141,7 @@ def test_a_group_is_added_to_a_broker(program: Any, tmp_path: Path) -> None:
         (["--access", "f"], ["--users"]),
         (["--prefix", "a"], ["--init"]),
         (["--host", "127.0.0.1", "--host", "127.0.0.2"], ["one address"]),
-        (["--init", "x", "--users", "f"], ["starts no broker", "--users"]),
+        (["--init", "x", "--users", "f"], ["--init and --users exclude each other"]),
         (["--init", "x", "--add-user", "f", "ada"], ["--add-user"]),
         (["--init", "x", "--port", "0"], ["8883"]),
         (["--add-user", "f", "ada", "--key", "f"], ["--key"]),

@@ -117,7 +117,7 @@ def test_a_browser_that_stays_in_the_foreground_is_not_waited_for(
 @pytest.mark.usefixtures("folder")
 def test_open_is_refused_without_a_file(capfd: pytest.CaptureFixture[str]) -> None:
     assert command(["simulate", "x.yaml", "--open"]) == 2
-    assert "--open needs a file to write: add --save FILE." in capfd.readouterr().err
+    assert "--open needs --save; add it" in capfd.readouterr().err
 
 
 @pytest.mark.slow

@@ -75,8 +75,8 @@ def test_without_a_server_the_option_is_named(program: Any, embedded_broker: str
     ("options", "words"),
     [
         (("--dimensions", "2"), "--dimensions needs --simulation"),
-        (("--simulation", "x", "--watch"), "with --watch or --forget-lost"),
-        (("--simulation", "x", "--forget-lost"), "with --watch or --forget-lost"),
+        (("--simulation", "x", "--watch"), "and --simulation exclude each other"),
+        (("--simulation", "x", "--forget-lost"), "and --simulation exclude each other"),
         (("--simulation", "x", "--broker", "mqtt://a:1,mqtt://b:1"), "names several brokers"),
     ],
 )

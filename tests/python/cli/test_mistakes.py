@@ -337,7 +337,7 @@ def test_what_a_picture_shows_needs_a_picture(program: Any, tmp_path: Path) -> N
         for more in ([], ["--json"]):
             result = program("replay", "run", *option, *more)
             assert result.returncode == 2
-            assert f"{option[0]} needs a file to write: add --save FILE." in result.stderr
+            assert f"{option[0]} needs --save; add it" in result.stderr
     assert program("replay", "run", "--show", "rays", "--save", "x.png").returncode == 0
     for option in (["--set", "parameters.seed=3"],):
         assert "set the seed of episodes with --seed" in program("replay", "run", *option).stderr

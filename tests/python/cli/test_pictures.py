@@ -96,7 +96,7 @@ def test_what_cannot_be_saved_is_refused(program: Any, experiment: str, tmp_path
         ("--save full.png", 2, "full.png: cannot be written: No space left"),
         ("--save x.png --visual", 2, "leave one out"),
         ("--save x.png --show tracks", 2, "--show: 'tracks' is not a part"),
-        ("--speed 2", 2, "--speed needs a file to write: add --save FILE"),
+        ("--speed 2", 2, "--speed needs --save; add it"),
         ("--save x.png --set simulation=dark.py:Dark --set parameters={}", 2, "add a method scene()"),
         ("--save x.png --set simulation=dark.py:Failing --set parameters={}", 1, "no step (dark.py:7)"),
         (

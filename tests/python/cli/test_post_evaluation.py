@@ -217,11 +217,11 @@ def test_a_controller_of_a_file(program: Any, noisy: Path) -> None:
         (["mine.json"], "evaluate EXPERIMENT.yaml --controller FILE --episodes 100"),
         (
             ["run", "--controller", "mine.json"],
-            "the run has no recorded episodes of this controller; add --episodes N",
+            "--controller needs --episodes or --seed; add one",
         ),
         (
             ["run", "--controller", "mine.json", "--seed", "1", "--candidate", "0"],
-            "--candidate: cannot be combined with --controller",
+            "--controller and --candidate exclude each other",
         ),
         *(
             (
@@ -260,9 +260,9 @@ def test_a_learning_curve(program: Any, noisy: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--out", "c.png"], "--out draws a learning curve; add --curve N"),
-        (["--curve", "3", "--candidate", "1"], "--candidate: cannot be combined with --curve"),
-        (["--curve", "3", "--metrics", "all"], "--metrics: cannot be combined with --curve"),
+        (["--out", "c.png"], "--out needs --curve; add it"),
+        (["--curve", "3", "--candidate", "1"], "--curve and --candidate exclude each other"),
+        (["--curve", "3", "--metrics", "all"], "--curve and --metrics exclude each other"),
         (["--curve", "3", "--out", "c.txt"], "must end with .png, .svg or .pdf, or with .csv for a table"),
         (["--curve", "0"], "--curve"),
     ],

@@ -22,7 +22,7 @@ def test_text_figure_table_and_json(tmp_path: Path, capsys: pytest.CaptureFixtur
     table = tmp_path / "progress.csv"
     assert command([*arguments, "--out", str(figure), "--csv", str(table)]) == 0
     text = capsys.readouterr().out
-    assert "3 champions of each side met all of the other side, 2 episodes each." in text
+    assert "3 champions of each side met those of all other sides, 2 episodes each." in text
     assert "agents: " in text
     assert "Generation to take: " in text
     assert f"export {run.path} --generation" in text
@@ -70,7 +70,7 @@ def test_mistakes_are_a_message(
 def test_other_runs_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = swarmwright.optimize({**MINISIM, "parameters": {}}, servers="in-process", out=tmp_path / "run")
     assert command(["progress", str(run.path)]) == 2
-    assert "the experiment is no competition" in capsys.readouterr().err
+    assert "the experiment is not a competition" in capsys.readouterr().err
     assert command(["progress", str(tmp_path / "nothing")]) == 2
 
 
@@ -105,7 +105,7 @@ def test_the_match_of_a_cell_is_replayed(tmp_path: Path, capsys: pytest.CaptureF
         (["--match", "\u0663,1"], "is not a list of generations"),
         (["--match", "3,4"], "no generation 4"),
         (["--match", "3,0,0"], "match: must have a generation of each of agents, defenders, not 3 numbers"),
-        (["--match", "3,0", "--candidate", "1"], "--match excludes --generation and --candidate"),
+        (["--match", "3,0", "--candidate", "1"], "--match and --candidate exclude each other"),
         (["--match", "3,0", "--controller", "."], "--controller and --match exclude each other"),
     ],
 )
@@ -122,4 +122,4 @@ def test_matches_that_are_none_are_a_message(
 def test_runs_without_sides_have_no_matches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = swarmwright.optimize({**MINISIM, "parameters": {}}, servers="in-process", out=tmp_path / "run")
     assert command(["replay", str(run.path), "--match", "0,0"]) == 2
-    assert "the experiment is no competition" in capsys.readouterr().err
+    assert "the experiment is not a competition" in capsys.readouterr().err

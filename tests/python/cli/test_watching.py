@@ -151,7 +151,7 @@ def test_what_there_is_not_cannot_be_replayed(program: Any, run: str) -> None:
         ("--generation 0 --candidate 0:3", "--candidate 0:3 names the generation; leave out --generation"),
         ("--candidate best", "'best' is not G:N, such as 19:3"),
         ("--candidate 5", "result: has evaluations 0 to 4, but no evaluation 5"),
-        ("--controller x.yaml --generation 0", "--controller excludes --generation and --candidate"),
+        ("--controller x.yaml --generation 0", "--controller and --generation exclude each other"),
         ("--save x.avi", ".html, .gif, .mp4 or .png"),
         ("--save nowhere/x.gif", "there is no folder 'nowhere'"),
     ):

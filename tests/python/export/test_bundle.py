@@ -678,10 +678,10 @@ def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
         (["--bundle", "x.tar"], "x.tar: the name of a bundle must end with .zip"),
         (["--bundle", "no/x.zip"], "no/x.zip: the folder no does not exist"),
         (["--bundle", "there.zip"], "there.zip: already exists and is not a bundle"),
-        (["--bundle", "x.zip", "--to", "c"], "leave out --to, --output and --verify"),
+        (["--bundle", "x.zip", "--to", "c"], "--bundle and --to exclude each other"),
         (["--bundle", "x.zip", "--prefix", "int"], "'int' is a keyword of C, C++ or Python"),
         (["--bundle", "x.zip", "--candidate", "999:0"], "has generations 0 to 29, but no generation 999"),
-        (["--to", "c", "--mapping", "there.zip"], "--mapping and --license are for bundles"),
+        (["--to", "c", "--mapping", "there.zip"], "--mapping needs --bundle; add it"),
         ([], "name a format: --to c, cpp, "),
     ],
 )

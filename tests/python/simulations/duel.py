@@ -54,3 +54,32 @@ class Wide(Duel):
     def step(self, actions: Any) -> Any:
         super().step(actions)
         return [[1, 1], [1]]
+
+
+class Trio(Simulation):
+    """Three agents pull for one step; each side gets what it pulls more than the two others together."""
+
+    title = "trio"
+    groups = {name: Group(1, 1, 1) for name in ("first", "second", "third")}  # noqa: RUF012
+    metrics = {f"{name}_lead": f"Lead of the {name} side." for name in groups}  # noqa: RUF012
+    sides = {name: Side(fitness=f"{name}_lead") for name in groups}  # noqa: RUF012
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> Any:  # noqa: ARG002 - as the library calls it
+        self.pulls = np.random.default_rng(seed).uniform(-1, 1, 3)
+        self.is_over = False
+        return np.ones((3, 1))
+
+    def step(self, actions: Any) -> Any:
+        self.pulls += actions[:, 0]
+        self.is_over = True
+        return np.ones((3, 1))
+
+    def done(self) -> bool:
+        return self.is_over
+
+    def fitness(self) -> float:
+        return float(2 * self.pulls[0] - self.pulls.sum())
+
+    def measure(self) -> dict[str, float]:
+        leads = 2 * self.pulls - self.pulls.sum()
+        return {f"{name}_lead": float(lead) for name, lead in zip(self.groups, leads, strict=True)}

@@ -1,9 +1,7 @@
 """The figure of a competition's progress: champions of all generations against each other."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from swarmwright.common.untrusted import escape_line
 from swarmwright.display.figures.style import (
@@ -23,9 +21,8 @@ from swarmwright.display.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
-    Values = NDArray[np.float64]
+    from swarmwright.analysis.competition import SideProgress, Values
 
 
 _COLORS = {
@@ -45,40 +42,23 @@ def choose_side_colors(names: Sequence[str | None]) -> list[str]:
     return list(COLORS[: len(names)])
 
 
-class Champions(NamedTuple):
-    """Champions of a side against those of the other."""
-
-    side: str
-    outcomes: "Values"
-    """(generations, generations of the other side): fitness of this side."""
-    means: "Values"
-    """(generations,)"""
-    low: "Values"
-    high: "Values"
-    ratings: "Values"
-    ratings_low: "Values"
-    ratings_high: "Values"
-
-
 @use_style_fonts()
-def draw_progress(
-    sides: Sequence[Champions], generations: Sequence[int], heading: str, colors: Sequence[str]
-) -> "Figure":
+def draw_progress(sides: "Sequence[SideProgress]", heading: str, colors: Sequence[str]) -> "Figure":
     """Return a figure with a row for each side: its outcomes as a heat map, their means, and ratings.
 
     Args:
-        sides: two sides.
-        generations: generations of the champions, the same for both sides.
+        sides: two or more, with champions of the same generations.
         heading: title of the figure.
         colors: of the sides.
     """
-    figure = new_figure(13.4, 8.4)
+    figure = new_figure(13.4, 4.2 * len(sides))
     draw_title(figure, heading)
-    axes = figure.subplots(2, 3)
+    axes = figure.subplots(len(sides), 3)
+    generations = sides[0].generations
     first, last = generations[0], generations[-1]
     half = (last - first) / max(len(generations) - 1, 1) / 2
     extent = (first - half, last + half, first - half, last + half)
-    for row, (own, other) in enumerate(zip(sides, reversed(sides), strict=True)):
+    for row, own in enumerate(sides):
         name = escape_line(own.side)
         image = axes[row, 0].imshow(
             clip_drawable(own.outcomes), origin="lower", aspect="auto", extent=extent, cmap="viridis",
@@ -87,7 +67,7 @@ def draw_progress(
         bar = figure.colorbar(image, ax=axes[row, 0])
         bar.set_label(f"fitness of {name}", fontsize=scale_points(10), color=INK)
         disable_offset(bar.ax.yaxis)
-        style_axes(axes[row, 0], x=f"generation of {escape_line(other.side)}", y=f"generation of {name}")
+        style_axes(axes[row, 0], x=f"generation of {escape_line(own.opponents)}", y=f"generation of {name}")
         axes[row, 0].grid(visible=False)
         axes[row, 0].plot((first, last), (first, last), color=PAPER, lw=0.8, ls=":")
         _draw_line(axes[row, 1], generations, (own.low, own.means, own.high), colors[row])

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, WholeNumber, json_option
+from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, WholeNumber, json_option, need
 from swarmwright.cli._output import Output, complain
 
 
@@ -46,8 +46,7 @@ def command(
     Both fitness values are shown. The candidates of FILE.zre are run in this process, on the problem that the
     file names. The method that evolved them, and the ranking, do not matter.
     """
-    if candidate is not None and target is None:
-        raise click.UsageError("--candidate selects the controller for --save; use both.")
+    need("--candidate", "--save")
     from swarmwright import Controller
     from swarmwright.interop import frevo
 

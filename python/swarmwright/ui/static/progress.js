@@ -19,6 +19,7 @@ export function show(element, run) {
   let result = null;
   let shown = ""; // what is drawn
   let present = 0; // generations of the run
+  let rounds = 1; // in which all meet all: of two sides, the matches of one are those of the other
   let removeLines = () => {};
   const champions = h("input", { type: "number", min: 2, step: 1, "aria-label": "champions of each side", input: offer });
   const episodes = h("input", { type: "number", min: 2, step: 1, "aria-label": "episodes of each match", input: offer });
@@ -34,10 +35,10 @@ export function show(element, run) {
   const lines = h("div", { class: "lines" });
   const rows = h("div");
   const details = h("details", { hidden: true, toggle: drawTable }, h("summary", {}, "As a table"), rows);
-  element.append(h("p", { class: "hint" }, "The fitness of a competition shows no progress, since opponents improve as well. Here, champions of all generations of one side meet those of the other."),
+  element.append(h("p", { class: "hint" }, "The fitness of a competition shows no progress, since opponents improve as well. Here, champions of all generations of each side meet those of the other, or of all others together."),
     h("div", { class: "tools" }, h("label", {}, "champions ", champions), h("label", {}, "episodes ", episodes), start, end, bar, status),
     message, facts, tools, picture, hint, lines, details);
-  const map = new HeatMap(picture, { label: "Matches of champions", height: 420, act: ({ column, row }, isBeside) => watch(row, column, isBeside) });
+  const map = new HeatMap(picture, { label: "Matches of champions", height: 420, act: ({ column, row }, isBeside) => watch(side.list.selectedIndex, row, column, isBeside) });
   const side = choice("fitness of", [], "", draw);
   const which = choice("matches", [ALL, ANCESTORS], ALL, draw);
   const line = choice("over generations", Object.keys(LINES), Object.keys(LINES)[0], draw);
@@ -69,6 +70,7 @@ export function show(element, run) {
       [episodes.value, episodes.max] = limits.episodes;
     }
     present = answer.present ?? present;
+    if (answer.sides) rounds = answer.sides > 2 ? answer.sides : 1;
     message.replaceChildren();
     if (error) tell(message, new Error(error));
     end.hidden = bar.hidden = playing === null;
@@ -88,7 +90,7 @@ export function show(element, run) {
 
   function offer() {
     const count = Math.min(Number(champions.value), present);
-    start.textContent = `Play ${figure(count * count)} matches`;
+    start.textContent = `Play ${figure(rounds * count * count)} matches`;
     if (result === null) return;
     const last = result.generations.at(-1);
     const newer = present - 1 - last;
@@ -114,13 +116,12 @@ export function show(element, run) {
   function describe(each, index) {
     const take = each.generations.indexOf(each.take);
     const latest = result.generations.length - 1;
-    const cells = index === 0 ? [take, latest] : [latest, take];
     const [low, high] = each.null;
     return h("section", {}, h("h2", {}, dot(each), each.name, `: ${each.verdict}`), h("dl", { class: "facts" }, [
       ["mean fitness, first to last tenth", `${each.gain > 0 ? "+" : ""}${figure(each.gain)} (${interval(each.gain_low, each.gain_high)})`],
       ["cyclic share", `${percent(each.cyclic_share)} (${percent(low)} to ${percent(high)} from noise)${each.cycles ? ": goes in circles" : ""}`,
         "Part of the differences between champions that depends on the opponent, so that no ranking explains it"],
-      ["generation to take", [figure(each.take), " ", h("button", { type: "button", click: (event) => watch(cells[0], cells[1], event.shiftKey) }, "Watch")],
+      ["generation to take", [figure(each.take), " ", h("button", { type: "button", click: (event) => watch(index, take, latest, event.shiftKey) }, "Watch")],
         "The earliest that is not clearly worse than the best; Watch plays it against the last opponent"],
     ].map(([name, value, note]) => h("div", {}, h("dt", { title: note }, name), h("dd", {}, value)))));
   }
@@ -134,7 +135,6 @@ export function show(element, run) {
   function draw() {
     if (result === null) return;
     const own = side.list.selectedIndex;
-    const other = 1 - own;
     const { generations, sides } = result;
     const count = generations.length;
     const isShown = (row, column) => which.list.value === ALL || column <= row;
@@ -146,16 +146,16 @@ export function show(element, run) {
     const axis = (name) => ({ label: `generation of ${name}`, range: [-half, generations.at(-1) + half], whole: true });
     map.show({
       columns: count, rows: count, values, range: rangeOf(values), isUpward: true,
-      below: axis(sides[other].name), left: axis(sides[own].name),
+      below: axis(sides[own].opponents), left: axis(sides[own].name),
       bar: `mean fitness of ${sides[own].name}`,
-      words: (column, row) => `${sides[own].name} of generation ${generations[row]} against ${sides[other].name} of generation ${generations[column]}`
+      words: (column, row) => `${sides[own].name} of generation ${generations[row]} against ${sides[own].opponents} of generation ${generations[column]}`
         + (isShown(row, column) ? `: ${figure(sides[own].outcomes[row][column])}` : ""),
     });
     removeLines();
     const removers = sides.map((each) => drawChart(lines, 220, {
       x: `generation of ${each.name}`, y: line.list.value, bands: [{ series: [3, 1], fill: `${each.color}40` }],
       series: () => [series("lower", "", 0), series(each.name, each.color), series("upper", "", 0)],
-    }, [generations, ...LINES[line.list.value].map((name) => each[name])], (index) => replay(index, index, false)));
+    }, [generations, ...LINES[line.list.value].map((name) => each[name])], (index) => watch(0, index, index, false)));
     removeLines = () => removers.forEach((remove) => remove());
   }
 
@@ -167,18 +167,14 @@ export function show(element, run) {
       generation,
       ...sides.flatMap((each) => [figure(each.ratings[index]), `${figure(each.ratings_low[index])} to ${figure(each.ratings_high[index])}`,
         figure(each.means[index]), `${figure(each.low[index])} to ${figure(each.high[index])}`]),
-      h("button", { type: "button", click: (event) => replay(index, index, event.shiftKey) }, "Watch"),
+      h("button", { type: "button", click: (event) => watch(0, index, index, event.shiftKey) }, "Watch"),
     ]), { isNumeric: true }));
   }
 
-  /** Watches the match of a cell: the rows are those of the side that is chosen. */
-  function watch(row, column, isBeside) {
-    if (side.list.selectedIndex === 0) replay(row, column, isBeside);
-    else replay(column, row, isBeside);
-  }
-
-  function replay(first, second, isBeside) {
-    run.replay({ match: [result.generations[first], result.generations[second]].join(",") }, isBeside);
+  /** Watches a match: of a side's champion, by the index of its generation, against those of the others. */
+  function watch(own, row, column, isBeside) {
+    const match = result.sides.map((_, each) => result.generations[each === own ? row : column]);
+    run.replay({ match: match.join(",") }, isBeside);
   }
 
   look();

@@ -20,6 +20,7 @@ from swarmwright.common.time_limit import TimeLimit
 from swarmwright.common.untrusted import escape_line
 from swarmwright.methods.rankings.tournament import TournamentOptions
 from swarmwright.runs.code import resolve_experiment
+from swarmwright.runs.matches import sides_of
 from swarmwright.ui.index import as_values
 from swarmwright.ui.replays import shorten_waits
 from swarmwright.ui.requests import read_field, read_whole
@@ -218,7 +219,7 @@ def write_result(key: str, result: Values) -> None:
 
 
 def describe_result(run: Run, progress: CompetitionProgress) -> Values:
-    """Return the progress of both sides for the page."""
+    """Return the progress of all sides for the page."""
     colors = color_sides(run.experiment)
     return {
         "episodes": progress.episodes,
@@ -232,6 +233,7 @@ def describe_side(side: SideProgress, color: str) -> Values:
     """Return the progress of a side for the page."""
     return {
         "name": escape_line(side.side[:LONGEST_NAME]),
+        "opponents": escape_line(side.opponents[:LONGEST_NAME]),
         "color": color,
         "verdict": side.verdict,
         "outcomes": as_values(side.outcomes),
@@ -244,7 +246,8 @@ def describe(window: Window, request: Request) -> Values:
     run = window.run(request)
     require_competition(run)
     limits = {"champions": [CHAMPIONS, MOST_CHAMPIONS], "episodes": [EPISODES, MOST_EPISODES]}
-    return {**TOURNAMENTS.describe(run), "present": run.generations, "limits": limits}
+    facts = {"present": run.generations, "sides": len(sides_of(run.experiment)), "limits": limits}
+    return {**TOURNAMENTS.describe(run), **facts}
 
 
 def play(window: Window, values: dict[str, Any]) -> Values:
@@ -268,15 +271,14 @@ def stop(window: Window, values: dict[str, Any]) -> Values:
 
 
 def is_competition(run: Run) -> bool:
-    """Return whether a run is a competition of two sides."""
-    ranking = run.experiment.ranking
-    return isinstance(ranking, TournamentOptions) and len(ranking.sides) == 2
+    """Return whether a run is a competition."""
+    return isinstance(run.experiment.ranking, TournamentOptions)
 
 
 def require_competition(run: Run) -> None:
     """Raise InputError for other runs, and those of fewer than two generations."""
     if not is_competition(run):
-        raise InputError(f"{run.path}: is no competition of two sides")
+        raise InputError(f"{run.path}: is not a competition")
     if run.generations < 2:
         raise InputError(
             f"{run.path}: progress needs at least two finished generations, not {run.generations}"

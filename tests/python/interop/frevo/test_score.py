@@ -176,7 +176,7 @@ def test_a_candidate_is_saved_as_a_controller(data: Path, program: Any, tmp_path
     assert scores.best.index != 7
     refusals: tuple[tuple[list[str | Path], str], ...] = (
         (["--save", tmp_path / "x.json", "--candidate", "10"], "the file has the candidates 0 to 9"),
-        (["--candidate", "1"], "--candidate selects the controller for --save; use both"),
+        (["--candidate", "1"], "--candidate needs --save; add it"),
         (["--save", tmp_path / "none" / "x.json"], "none"),
     )
     for wrong, answer in refusals:

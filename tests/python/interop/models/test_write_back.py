@@ -83,10 +83,13 @@ def test_the_command_line(program: Any, drawn: list[Path], tmp_path: Path) -> No
     done = program("export", "run", "--model", drawn[1], "--output", "back", "--candidate", "0:2")
     assert done.returncode == 0, done.stderr
     assert "Candidate 2 of generation 0" in done.stdout
-    for arguments in (["--model", drawn[1]], ["--model", drawn[1], "--to", "c", "--output", "x"]):
-        wrong = program("export", "run", *arguments)
+    for arguments, message in (
+        ([], "--model needs --output"),
+        (["--to", "c", "--output", "x"], "--model and --to exclude each other"),
+    ):
+        wrong = program("export", "run", "--model", drawn[1], *arguments)
         assert wrong.returncode == 2
-        assert "--model writes into a folder" in wrong.stderr
+        assert message in wrong.stderr
 
 
 @pytest.mark.parametrize(

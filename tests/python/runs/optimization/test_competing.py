@@ -259,7 +259,7 @@ def test_budgets_count_matches(tmp_path: Path) -> None:
 
 def test_only_competitions_have_champions(tmp_path: Path) -> None:
     run = swarmwright.optimize(MINISIM | {"parameters": {}}, servers="in-process", out=tmp_path / "run")
-    with pytest.raises(InputError, match="no competition"):
+    with pytest.raises(InputError, match="not a competition"):
         run.champions("agents")
 
 
@@ -271,30 +271,33 @@ def test_unknown_sides_and_wrong_genomes_are_a_message(tmp_path: Path) -> None:
         play(run.experiment, np.zeros((1, 3)), [0], servers="in-process")
 
 
-def test_all_meet_all_in_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("side", ["agents", "defenders"])
+def test_all_meet_all_in_chunks(side: str, monkeypatch: pytest.MonkeyPatch) -> None:
     experiment = swarmwright.Experiment.from_mapping(POPULATIONS)
-    sizes = [cut.stop - cut.start for cut in slices_of(experiment).values()]
-    random = np.random.default_rng(1)
-    first, second = (
-        random.uniform(-1, 1, (count, size)).astype(np.float32)
-        for count, size in zip((3, 4), sizes, strict=True)
-    )
-    joined = [np.concatenate([own, other]) for own in first for other in second]
+    slices = slices_of(experiment)
+    size = max(cut.stop for cut in slices.values())
+    genomes = np.random.default_rng(1).uniform(-1, 1, (3, size)).astype(np.float32)
+    agents, defenders = (genomes[:, cut] for cut in slices.values())
+    joined = [
+        np.concatenate([own, other] if side == "agents" else [other, own])
+        for own in (agents if side == "agents" else defenders)
+        for other in (defenders if side == "agents" else agents)
+    ]
     expected = play(experiment, joined, [1, 2], servers="in-process")
     monkeypatch.setattr("swarmwright.runs.matches._CHUNK", 5)
     reports: list[tuple[int, int]] = []
     values = play_all(
         experiment,
-        first,
-        second,
+        genomes,
+        side,
         [1, 2],
         servers="in-process",
         on_progress=lambda done, whole, _: reports.append((done, whole)),
     )
-    assert values.shape == (3, 4, 2, 2)
-    assert values.reshape(12, 2, 2).tolist() == expected.tolist()
+    assert values.shape == (3, 3, 2, 2)
+    assert values.reshape(9, 2, 2).tolist() == expected.tolist()
     assert reports == sorted(reports)
-    assert reports[-1] == (24, 24)
+    assert reports[-1] == (18, 18)
 
 
 def test_comparisons_say_that_opponents_differ(tmp_path: Path) -> None:

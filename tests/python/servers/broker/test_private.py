@@ -233,7 +233,7 @@ def test_the_file_of_an_account_is_for_other_programs(start: Any, program: Any, 
     [
         (["--anonymous", "--users", "users"], "--anonymous and --users exclude each other"),
         (["--account", "x", "--anonymous"], "--account and --anonymous exclude each other"),
-        (["--account", "x", "--socket", "s"], "--account needs --port PORT"),
+        (["--account", "x", "--socket", "s"], "--account needs --port; add it"),
     ],
 )
 def test_options_that_exclude_each_other(

@@ -148,7 +148,7 @@ def test_other_runs_have_no_such_tab(tmp_path: Path, open_app: Callable[[Path], 
     )
     app = open_app(tmp_path)
     assert "progress" not in call(app, "/api/tabs", run="alone").values["tabs"]
-    for run, message in (("alone", "is no competition"), ("short", "needs at least two finished")):
+    for run, message in (("alone", "is not a competition"), ("short", "needs at least two finished")):
         answer = call(app, "/api/progress", run=run)
         assert (answer.status, message in answer.values["error"]) == (422, True)
         assert message in play(app, run).values["error"]
