@@ -7,8 +7,6 @@ Life 4(4), 1998. The matches against earlier opponents alone are those of Cliff 
 queen: measurements of adaptive progress in co-evolutionary simulations", ECAL 1995.
 """
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -19,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.analysis.standings import games_against_equals, standings
-from swarmwright.analysis.table import CSV, check
+from swarmwright.analysis.table import write_csv
 from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.common.files import write_text
 from swarmwright.display.figures.progress import choose_side_colors, draw_progress
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.robots import find_colors
@@ -150,14 +147,12 @@ class CompetitionProgress:
 
         Raises InputError for another suffix, and if the file cannot be written.
         """
-        check(Path(path), CSV)
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["side", "generation", *_COLUMNS])
-        for side in self.sides:
-            rows = zip(side.generations, *side.columns().values(), strict=True)
-            table.writerows([side.side, *row] for row in rows)
-        write_text(path, text.getvalue())
+        rows = (
+            [side.side, *row]
+            for side in self.sides
+            for row in zip(side.generations, *side.columns().values(), strict=True)
+        )
+        write_csv(path, ["side", "generation", *_COLUMNS], rows)
 
 
 @check_arguments

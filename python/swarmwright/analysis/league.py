@@ -1,6 +1,7 @@
 """Leagues: controllers of runs, bundles and files, each in matches against all others."""
 
 import hashlib
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.standings import Standing, games_of_matches, games_on_side, standings
 from swarmwright.analysis.table import columns, number
+from swarmwright.common import yaml
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.formatting import format_count
+from swarmwright.common.simulation_names import is_python
 from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.teams import TEAM
 from swarmwright.experiment.competition import needed_metrics
@@ -286,12 +289,12 @@ def find_entries(folder: Path) -> list[str]:
 def find_experiment(folder: Path, names: Sequence[str]) -> Experiment:
     """Return the experiment of a league: its file in the folder, or that of the first run or bundle.
 
-    The simulation of a bundle must be built in, since bundles are untrusted.
+    The simulation of the file or a bundle must be built in, since both may come from others.
 
-    Raises InputError if there is none, or if the code of a run is missing or not trusted.
+    Raises InputError if there is none, if the file names code, or if that of a run is missing or not trusted.
     """
     if (folder / EXPERIMENT).is_file():
-        return Experiment.load(folder / EXPERIMENT)
+        return _read_experiment(folder / EXPERIMENT)
     for name in names:
         path = folder / name
         if (path / FILE).is_file():
@@ -311,6 +314,29 @@ def find_experiment(folder: Path, names: Sequence[str]) -> Experiment:
         f"{folder}: no run in it is a competition, nor any bundle of a built-in simulation, so the "
         f"experiment is unknown; name one with --experiment FILE, or add it as {EXPERIMENT}"
     )
+
+
+def _read_experiment(file: Path) -> Experiment:
+    """Read the file of a folder, which executes no code. Raises InputError if it names some."""
+    values = yaml.read(file).values
+    simulation = values.get("simulation") if isinstance(values, Mapping) else None
+    if str(simulation) not in catalogue.titles() or _names_code(values):
+        raise InputError(
+            f"{file}: names a simulation that is not built in, or code, which is not executed unasked; if "
+            f"you trust it: --experiment {shlex.quote(str(file))}"
+        )
+    return Experiment.load(file)
+
+
+def _names_code(values: object, path: tuple[object, ...] = ()) -> bool:
+    """Return whether a text names a class or a program; opponents cannot."""
+    if path == ("ranking", "opponents"):
+        return False
+    if isinstance(values, Mapping):
+        return any(_names_code(value, (*path, key)) for key, value in values.items())
+    if isinstance(values, list):
+        return any(_names_code(value, path) for value in values)
+    return isinstance(values, str) and is_python(values)
 
 
 def play_league(

@@ -1,7 +1,5 @@
 """Comparison of two controllers in the same episodes."""
 
-import csv
-import io
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,10 +14,9 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import flatten_experiment
 from swarmwright.analysis.significance import LEVEL, SignedRank, compute_signed_rank
-from swarmwright.analysis.table import CSV, check, columns, number
+from swarmwright.analysis.table import columns, number, write_csv
 from swarmwright.common.arguments import check_arguments, path_of
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import write_text
 from swarmwright.common.formatting import format_count, format_p_value
 from swarmwright.common.html import render_preformatted
 from swarmwright.common.problems import format_value
@@ -207,13 +204,9 @@ class ControllerComparison(ComparedByValue):
         nan: the controller failed in the episode, or the pair does not count. Raises InputError for another
         suffix, and if the file cannot be written.
         """
-        check(Path(path), CSV)
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["seed", "first", "second", "difference"])
         rows = (self.first.episodes.tolist(), self.second.episodes.tolist(), self.differences.tolist())
-        table.writerows(zip(self.seeds, *rows, strict=True))
-        write_text(path, text.getvalue())
+        heading = ["seed", "first", "second", "difference"]
+        write_csv(path, heading, zip(self.seeds, *rows, strict=True))
 
 
 class Contender(NamedTuple):

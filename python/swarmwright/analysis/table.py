@@ -4,7 +4,7 @@ import csv
 import io
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -407,19 +407,32 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
                 "seed": lacking.seed, "left_out": lacking.reason,
             }
         )  # fmt: skip
-    text = io.StringIO()
-    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    table.writeheader()
+    heading = list(rows[0])
     for row in rows:
         if row["run"][:1] in _FORMULA_SIGNS:
             row["run"] = f"./{row['run']}"  # the same folder
-        table.writerow(
-            {key: _escape_csv(value) if isinstance(value, str) else value for key, value in row.items()}
-        )
-    return text.getvalue()
+    return format_csv(heading, ([row.get(name) for name in heading] for row in rows))
 
 
 _FORMULA_SIGNS = ("=", "+", "-", "@")
+
+
+def format_csv(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return rows as CSV; a text gets an apostrophe where a spreadsheet would take it for a formula."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    for row in (heading, *rows):
+        table.writerow([_escape_csv(cell) if isinstance(cell, str) else cell for cell in row])
+    return text.getvalue()
+
+
+def write_csv(path: str | os.PathLike[str], heading: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write rows as CSV, see `format_csv`.
+
+    Raises InputError for a suffix other than .csv, and if the file cannot be written.
+    """
+    check(Path(path), CSV)
+    write_text(path, format_csv(heading, rows))
 
 
 def _escape_csv(text: str) -> str:

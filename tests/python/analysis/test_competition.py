@@ -1,5 +1,6 @@
 """Progress of competitions: known games, and runs."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 import swarmwright
 from swarmwright import InputError, RunError
 from swarmwright.analysis.competition import (
+    CompetitionProgress,
     assess,
     color_sides,
     cyclic_share,
@@ -95,6 +97,18 @@ def test_champions_of_all_generations_meet(experiment: dict[str, object], tmp_pa
     assert other.outcomes == pytest.approx(-own.outcomes.T), "the match is zero-sum"
     repeated = measure_progress(run, champions=3, episodes=2, servers="in-process")
     assert repeated.sides[0].summary() == own.summary()
+
+
+def test_no_name_is_a_formula_or_a_command_of_the_terminal(tmp_path: Path) -> None:
+    run = swarmwright.optimize(TOURNAMENT, servers="in-process", out=tmp_path / "run")
+    names = ("=HYPERLINK(1)", "\x1b[2J\n@x")
+    sides = tuple(assess(name, range(4), noisy(np.eye(4), 0.1)) for name in names)
+    progress = CompetitionProgress(run, sides, 10, 0)
+    progress.export(tmp_path / "progress.csv")
+    table = list(csv.DictReader((tmp_path / "progress.csv").read_text().splitlines()))
+    assert {row["side"] for row in table} == {"'=HYPERLINK(1)", r"\x1b[2J\n@x"}
+    progress.plot(tmp_path / "progress.svg")
+    assert "\x1b" not in (tmp_path / "progress.svg").read_text(encoding="utf-8")
 
 
 def test_each_of_three_sides_meets_the_others_together(tmp_path: Path) -> None:

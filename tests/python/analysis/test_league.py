@@ -209,7 +209,11 @@ def test_the_command_prints_and_writes_the_table(folder: Path, monkeypatch: pyte
     assert "| 1 | pull-0.5.json | " in table
     assert r"left\_pull" not in table
     (folder / "league.yaml").write_text(text)
-    (line,) = command(*arguments[:1], *arguments[3:], "--seed", "5", "--json", status=1).splitlines()
+    refused = command(*arguments[:1], *arguments[3:], status=2)
+    assert "names a simulation that is not built in, or code" in refused
+    named = ("--experiment", folder / "league.yaml")
+    assert f"--experiment {folder / 'league.yaml'}" in refused
+    (line,) = command(folder, *named, *arguments[3:], "--seed", "5", "--json", status=1).splitlines()
     values = json.loads(line)
     assert values["seeds"] == [5, 6, 7]
     assert values["tables"][0]["rows"][0]["name"] == "pull-0.5.json"
@@ -217,6 +221,31 @@ def test_the_command_prints_and_writes_the_table(folder: Path, monkeypatch: pyte
     assert len(values["matches"]) == 6
     assert values["left_out"][0]["name"] == "their.zip"
     assert values["sides"] == {"left": "left_pull", "right": "right_pull"}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"simulation": "evil.py:Evil"},
+        {"simulation": "package.evil:Evil"},
+        {"simulation": {"command": "touch evil"}},
+        {"simulation": "evil.fmu"},
+        {"simulation": None},
+        {"method": {"kind": "evil.py:Evil"}},
+        {"controller": {"kind": "evil.py:Evil"}},
+        {"populations": {"left": {"method": {"kind": "evil.py:Evil"}}}},
+    ],
+)
+def test_the_file_of_a_folder_executes_no_code(changes: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / "evil.py").write_text("raise AssertionError('is executed')\n")
+    (tmp_path / "league.yaml").write_text(json.dumps({**SOCCER, **changes}))
+    with pytest.raises(InputError, match=r"not built in, or code, .*--experiment .*league\.yaml"):
+        find_experiment(tmp_path, [])
+
+
+def test_the_file_of_a_folder_is_its_experiment(tmp_path: Path) -> None:
+    (tmp_path / "league.yaml").write_text(json.dumps(SOCCER))
+    assert find_experiment(tmp_path, []) == Experiment.from_mapping(SOCCER)
 
 
 def test_why_there_are_no_intervals(folder: Path) -> None:

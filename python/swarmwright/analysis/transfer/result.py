@@ -1,7 +1,5 @@
 """The result of a transfer."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,10 +13,9 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.significance import Difference, difference, holm
-from swarmwright.analysis.table import CSV, check
+from swarmwright.analysis.table import write_csv
 from swarmwright.analysis.tasks import group_by_task
 from swarmwright.common.arguments import check_arguments
-from swarmwright.common.files import write_text
 from swarmwright.common.html import render_preformatted
 from swarmwright.common.values import ComparedByValue
 from swarmwright.runs.transfer.transferred import Transferred
@@ -177,18 +174,16 @@ class Transfer:
 
         Raises InputError for another suffix, and if the file cannot be written.
         """
-        check(Path(path), CSV)
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["run", "target", "generation", "candidate", "seed", "fitness", "fitness_in_target"])
-        for run in self.runs:
-            rows = zip(
+        rows = (
+            (str(run.run.path), run.target, candidate.generation, candidate.candidate, *episode)
+            for run in self.runs
+            for candidate, source, target in zip(
                 run.candidates, run.source_episodes.tolist(), run.target_episodes.tolist(), strict=True
             )
-            for candidate, source, target in rows:
-                key = (run.run.path, run.target, candidate.generation, candidate.candidate)
-                table.writerows((*key, *row) for row in zip(self.seeds, source, target, strict=True))
-        write_text(path, text.getvalue())
+            for episode in zip(self.seeds, source, target, strict=True)
+        )
+        heading = ["run", "target", "generation", "candidate", "seed", "fitness", "fitness_in_target"]
+        write_csv(path, heading, rows)
 
 
 def _test(groups: Sequence[GroupLoss]) -> tuple[GroupPair, ...]:
